@@ -1,0 +1,1 @@
+"""Composition only: the flows that join the capabilities, and the command line."""

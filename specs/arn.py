@@ -1,0 +1,70 @@
+"""Names of resources: Simyard's own ARNs, RoboMaker's old ones, and plain names.
+
+``arn:simyard:<kind>:<store id>:<path>`` matches RoboMaker's pattern ``arn:.*``. An old
+``arn:aws:robomaker:<region>:<account>:<kind>/<path>`` is resolved by its kind and the parts behind it, without the
+creation time that RoboMaker appended.
+"""
+
+import re
+from typing import Literal, get_args
+
+from specs.base import Spec
+
+ResourceKind = Literal[
+    "world-template",
+    "world-generation-job",
+    "world",
+    "world-export-job",
+    "robot-application",
+    "simulation-application",
+    "simulation-job",
+    "simulation-job-batch",
+    "deployment-fleet",
+    "robot",
+    "deployment-job",
+]
+KINDS: tuple[ResourceKind, ...] = get_args(ResourceKind)
+_CREATION_TIME = re.compile(r"[0-9]{13}")
+
+
+class Reference(Spec):
+    """What a document points at.
+
+    Attributes:
+        kind: The kind of resource, or None when only a plain name was given.
+        path: The name, or ``<parent>/<name>`` for a world (``<generation>/<world>``) and a simulation job
+            (``<batch>/<index>``).
+    """
+
+    kind: ResourceKind | None
+    path: str
+
+
+def arn(kind: ResourceKind, store_id: str, path: str) -> str:
+    """Returns the ARN of a resource in the store with that id."""
+    return f"arn:simyard:{kind}:{store_id}:{path}"
+
+
+def parse_reference(text: str) -> Reference:
+    """Returns what an ARN (ours or RoboMaker's) or a plain name refers to.
+
+    Raises:
+        ValueError: For an ARN whose kind is not one of RoboMaker's.
+    """
+    if not text.startswith("arn:"):
+        return Reference(kind=None, path=text)
+    parts = text.split(":", 5)
+    if parts[1] == "simyard" and len(parts) >= 5:
+        return Reference(kind=_kind(parts[2], text), path=":".join(parts[4:]))
+    kind, _, path = parts[-1].partition("/")
+    names = path.split("/")
+    if len(names) > 1 and _CREATION_TIME.fullmatch(names[-1]):
+        names = names[:-1]
+    return Reference(kind=_kind(kind, text), path="/".join(names))
+
+
+def _kind(text: str, whole: str) -> ResourceKind:
+    for kind in KINDS:
+        if text == kind:
+            return kind
+    raise ValueError(f"{whole!r} names no kind of resource; kinds are {', '.join(KINDS)}")

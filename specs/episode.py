@@ -1,0 +1,90 @@
+"""One episode (one simulation job): what is asked for, and what came of it."""
+
+from typing import Literal
+
+from specs.base import Spec
+
+Outcome = Literal["Passed", "Failed"]
+OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash"]
+
+
+class ApplicationLaunch(Spec):
+    """An application as a batch uses it.
+
+    Attributes:
+        name: The application's name.
+        version: The version asked for: a number, or ``$LATEST``.
+        digest: SHA-256 of the bundle, lower-case hex.
+        package: The launch configuration's packageName.
+        launch_file: The launch configuration's launchFile, without ``.py``.
+    """
+
+    name: str
+    version: str
+    digest: str
+    package: str
+    launch_file: str
+
+
+class EpisodeRequest(Spec):
+    """One lane of a batch.
+
+    Attributes:
+        index: Position in the batch, from 0; the job is ``<batch>/<index>``.
+        world: ``<generation>/<world>``.
+        seed: Draws the scenario's goals and the sensors' noise.
+        environment: Environment variables as the launch configurations and the matrix give them.
+        duration_s: Simulated seconds at most (maxJobDurationInSeconds).
+    """
+
+    index: int
+    world: str
+    seed: int
+    robot: ApplicationLaunch
+    scenario: ApplicationLaunch
+    environment: dict[str, str]
+    duration_s: float
+    failure_behavior: Literal["Fail", "Continue"] = "Fail"
+
+
+class EpisodeResult(Spec):
+    """What came of one lane; every field is a function of the request alone, so a rerun gives the same row.
+
+    Attributes:
+        status: RoboMaker's job status.
+        failure_code: RoboMaker's failure code, or empty.
+        failure_reason: What happened, for a person, or empty.
+        outcome: Whether the robot did its task, as the scenario judges.
+        outcome_reason: Why not, or empty.
+        simulated_s: Simulated time until the episode ended.
+        goals_reached: How many of the scenario's goals were reached.
+        goals_total: How many there were.
+        path_length_m: Length of the driven path.
+        shortest_path_m: Geodesic distance start to goals, in order, for the robot's radius.
+        spl: Success weighted by path length, 0-1 (Anderson et al. 2018, arXiv:1807.06757).
+        collisions: Control steps in which a contact began.
+        min_clearance_m: Smallest distance from the robot's hull to a solid.
+        energy_j: Integral of |actuator force x velocity|.
+        final_x_m: Final pose.
+        trajectory: Downsampled poses (t_s, x_m, y_m, yaw_rad), kept for failed episodes, else empty.
+    """
+
+    index: int
+    status: Literal["Completed", "Failed", "Canceled"]
+    failure_code: str
+    failure_reason: str
+    outcome: Outcome
+    outcome_reason: OutcomeReason
+    simulated_s: float
+    goals_reached: int
+    goals_total: int
+    path_length_m: float
+    shortest_path_m: float
+    spl: float
+    collisions: int
+    min_clearance_m: float
+    energy_j: float
+    final_x_m: float
+    final_y_m: float
+    final_yaw_rad: float
+    trajectory: tuple[tuple[float, float, float, float], ...]

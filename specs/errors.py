@@ -1,0 +1,86 @@
+"""Every exception that Simyard raises on purpose.
+
+    SimyardError
+    ├── DocumentError                     the document is wrong: exit code 2
+    │   ├── IdempotentParameterMismatch   same token, another request
+    │   └── ResourceNotFound              a document names something that does not exist
+    ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
+    └── StoreError                        the store could not do it: exit code 3
+        ├── StoreUnreachable              no answer, or no such place
+        ├── StoreUnsafe                   answers, but ignores conditions on writes
+        ├── StoreAccessDenied             answers, and refuses
+        ├── ObjectNotFound                no object under that key
+        ├── ObjectExists                  create: somebody else was first
+        └── ObjectConflict                compare-and-swap: the object has changed
+"""
+
+from collections.abc import Sequence
+
+from specs.base import Fault
+
+
+class SimyardError(Exception):
+    """The root of the tree: catching it catches what Simyard can explain, and nothing else."""
+
+
+class DocumentError(SimyardError):
+    """A document is refused; carries all its faults, not the first one."""
+
+    def __init__(self, faults: Sequence[Fault], source: str = "document") -> None:
+        self.faults = tuple(faults)
+        self.source = source
+        plural = "" if len(self.faults) == 1 else "s"
+        lines = "".join(f"\n  {fault}" for fault in self.faults)
+        super().__init__(f"{source}: {len(self.faults)} fault{plural}{lines}")
+
+
+class IdempotentParameterMismatch(DocumentError):  # noqa: N818 - RoboMaker's name
+    """A clientRequestToken comes again with another request (semantics 2)."""
+
+
+class ResourceNotFound(DocumentError):  # noqa: N818 - RoboMaker's name
+    """A document refers to a template, world, application, fleet or job that does not exist."""
+
+
+class StageFailed(SimyardError):  # noqa: N818 - a state, as RoboMaker names it
+    """A stage reached its Failed state.
+
+    Attributes:
+        code: RoboMaker's failure code, such as ``AccessDenied``.
+        reason: What happened, for a person.
+        arn: The job that failed, or an empty string where none was made.
+    """
+
+    def __init__(self, code: str, reason: str, arn: str = "") -> None:
+        self.code = code
+        self.reason = reason
+        self.arn = arn
+        super().__init__(f"{code}: {reason}" + (f" ({arn})" if arn else ""))
+
+
+class StoreError(SimyardError):
+    """The store could not do what was asked; names the key or URL, and the remedy where there is one."""
+
+
+class StoreUnreachable(StoreError):  # noqa: N818 - a state
+    """The store does not answer, or the place it names does not exist."""
+
+
+class StoreUnsafe(StoreError):  # noqa: N818 - a state
+    """The store ignores conditions on writes, so two writers could both believe they were first."""
+
+
+class StoreAccessDenied(StoreError):  # noqa: N818 - a state
+    """The store refuses the credentials, or the folder is read-only."""
+
+
+class ObjectNotFound(StoreError):  # noqa: N818 - a state
+    """There is no object under the key."""
+
+
+class ObjectExists(StoreError):  # noqa: N818 - a state
+    """An atomic creation lost: the key is taken."""
+
+
+class ObjectConflict(StoreError):  # noqa: N818 - a state
+    """A compare-and-swap lost: the object is not what it was when it was read."""

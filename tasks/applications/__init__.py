@@ -1,0 +1,1 @@
+"""Robot and simulation application bundles: digests, numbered versions, unpacking."""

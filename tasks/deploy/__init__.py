@@ -1,0 +1,1 @@
+"""Fleets, roll-out in waves, and the robot agent."""

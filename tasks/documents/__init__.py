@@ -1,0 +1,1 @@
+"""Documents are read from YAML or JSON, and every fault is reported at once."""

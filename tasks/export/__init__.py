@@ -1,0 +1,1 @@
+"""Worlds become files that other programs open."""

@@ -1,0 +1,1 @@
+"""Parquet tables, statistics, the gate and its evidence."""

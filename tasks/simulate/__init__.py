@@ -1,0 +1,1 @@
+"""Batched simulation: the only home of JAX and MJX."""

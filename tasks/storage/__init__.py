@@ -1,0 +1,1 @@
+"""Objects under one fsspec root: atomic creation, compare-and-swap, buckets, job records, claims."""

@@ -1,0 +1,1 @@
+"""A WorldForge template becomes certified apartments."""
