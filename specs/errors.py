@@ -2,8 +2,11 @@
 
     SimyardError
     ├── DocumentError                     the document is wrong: exit code 2
+    │   ├── ConcurrentDeployment          the fleet has an active deployment already
     │   ├── IdempotentParameterMismatch   same token, another request
+    │   ├── LimitExceeded                 one more than there may be
     │   └── ResourceNotFound              a document names something that does not exist
+    ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
     ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
     └── StoreError                        the store could not do it: exit code 3
         ├── StoreUnreachable              no answer, or no such place
@@ -34,12 +37,24 @@ class DocumentError(SimyardError):
         super().__init__(f"{source}: {len(self.faults)} fault{plural}{lines}")
 
 
+class ConcurrentDeployment(DocumentError):  # noqa: N818 - RoboMaker's name
+    """A fleet takes one deployment at a time (semantics 8)."""
+
+
 class IdempotentParameterMismatch(DocumentError):  # noqa: N818 - RoboMaker's name
     """A clientRequestToken comes again with another request (semantics 2)."""
 
 
+class LimitExceeded(DocumentError):  # noqa: N818 - RoboMaker's name
+    """A document asks for one more than there may be, such as a 41st version of an application (semantics 9)."""
+
+
 class ResourceNotFound(DocumentError):  # noqa: N818 - RoboMaker's name
     """A document refers to a template, world, application, fleet or job that does not exist."""
+
+
+class BundleRefused(SimyardError):  # noqa: N818 - a state
+    """An archive is not what its digest says, or holds what no bundle may; nothing of it was unpacked."""
 
 
 class StageFailed(SimyardError):  # noqa: N818 - a state, as RoboMaker names it
