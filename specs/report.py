@@ -1,0 +1,60 @@
+"""What a pipeline run tells at its end: each stage, where its artefacts lie, and the answer."""
+
+from typing import Literal
+
+from pydantic import JsonValue
+
+from specs.base import Spec
+
+StageName = Literal["worldGeneration", "worldExport", "simulationBatch", "gate", "deployment"]
+Verdict = Literal["PASS", "FAIL", "INCONCLUSIVE"]
+
+
+class Artefact(Spec):
+    """Something that a stage left behind, and where."""
+
+    label: str
+    url: str
+
+
+class StageReport(Spec):
+    """One stage of a run.
+
+    Attributes:
+        name: The document's section.
+        arn: The job, or empty for the gate.
+        status: The job's RoboMaker status, or the gate's verdict.
+        summary: One line for a person.
+        seconds: Wall time in this process; not part of any result table.
+        artefacts: Where to look.
+        facts: The stage's own numbers.
+    """
+
+    name: StageName
+    arn: str
+    status: str
+    summary: str
+    seconds: float
+    artefacts: tuple[Artefact, ...] = ()
+    facts: dict[str, JsonValue] = {}
+
+
+class PipelineReport(Spec):
+    """A whole run.
+
+    Attributes:
+        run: The run's id; the same document run again after a crash has the same one.
+        verdict: The gate's answer, or None for a document without a gate.
+        shipped: Whether a deployment succeeded; None for a document without one.
+    """
+
+    run: str
+    name: str
+    stages: tuple[StageReport, ...]
+    verdict: Verdict | None = None
+    shipped: bool | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing that was asked for was refused: the run's red or green."""
+        return self.verdict in (None, "PASS") and self.shipped in (None, True)

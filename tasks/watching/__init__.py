@@ -1,0 +1,1 @@
+"""Progress of a stage, told to whoever watches: the terminal and Prefect."""
