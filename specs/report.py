@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pydantic import JsonValue
+from pydantic import Field, JsonValue
 
 from specs.base import Spec
 
@@ -36,7 +36,7 @@ class StageReport(Spec):
     summary: str
     seconds: float
     artefacts: tuple[Artefact, ...] = ()
-    facts: dict[str, JsonValue] = {}
+    facts: dict[str, JsonValue] = Field(default_factory=dict)
 
 
 class PipelineReport(Spec):

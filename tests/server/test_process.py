@@ -6,11 +6,15 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
 from tasks.server import process
+
+T = TypeVar("T")
 
 
 def test_the_environment_variable_wins_over_the_profile(tmp_path: Path):
@@ -79,7 +83,7 @@ def _alive(pid: int) -> bool:
     return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
 
 
-def _eventually(holds, timeout_s: float = 20.0):
+def _eventually(holds: Callable[[], T], timeout_s: float = 20.0) -> T:
     deadline = time.monotonic() + timeout_s
     while not (value := holds()):
         assert time.monotonic() < deadline, "it never held"
