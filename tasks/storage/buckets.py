@@ -1,0 +1,38 @@
+"""Where a document's ``s3Bucket`` lies."""
+
+import os
+
+from specs.errors import ObjectNotFound, StoreUnreachable
+from tasks.storage.keys import STORE, checked_bucket
+from tasks.storage.opening import connect
+from tasks.storage.store import Store
+
+
+def bucket_url(store: Store, bucket: str) -> str:
+    """Returns the URL of a bucket: behind SIMYARD_BUCKETS (``s3://``, ``file:///data``), else under the store.
+
+    Raises:
+        DocumentError: The name is no bucket's.
+    """
+    root = os.environ.get("SIMYARD_BUCKETS") or f"{store.url}/buckets"
+    return f"{root if root.endswith('://') else root.rstrip('/') + '/'}{checked_bucket(bucket)}"
+
+
+def open_bucket(store: Store, bucket: str) -> Store:
+    """Returns the bucket as a store of its own, for uploads and downloads; it is not probed.
+
+    Raises:
+        DocumentError: The name is no bucket's.
+        StoreUnreachable: There is no such bucket, or nothing answers.
+        StoreAccessDenied: The credentials do not reach it.
+    """
+    opened = connect(bucket_url(store, bucket))
+    try:
+        opened.get(STORE)  # only the answer to a read tells a missing bucket from a missing object
+    except ObjectNotFound:
+        return opened
+    except StoreUnreachable as exc:
+        raise StoreUnreachable(
+            f"bucket {bucket} ({opened.url}): {exc}; SIMYARD_BUCKETS says where buckets lie"
+        ) from exc
+    return opened

@@ -1,0 +1,181 @@
+"""A store in a folder of this machine, or of a disk that several machines share.
+
+What the plain file calls do not give (fleet.md, traps 1 and 8) comes from links and locks: a creation is a link, which
+the kernel refuses when the name is taken; an overwrite is a rename; a compare-and-swap compares under a lock that the
+kernel frees when its holder dies.
+"""
+
+import errno
+import fcntl
+import hashlib
+import os
+import shutil
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from specs.errors import (
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    StoreAccessDenied,
+    StoreError,
+    StoreUnreachable,
+    StoreUnsafe,
+)
+from tasks.storage.atomic import hidden_file, make_folder, settle, settle_names, whole_file
+from tasks.storage.keys import checked_key
+from tasks.storage.store import Stored
+
+_LOCKS = ".locks"
+_NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
+_REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
+
+
+class LocalStore:
+    """Objects as files under ``root``; see ``tasks.storage.store.Store`` for what the methods promise."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.url = root.as_uri()
+
+    def create(self, key: str, body: bytes) -> str:
+        """Returns the etag of a new object, or raises ObjectExists."""
+        path = self._path(key)
+        with self._explained(key):
+            if path.exists():  # spares the loser the writing; the link decides
+                raise ObjectExists(f"{self.url}: {key} exists already")
+            with hidden_file(path.parent) as (file, hidden):
+                file.write(body)
+                settle(file)
+                self._link(hidden, path, key)
+            settle_names(path.parent)
+        return _etag(body)
+
+    def replace(self, key: str, body: bytes, etag: str) -> str:
+        """Returns the new etag, or raises ObjectConflict when the object is not the one with ``etag``."""
+        path = self._path(key)
+        with self._explained(key), self._locked(key):
+            try:
+                current = _etag(path.read_bytes())
+            except FileNotFoundError as exc:
+                raise ObjectConflict(f"{self.url}: {key} is gone") from exc
+            if current != etag:
+                raise ObjectConflict(f"{self.url}: {key} has changed since it was read")
+            with whole_file(path) as file:
+                file.write(body)
+        return _etag(body)
+
+    def put(self, key: str, body: bytes) -> str:
+        """Returns the etag of the object written over whatever was there."""
+        path = self._path(key)
+        # Under the lock too, or it could land between another's comparison and its rename, and be lost.
+        with self._explained(key), self._locked(key), whole_file(path) as file:
+            file.write(body)
+        return _etag(body)
+
+    def get(self, key: str) -> Stored:
+        """Returns the object, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            body = path.read_bytes()
+        return Stored(body, _etag(body))
+
+    def exists(self, key: str) -> bool:
+        """Returns whether there is an object under the key."""
+        path = self._path(key)
+        with self._explained(key):
+            return path.is_file()
+
+    def keys(self, prefix: str) -> list[str]:
+        """Returns the keys in the folder and below, sorted, without hidden files."""
+        top = self._path(prefix.rstrip("/")) if prefix else self.root
+        found: list[str] = []
+        with self._explained(prefix):
+            for folder, folders, files in os.walk(top, onerror=_raise_unless_missing):
+                folders[:] = [name for name in folders if not name.startswith(".")]
+                base = Path(folder).relative_to(self.root)
+                found += [(base / name).as_posix() for name in files if not name.startswith(".")]
+        return sorted(found)
+
+    def delete(self, key: str) -> None:
+        """Removes the object if it is there."""
+        path = self._path(key)
+        with self._explained(key):
+            if not path.is_file():
+                return
+            with self._locked(key):
+                path.unlink(missing_ok=True)
+                settle_names(path.parent)
+
+    def upload(self, key: str, source: Path) -> None:
+        """Copies the file under the key; readers see the old object or the whole new one."""
+        path = self._path(key)
+        with source.open("rb") as reader, self._explained(key), hidden_file(path.parent) as (file, hidden):
+            shutil.copyfileobj(reader, file, 1 << 20)
+            settle(file)
+            with self._locked(key):
+                hidden.replace(path)
+            settle_names(path.parent)
+
+    def download(self, key: str, target: Path) -> None:
+        """Copies the object to the file, which appears whole or not at all."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            reader = path.open("rb")
+        with reader, whole_file(target) as file:
+            shutil.copyfileobj(reader, file, 1 << 20)
+
+    def _path(self, key: str) -> Path:
+        return self.root / checked_key(key)
+
+    def _link(self, hidden: Path, path: Path, key: str) -> None:
+        try:
+            path.hardlink_to(hidden)
+        except FileExistsError as exc:
+            raise ObjectExists(f"{self.url}: {key} exists already") from exc
+        except OSError as exc:
+            if exc.errno in _NO_LINKS:
+                raise StoreUnsafe(f"{self.url}: its disk has no hard links; use a folder on another disk") from exc
+            raise
+
+    @contextmanager
+    def _locked(self, key: str) -> Generator[None]:
+        # A few shared lock files instead of one beside every object; nothing takes two, so nothing deadlocks.
+        make_folder(self.root / _LOCKS)
+        path = self.root / _LOCKS / hashlib.blake2b(key.encode(), digest_size=1).hexdigest()
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield
+        finally:
+            # Closing alone would leave the lock with a child that was forked meanwhile.
+            fcntl.flock(descriptor, fcntl.LOCK_UN)
+            os.close(descriptor)
+
+    @contextmanager
+    def _explained(self, key: str, *, reading: bool = False) -> Generator[None]:
+        try:
+            yield
+        except OSError as exc:
+            if reading and exc.errno in _NOTHING_THERE:
+                raise ObjectNotFound(f"{self.url}: no object {key}") from exc
+            raise _store_error(exc, self.url, key) from exc
+
+
+def _etag(body: bytes) -> str:
+    return hashlib.blake2b(body, digest_size=16).hexdigest()
+
+
+def _raise_unless_missing(exc: OSError) -> None:
+    if exc.errno not in _NOTHING_THERE:
+        raise exc
+
+
+def _store_error(exc: OSError, url: str, key: str) -> StoreError:
+    if exc.errno in _REFUSED:
+        return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
+    if exc.errno in _NOTHING_THERE:
+        return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
+    return StoreError(f"{url}: {key}: {exc.strerror}")

@@ -1,0 +1,87 @@
+"""What a store promises, whatever holds it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An object as it was read: its bytes, and the mark that a compare-and-swap hands back.
+
+    Attributes:
+        body: All of the object.
+        etag: Changes whenever the bytes do; means nothing outside the store that gave it.
+    """
+
+    body: bytes
+    etag: str
+
+
+class Store(Protocol):
+    """Objects under keys, written whole or not at all.
+
+    Keys are relative, parts joined by ``/``, no part empty or beginning with a dot (``tasks.storage.keys``). Every
+    method raises StoreUnreachable, StoreAccessDenied or StoreError when the store cannot do what is asked, and
+    DocumentError for a key that is not one.
+
+    Attributes:
+        url: ``file:///absolute/path`` or ``s3://bucket/prefix``, without a slash at the end.
+    """
+
+    url: str
+
+    def create(self, key: str, body: bytes) -> str:
+        """Returns the etag of a new object; of many that create one key at once, exactly one succeeds.
+
+        Raises:
+            ObjectExists: The key is taken.
+        """
+        ...
+
+    def replace(self, key: str, body: bytes, etag: str) -> str:
+        """Returns the etag of an object written over the one that was read with that etag.
+
+        Raises:
+            ObjectConflict: The object has changed since, or is gone.
+        """
+        ...
+
+    def put(self, key: str, body: bytes) -> str:
+        """Returns the etag of an object written over whatever was there: for objects that have a single writer."""
+        ...
+
+    def get(self, key: str) -> Stored:
+        """Returns the object.
+
+        Raises:
+            ObjectNotFound: There is none under the key.
+        """
+        ...
+
+    def exists(self, key: str) -> bool:
+        """Returns whether there is an object under the key."""
+        ...
+
+    def keys(self, prefix: str) -> list[str]:
+        """Returns the keys in the folder ``prefix`` and below, sorted; all keys for an empty prefix.
+
+        A listing is for showing to people: what is named in a record is true, what is listed may be late.
+        """
+        ...
+
+    def delete(self, key: str) -> None:
+        """Removes the object if it is there."""
+        ...
+
+    def upload(self, key: str, source: Path) -> None:
+        """Writes the file's bytes under the key, streamed; readers see the old object or the whole new one."""
+        ...
+
+    def download(self, key: str, target: Path) -> None:
+        """Writes the object's bytes to the file, streamed; the file appears whole or not at all.
+
+        Raises:
+            ObjectNotFound: There is none under the key.
+        """
+        ...
