@@ -7,10 +7,9 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 from uuid import uuid4
 
-from pydantic import ValidationError
-
 from specs.base import Fault, Spec
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, StoreError, StoreUnsafe
+from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import STORE, checked_bucket, checked_key
 from tasks.storage.local import LocalStore
 from tasks.storage.store import Store
@@ -88,19 +87,18 @@ def _not_a_store(url: str) -> DocumentError:
 
 def _record(store: Store) -> _StoreRecord | None:
     try:
-        return _StoreRecord.model_validate_json(store.get(STORE).body)
+        stored = store.get(STORE)
     except ObjectNotFound:
         return None
-    except ValidationError as exc:
-        raise StoreError(f"{store.url}: {STORE} was not written by this version; choose another store") from exc
+    return decoded(_StoreRecord, stored, store, STORE)
 
 
 def _introduce(store: Store) -> _StoreRecord:
     record = _StoreRecord(id=uuid4().hex[:12], layout=1, created_at_s=time.time())
     try:
-        store.create(STORE, record.model_dump_json().encode())
+        store.create(STORE, encoded(record))
     except ObjectExists:  # another process was first, and its id is the store's
-        return _StoreRecord.model_validate_json(store.get(STORE).body)
+        return decoded(_StoreRecord, store.get(STORE), store, STORE)
     return record
 
 

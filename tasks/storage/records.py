@@ -15,6 +15,7 @@ from pydantic import JsonValue
 from specs.arn import arn
 from specs.base import Fault, Spec
 from specs.errors import IdempotentParameterMismatch, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import job_key, jobs_prefix, token_key
 from tasks.storage.opening import store_id
 from tasks.storage.store import Store
@@ -103,7 +104,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
         detail={},
     )
     try:
-        store.create(job_key(kind, new.id), _encoded(record))
+        store.create(job_key(kind, new.id), encoded(record))
     except ObjectExists:
         return read(store, kind, new.id)
     return record
@@ -144,7 +145,7 @@ def advance(
             }
         )
         try:
-            store.replace(job_key(kind, id), _encoded(after), etag)
+            store.replace(job_key(kind, id), encoded(after), etag)
         except ObjectConflict:
             time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
         else:
@@ -166,7 +167,7 @@ def records(store: Store, kind: JobKind) -> list[JobRecord]:
     found: list[JobRecord] = []
     for key in store.keys(jobs_prefix(kind)):
         try:
-            found.append(JobRecord.model_validate_json(store.get(key).body))
+            found.append(decoded(JobRecord, store.get(key), store, key))
         except ObjectNotFound:  # removed since it was listed
             continue
     return sorted(found, key=lambda record: (record.created_at_s, record.id))
@@ -180,9 +181,9 @@ def is_terminal(record: JobRecord) -> bool:
 def _record_token(store: Store, kind: JobKind, new: _Token) -> None:
     key = token_key(kind, new.token)
     try:
-        store.create(key, _encoded(new))
+        store.create(key, encoded(new))
     except ObjectExists:
-        old = _Token.model_validate_json(store.get(key).body)
+        old = decoded(_Token, store.get(key), store, key)
         if old.request_digest != new.request_digest:
             raise _mismatch(kind, old, new) from None
 
@@ -203,13 +204,10 @@ def _job_arn(kind: JobKind, store: str, path: str) -> str:
 
 
 def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
+    key = job_key(kind, wanted)
     try:
-        stored = store.get(job_key(kind, wanted))
+        stored = store.get(key)
     except ObjectNotFound as exc:
         fault = Fault(path=kind, value=repr(wanted), allowed=f"a job of this kind in {store.url}; see simyard list")
         raise ResourceNotFound([fault], source="store") from exc
-    return JobRecord.model_validate_json(stored.body), stored.etag
-
-
-def _encoded(document: Spec) -> bytes:
-    return document.model_dump_json().encode()
+    return decoded(JobRecord, stored, store, key), stored.etag
