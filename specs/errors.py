@@ -1,20 +1,20 @@
 """Every exception that Simyard raises on purpose.
 
-    SimyardError
-    ├── DocumentError                     the document is wrong: exit code 2
-    │   ├── ConcurrentDeployment          the fleet has an active deployment already
-    │   ├── IdempotentParameterMismatch   same token, another request
-    │   ├── LimitExceeded                 one more than there may be
-    │   └── ResourceNotFound              a document names something that does not exist
-    ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
-    ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
-    └── StoreError                        the store could not do it: exit code 3
-        ├── StoreUnreachable              no answer, or no such place
-        ├── StoreUnsafe                   answers, but ignores conditions on writes
-        ├── StoreAccessDenied             answers, and refuses
-        ├── ObjectNotFound                no object under that key
-        ├── ObjectExists                  create: somebody else was first
-        └── ObjectConflict                compare-and-swap: the object has changed
+SimyardError
+├── DocumentError                     the document is wrong: exit code 2
+│   ├── ConcurrentDeployment          the fleet has an active deployment already
+│   ├── IdempotentParameterMismatch   same token, another request
+│   ├── LimitExceeded                 one more than there may be
+│   └── ResourceNotFound              a document names something that does not exist
+├── BundleRefused                     an archive is not what its digest says, or would write where it must not
+├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
+└── StoreError                        the store could not do it: exit code 3
+    ├── StoreUnreachable              no answer, or no such place
+    ├── StoreUnsafe                   answers, but ignores conditions on writes
+    ├── StoreAccessDenied             answers, and refuses
+    ├── ObjectNotFound                no object under that key
+    ├── ObjectExists                  create: somebody else was first
+    └── ObjectConflict                compare-and-swap: the object has changed
 """
 
 from collections.abc import Sequence

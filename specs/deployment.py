@@ -1,0 +1,189 @@
+"""Deployment jobs: RoboMaker's requests and answers."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.common import (
+    NUMBER_PATTERN,
+    Arn,
+    ClientRequestToken,
+    Command,
+    CreatedAt,
+    EnvironmentVariableMap,
+    FilteredPage,
+    GenericString,
+    Integer,
+    Number,
+    PaginationToken,
+    Path,
+    RobotTagMap,
+    S3Object,
+    TagMap,
+    text,
+)
+from specs.rules import within
+
+DeploymentStatus = Literal["Pending", "Preparing", "InProgress", "Failed", "Succeeded", "Canceled"]
+DeploymentJobErrorCode = Literal[
+    "ResourceNotFound",
+    "EnvironmentSetupError",
+    "EtagMismatch",
+    "FailureThresholdBreached",
+    "RobotDeploymentAborted",
+    "RobotDeploymentNoResponse",
+    "RobotAgentConnectionTimeout",
+    "GreengrassDeploymentFailed",
+    "InvalidGreengrassGroup",
+    "MissingRobotArchitecture",
+    "MissingRobotApplicationArchitecture",
+    "MissingRobotDeploymentResource",
+    "GreengrassGroupVersionDoesNotExist",
+    "LambdaDeleted",
+    "ExtractingBundleFailure",
+    "PreLaunchFileFailure",
+    "PostLaunchFileFailure",
+    "BadPermissionError",
+    "DownloadConditionFailed",
+    "BadLambdaAssociated",
+    "InternalServerError",
+    "RobotApplicationDoesNotExist",
+    "DeploymentFleetDoesNotExist",
+    "FleetDeploymentTimeout",
+]
+RobotStatus = Literal["Available", "Registered", "PendingNewDeployment", "Deploying", "Failed", "InSync", "NoResponse"]
+RobotDeploymentStep = Literal[
+    "Validating",
+    "DownloadingExtracting",
+    "ExecutingDownloadCondition",
+    "ExecutingPreLaunch",
+    "Launching",
+    "ExecutingPostLaunch",
+    "Finished",
+]
+Percentage = Annotated[Integer, Field(ge=1, le=100)]
+PercentDone = Annotated[Number, Field(ge=0, le=100)]
+DeploymentVersion = Annotated[str, text(1, 255, NUMBER_PATTERN)]
+DeploymentTimeout = Annotated[Integer, within(60, 604_800, "seconds")]
+
+
+class DeploymentConfig(Spec):
+    """How a roll-out proceeds: share of the fleet at once, share of failures that stops it, patience with a robot."""
+
+    concurrentDeploymentPercentage: Percentage | None = Field(
+        None, title="At once (%)", description="Share of the fleet that is deployed to at the same time."
+    )
+    failureThresholdPercentage: Percentage | None = Field(
+        None, title="Failure threshold (%)", description="The roll-out stops when this share of the fleet has failed."
+    )
+    robotDeploymentTimeoutInSeconds: DeploymentTimeout | None = Field(None, title="Timeout of a robot (s)")
+    downloadConditionFile: S3Object | None = Field(
+        None, title="Download condition", description="A script; a robot on which it fails does not download."
+    )
+
+
+class DeploymentLaunchConfig(Spec):
+    """What is run on the robot: files of the bundle."""
+
+    packageName: Command = Field(title="Package")
+    preLaunchFile: Path | None = Field(None, title="Run before")
+    launchFile: Command = Field(title="Launch file")
+    postLaunchFile: Path | None = Field(None, title="Run after")
+    environmentVariables: EnvironmentVariableMap | None = Field(None, title="Environment variables")
+
+
+class DeploymentApplicationConfig(Spec):
+    """Which version of which application is deployed."""
+
+    application: Arn
+    applicationVersion: DeploymentVersion
+    launchConfig: DeploymentLaunchConfig
+
+
+DeploymentApplicationConfigs = Annotated[tuple[DeploymentApplicationConfig, ...], Field(min_length=1, max_length=1)]
+
+
+class CreateDeploymentJobRequest(Spec):
+    """Asks for an application to be rolled out to a fleet."""
+
+    deploymentConfig: DeploymentConfig | None = None
+    clientRequestToken: ClientRequestToken
+    fleet: Arn
+    deploymentApplicationConfigs: DeploymentApplicationConfigs
+    tags: RobotTagMap | None = None
+
+
+class SyncDeploymentJobRequest(Spec):
+    """Asks for a fleet to be brought to its latest deployment."""
+
+    clientRequestToken: ClientRequestToken
+    fleet: Arn
+
+
+class DescribeDeploymentJobRequest(Spec):
+    """Asks about a deployment job."""
+
+    job: Arn
+
+
+class ListDeploymentJobsRequest(FilteredPage):
+    """Asks for the deployment jobs."""
+
+
+class DeploymentJob(Spec):
+    """A deployment job."""
+
+    arn: Arn | None = None
+    fleet: Arn | None = None
+    status: DeploymentStatus | None = None
+    deploymentApplicationConfigs: DeploymentApplicationConfigs | None = None
+    deploymentConfig: DeploymentConfig | None = None
+    failureReason: GenericString | None = None
+    failureCode: DeploymentJobErrorCode | None = None
+    createdAt: CreatedAt | None = None
+
+
+class ProgressDetail(Spec):
+    """How far a robot has come."""
+
+    currentProgress: RobotDeploymentStep | None = None
+    percentDone: PercentDone | None = None
+    estimatedTimeRemainingSeconds: Integer | None = None
+    targetResource: GenericString | None = None
+
+
+class RobotDeployment(Spec):
+    """A deployment job as one robot has it."""
+
+    arn: Arn | None = None
+    deploymentStartTime: CreatedAt | None = None
+    deploymentFinishTime: CreatedAt | None = None
+    status: RobotStatus | None = None
+    progressDetail: ProgressDetail | None = None
+    failureReason: GenericString | None = None
+    failureCode: DeploymentJobErrorCode | None = None
+
+
+class CreateDeploymentJobResponse(DeploymentJob):
+    """The deployment job that was made."""
+
+    tags: TagMap | None = None
+
+
+class SyncDeploymentJobResponse(DeploymentJob):
+    """The deployment job that a fleet is brought up to date with."""
+
+
+class DescribeDeploymentJobResponse(DeploymentJob):
+    """A deployment job and how far each robot has come."""
+
+    robotDeploymentSummary: tuple[RobotDeployment, ...] | None = None
+    tags: TagMap | None = None
+
+
+class ListDeploymentJobsResponse(Spec):
+    """A page of deployment jobs."""
+
+    deploymentJobs: Annotated[tuple[DeploymentJob, ...], Field(max_length=200)] | None = None
+    nextToken: PaginationToken | None = None

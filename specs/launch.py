@@ -1,0 +1,115 @@
+"""Applications as a simulation job uses them: what is launched, with which variables, tools and uploads."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.common import (
+    GENERIC_PATTERN,
+    Arn,
+    Boolean,
+    BoxedBoolean,
+    Command,
+    EnvironmentVariableMap,
+    Integer,
+    Name,
+    NonEmptyString,
+    Path,
+    Version,
+    text,
+)
+
+UploadBehavior = Literal["UPLOAD_ON_TERMINATE", "UPLOAD_ROLLING_AUTO_REMOVE"]
+ExitBehavior = Literal["FAIL", "RESTART"]
+UnrestrictedCommand = Annotated[str, text(1, 1024, GENERIC_PATTERN)]
+Port = Annotated[Integer, Field(ge=1, le=65535)]
+NonSystemPort = Annotated[Integer, Field(ge=1024, le=65535)]
+
+DEPRECATED = {"deprecated": True}
+"""Marks a field in the JSON schema; pydantic's own mark would warn whenever an old document is read."""
+
+
+class PortMapping(Spec):
+    """A port of the job and the application's port behind it."""
+
+    jobPort: Port
+    applicationPort: NonSystemPort
+    enableOnPublicIp: Boolean | None = None
+
+
+class PortForwardingConfig(Spec):
+    """Ports that RoboMaker forwarded."""
+
+    portMappings: Annotated[tuple[PortMapping, ...], Field(max_length=10)] | None = None
+
+
+class LaunchConfig(Spec):
+    """What is launched in a simulation job."""
+
+    packageName: Command | None = Field(None, title="Package", description="Folder in the application's bundle.")
+    launchFile: Command | None = Field(None, title="Launch file", description="Module in that folder, without .py.")
+    environmentVariables: EnvironmentVariableMap | None = Field(None, title="Environment variables")
+    portForwardingConfig: PortForwardingConfig | None = None
+    streamUI: Boolean | None = None
+    command: tuple[NonEmptyString, ...] | None = None
+
+
+class UploadConfiguration(Spec):
+    """Files that RoboMaker uploaded to the output location."""
+
+    name: Name
+    path: Path
+    uploadBehavior: UploadBehavior
+
+
+UploadConfigurations = Annotated[tuple[UploadConfiguration, ...], Field(max_length=10)]
+
+
+class Tool(Spec):
+    """A program that RoboMaker ran beside the applications."""
+
+    streamUI: BoxedBoolean | None = None
+    name: Name
+    command: UnrestrictedCommand
+    streamOutputToCloudWatch: BoxedBoolean | None = None
+    exitBehavior: ExitBehavior | None = None
+
+
+Tools = Annotated[tuple[Tool, ...], Field(max_length=10)]
+
+
+class WorldConfig(Spec):
+    """A world that a simulation application is given."""
+
+    world: Arn | None = None
+
+
+class ApplicationUse(Spec):
+    """What the configurations of robot and simulation applications have in common."""
+
+    applicationVersion: Version | None = Field(
+        None, title="Version", description='A number such as "3", or $LATEST, which is also the default.'
+    )
+    launchConfig: LaunchConfig
+    uploadConfigurations: UploadConfigurations | None = None
+    useDefaultUploadConfigurations: BoxedBoolean | None = Field(None, json_schema_extra=DEPRECATED)
+    tools: Tools | None = None
+    useDefaultTools: BoxedBoolean | None = Field(None, json_schema_extra=DEPRECATED)
+
+
+class RobotApplicationConfig(ApplicationUse):
+    """The robot application of a simulation job."""
+
+    application: Arn
+
+
+class SimulationApplicationConfig(ApplicationUse):
+    """The simulation application of a simulation job."""
+
+    application: Arn
+    worldConfigs: Annotated[tuple[WorldConfig, ...], Field(max_length=1)] | None = None
+
+
+RobotApplicationConfigs = Annotated[tuple[RobotApplicationConfig, ...], Field(min_length=1, max_length=1)]
+SimulationApplicationConfigs = Annotated[tuple[SimulationApplicationConfig, ...], Field(min_length=1, max_length=1)]

@@ -1,0 +1,110 @@
+"""Rules that a field's type cannot say, reported together with the faults of the fields.
+
+Pydantic skips a model's own validators as soon as one of its fields is wrong, so a person would fix one fault and meet
+the next. A `Ruled` document looks at the raw data instead, and raises everything at once.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Self, cast
+
+from pydantic import AfterValidator, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+
+from specs.base import Spec
+
+RULE = "rule"
+"""The error type of everything that is raised here; its message says what is allowed, in plain words."""
+
+Location = tuple[str | int, ...]
+
+
+class Finding(NamedTuple):
+    """One broken rule.
+
+    Attributes:
+        loc: Keys and indices from the document that has the rule to the place.
+        value: What stands there.
+        allowed: What may stand there instead, in plain words.
+    """
+
+    loc: Location
+    value: object
+    allowed: str
+
+
+class Ruled(Spec):
+    """A document with rules of its own; subclasses say which in `findings`."""
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields the rules that raw data breaks; the data may be wrong in any other way too."""
+        raise NotImplementedError
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _check(cls, data: object, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if isinstance(data, cls):
+            return handler(data)
+        errors = [_line(finding) for finding in cls.findings(data)]
+        if not errors:
+            return handler(data)
+        try:
+            handler(data)
+        except ValidationError as exc:
+            errors = [*repeated(exc, ()), *errors]
+        raise ValidationError.from_exception_data(cls.__name__, errors)
+
+
+def broken(allowed: str) -> PydanticCustomError:
+    """Returns the error that a validator raises when a value breaks a rule; the text says what is allowed."""
+    return PydanticCustomError(RULE, cast("Any", allowed))
+
+
+def repeated(exc: ValidationError, prefix: Location) -> list[InitErrorDetails]:
+    """Returns the errors of a failed validation, to be raised again from a place further up the document."""
+    return [_again(error, prefix) for error in exc.errors(include_url=False)]
+
+
+def part(data: object, key: str) -> object:
+    """Returns what raw data (a mapping or a document) has under a key, or None."""
+    if isinstance(data, Mapping):
+        return cast("Mapping[str, object]", data).get(key)
+    return getattr(data, key, None) if isinstance(data, Spec) else None
+
+
+def items(data: object) -> Sequence[object]:
+    """Returns the items of a list in raw data; nothing when it is not a list."""
+    return cast("Sequence[object]", data) if isinstance(data, list | tuple) else ()
+
+
+def within(low: int, high: int, unit: str) -> AfterValidator:
+    """Returns a validator for a bound that only RoboMaker's prose states, so that it is not part of the schema."""
+
+    def check(value: int) -> int:
+        if low <= value <= high:
+            return value
+        raise broken(f"from {low:,} to {high:,} {unit}")
+
+    return AfterValidator(check)
+
+
+def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Returns the values, all different.
+
+    Raises:
+        PydanticCustomError: Naming what occurs twice.
+    """
+    twice = [value for number, value in enumerate(values) if value in values[:number]]
+    if twice:
+        raise broken(f"each value once; {twice[0]!r} occurs more than once")
+    return values
+
+
+def _line(finding: Finding) -> InitErrorDetails:
+    return InitErrorDetails(type=broken(finding.allowed), loc=finding.loc, input=finding.value)
+
+
+def _again(error: ErrorDetails, prefix: Location) -> InitErrorDetails:
+    # A custom error cannot be raised again by its name, as pydantic's own can.
+    kind = broken(error["msg"]) if error["type"] == RULE else error["type"]
+    return InitErrorDetails(type=kind, loc=(*prefix, *error["loc"]), input=error["input"], ctx=error.get("ctx", {}))

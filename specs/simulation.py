@@ -1,0 +1,124 @@
+"""Simulation jobs: RoboMaker's requests, and the entry of a batch."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.common import (
+    Arn,
+    Arns,
+    Boolean,
+    BoxedBoolean,
+    ClientRequestToken,
+    FilteredPage,
+    IamRole,
+    Integer,
+    Name,
+    NonEmptyString,
+    OutputLocation,
+    Path,
+    S3Bucket,
+    S3KeyOrPrefix,
+    TagMap,
+)
+from specs.launch import DEPRECATED, RobotApplicationConfigs, SimulationApplicationConfigs
+from specs.rules import within
+
+MAX_JOB_DURATION_S = 1_209_600
+MAX_BATCHED_JOB_DURATION_S = 691_200
+
+FailureBehavior = Literal["Fail", "Continue"]
+DataSourceType = Literal["Prefix", "Archive", "File"]
+ComputeType = Literal["CPU", "GPU_AND_CPU"]
+SimulationUnit = Annotated[Integer, Field(ge=1, le=15)]
+GPUUnit = Annotated[Integer, Field(ge=0, le=1)]
+JobDuration = Annotated[Integer, within(1, MAX_JOB_DURATION_S, "seconds")]
+BatchedJobDuration = Annotated[Integer, within(1, MAX_BATCHED_JOB_DURATION_S, "seconds in a batch")]
+Subnets = Annotated[tuple[NonEmptyString, ...], Field(min_length=1, max_length=16)]
+SecurityGroups = Annotated[tuple[NonEmptyString, ...], Field(min_length=1, max_length=5)]
+
+
+class LoggingConfig(Spec):
+    """What RoboMaker recorded."""
+
+    recordAllRosTopics: BoxedBoolean | None = Field(None, json_schema_extra=DEPRECATED)
+
+
+class DataSourceConfig(Spec):
+    """Files from a bucket that a job reads."""
+
+    name: Name
+    s3Bucket: S3Bucket
+    s3Keys: Annotated[tuple[S3KeyOrPrefix, ...], Field(min_length=1, max_length=100)]
+    type: DataSourceType | None = None
+    destination: Path | None = None
+
+
+class VPCConfig(Spec):
+    """The network that RoboMaker put a job in."""
+
+    subnets: Subnets
+    securityGroups: SecurityGroups | None = None
+    assignPublicIp: Boolean | None = None
+
+
+class Compute(Spec):
+    """The machine that RoboMaker gave a job."""
+
+    simulationUnitLimit: SimulationUnit | None = None
+    computeType: ComputeType | None = None
+    gpuUnitLimit: GPUUnit | None = None
+
+
+class JobSettings(Spec):
+    """What a single job and an entry of a batch have in common, besides the applications."""
+
+    outputLocation: OutputLocation | None = Field(None, title="Output location")
+    loggingConfig: LoggingConfig | None = None
+    failureBehavior: FailureBehavior | None = Field(None, title="Failure behaviour")
+    dataSources: Annotated[tuple[DataSourceConfig, ...], Field(min_length=1, max_length=6)] | None = None
+    vpcConfig: VPCConfig | None = None
+    compute: Compute | None = None
+    tags: TagMap | None = None
+
+
+class CreateSimulationJobRequest(JobSettings):
+    """Asks for one simulation job."""
+
+    clientRequestToken: ClientRequestToken | None = None
+    maxJobDurationInSeconds: JobDuration
+    iamRole: IamRole
+    robotApplications: RobotApplicationConfigs | None = None
+    simulationApplications: SimulationApplicationConfigs | None = None
+
+
+class BatchedJobSettings(JobSettings):
+    """What an entry of a batch has besides the applications, in a request as in a pipeline."""
+
+    maxJobDurationInSeconds: BatchedJobDuration = Field(title="Duration (s)", description="Simulated seconds at most.")
+    iamRole: IamRole | None = None
+    useDefaultApplications: BoxedBoolean | None = None
+
+
+class SimulationJobRequest(BatchedJobSettings):
+    """One job of a batch."""
+
+    robotApplications: RobotApplicationConfigs | None = None
+    simulationApplications: SimulationApplicationConfigs | None = None
+
+
+class DescribeSimulationJobRequest(Spec):
+    """Asks about a simulation job."""
+
+    job: Arn
+
+
+class BatchDescribeSimulationJobRequest(Spec):
+    """Asks about several simulation jobs."""
+
+    jobs: Arns
+
+
+class ListSimulationJobsRequest(FilteredPage):
+    """Asks for the simulation jobs."""

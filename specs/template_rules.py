@@ -1,0 +1,79 @@
+"""What RoboMaker's prose forbids in a template body, found in raw data that may be wrong in other ways too."""
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any, cast
+
+from specs.base import Spec
+from specs.rules import Finding, Location, items, part
+from specs.template_interior import TARGET_ALL
+
+MAX_CONNECTIONS_OF_ROOM = 4
+
+Connection = tuple[int, tuple[str, str], object]
+"""Its number, the names at its ends, and its type."""
+
+
+def connections_of(data: object) -> Iterator[Connection]:
+    """Yields the connections that can be understood: number, the two ends, and the type."""
+    for number, connection in enumerate(items(data)):
+        ends = [end for end in items(part(connection, "Location")) if isinstance(end, str)]
+        if len(ends) == 2:
+            yield number, (ends[0], ends[1]), part(connection, "ConnectionType")
+
+
+def unknown_rooms(connections: list[Connection], names: list[str]) -> Iterator[Finding]:
+    """Yields ends of connections that are no room, and connections of a room with itself."""
+    known = ", ".join(dict.fromkeys(names))
+    for number, ends, _ in connections:
+        for side, end in enumerate(ends):
+            if end not in names:
+                yield Finding(("DesiredConnections", number, "Location", side), end, f"a room of Rooms: {known}")
+        if ends[0] == ends[1]:
+            yield Finding(("DesiredConnections", number, "Location"), list(ends), "two different rooms")
+
+
+def contradictions(connections: list[Connection]) -> Iterator[Finding]:
+    """Yields pairs of rooms with an Opening and something else (semantics 6)."""
+    first: dict[frozenset[str], tuple[int, object]] = {}
+    for number, ends, kind in connections:
+        earlier, earlier_kind = first.setdefault(frozenset(ends), (number, kind))
+        if earlier == number or kind not in ("Doorway", "Opening") or earlier_kind not in ("Doorway", "Opening"):
+            continue
+        loc = ("DesiredConnections", number)
+        pair = f"{ends[0]} and {ends[1]}"
+        if kind != earlier_kind:
+            allowed = f"either an Opening or Doorways between two rooms; contradicts DesiredConnections[{earlier}]"
+            yield Finding((*loc, "ConnectionType"), f"{kind} between {pair}", allowed)
+        elif kind == "Opening":
+            allowed = f"one Opening between two rooms; DesiredConnections[{earlier}] is the same"
+            yield Finding(loc, f"Opening between {pair}", allowed)
+
+
+def crowded_rooms(connections: list[Connection]) -> Iterator[Finding]:
+    """Yields rooms with more connections than one may have."""
+    count = Counter(end for _, ends, _ in connections for end in set(ends))
+    for room, number in count.items():
+        if number > MAX_CONNECTIONS_OF_ROOM:
+            allowed = f"at most {MAX_CONNECTIONS_OF_ROOM} connections of one room"
+            yield Finding(("DesiredConnections",), f"{number} connections of {room}", allowed)
+
+
+def version_2_fields(data: object, loc: Location) -> Iterator[Finding]:
+    """Yields what only version 2 has, anywhere below raw data that stands at ``loc``."""
+    only = 'only in a body with Version: "2"'
+    if data == TARGET_ALL and loc[-1:] == ("TargetSet",):
+        yield Finding(loc, TARGET_ALL, only)
+    for key, value in _children(data):
+        if key in ("Doorways", "OriginalName") and value is not None:
+            yield Finding((*loc, key), value, only)
+        else:
+            yield from version_2_fields(value, (*loc, key))
+
+
+def _children(data: object) -> list[tuple[str | int, object]]:
+    if isinstance(data, Spec):
+        return [(name, getattr(data, name)) for name in type(data).model_fields]
+    if isinstance(data, dict):
+        return [(key, value) for key, value in cast("dict[Any, object]", data).items() if isinstance(key, str)]
+    return list(enumerate(items(data)))
