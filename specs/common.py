@@ -99,8 +99,8 @@ WorldReference = Annotated[str, text(1, 1224, WORLD_REFERENCE_PATTERN)]
 class OutputLocation(Spec):
     """Where results are put: a bucket (SIMYARD_BUCKETS says what it stands for) and a prefix in it."""
 
-    s3Bucket: S3Bucket | None = Field(None, title="Bucket", description="Name of the bucket.")
-    s3Prefix: S3Key | None = Field(None, title="Prefix", description="Folder in the bucket.")
+    s3Bucket: S3Bucket | None = Field(default=None, title="Bucket", description="Name of the bucket.")
+    s3Prefix: S3Key | None = Field(default=None, title="Prefix", description="Folder in the bucket.")
 
 
 class S3Object(Spec):
@@ -108,7 +108,7 @@ class S3Object(Spec):
 
     bucket: S3Bucket = Field(title="Bucket")
     key: S3Key = Field(title="Key")
-    etag: S3Etag | None = Field(None, title="ETag", description="Pins the content; another one is refused.")
+    etag: S3Etag | None = Field(default=None, title="ETag", description="Pins the content; another one is refused.")
 
 
 class Filter(Spec):

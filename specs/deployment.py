@@ -72,14 +72,16 @@ class DeploymentConfig(Spec):
     """How a roll-out proceeds: share of the fleet at once, share of failures that stops it, patience with a robot."""
 
     concurrentDeploymentPercentage: Percentage | None = Field(
-        None, title="At once (%)", description="Share of the fleet that is deployed to at the same time."
+        default=None, title="At once (%)", description="Share of the fleet that is deployed to at the same time."
     )
     failureThresholdPercentage: Percentage | None = Field(
-        None, title="Failure threshold (%)", description="The roll-out stops when this share of the fleet has failed."
+        default=None,
+        title="Failure threshold (%)",
+        description="The roll-out stops when this share of the fleet has failed.",
     )
-    robotDeploymentTimeoutInSeconds: DeploymentTimeout | None = Field(None, title="Timeout of a robot (s)")
+    robotDeploymentTimeoutInSeconds: DeploymentTimeout | None = Field(default=None, title="Timeout of a robot (s)")
     downloadConditionFile: S3Object | None = Field(
-        None, title="Download condition", description="A script; a robot on which it fails does not download."
+        default=None, title="Download condition", description="A script; a robot on which it fails does not download."
     )
 
 
@@ -87,10 +89,10 @@ class DeploymentLaunchConfig(Spec):
     """What is run on the robot: files of the bundle."""
 
     packageName: Command = Field(title="Package")
-    preLaunchFile: Path | None = Field(None, title="Run before")
+    preLaunchFile: Path | None = Field(default=None, title="Run before")
     launchFile: Command = Field(title="Launch file")
-    postLaunchFile: Path | None = Field(None, title="Run after")
-    environmentVariables: EnvironmentVariableMap | None = Field(None, title="Environment variables")
+    postLaunchFile: Path | None = Field(default=None, title="Run after")
+    environmentVariables: EnvironmentVariableMap | None = Field(default=None, title="Environment variables")
 
 
 class DeploymentApplicationConfig(Spec):

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, JsonValue
 
 from specs.base import Spec
 from specs.common import (
@@ -26,7 +26,7 @@ UnrestrictedCommand = Annotated[str, text(1, 1024, GENERIC_PATTERN)]
 Port = Annotated[Integer, Field(ge=1, le=65535)]
 NonSystemPort = Annotated[Integer, Field(ge=1024, le=65535)]
 
-DEPRECATED = {"deprecated": True}
+DEPRECATED: dict[str, JsonValue] = {"deprecated": True}
 """Marks a field in the JSON schema; pydantic's own mark would warn whenever an old document is read."""
 
 
@@ -47,9 +47,13 @@ class PortForwardingConfig(Spec):
 class LaunchConfig(Spec):
     """What is launched in a simulation job."""
 
-    packageName: Command | None = Field(None, title="Package", description="Folder in the application's bundle.")
-    launchFile: Command | None = Field(None, title="Launch file", description="Module in that folder, without .py.")
-    environmentVariables: EnvironmentVariableMap | None = Field(None, title="Environment variables")
+    packageName: Command | None = Field(
+        default=None, title="Package", description="Folder in the application's bundle."
+    )
+    launchFile: Command | None = Field(
+        default=None, title="Launch file", description="Module in that folder, without .py."
+    )
+    environmentVariables: EnvironmentVariableMap | None = Field(default=None, title="Environment variables")
     portForwardingConfig: PortForwardingConfig | None = None
     streamUI: Boolean | None = None
     command: tuple[NonEmptyString, ...] | None = None
@@ -89,13 +93,13 @@ class ApplicationUse(Spec):
     """What the configurations of robot and simulation applications have in common."""
 
     applicationVersion: Version | None = Field(
-        None, title="Version", description='A number such as "3", or $LATEST, which is also the default.'
+        default=None, title="Version", description='A number such as "3", or $LATEST, which is also the default.'
     )
     launchConfig: LaunchConfig
     uploadConfigurations: UploadConfigurations | None = None
-    useDefaultUploadConfigurations: BoxedBoolean | None = Field(None, json_schema_extra=DEPRECATED)
+    useDefaultUploadConfigurations: BoxedBoolean | None = Field(default=None, json_schema_extra=DEPRECATED)
     tools: Tools | None = None
-    useDefaultTools: BoxedBoolean | None = Field(None, json_schema_extra=DEPRECATED)
+    useDefaultTools: BoxedBoolean | None = Field(default=None, json_schema_extra=DEPRECATED)
 
 
 class RobotApplicationConfig(ApplicationUse):

@@ -42,7 +42,7 @@ SecurityGroups = Annotated[tuple[NonEmptyString, ...], Field(min_length=1, max_l
 class LoggingConfig(Spec):
     """What RoboMaker recorded."""
 
-    recordAllRosTopics: BoxedBoolean | None = Field(None, json_schema_extra=DEPRECATED)
+    recordAllRosTopics: BoxedBoolean | None = Field(default=None, json_schema_extra=DEPRECATED)
 
 
 class DataSourceConfig(Spec):
@@ -74,9 +74,9 @@ class Compute(Spec):
 class JobSettings(Spec):
     """What a single job and an entry of a batch have in common, besides the applications."""
 
-    outputLocation: OutputLocation | None = Field(None, title="Output location")
+    outputLocation: OutputLocation | None = Field(default=None, title="Output location")
     loggingConfig: LoggingConfig | None = None
-    failureBehavior: FailureBehavior | None = Field(None, title="Failure behaviour")
+    failureBehavior: FailureBehavior | None = Field(default=None, title="Failure behaviour")
     dataSources: Annotated[tuple[DataSourceConfig, ...], Field(min_length=1, max_length=6)] | None = None
     vpcConfig: VPCConfig | None = None
     compute: Compute | None = None

@@ -23,10 +23,10 @@ class BatchPolicy(Spec):
     """How long a batch may take and how many of its jobs may be active at once."""
 
     timeoutInSeconds: Annotated[Integer, within(1, MAX_BATCH_TIMEOUT_S, "seconds")] | None = Field(
-        None, title="Timeout (s)", description="Wall-clock seconds for the whole batch."
+        default=None, title="Timeout (s)", description="Wall-clock seconds for the whole batch."
     )
     maxConcurrency: Annotated[Integer, within(1, 1_000_000, "jobs")] | None = Field(
-        None, title="Concurrency", description="Jobs that are simulated side by side."
+        default=None, title="Concurrency", description="Jobs that are simulated side by side."
     )
 
 

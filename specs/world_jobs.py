@@ -1,4 +1,4 @@
-"""Templates, generation jobs, export jobs and worlds: RoboMaker's requests, and what it answers to the creating ones."""
+"""World templates, generation and export jobs, worlds: RoboMaker's requests, and its answers to the creating ones."""
 
 from typing import Annotated, Literal
 
@@ -62,8 +62,8 @@ TemplateJson = Annotated[Json, BeforeValidator(_as_json_text), AfterValidator(_h
 class WorldCount(Spec):
     """How many worlds: floor plans, times interiors of each."""
 
-    floorplanCount: Integer | None = Field(None, title="Floor plans")
-    interiorCountPerFloorplan: Integer | None = Field(None, title="Interiors of each floor plan")
+    floorplanCount: Integer | None = Field(default=None, title="Floor plans")
+    interiorCountPerFloorplan: Integer | None = Field(default=None, title="Interiors of each floor plan")
 
 
 class TemplateLocation(Spec):

@@ -1,0 +1,138 @@
+"""The sections of a pipeline that test and deploy: simulation batch, gate, deployment."""
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from specs.base import Spec
+from specs.common import (
+    ClientRequestToken,
+    EnvironmentVariableKey,
+    EnvironmentVariableValue,
+    Integer,
+    Number,
+    PlainName,
+    Reference,
+    RobotTagMap,
+    TagMap,
+    WorldReference,
+)
+from specs.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
+from specs.launch import ApplicationUse
+from specs.pipeline_worlds import Destination, Seed, WorldChoice
+from specs.rules import distinct
+from specs.simulation import BatchedJobSettings
+from specs.simulation_batch import MAX_REQUESTS, BatchPolicy
+from specs.unions import member, told_apart
+
+MAX_SEEDS = 10_000
+MAX_LOCAL_AGENTS = 20
+
+Engine = Literal["auto", "mjx"]
+Seeds = Annotated[
+    Annotated[Integer, Field(ge=1, le=MAX_SEEDS), member("number")]
+    | Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct), member("list")],
+    told_apart("how many seeds (1, 2, ...), or a list of seeds", number=(int, float), list=(list, tuple)),
+]
+VariableValues = Annotated[tuple[EnvironmentVariableValue, ...], Field(min_length=1), AfterValidator(distinct)]
+
+
+class Matrix(Spec):
+    """Multiplies every request: each world, with each seed, with each combination of variables."""
+
+    worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
+    seeds: Seeds = Field(
+        default=1, title="Seeds", description="How many episodes of each world, or the seeds themselves."
+    )
+    environmentVariables: dict[EnvironmentVariableKey, VariableValues] = Field(
+        default_factory=dict, title="Environment variables"
+    )
+
+
+class PipelineWorldConfig(Spec):
+    """The world of a request that names its own."""
+
+    world: WorldReference | None = None
+
+
+class PipelineRobotApplication(ApplicationUse):
+    """The robot application that is tested."""
+
+    application: Reference = Field(title="Robot application", description="Name or ARN.")
+
+
+class PipelineSimulationApplication(ApplicationUse):
+    """The scenario: where the robot starts, what it must do, what is measured."""
+
+    application: Reference = Field(title="Simulation application", description="Name or ARN.")
+    worldConfigs: Annotated[tuple[PipelineWorldConfig, ...], Field(max_length=1)] | None = None
+
+
+class PipelineJobRequest(BatchedJobSettings):
+    """One job of the batch, before the matrix multiplies it."""
+
+    robotApplications: Annotated[tuple[PipelineRobotApplication, ...], Field(min_length=1, max_length=1)] | None = None
+    simulationApplications: (
+        Annotated[tuple[PipelineSimulationApplication, ...], Field(min_length=1, max_length=1)] | None
+    ) = None
+
+
+class SimulationBatch(Spec):
+    """Simulates; takes a StartSimulationJobBatch request as it stands."""
+
+    batchPolicy: BatchPolicy | None = Field(default=None, title="Policy")
+    outputLocation: Destination | None = Field(default=None, title="Output location")
+    matrix: Matrix = Field(default_factory=Matrix, title="Matrix")
+    createSimulationJobRequests: Annotated[
+        tuple[PipelineJobRequest, ...], Field(min_length=1, max_length=MAX_REQUESTS)
+    ] = Field(title="Requests")
+    engine: Engine = Field(default="auto", title="Engine")
+    tags: TagMap | None = Field(default=None, title="Tags of the batch")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
+
+
+class SuccessRate(Spec):
+    """The share of episodes that must pass, and how sure that must be."""
+
+    atLeast: Annotated[Number, Field(ge=0, le=1)] = Field(title="At least", description="From 0 to 1.")
+    confidence: Annotated[Number, Field(ge=0.5, le=0.9999)] = Field(default=0.95, title="Confidence")
+
+
+class Gate(Spec):
+    """What the batch must show before anything is deployed."""
+
+    successRate: SuccessRate
+
+
+class LocalFleet(Spec):
+    """A fleet of robot agents that the run starts on this machine, for a demonstration."""
+
+    name: PlainName = Field(title="Fleet")
+    localAgents: Annotated[Integer, Field(ge=0, le=MAX_LOCAL_AGENTS)] = Field(default=0, title="Robots on this machine")
+
+
+class PipelineDeployedApplication(Spec):
+    """The application that is deployed."""
+
+    application: Reference = Field(title="Robot application", description="Name or ARN.")
+    applicationVersion: DeploymentVersion | None = Field(
+        default=None,
+        title="Version",
+        description='A number such as "3"; the version that this run has tested, if left out.',
+    )
+    launchConfig: DeploymentLaunchConfig
+
+
+class Deployment(Spec):
+    """Rolls an application out to a fleet; takes a CreateDeploymentJob request as it stands."""
+
+    fleet: Annotated[
+        Annotated[Reference, member("text")] | Annotated[LocalFleet, member("LocalFleet")],
+        told_apart("a name, an ARN, or {name: ..., localAgents: ...}", text=str, LocalFleet=dict),
+    ] = Field(title="Fleet")
+    deploymentConfig: DeploymentConfig | None = Field(default=None, title="Roll-out")
+    deploymentApplicationConfigs: Annotated[
+        tuple[PipelineDeployedApplication, ...], Field(min_length=1, max_length=1)
+    ] = Field(title="Application")
+    tags: RobotTagMap | None = Field(default=None, title="Tags of the job")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")

@@ -1,0 +1,111 @@
+"""The sections of a pipeline that make worlds: generation and export."""
+
+import json
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from specs.base import Spec
+from specs.common import (
+    GENERIC_PATTERN,
+    ClientRequestToken,
+    IamRole,
+    Integer,
+    OutputLocation,
+    TagMap,
+    WorldReference,
+    text,
+)
+from specs.rules import Finding, Ruled, broken, distinct, part
+from specs.template import TemplateBody
+from specs.unions import member, told_apart
+from specs.world_jobs import MAX_WORLDS_OF_JOB
+
+MAX_SEED = 2**32 - 1
+MAX_WORLDS_OF_EXPORT = 100
+PLANNED_FORMATS = ("sdf", "map")
+
+WorldFormat = Literal["mjcf", "svg"]
+Seed = Annotated[Integer, Field(ge=0, le=MAX_SEED)]
+
+
+def _writable(name: object) -> object:
+    if name in PLANNED_FORMATS:
+        raise broken(f"mjcf or svg; {name} is planned and cannot be written yet")
+    return name
+
+
+def _with_bucket(location: OutputLocation) -> OutputLocation:
+    if location.s3Bucket is None:
+        raise broken("a place with s3Bucket")
+    return location
+
+
+def _json_text_as_object(template: object) -> object:
+    if not (isinstance(template, str) and template.lstrip().startswith("{")):
+        return template
+    try:
+        return json.loads(template)
+    except (json.JSONDecodeError, RecursionError) as exc:
+        raise broken("a path, a URL, a name, an ARN, or a template body as an object or JSON text") from exc
+
+
+Destination = Annotated[OutputLocation, AfterValidator(_with_bucket)]
+Formats = Annotated[
+    tuple[Annotated[WorldFormat, BeforeValidator(_writable)], ...], Field(min_length=1), AfterValidator(distinct)
+]
+WorldChoice = Annotated[
+    Annotated[Literal["all"], member("text")]
+    | Annotated[
+        tuple[WorldReference, ...],
+        Field(min_length=1, max_length=MAX_WORLDS_OF_EXPORT),
+        AfterValidator(distinct),
+        member("list"),
+    ],
+    told_apart('all, or a list of worlds such as "wgj-0123456789abcdef/world-1-1"', text=str, list=(list, tuple)),
+]
+Template = Annotated[
+    Annotated[str, text(1, 1224, GENERIC_PATTERN), member("text")] | Annotated[TemplateBody, member("TemplateBody")],
+    told_apart("a path, a URL, a name, an ARN, or a template body", text=str, TemplateBody=dict),
+    BeforeValidator(_json_text_as_object),
+]
+
+
+class PipelineWorldCount(Ruled):
+    """How many worlds: floor plans, times interiors of each."""
+
+    floorplanCount: Annotated[Integer, Field(ge=1)] = Field(default=1, title="Floor plans")
+    interiorCountPerFloorplan: Annotated[Integer, Field(ge=1)] = Field(default=1, title="Interiors of each floor plan")
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields a number of worlds that no generation job makes."""
+        counts = [part(data, "floorplanCount"), part(data, "interiorCountPerFloorplan")]
+        plans, interiors = (count if type(count) is int else 1 for count in counts)
+        worlds = plans * interiors
+        if plans > 0 and worlds > MAX_WORLDS_OF_JOB:
+            value = f"{plans} floor plans x {interiors} interiors = {worlds} worlds"
+            yield Finding((), value, f"at most {MAX_WORLDS_OF_JOB} worlds")
+
+
+class WorldGeneration(Spec):
+    """Makes worlds from a template; takes a CreateWorldGenerationJob request as it stands."""
+
+    template: Template = Field(title="Template", description="Path, URL in a bucket, name, ARN, or the body itself.")
+    worldCount: PipelineWorldCount = Field(title="How many worlds", description=f"At most {MAX_WORLDS_OF_JOB}.")
+    seed: Seed = Field(default=0, title="Seed", description="The same seed makes the same worlds.")
+    tags: TagMap | None = Field(default=None, title="Tags of the job")
+    worldTags: TagMap | None = Field(default=None, title="Tags of each world")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
+
+
+class WorldExport(Spec):
+    """Writes worlds to a bucket; takes a CreateWorldExportJob request as it stands."""
+
+    worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
+    outputLocation: Destination = Field(title="Output location")
+    formats: Formats = Field(default=("mjcf", "svg"), title="Formats")
+    iamRole: IamRole | None = Field(default=None, title="IAM role", description="Kept; has no effect.")
+    tags: TagMap | None = Field(default=None, title="Tags of the job")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
