@@ -1,0 +1,149 @@
+"""A store in a bucket of an S3 server that honours conditions on writes.
+
+Every write carries a random mark in the object's metadata. A write whose answer was lost is sent again by the client
+and then refused, because its own first copy is there: the mark tells that copy from another writer's (fleet.md,
+trap 3).
+"""
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+from uuid import uuid4
+
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreUnreachable
+from tasks.storage.atomic import whole_file
+from tasks.storage.keys import checked_key
+from tasks.storage.s3_client import Answer, S3Client
+from tasks.storage.s3_errors import FAULTS, explained
+from tasks.storage.store import Stored
+
+_MARK = "simyard-write"
+_ATTEMPTS = 5
+
+
+class S3Store:
+    """Objects in ``bucket`` below ``prefix``; see ``tasks.storage.store.Store`` for what the methods promise."""
+
+    def __init__(self, bucket: str, prefix: str, client: S3Client | None = None) -> None:
+        self._bucket = bucket
+        self._prefix = f"{prefix}/" if prefix else ""
+        self._client = client or S3Client()
+        self.url = f"s3://{bucket}/{prefix}".rstrip("/")
+
+    def create(self, key: str, body: bytes) -> str:
+        """Returns the etag of a new object, or raises ObjectExists."""
+        mark = uuid4().hex
+        refused: ObjectConflict | None = None
+        for _ in range(_ATTEMPTS):
+            try:
+                return self._place(key, body, mark, {"IfNoneMatch": "*"})
+            except ObjectConflict as exc:
+                refused = exc
+            found, etag = self._mark(key)
+            if found == mark:
+                return etag
+            if found is not None:
+                break
+            # Refused with nothing there: another's creation is under way or was just removed, and S3 says try again.
+        raise ObjectExists(f"{self.url}: {key} exists already") from refused
+
+    def replace(self, key: str, body: bytes, etag: str) -> str:
+        """Returns the new etag, or raises ObjectConflict when the object is not the one with ``etag``."""
+        mark = uuid4().hex
+        try:
+            return self._write(key, body, mark, {"IfMatch": etag})
+        except (ObjectConflict, ObjectNotFound) as exc:
+            found, written = self._mark(key)
+            if found == mark:
+                return written
+            state = "is gone" if found is None else "has changed since it was read"
+            raise ObjectConflict(f"{self.url}: {key} {state}") from exc
+
+    def put(self, key: str, body: bytes) -> str:
+        """Returns the etag of the object written over whatever was there."""
+        return self._place(key, body, uuid4().hex, {})
+
+    def get(self, key: str) -> Stored:
+        """Returns the object, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key):
+            return Stored(*self._client.read(self._bucket, path))
+
+    def exists(self, key: str) -> bool:
+        """Returns whether there is an object under the key."""
+        return self._mark(key)[0] is not None
+
+    def keys(self, prefix: str) -> list[str]:
+        """Returns the keys in the folder and below, sorted, without hidden ones."""
+        folder = f"{self._path(prefix.rstrip('/'))}/" if prefix else self._prefix
+        found: list[str] = []
+        page: dict[str, object] = {}
+        while True:
+            with self._explained(prefix):
+                answer = self._client.call("list_objects_v2", Bucket=self._bucket, Prefix=folder, **page)
+            entries = cast("list[dict[str, str]]", answer.get("Contents", []))
+            found += [entry["Key"].removeprefix(self._prefix) for entry in entries]
+            if not answer.get("IsTruncated"):
+                return sorted(key for key in found if _is_shown(key))
+            page = {"ContinuationToken": answer["NextContinuationToken"]}
+
+    def delete(self, key: str) -> None:
+        """Removes the object if it is there."""
+        path = self._path(key)
+        try:
+            with self._explained(key):
+                self._client.call("delete_object", Bucket=self._bucket, Key=path)
+        except ObjectNotFound:  # some servers say so, S3 does not
+            return
+
+    def upload(self, key: str, source: Path) -> None:
+        """Sends the file; readers see the old object or the whole new one."""
+        path = self._path(key)
+        source.open("rb").close()  # a missing file is the caller's fault, not the store's
+        with self._explained(key):
+            self._client.send(source, self._bucket, path)
+
+    def download(self, key: str, target: Path) -> None:
+        """Writes the object to the file, which appears whole or not at all."""
+        path = self._path(key)
+        with whole_file(target) as file, self._explained(key):
+            self._client.stream(self._bucket, path, file)
+
+    def _path(self, key: str) -> str:
+        return self._prefix + checked_key(key)
+
+    def _place(self, key: str, body: bytes, mark: str, condition: dict[str, str]) -> str:
+        try:
+            return self._write(key, body, mark, condition)
+        except ObjectNotFound as exc:  # what is to be made cannot be missing: the place for it is
+            raise StoreUnreachable(f"{self.url}: {key}: the server knows no such bucket; is it an S3 server?") from exc
+
+    def _write(self, key: str, body: bytes, mark: str, condition: dict[str, str]) -> str:
+        path = self._path(key)
+        with self._explained(key):
+            answer = self._client.call(
+                "put_object", Bucket=self._bucket, Key=path, Body=body, Metadata={_MARK: mark}, **condition
+            )
+        return str(answer["ETag"])
+
+    def _mark(self, key: str) -> tuple[str | None, str]:
+        # The mark of the last write ("" for an object that was not written here, None for no object), and its etag.
+        path = self._path(key)
+        try:
+            with self._explained(key):
+                answer: Answer = self._client.call("head_object", Bucket=self._bucket, Key=path)
+        except ObjectNotFound:
+            return None, ""
+        return cast("dict[str, str]", answer["Metadata"]).get(_MARK, ""), str(answer["ETag"])
+
+    @contextmanager
+    def _explained(self, key: str) -> Generator[None]:
+        try:
+            yield
+        except FAULTS as exc:
+            raise explained(exc, self.url, key) from exc
+
+
+def _is_shown(key: str) -> bool:
+    return not any(part.startswith(".") or not part for part in key.split("/"))

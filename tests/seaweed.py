@@ -1,0 +1,142 @@
+"""A real S3 server for tests: SeaweedFS, from its wheel, on free ports of this machine."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sysconfig
+import time
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+import botocore.session
+from botocore.config import Config
+from botocore.exceptions import BotoCoreError, ClientError
+
+ACCESS_KEY = "simyard-test-key"
+SECRET_KEY = "simyard-test-secret"  # noqa: S105 - of a server that lives for one test run
+READER_KEY = "simyard-reader-key"
+READER_SECRET = "simyard-reader-secret"  # noqa: S105 - same
+_START_S = 60
+_PORTS: tuple[str, ...] = ("master", "master.grpc", "volume", "volume.grpc", "filer", "filer.grpc", "s3", "s3.grpc")
+
+
+@dataclass(frozen=True)
+class Seaweed:
+    """A running server.
+
+    Attributes:
+        endpoint: ``http://127.0.0.1:<port>``.
+        process: The server; a test may stop and continue it.
+    """
+
+    endpoint: str
+    process: subprocess.Popen[bytes]
+
+    def environment(self, *, endpoint: str = "") -> dict[str, str]:
+        """Returns what a process needs to reach the server, or it through another endpoint."""
+        return {
+            "AWS_ACCESS_KEY_ID": ACCESS_KEY,
+            "AWS_SECRET_ACCESS_KEY": SECRET_KEY,
+            "AWS_ENDPOINT_URL_S3": endpoint or self.endpoint,
+            "AWS_REGION": "us-east-1",
+            "AWS_DEFAULT_REGION": "us-east-1",
+            "AWS_EC2_METADATA_DISABLED": "true",
+        }
+
+    def make_bucket(self, bucket: str) -> None:
+        """Makes an empty bucket, and writes and removes an object in it."""
+        session = botocore.session.Session()
+        client = session.create_client(
+            "s3",
+            region_name="us-east-1",
+            endpoint_url=self.endpoint,
+            aws_access_key_id=ACCESS_KEY,
+            aws_secret_access_key=SECRET_KEY,
+            config=Config(connect_timeout=2, read_timeout=5, retries={"total_max_attempts": 1}),
+        )
+        try:
+            client.create_bucket(Bucket=bucket)
+            client.put_object(Bucket=bucket, Key="ready", Body=b"ready")
+            client.delete_object(Bucket=bucket, Key="ready")
+        finally:
+            client.close()
+
+
+@contextmanager
+def running_seaweed(folder: Path) -> Generator[Seaweed]:
+    """Starts a server that keeps its data in the folder, waits until it takes writes, and kills it at the end."""
+    ports: dict[str, int] = dict(zip(_PORTS, _free_ports(len(_PORTS)), strict=True))
+    with (folder / "weed.log").open("wb") as log:
+        process = subprocess.Popen(_command(folder, ports), stdout=log, stderr=log, cwd=folder)
+        try:
+            server = Seaweed(f"http://127.0.0.1:{ports['s3']}", process)
+            _wait(server, folder / "weed.log")
+            yield server
+        finally:
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def _command(folder: Path, ports: dict[str, int]) -> list[str]:
+    identities = [
+        _identity("writer", ACCESS_KEY, SECRET_KEY, ["Admin", "Read", "Write", "List", "Tagging"]),
+        _identity("reader", READER_KEY, READER_SECRET, ["Read", "List"]),
+    ]
+    (folder / "s3.json").write_text(json.dumps({"identities": identities}))
+    data = folder / "data"
+    data.mkdir()
+    options = {
+        "ip": "127.0.0.1",
+        "ip.bind": "127.0.0.1",
+        "dir": data,
+        **{
+            name.replace(".grpc", ".port.grpc") if name.endswith(".grpc") else f"{name}.port": port
+            for name, port in ports.items()
+        },
+        "volume.max": 100,
+        "master.volumeSizeLimitMB": 64,
+        "master.electionTimeout": "1s",
+        "volume.preStopSeconds": 0,
+        "filer": "true",
+        "filer.localSocket": folder / "filer.sock",
+        "s3": "true",
+        "s3.port.iceberg": 0,
+        "s3.port.lance": 0,
+        "s3.config": folder / "s3.json",
+        "s3.iam": "false",
+        "s3.localSocket": folder / "s3.sock",
+        "master.telemetry": "false",
+    }
+    weed = Path(sysconfig.get_path("scripts")) / "weed"
+    return [str(weed), "-logtostderr=true", "server", *(f"-{name}={value}" for name, value in options.items())]
+
+
+def _identity(name: str, key: str, secret: str, actions: list[str]) -> dict[str, object]:
+    return {"name": name, "credentials": [{"accessKey": key, "secretKey": secret}], "actions": actions}
+
+
+def _wait(server: Seaweed, log: Path) -> None:
+    end_s = time.monotonic() + _START_S
+    for attempt in count():
+        try:
+            server.make_bucket(f"ready-{attempt}")
+        except (BotoCoreError, ClientError) as exc:
+            if server.process.poll() is not None or time.monotonic() > end_s:
+                raise RuntimeError(f"SeaweedFS did not start:\n{log.read_text()[-4000:]}") from exc
+            time.sleep(0.2)
+        else:
+            return
+
+
+def _free_ports(number: int) -> list[int]:
+    # All held open until all are known, so that none is given twice.
+    with ExitStack() as held:
+        sockets = [held.enter_context(socket.socket()) for _ in range(number)]
+        for each in sockets:
+            each.bind(("127.0.0.1", 0))
+        return [each.getsockname()[1] for each in sockets]
