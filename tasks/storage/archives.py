@@ -1,0 +1,180 @@
+"""Archives of bundles: written the same way every time, and unpacked without trusting what is inside.
+
+A bundle is a plain tar: uncompressed, so what comes out can never be larger than what came in, and the same folder
+gives the same bytes on every machine, whatever its version of zlib. The extractor writes every byte itself: ``tarfile``
+only reads the headers, because its own filters have been bypassed before.
+"""
+
+import hashlib
+import os
+import shutil
+import tarfile
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from specs.errors import BundleRefused
+from tasks.storage.atomic import settle, settle_names
+
+_BLOCK_BYTES = 1 << 20
+_NAME_BYTES = 255
+_FILES = (tarfile.REGTYPE, tarfile.AREGTYPE)
+_CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+@dataclass(frozen=True)
+class ArchiveLimits:
+    """How much an archive may hold.
+
+    Attributes:
+        total_bytes: Of all files together.
+        entries: Files and directories.
+        depth: Levels of directories.
+    """
+
+    total_bytes: int = 2 << 30
+    entries: int = 20_000
+    depth: int = 32
+
+
+LIMITS = ArchiveLimits()
+
+
+def digest_of(path: Path) -> str:
+    """Returns the SHA-256 of a file as 64 hexadecimal digits.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    with path.open("rb") as source:
+        return hashlib.file_digest(source, "sha256").hexdigest()
+
+
+def install(
+    archive: Path,
+    digest: str,
+    target: Path,
+    *,
+    limits: ArchiveLimits = LIMITS,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> None:
+    """Unpacks an archive so that the folder is there whole or not at all, even when the power fails.
+
+    Does nothing when the folder is there already: a folder gets its name only when it is complete.
+
+    Args:
+        archive: A plain tar.
+        digest: The SHA-256 it must have.
+        target: The folder to make; its parent exists.
+        limits: How much it may hold.
+        progress: Called with the bytes written so far and the size of the archive.
+
+    Raises:
+        BundleRefused: The digest is another, or the archive holds what no bundle may.
+    """
+    if target.is_dir():
+        return
+    if (found := digest_of(archive)) != digest:
+        raise BundleRefused(f"the bundle has digest {found}, expected {digest}: it was changed or cut short")
+    temporary = target.with_name(f"{target.name}.{uuid.uuid4().hex[:8]}.tmp")
+    try:
+        extract(archive, temporary, limits=limits, progress=progress)
+        for folder, _, _ in os.walk(temporary):
+            settle_names(Path(folder))
+        _rename_unless_there(temporary, target)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    settle_names(target.parent)
+
+
+def extract(
+    archive: Path,
+    target: Path,
+    *,
+    limits: ArchiveLimits = LIMITS,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> None:
+    """Unpacks regular files and directories of a tar into a new folder; refuses everything else.
+
+    Files become 0644, or 0755 when the archive has them executable. What was unpacked before a refusal is the caller's
+    to remove.
+
+    Raises:
+        BundleRefused: Not a plain tar, or with a link, a device, a sparse file, a duplicate, a name outside the folder,
+            or more than the limits.
+        FileExistsError: The folder exists.
+    """
+    target.mkdir(mode=0o755)
+    size = archive.stat().st_size
+    written = 0
+    try:
+        with tarfile.open(archive, mode="r:") as tar:
+            for member in _members(tar, limits):
+                written += _write_member(tar, member, target, limits)
+                progress(written, size)
+    except tarfile.TarError as exc:
+        raise BundleRefused(f"the bundle is not a plain tar archive: {exc}") from exc
+    except (OSError, UnicodeError) as exc:
+        raise BundleRefused(f"the bundle cannot be unpacked: {exc}") from exc
+
+
+def _members(tar: tarfile.TarFile, limits: ArchiveLimits) -> Iterator[tarfile.TarInfo]:
+    total_bytes = 0
+    for count, member in enumerate(tar, start=1):
+        if count > limits.entries:
+            raise BundleRefused(f"the bundle holds more than {limits.entries} entries")
+        if member.size < 0:
+            raise BundleRefused(f"{member.name!r} in the bundle has a negative size")
+        total_bytes += member.size
+        if total_bytes > limits.total_bytes:
+            raise BundleRefused(f"the bundle unpacks to more than {limits.total_bytes} bytes")
+        yield member
+
+
+def _write_member(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path, limits: ArchiveLimits) -> int:
+    """Returns how many bytes were written for one entry."""
+    path = target.joinpath(*safe_parts(member.name, limits.depth))
+    if member.type == tarfile.DIRTYPE:
+        path.mkdir(mode=0o755, parents=True, exist_ok=True)
+        return 0
+    if member.type not in _FILES or member.issparse():
+        raise BundleRefused(f"{member.name!r} in the bundle is neither a regular file nor a directory")
+    path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+    _write_file(tar, member, path)
+    return member.size
+
+
+def _write_file(tar: tarfile.TarFile, member: tarfile.TarInfo, path: Path) -> None:
+    source = tar.extractfile(member)
+    if source is None:
+        raise BundleRefused(f"{member.name!r} in the bundle has no content")
+    descriptor = os.open(path, _CREATE, 0o755 if member.mode & 0o111 else 0o644)
+    with os.fdopen(descriptor, "wb") as sink:
+        shutil.copyfileobj(source, sink, _BLOCK_BYTES)
+        if sink.tell() != member.size:
+            raise BundleRefused(f"{member.name!r} in the bundle is cut short")
+        settle(sink)
+
+
+def safe_parts(name: str, depth: int = LIMITS.depth) -> tuple[str, ...]:
+    """Returns the parts of a relative path that stays below where it starts.
+
+    Raises:
+        BundleRefused: Absolute, climbing, empty, too deep, or with characters that no file name of a bundle needs.
+    """
+    parts = tuple(name.removesuffix("/").split("/"))
+    climbing = any(part in {"", ".", ".."} for part in parts)
+    unsafe = any(not part.isprintable() or "\\" in part or len(part.encode()) > _NAME_BYTES for part in parts)
+    if climbing or unsafe or len(parts) > depth:
+        raise BundleRefused(f"{name!r} in the bundle is no relative path below the bundle's folder")
+    return PurePosixPath(*parts).parts
+
+
+def _rename_unless_there(temporary: Path, target: Path) -> None:
+    try:
+        temporary.rename(target)
+    except OSError:
+        # Renaming onto a folder with content fails: another process was first, with the same bytes.
+        if not target.is_dir():
+            raise

@@ -1,0 +1,139 @@
+import hashlib
+import io
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from specs.errors import BundleRefused
+from tasks.storage.archives import ArchiveLimits, digest_of, extract, install
+
+
+def _file(name: str, body: bytes = b"x", mode: int = 0o644) -> tuple[tarfile.TarInfo, bytes]:
+    member = tarfile.TarInfo(name)
+    member.size, member.mode = len(body), mode
+    return member, body
+
+
+def _special(name: str, type_: bytes, link: str = "") -> tuple[tarfile.TarInfo, bytes]:
+    member = tarfile.TarInfo(name)
+    member.type, member.linkname = type_, link
+    return member, b""
+
+
+def _tar(folder: Path, *members: tuple[tarfile.TarInfo, bytes], mode: Literal["w", "w:gz"] = "w") -> Path:
+    path = folder / "bundle.tar"
+    with tarfile.open(path, mode) as tar:
+        for member, body in members:
+            tar.addfile(member, io.BytesIO(body))
+    return path
+
+
+CORPUS: dict[str, Callable[[Path], Path]] = {
+    "climbs with dots": lambda folder: _tar(folder, _file("../escaped")),
+    "climbs in the middle": lambda folder: _tar(folder, _file("a/../../escaped")),
+    "is absolute": lambda folder: _tar(folder, _file(str(folder / "escaped"))),
+    "has a backslash": lambda folder: _tar(folder, _file("..\\escaped")),
+    "has an empty part": lambda folder: _tar(folder, _file("a//escaped")),
+    "has a line feed": lambda folder: _tar(folder, _file("a\nb")),
+    "has no name": lambda folder: _tar(folder, _file("./")),
+    "holds a symbolic link": lambda folder: _tar(folder, _special("escaped", tarfile.SYMTYPE, "/etc")),
+    "writes through a symbolic link": lambda folder: _tar(
+        folder, _special("door", tarfile.SYMTYPE, ".."), _file("door/escaped")
+    ),
+    "holds a hard link": lambda folder: _tar(folder, _file("a"), _special("b", tarfile.LNKTYPE, "a")),
+    "holds a character device": lambda folder: _tar(folder, _special("null", tarfile.CHRTYPE)),
+    "holds a block device": lambda folder: _tar(folder, _special("disk", tarfile.BLKTYPE)),
+    "holds a pipe": lambda folder: _tar(folder, _special("pipe", tarfile.FIFOTYPE)),
+    "holds a sparse file": lambda folder: _tar(folder, _special("sparse", tarfile.GNUTYPE_SPARSE)),
+    "writes a file twice": lambda folder: _tar(folder, _file("a"), _file("a", b"other")),
+    "uses a file as a folder": lambda folder: _tar(folder, _file("a"), _file("a/b")),
+    "is compressed": lambda folder: _tar(folder, _file("a", b"0" * 100_000), mode="w:gz"),
+    "is deep": lambda folder: _tar(folder, _file("/".join("a" * 40))),
+    "has a long name": lambda folder: _tar(folder, _file("a" * 300)),
+}
+
+
+@pytest.mark.parametrize("name", CORPUS)
+def test_an_archive_is_refused_and_nothing_escapes_when_it(name: str, tmp_path: Path) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    archive = CORPUS[name](inside)
+    before = sorted(path for path in tmp_path.rglob("*"))
+
+    with pytest.raises(BundleRefused):
+        install(archive, digest_of(archive), inside / "out")
+
+    assert sorted(path for path in tmp_path.rglob("*")) == before
+
+
+def test_a_truncated_archive_is_refused(tmp_path: Path) -> None:
+    archive = _tar(tmp_path, _file("a", b"0" * 5000))
+    archive.write_bytes(archive.read_bytes()[:2000])
+
+    with pytest.raises(BundleRefused, match=r"cannot be unpacked|cut short|tar"):
+        extract(archive, tmp_path / "out")
+
+
+def test_bytes_that_are_no_archive_are_refused(tmp_path: Path) -> None:
+    archive = tmp_path / "noise"
+    archive.write_bytes(hashlib.sha512(b"noise").digest() * 100)
+
+    with pytest.raises(BundleRefused, match="plain tar"):
+        extract(archive, tmp_path / "out")
+
+
+def test_more_bytes_than_allowed_are_refused_before_they_are_written(tmp_path: Path) -> None:
+    archive = _tar(tmp_path, _file("a", b"0" * 600), _file("b", b"0" * 600))
+
+    with pytest.raises(BundleRefused, match="1000 bytes"):
+        extract(archive, tmp_path / "out", limits=ArchiveLimits(total_bytes=1000))
+
+    assert not (tmp_path / "out" / "b").exists()
+
+
+def test_more_entries_than_allowed_are_refused(tmp_path: Path) -> None:
+    archive = _tar(tmp_path, *[_file(f"f{number}") for number in range(5)])
+
+    with pytest.raises(BundleRefused, match="4 entries"):
+        extract(archive, tmp_path / "out", limits=ArchiveLimits(entries=4))
+
+
+def test_files_keep_their_content_and_only_the_executable_bit_of_their_mode(tmp_path: Path) -> None:
+    archive = _tar(tmp_path, _file("a/run.sh", b"#!/bin/sh\n", 0o4777), _file("a/data", b"1", 0o666))
+
+    extract(archive, tmp_path / "out")
+
+    assert (tmp_path / "out/a/run.sh").read_bytes() == b"#!/bin/sh\n"
+    assert (tmp_path / "out/a/run.sh").stat().st_mode & 0o7777 == 0o755
+    assert (tmp_path / "out/a/data").stat().st_mode & 0o7777 == 0o644
+
+
+def test_an_archive_with_another_digest_is_not_installed(tmp_path: Path) -> None:
+    archive = _tar(tmp_path, _file("a"))
+
+    with pytest.raises(BundleRefused, match="changed or cut short"):
+        install(archive, "0" * 64, tmp_path / "out")
+
+    assert not (tmp_path / "out").exists()
+
+
+def test_installing_twice_leaves_the_first_as_it_is(tmp_path: Path) -> None:
+    archive = _tar(tmp_path, _file("a"))
+    install(archive, digest_of(archive), tmp_path / "out")
+    before = (tmp_path / "out/a").stat().st_ino
+
+    install(archive, digest_of(archive), tmp_path / "out")
+
+    assert (tmp_path / "out/a").stat().st_ino == before
+
+
+def test_progress_ends_with_all_the_bytes_written(tmp_path: Path) -> None:
+    archive = _tar(tmp_path, _file("a", b"123"), _file("b", b"45"))
+    seen: list[int] = []
+
+    extract(archive, tmp_path / "out", progress=lambda done, _total: seen.append(done))
+
+    assert seen == [3, 5]
