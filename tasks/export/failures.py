@@ -1,0 +1,31 @@
+"""What RoboMaker calls the reasons for which an export fails (WorldExportJobErrorCode)."""
+
+from specs.errors import (
+    DocumentError,
+    ObjectNotFound,
+    ResourceNotFound,
+    SimyardError,
+    StoreAccessDenied,
+    StoreUnreachable,
+)
+
+_LONGEST_REASON = 1024  # GenericString
+
+# The first that fits counts, so a subclass stands before its base.
+_CODES: tuple[tuple[type[SimyardError], str], ...] = (
+    (StoreAccessDenied, "AccessDenied"),
+    (ObjectNotFound, "ResourceNotFound"),
+    (StoreUnreachable, "ResourceNotFound"),  # a bucket that is gone (semantics 7)
+    (ResourceNotFound, "ResourceNotFound"),
+    (DocumentError, "InvalidInput"),
+)
+
+
+def failure_code(error: SimyardError) -> str:
+    """Returns RoboMaker's code for what went wrong; InternalServiceError for what no other fits."""
+    return next((code for kind, code in _CODES if isinstance(error, kind)), "InternalServiceError")
+
+
+def failure_reason(error: SimyardError) -> str:
+    """Returns the error as one line of at most 1,024 characters, as RoboMaker's failureReason must be."""
+    return " ".join(str(error).split())[:_LONGEST_REASON]

@@ -1,0 +1,152 @@
+"""An export job: worlds out of the store, one zip and the floor plans into a bucket.
+
+The keys of everything that is written come from the job's id and the bytes from the worlds alone, so a job that was
+killed anywhere is simply done again over itself.
+"""
+
+import logging
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Sequence
+from pathlib import Path
+
+from pydantic import JsonValue, ValidationError
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.digests import canonical_document
+from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, SimyardError
+from specs.pipeline_worlds import WorldFormat
+from specs.world import World
+from specs.world_jobs import CreateWorldExportJobRequest
+from tasks.export.bundle import write_zip
+from tasks.export.failures import failure_code, failure_reason
+from tasks.export.svg import floor_plan_svg
+from tasks.storage.buckets import open_bucket
+from tasks.storage.claim import claimed
+from tasks.storage.keys import claim_key, output_key, world_key
+from tasks.storage.records import JobKind, JobRecord, advance, is_terminal, read, submit
+from tasks.storage.store import Store
+
+KIND: JobKind = "world-export-job"
+Progress = Callable[[int, int], None]
+
+_log = logging.getLogger(__name__)
+
+
+def run_export_job(
+    store: Store,
+    request: CreateWorldExportJobRequest,
+    *,
+    formats: Collection[WorldFormat],
+    token: str,
+    progress: Progress,
+) -> JobRecord:
+    """Returns the record of the export job, ended: Completed, Failed or Canceled.
+
+    Args:
+        store: Where the worlds and the record are.
+        request: RoboMaker's request; its worlds are ARNs or ``<generation>/<world>``.
+        formats: What each world is written as; part of what the token stands for.
+        token: The client request token.
+        progress: Told how many of how many worlds are written.
+
+    Raises:
+        IdempotentParameterMismatch: The token came with another request before.
+        StoreError: The store itself, which holds the record, cannot be written; the job can be run again.
+    """
+    document: dict[str, JsonValue] = {**canonical_document(request), "formats": [*sorted(set(formats))]}
+    job = submit(store, KIND, document, token).id
+    with claimed(store, claim_key(KIND, job)):
+        record = read(store, KIND, job)
+        if is_terminal(record):
+            return record
+        if record.status == "Canceling":
+            return advance(store, KIND, job, "Canceled")
+        advance(store, KIND, job, "Running")
+        try:
+            detail = _export(store, request, formats, job, progress)
+        except SimyardError as exc:
+            _log.warning("export %s failed: %s", job, exc)
+            return advance(
+                store, KIND, job, "Failed", failure_code=failure_code(exc), failure_reason=failure_reason(exc)
+            )
+        return _ended(store, job, detail)
+
+
+def _ended(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecord:
+    if read(store, KIND, job).status == "Canceling":
+        return advance(store, KIND, job, "Canceled")
+    return advance(store, KIND, job, "Completed", detail=detail)
+
+
+def _export(
+    store: Store,
+    request: CreateWorldExportJobRequest,
+    formats: Collection[WorldFormat],
+    job: str,
+    progress: Progress,
+) -> dict[str, JsonValue]:
+    references = _references(request.worlds)
+    bucket = open_bucket(store, request.outputLocation.s3Bucket or "")
+    prefix = request.outputLocation.s3Prefix
+    plans: dict[str, str] = {}
+
+    def read_worlds() -> Iterator[World]:
+        for number, reference in enumerate(references, start=1):
+            world = _world(store, reference)
+            if "svg" in formats:
+                plans[_plan_name(reference, references)] = floor_plan_svg(world)
+            yield world
+            progress(number, len(references))
+
+    with tempfile.TemporaryDirectory(prefix="simyard-export-") as folder:
+        target = Path(folder) / f"{job}.zip"
+        sha256 = write_zip(read_worlds(), formats, target)
+        zip_key = output_key(prefix, target.name)
+        bucket.upload(zip_key, target)
+    urls: list[JsonValue] = []
+    for name, plan in plans.items():
+        key = output_key(prefix, f"{job}/{name}")
+        bucket.put(key, plan.encode())
+        urls.append(f"{bucket.url}/{key}")
+    return {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256}
+
+
+def _references(worlds: Sequence[str]) -> list[str]:
+    """Returns each world once as ``<generation>/<world>``, sorted, so that the order asked for changes no byte."""
+    faults: list[Fault] = []
+    found: set[str] = set()
+    for number, text in enumerate(worlds):
+        try:
+            reference = parse_reference(text)
+        except ValueError as exc:
+            faults.append(Fault(path=f"worlds[{number}]", value=text, allowed=str(exc)))
+            continue
+        if reference.kind not in (None, "world") or reference.path.count("/") != 1:
+            faults.append(
+                Fault(path=f"worlds[{number}]", value=text, allowed="a world: <generation>/<world> or its ARN")
+            )
+        found.add(reference.path)
+    if faults:
+        raise DocumentError(faults, source="CreateWorldExportJob")
+    return sorted(found)
+
+
+def _world(store: Store, reference: str) -> World:
+    generation, name = reference.split("/")
+    try:
+        body = store.get(world_key(generation, name)).body
+    except ObjectNotFound as exc:
+        fault = Fault(path="worlds", value=reference, allowed=f"a world in {store.url}; see simyard list worlds")
+        raise ResourceNotFound([fault], source="CreateWorldExportJob") from exc
+    try:
+        return World.model_validate_json(body)
+    except ValidationError as exc:
+        fault = Fault(path="worlds", value=reference, allowed="a world that this version of Simyard wrote")
+        raise DocumentError([fault], source=store.url) from exc
+
+
+def _plan_name(reference: str, references: Sequence[str]) -> str:
+    """Returns ``<world>.svg``, below the generation's name where the job has worlds of several."""
+    generations = {other.split("/")[0] for other in references}
+    return f"{reference if len(generations) > 1 else reference.split('/')[1]}.svg"

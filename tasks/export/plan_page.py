@@ -1,0 +1,134 @@
+"""The sheet that a floor plan is drawn on: metres to page units, elements, and text that fits.
+
+SVG 2 (W3C Candidate Recommendation 2018) counts y downwards, worlds count it upwards; `Sheet` is the one place where it
+is turned. A page unit is a CSS pixel; the plan's longer side always takes the same number of them, so that type and
+lines have one size whatever the apartment's.
+"""
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from xml.etree import ElementTree as ET
+
+from specs.world import Rectangle
+
+# What XML 1.0 (5th edition, production 2) does not allow in a document, escaped or not.
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_EM_PER_CHARACTER = 0.57  # mean of a sans-serif face, on the wide side
+_WIDE = ("W", "F")
+
+Attributes = dict[str, str | float]
+"""Attributes of an element, by their Python names (`element`)."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle in page units, y downwards."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    @property
+    def width(self) -> float:
+        """Returns the extent along x."""
+        return self.right - self.left
+
+    @property
+    def height(self) -> float:
+        """Returns the extent along y."""
+        return self.bottom - self.top
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """Returns the middle."""
+        return (self.left + self.right) / 2, (self.top + self.bottom) / 2
+
+    def overlap(self, other: "Box") -> float:
+        """Returns the area that both cover."""
+        width = min(self.right, other.right) - max(self.left, other.left)
+        height = min(self.bottom, other.bottom) - max(self.top, other.top)
+        return max(0.0, width) * max(0.0, height)
+
+    def grown(self, margin: float) -> "Box":
+        """Returns the box with every side moved outwards."""
+        return Box(self.left - margin, self.top - margin, self.right + margin, self.bottom + margin)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Where the world lies on the page.
+
+    Attributes:
+        units_per_m: Page units a metre.
+        left: Page x of the world's ``x_min_m``.
+        top: Page y of the world's ``y_max_m``.
+    """
+
+    x_min_m: float
+    y_max_m: float
+    units_per_m: float
+    left: float
+    top: float
+
+    def x(self, x_m: float) -> float:
+        """Returns the page x of a world x."""
+        return self.left + (x_m - self.x_min_m) * self.units_per_m
+
+    def y(self, y_m: float) -> float:
+        """Returns the page y of a world y."""
+        return self.top + (self.y_max_m - y_m) * self.units_per_m
+
+    def box(self, area: Rectangle) -> Box:
+        """Returns the page box of a rectangle on the floor."""
+        return Box(self.x(area.x_min_m), self.y(area.y_max_m), self.x(area.x_max_m), self.y(area.y_min_m))
+
+
+def element(parent: ET.Element, tag: str, text: str = "", /, **attributes: str | float) -> ET.Element:
+    """Returns a new child of ``parent``; ``stroke_width=2`` becomes ``stroke-width="2"``."""
+    written = {key.rstrip("_").replace("_", "-"): written_as(value) for key, value in attributes.items()}
+    child = ET.SubElement(parent, tag, written)
+    if text:
+        child.text = printable(text)
+    return child
+
+
+def rectangle(parent: ET.Element, box: Box, /, **attributes: str | float) -> ET.Element:
+    """Returns a new ``rect`` over a page box."""
+    return element(parent, "rect", "", x=box.left, y=box.top, width=box.width, height=box.height, **attributes)
+
+
+def printable(text: str) -> str:
+    """Returns the text with every character that XML forbids replaced by U+FFFD."""
+    return _NOT_XML.sub("\ufffd", text)
+
+
+def written_as(value: str | float) -> str:
+    """Returns an attribute's value: text as it is but printable, numbers with at most two decimals."""
+    if isinstance(value, str):
+        return printable(value)
+    # Adding zero makes the negative zero that rounding leaves a plain one.
+    return f"{round(value, 2) + 0.0:.2f}".rstrip("0").rstrip(".")
+
+
+def text_width(text: str, size: float) -> float:
+    """Returns an estimate, rather too wide than too narrow, of a line's width in a sans-serif face of that size."""
+    ems = sum(1.05 if unicodedata.east_asian_width(character) in _WIDE else _EM_PER_CHARACTER for character in text)
+    return ems * size
+
+
+def fitted(text: str, size: float, width: float) -> str:
+    """Returns the text, cut and ended with an ellipsis where it is wider than ``width``."""
+    text = " ".join(text.split())
+    if text_width(text, size) <= width:
+        return text
+    while text and text_width(text + "…", size) > width:
+        text = text[:-1]
+    return text.rstrip() + "…"
+
+
+def css_color(color: tuple[float, float, float], towards_white: float = 0.0) -> str:
+    """Returns ``#rrggbb`` of an sRGB colour, mixed with white by a share 0-1."""
+    mixed = (channel + (1.0 - channel) * towards_white for channel in color)
+    return "#" + "".join(f"{round(255 * min(1.0, max(0.0, channel))):02x}" for channel in mixed)
