@@ -1,0 +1,90 @@
+"""Where a round robot can drive: a grid of distances to the nearest solid, and what hangs together at a radius.
+
+Everything is on the safe side: a cell that a solid touches is taken whole, and distances are shortened by what a
+grid can hide, so a radius found here is one that really passes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from specs.world import Solid
+from tasks.worlds.geometry import Box
+from tasks.worlds.overlaps import bounds
+
+CELL_M = 0.05
+HEADROOM_M = 2.0
+"""Solids that begin above this are in nobody's way: lintels."""
+# A free cell's centre is this much nearer to a solid than to the centre of the cell that the solid touches, at most
+# (half a diagonal), and a straight step between two centres comes nearer by half a cell at most.
+_GRID_SLACK_M = CELL_M * (2**-0.5 + 0.5)
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Distances on the grid.
+
+    Attributes:
+        origin: Lower left corner of the first cell (metres).
+        distance_m: For each cell (x, y), how large a robot's radius may be there.
+        covered: Cells whose centre is under or in a solid.
+    """
+
+    origin: tuple[float, float]
+    distance_m: Float[np.ndarray, "x y"]
+    covered: Bool[np.ndarray, "x y"]
+
+    def cells(self, box: Box) -> tuple[slice, slice]:
+        """Returns the cells whose centres lie in a box."""
+        x, y = self.origin
+        return (
+            slice(
+                max(int(np.ceil((box.x_min - x) / CELL_M - 0.5)), 0),
+                max(int(np.floor((box.x_max - x) / CELL_M + 0.5)), 0),
+            ),
+            slice(
+                max(int(np.ceil((box.y_min - y) / CELL_M - 0.5)), 0),
+                max(int(np.floor((box.y_max - y) / CELL_M + 0.5)), 0),
+            ),
+        )
+
+    def reached(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
+        """Returns the cells that a robot of that radius gets to from (0, 0)."""
+        labels: Int[np.ndarray, "x y"] = np.zeros(self.distance_m.shape, dtype=np.int32)
+        ndimage.label(self.distance_m >= radius_m, output=labels)
+        start = labels[int(-self.origin[0] // CELL_M), int(-self.origin[1] // CELL_M)]
+        return (labels == start) & (labels > 0)
+
+
+def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
+    """Returns the distances inside a footprint, to solids that are in a robot's way."""
+    size = (int(np.ceil(footprint.width / CELL_M)), int(np.ceil(footprint.height / CELL_M)))
+    touched, covered = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+    low = [solid for solid in solids if solid.center_m[2] - solid.half_extents_m[2] < HEADROOM_M]
+    x, y = footprint.x_min, footprint.y_min
+    for solid in low:
+        x_min, y_min, _, x_max, y_max, _ = bounds(solid)
+        rows = slice(max(int((x_min - x) / CELL_M), 0), int(np.ceil((x_max - x) / CELL_M)))
+        columns = slice(max(int((y_min - y) / CELL_M), 0), int(np.ceil((y_max - y) / CELL_M)))
+        touched[rows, columns] = True
+    clear = Clearance((x, y), touched, covered)
+    for solid in low:
+        x_min, y_min, _, x_max, y_max, _ = bounds(solid)
+        covered[clear.cells(Box(x_min, y_min, x_max, y_max))] = True
+    distance = ndimage.distance_transform_edt(~touched, sampling=CELL_M)
+    return Clearance((x, y), np.asarray(distance) - _GRID_SLACK_M, covered)
+
+
+def reaches_room(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floor: Box, radius_m: float) -> bool:
+    """Returns whether a robot gets its whole disc into a room."""
+    return bool(reached[clearance.cells(floor.grown(-radius_m))].any())
+
+
+def connected_share(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floor: Box, radius_m: float) -> float:
+    """Returns how much of a room's floor that is free for a robot can be reached, 0-1."""
+    cells = clearance.cells(floor)
+    free = clearance.distance_m[cells] >= radius_m
+    return float(reached[cells].sum()) / max(int(free.sum()), 1)

@@ -1,0 +1,72 @@
+"""Axis-aligned boxes on the floor, and the tolerances that all of generation shares."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+EPSILON_M = 1e-6
+QUARTER_TURN_RAD = 1.5707963267948966
+
+
+class Box(NamedTuple):
+    """An axis-aligned rectangle on the floor, by its corners (metres)."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+
+    @property
+    def width(self) -> float:
+        """Extent along x (metres)."""
+        return self.x_max - self.x_min
+
+    @property
+    def height(self) -> float:
+        """Extent along y (metres)."""
+        return self.y_max - self.y_min
+
+    @property
+    def area(self) -> float:
+        """Area (square metres)."""
+        return self.width * self.height
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """The middle (metres)."""
+        return (self.x_min + self.x_max) / 2, (self.y_min + self.y_max) / 2
+
+    def grown(self, by_m: float) -> "Box":
+        """Returns the box with each side moved outwards (inwards when negative)."""
+        return Box(self.x_min - by_m, self.y_min - by_m, self.x_max + by_m, self.y_max + by_m)
+
+    def shifted(self, dx_m: float, dy_m: float) -> "Box":
+        """Returns the box moved."""
+        return Box(self.x_min + dx_m, self.y_min + dy_m, self.x_max + dx_m, self.y_max + dy_m)
+
+    def meets(self, other: "Box") -> bool:
+        """Returns whether the two share more than a border."""
+        return (
+            self.x_min < other.x_max - EPSILON_M
+            and other.x_min < self.x_max - EPSILON_M
+            and self.y_min < other.y_max - EPSILON_M
+            and other.y_min < self.y_max - EPSILON_M
+        )
+
+
+def meeting(boxes: Float[np.ndarray, "many 4"], others: Float[np.ndarray, "some 4"]) -> Bool[np.ndarray, " many"]:
+    """Returns which of the boxes share more than a border with any of the others (rows: x_min, y_min, x_max, y_max)."""
+    a, b = boxes[:, None, :], others[None, :, :]
+    apart = (
+        (a[..., 0] >= b[..., 2] - EPSILON_M)
+        | (b[..., 0] >= a[..., 2] - EPSILON_M)
+        | (a[..., 1] >= b[..., 3] - EPSILON_M)
+        | (b[..., 1] >= a[..., 3] - EPSILON_M)
+    )
+    return np.any(~apart, axis=1)
+
+
+def rounded(value: float, digits: int = 6) -> float:
+    """Returns a number as a document holds it: rounded, and never a negative zero."""
+    return round(float(value), digits) + 0.0

@@ -1,0 +1,24 @@
+"""Random streams: one for each floor plan and each furnished room, so that none depends on how many there are."""
+
+import numpy as np
+
+_FLOOR_PLAN, _MATERIALS, _ROOM = 1, 2, 3
+
+
+def floor_plan_stream(seed: int, floorplan_index: int) -> np.random.Generator:
+    """Returns the stream that draws a floor plan."""
+    return _stream(seed, _FLOOR_PLAN, floorplan_index)
+
+
+def materials_stream(seed: int, floorplan_index: int, interior_index: int) -> np.random.Generator:
+    """Returns the stream that draws an interior's floors and walls."""
+    return _stream(seed, _MATERIALS, floorplan_index, interior_index)
+
+
+def room_stream(seed: int, floorplan_index: int, interior_index: int, room: int, attempt: int) -> np.random.Generator:
+    """Returns the stream that furnishes one room of an interior; each attempt has its own."""
+    return _stream(seed, _ROOM, floorplan_index, interior_index, room, attempt)
+
+
+def _stream(seed: int, *key: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
