@@ -28,6 +28,7 @@ class Piece:
         askew_rad: How far it is turned beyond that.
         body: The axis-aligned box around it.
         front: Floor that is kept free for using it.
+        row: Whether others of a row may stand flush beside it.
     """
 
     type: ModelType
@@ -37,6 +38,7 @@ class Piece:
     askew_rad: float
     body: Box
     front: Box
+    row: bool = False
 
 
 @dataclass
@@ -83,6 +85,7 @@ def place(rng: np.random.Generator, scene: Scene, kind: ModelType, model: Model,
         askew,
         Box(*candidates.bodies[chosen].tolist()),
         Box(*candidates.fronts[chosen].tolist()),
+        model.row,
     )
 
 
@@ -147,14 +150,14 @@ def _spots(
     spots = np.round(np.stack([x, y], axis=1), 3)
     if not model.row:
         return spots, quarters
-    beside, facing = _in_row(scene.pieces, extent)
+    beside, facing = _in_row([piece for piece in scene.pieces if piece.row], extent)
     return np.concatenate([beside, spots]), np.concatenate([facing, quarters])
 
 
 def _in_row(
     pieces: Sequence[Piece], extent: tuple[float, float]
 ) -> tuple[Float[np.ndarray, "some 2"], Int[np.ndarray, " some"]]:
-    """Returns the places flush beside every piece that stands, backs in line."""
+    """Returns the places flush beside every piece of a row, backs in line."""
     spots: list[tuple[float, float]] = []
     facings: list[int] = []
     for piece in pieces:

@@ -118,5 +118,5 @@ def all_connected(adjacent: Bool[np.ndarray, "trees rooms rooms"]) -> Bool[np.nd
     reached = adjacent.copy()
     reached[:, np.arange(rooms), np.arange(rooms)] = True
     for _ in range(3):
-        reached = (reached[:, :, :, None] & reached[:, None, :, :]).any(axis=2)
-    return reached[:, 0].all(axis=1)
+        reached = np.asarray((reached[:, :, :, None] & reached[:, None, :, :]).any(axis=2))
+    return np.asarray(reached[:, 0].all(axis=1))
