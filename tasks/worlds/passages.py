@@ -11,8 +11,8 @@ from tasks.worlds.brief import Brief, PassageKind
 from tasks.worlds.geometry import EPSILON_M, Box
 from tasks.worlds.scoring import DOORWAY_M, JAMB_M, OPENING_MIN_M, WALL_M
 
-_OPENING_MAX_M = 3.0
-_OPENING_SHARE = 0.7
+_OPENING_MAX_M = 4.0
+_OPENING_SHARE = 0.85
 # How unlike people's homes a doorway between two types is; the cheapest spanning tree is built.
 _HUBS: dict[RoomType, int] = {
     "Hallway": 0,

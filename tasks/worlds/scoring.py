@@ -104,12 +104,16 @@ def score_shapes(layouts: Layouts, demands: Demands) -> Float[np.ndarray, " tree
 
 
 def score_connections(layouts: Layouts, demands: Demands) -> Float[np.ndarray, " trees"]:
-    """Returns what missing wall between rooms costs: that wished pairs share, and that makes all rooms reachable."""
-    shared = shared_walls(layouts)
-    wished = demands.shared_m > 0
-    missing = np.maximum(demands.shared_m - shared, 0.0) / np.where(wished, demands.shared_m, 1.0)
-    lacking = (missing > 0).sum(axis=(1, 2)) + missing.sum(axis=(1, 2))
-    return CONNECTION * lacking + HARD * ~all_connected(shared >= DOORWAY_M + 2 * JAMB_M)
+    """Returns what it costs that wished pairs share too little wall."""
+    if not demands.shared_m.any():
+        return np.zeros(len(layouts.cells))
+    missing = np.maximum(demands.shared_m - shared_walls(layouts), 0.0) / np.maximum(demands.shared_m, DOORWAY_M)
+    return CONNECTION * ((missing > 0).sum(axis=(1, 2)) + missing.sum(axis=(1, 2)))
+
+
+def score_reach(layouts: Layouts) -> Float[np.ndarray, " trees"]:
+    """Returns what it costs that doorways cannot join all rooms."""
+    return HARD * ~all_connected(shared_walls(layouts) >= DOORWAY_M + 2 * JAMB_M)
 
 
 def all_connected(adjacent: Bool[np.ndarray, "trees rooms rooms"]) -> Bool[np.ndarray, " trees"]:

@@ -13,6 +13,7 @@ from tasks.worlds.scoring import (
     Demands,
     demands_of,
     score_connections,
+    score_reach,
     score_shapes,
 )
 from tasks.worlds.slicing import AREA_PASSES, Layouts, lay_out, random_trees
@@ -59,7 +60,8 @@ def _finalists(rng: np.random.Generator, demands: Demands) -> tuple[Layouts, Flo
     chosen = trees[shapely[np.argsort(scores, kind="stable")[:_FINALISTS]]]
     exact = lay_out(chosen, demands.areas_m2, WALL_M, passes=AREA_PASSES)
     layouts = Layouts(np.round(exact.cells, 2), np.round(exact.cuts, 2), exact.vertical)
-    return layouts, score_shapes(layouts, demands) + score_connections(layouts, demands)
+    wishes = score_shapes(layouts, demands) + score_connections(layouts, demands)
+    return layouts, wishes + score_reach(layouts)
 
 
 def _footprint_aspects(rng: np.random.Generator, wished: float, count: int) -> Float[np.ndarray, " count"]:

@@ -94,28 +94,27 @@ def _cut(trees: Trees, cell_areas: Float[np.ndarray, "trees rooms"]) -> Layouts:
     summed = np.zeros((count, rooms + 1))
     np.cumsum(np.take_along_axis(cell_areas, trees.order, axis=1), axis=1, out=summed[:, 1:])
     width = np.sqrt(summed[:, -1] * trees.aspect)
-    cells = np.zeros((count, rooms, 4))
-    cells[:, :, 2] = width[:, None]
-    cells[:, :, 3] = (summed[:, -1] / width)[:, None]
     first, last = np.zeros((count, rooms), dtype=int), np.full((count, rooms), rooms)
+    # Lower and upper sides of every cell, by axis (x, y).
+    low = [np.zeros((count, rooms)), np.zeros((count, rooms))]
+    high = [np.repeat(each[:, None], rooms, axis=1) for each in (width, summed[:, -1] / width)]
     cuts = np.zeros((count, rooms - 1, 3))
     for cut in range(rooms - 1):
-        at = trees.position[:, cut]
-        piece = cells[every, at]
+        at, vertical = trees.position[:, cut], trees.vertical[:, cut]
         begin, end = first[every, at], last[every, at]
         share = (summed[every, at] - summed[every, begin]) / (summed[every, end] - summed[every, begin])
-        vertical = trees.vertical[:, cut]
-        axis = np.where(vertical, 0, 1)
-        low, high = piece[every, axis], piece[every, axis + 2]
-        line = low + share * (high - low)
+        sides = [(low[axis][every, at], high[axis][every, at]) for axis in (0, 1)]
+        x, y = (start + share * (stop - start) for start, stop in sides)
         before = (place >= begin[:, None]) & (place < at[:, None])
         after = (place >= at[:, None]) & (place < end[:, None])
-        for side, sign in ((before, 2), (after, 0)):
-            rows, columns = np.nonzero(side)
-            cells[rows, columns, axis[rows] + sign] = line[rows]
+        for axis, line, mine in ((0, x, vertical), (1, y, ~vertical)):
+            high[axis] = np.where(before & mine[:, None], line[:, None], high[axis])
+            low[axis] = np.where(after & mine[:, None], line[:, None], low[axis])
         last = np.where(before, at[:, None], last)
         first = np.where(after, at[:, None], first)
-        cuts[:, cut] = np.stack([line, piece[every, 1 - axis], piece[every, 3 - axis]], axis=1)
-    by_room = np.empty_like(cells)
-    np.put_along_axis(by_room, trees.order[:, :, None], cells, axis=1)
+        cuts[:, cut, 0] = np.where(vertical, x, y)
+        cuts[:, cut, 1] = np.where(vertical, sides[1][0], sides[0][0])
+        cuts[:, cut, 2] = np.where(vertical, sides[1][1], sides[0][1])
+    by_room = np.empty((count, rooms, 4))
+    np.put_along_axis(by_room, trees.order[:, :, None], np.stack([*low, *high], axis=2), axis=1)
     return Layouts(by_room, cuts, trees.vertical)
