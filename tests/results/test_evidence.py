@@ -1,0 +1,63 @@
+"""Evidence: everything the verdict rests on, the same bytes for the same facts, other bytes for any other."""
+
+from pathlib import Path
+
+import pytest
+
+from specs.pipeline_simulation import SuccessRate
+from tasks.results.evidence import Evidence, encode_evidence, evidence_digest, gather, read_evidence, write_evidence
+from tasks.results.gate import judge
+from tasks.storage.opening import open_store
+from tests.episodes_factory import batch, request
+
+RULE = SuccessRate(atLeast=0.9)
+WORLDS = {"wgj-1/world-1-1": "c" * 64, "wgj-1/world-2-1": "d" * 64, "wgj-1/unused": "e" * 64}
+FILES = {"results.parquet": "f" * 64}
+
+
+def evidence(successes: int = 40, worlds: dict[str, str] | None = None) -> Evidence:
+    requests = [
+        request(index, seed=index % 3, world=f"wgj-1/world-{1 + index % 2}-1", environment={"MAX_SPEED": "0.3"})
+        for index in range(40)
+    ]
+    return gather(
+        "simb-1",
+        requests,
+        RULE,
+        judge(batch(successes, 40 - successes), RULE),
+        worlds=worlds or WORLDS,
+        engine="mjx",
+        versions={"mujoco": "3.17.0"},
+        files=FILES,
+    )
+
+
+def test_it_names_applications_worlds_seeds_and_files():
+    found = evidence()
+    assert [(robot.name, robot.digest) for robot in found.robots] == [("courier", "a" * 64)]
+    assert [simulation.digest for simulation in found.simulations] == ["b" * 64]
+    assert found.worlds == {name: WORLDS[name] for name in ("wgj-1/world-1-1", "wgj-1/world-2-1")}
+    assert (found.seeds, found.environments, found.files) == ((0, 1, 2), {"MAX_SPEED": ("0.3",)}, FILES)
+
+
+def test_the_same_facts_give_the_same_bytes():
+    assert encode_evidence(evidence()) == encode_evidence(evidence(worlds=dict(reversed(WORLDS.items()))))
+
+
+def test_one_other_world_or_episode_gives_another_digest():
+    digests = {
+        evidence_digest(found)
+        for found in (evidence(), evidence(39), evidence(worlds={**WORLDS, "wgj-1/world-1-1": "0" * 64}))
+    }
+    assert len(digests) == 3
+
+
+def test_a_world_without_a_digest_is_refused():
+    with pytest.raises(ValueError, match="world-2-1"):
+        evidence(worlds={"wgj-1/world-1-1": "c" * 64})
+
+
+def test_it_is_read_back_as_it_was_written(tmp_path: Path):
+    store = open_store(tmp_path.as_uri())
+    assert write_evidence(store, evidence()) == f"{store.url}/results/simb-1/evidence.json"
+    assert read_evidence(store, "simb-1") == evidence()

@@ -1,0 +1,46 @@
+"""What is printed of a batch."""
+
+from hypothesis import given
+
+from specs.episode import EpisodeRequest, EpisodeResult
+from tasks.results.summary import summarise, summary_text
+from tests.episodes_factory import canceled, collided, crashed, episodes, passed, request
+
+REQUESTS = [
+    request(index, world=f"wgj-1/world-{index % 2}-1", environment={"MAX_SPEED": speed, "MODE": "a"})
+    for index, speed in enumerate(["0.3", "0.3", "0.6", "0.6", "0.6"])
+]
+RESULTS = [passed(0), passed(1), collided(2), crashed(3), canceled(4)]
+
+
+def test_groups_are_worlds_and_the_values_of_what_varies():
+    summary = summarise(REQUESTS, RESULTS)
+    assert [(group.label, group.successes, group.episodes) for group in summary.by_world] == [
+        ("wgj-1/world-0-1", 1, 2),
+        ("wgj-1/world-1-1", 1, 2),
+    ]
+    [(name, groups)] = summary.by_variable
+    assert name == "MAX_SPEED"
+    assert [(group.label, group.rate) for group in groups] == [("0.3", 1.0), ("0.6", 0.0)]
+
+
+def test_reasons_are_counted_and_cancels_told_apart():
+    total = summarise(REQUESTS, RESULTS).total
+    assert total.reasons == (("RobotApplicationCrash", 1), ("collision", 1))
+    assert (total.episodes, total.canceled) == (4, 1)
+
+
+def test_the_text_is_a_table():
+    lines = summary_text(summarise(REQUESTS, RESULTS)).split("\n")
+    assert lines[0].split() == ["episodes", "passed", "rate", "interval", "why", "not"]
+    assert lines[1].split("  ")[0] == "all"
+    assert "2/4" in lines[1]
+    assert lines[-1].startswith("MAX_SPEED=0.6")
+    assert lines[-1].endswith("1 RobotApplicationCrash, 1 collision, 1 canceled")
+
+
+@given(episodes())
+def test_the_worlds_add_up_to_the_total(drawn: tuple[list[EpisodeRequest], list[EpisodeResult]]):
+    summary = summarise(*drawn)
+    assert sum(group.episodes for group in summary.by_world) == summary.total.episodes
+    assert sum(group.successes for group in summary.by_world) == summary.total.successes
