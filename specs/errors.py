@@ -7,6 +7,7 @@ SimyardError
 │   ├── LimitExceeded                 one more than there may be
 │   └── ResourceNotFound              a document names something that does not exist
 ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
+├── PipelineNotPassed                 the gate refused, or the deployment failed: exit code 1
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
 └── StoreError                        the store could not do it: exit code 3
     ├── StoreUnreachable              no answer, or no such place
@@ -20,6 +21,7 @@ SimyardError
 from collections.abc import Sequence
 
 from specs.base import Fault
+from specs.report import PipelineReport
 
 
 class SimyardError(Exception):
@@ -71,6 +73,19 @@ class StageFailed(SimyardError):  # noqa: N818 - a state, as RoboMaker names it
         self.reason = reason
         self.arn = arn
         super().__init__(f"{code}: {reason}" + (f" ({arn})" if arn else ""))
+
+
+class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
+    """A run came to its end, and what was asked for did not pass.
+
+    Attributes:
+        report: What each stage did.
+    """
+
+    def __init__(self, report: PipelineReport) -> None:
+        self.report = report
+        gate = f"the gate says {report.verdict}" if report.verdict not in (None, "PASS") else "the deployment failed"
+        super().__init__(f"{report.name}: {gate} ({report.run})")
 
 
 class StoreError(SimyardError):

@@ -1,0 +1,194 @@
+"""The command line, `simyard`.
+
+Exit codes: 0 done and passed, 1 the gate or the deployment failed, 2 a bad document or command, 3 a stage failed.
+What a command needs is imported when it runs, so that `--help`, `validate` and `describe` load neither JAX nor Prefect.
+"""
+# ruff: noqa: PLC0415 - see above
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from specs.errors import DocumentError, PipelineNotPassed, SimyardError
+
+app = typer.Typer(
+    help="From a world template to a tested fleet.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+application_app = typer.Typer(help="Publish application bundles.", no_args_is_help=True)
+world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
+app.add_typer(application_app, name="app")
+app.add_typer(world_app, name="world")
+
+Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
+StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+def main() -> None:
+    """Runs the command line and exits with Simyard's codes."""
+    try:
+        app()
+    except PipelineNotPassed as exc:
+        _complain(exc)
+        sys.exit(1)
+    except DocumentError as exc:
+        _complain(exc)
+        sys.exit(2)
+    except SimyardError as exc:
+        _complain(exc)
+        sys.exit(3)
+    except KeyboardInterrupt:
+        _complain("interrupted; the same command continues this run")
+        sys.exit(130)
+
+
+@app.command()
+def run(file: Document, store: StoreUrl = None) -> None:
+    """Run a document from its first section to its last; continues a run that was killed."""
+    from tasks.documents.pipelines import read_pipeline
+
+    from flows.printing import show_report
+    from flows.running import run_document
+
+    console = Console()
+    try:
+        report = run_document(read_pipeline(file), file.resolve().parent, store, console)
+    except PipelineNotPassed as exc:
+        show_report(exc.report, console)
+        raise
+    show_report(report, console)
+
+
+@app.command()
+def plan(file: Document, store: StoreUrl = None) -> None:
+    """Tell what a run of the document would do, and what in it has no effect."""
+    from tasks.documents.pipelines import read_pipeline
+
+    from flows.planning import planned
+    from tasks.storage.opening import open_store
+
+    for line in planned(read_pipeline(file), file.resolve().parent, open_store(store)):
+        typer.echo(line)
+
+
+@app.command()
+def validate(file: Document) -> None:
+    """Check a document and tell all its faults at once."""
+    from tasks.documents.pipelines import read_pipeline
+
+    spec = read_pipeline(file)
+    typer.echo(f"{file}: {spec.name}: valid")
+
+
+@app.command()
+def describe(
+    arn: Annotated[str, typer.Argument(help="An ARN that `simyard run` or `simyard list` printed.")],
+    store: StoreUrl = None,
+) -> None:
+    """Print what RoboMaker's Describe call answers, as JSON."""
+    from flows.inspecting import described
+    from tasks.storage.opening import open_store
+
+    typer.echo(described(open_store(store), arn).model_dump_json(indent=2, exclude_none=True))
+
+
+@app.command("list")
+def list_(
+    kind: Annotated[str, typer.Argument(help="worlds, simulation-job-batches, robots, ...")],
+    store: StoreUrl = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document a line.")] = False,  # noqa: FBT002 - a switch
+) -> None:
+    """List what a store holds of one kind."""
+    from flows.inspecting import listed
+    from flows.printing import json_lines, show_rows
+    from tasks.storage.opening import open_store
+
+    documents = listed(open_store(store), kind)
+    if as_json:
+        for line in json_lines(documents):
+            typer.echo(line)
+        return
+    show_rows([json.loads(line) for line in json_lines(documents)], Console())
+
+
+@app.command()
+def up() -> None:
+    """Start a Prefect server that stays; `simyard run` uses it."""
+    from flows.running import prefect_home
+    from tasks.server.process import keep
+
+    server = keep(prefect_home())
+    typer.echo(f"Prefect: {server.api_url.removesuffix('/api')}  (log: {server.log})")
+    typer.echo(f"export PREFECT_API_URL={server.api_url}")
+
+
+@app.command()
+def down() -> None:
+    """End the server that `simyard up` started."""
+    from flows.running import prefect_home
+    from tasks.server.process import end_kept
+
+    server = end_kept(prefect_home())
+    typer.echo(f"ended {server.api_url}" if server else "no server was running")
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def agent(context: typer.Context) -> None:
+    """Run a robot's agent: --robot NAME --root DIR --store URL."""
+    from tasks.deploy.agent import main as agent_main
+
+    raise typer.Exit(agent_main(context.args))
+
+
+@application_app.command("publish")
+def publish_application(
+    name: Annotated[str, typer.Argument(help="The application's name.")],
+    folder: Annotated[Path, typer.Argument(help="The bundle: robot.xml and its packages, or a scenario.")],
+    kind: Annotated[Literal["robot", "simulation"], typer.Option(help="What the bundle holds.")] = "robot",
+    store: StoreUrl = None,
+) -> None:
+    """Publish a folder as an application's next version; the same content keeps its number."""
+    from tasks.applications.publishing import publish
+    from tasks.storage.opening import open_store
+
+    version = publish(
+        open_store(store), "robot-application" if kind == "robot" else "simulation-application", name, folder
+    )
+    typer.echo(f"{version.name} version {version.number}: {version.digest}")
+
+
+@world_app.command("preview")
+def preview_world(
+    template: Annotated[str, typer.Argument(help="A template: path, ARN, or name.")],
+    output: Annotated[Path, typer.Option(help="The SVG to write.")],
+    seed: Annotated[int, typer.Option(help="The same seed draws the same world.")] = 0,
+    store: StoreUrl = None,
+) -> None:
+    """Draw the first world that a template gives."""
+    from tasks.documents.templates import find_template
+    from tasks.export.svg import floor_plan_svg
+    from tasks.storage.opening import open_store
+    from tasks.worlds.generate import generate_world
+
+    body = find_template(template, open_store(store), Path.cwd())
+    world = generate_world(body, seed=seed, generation="preview", floorplan_index=1, interior_index=1)
+    output.write_text(floor_plan_svg(world))
+    typer.echo(str(output))
+
+
+def _complain(about: object) -> None:
+    Console(stderr=True).print(Text(str(about), style="red"), soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

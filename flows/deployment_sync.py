@@ -1,0 +1,78 @@
+"""A tested version to a fleet, in waves."""
+
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from urllib.parse import unquote
+
+from prefect import flow
+
+from flows.ending import as_run
+from flows.resolving import deployed_version
+from specs.base import Fault
+from specs.bundle import Version
+from specs.digests import canonical_document
+from specs.errors import DocumentError
+from specs.pipeline_requests import deployment_request
+from specs.pipeline_simulation import Deployment, LocalFleet
+from tasks.deploy.local_agents import local_agents
+from tasks.deploy.task import roll_out
+from tasks.storage.cache import cache_folder
+from tasks.storage.opening import open_store, store_id
+from tasks.storage.records import JobRecord
+from tasks.storage.store import Store
+
+
+@flow(name="deployment-sync", persist_result=False)
+def deployment_sync(
+    spec: Deployment,
+    store: str | None = None,
+    tested: dict[str, str] | None = None,
+    token: str | None = None,
+) -> JobRecord:
+    """Returns the deployment job, ended: Succeeded, Failed or Canceled.
+
+    Args:
+        spec: The pipeline's section ``deployment``.
+        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        tested: Digest of each robot application that a batch tested, by name; another digest is refused.
+        token: Given by the pipeline; None makes this a run of its own.
+
+    Raises:
+        DocumentError: The fleet, application or version does not exist, or is not what was tested.
+    """
+    opened = open_store(store)
+    version = deployed_version(spec, opened)
+    _refuse_untested(version, tested or {})
+
+    def work(given: str) -> JobRecord:
+        request = deployment_request(spec, store_id=store_id(opened), version=str(version.number), token=given)
+        with _agents(spec, opened):
+            return roll_out(opened.url, request, digest=version.digest, token=request.clientRequestToken)
+
+    identity = {"spec": canonical_document(spec), "digest": version.digest}
+    return as_run(opened, "deployment-sync", identity, token, work)
+
+
+def agents_folder(store: Store) -> Path:
+    """Returns where robots on this machine keep their versions: with a store in a folder, else in the cache."""
+    if store.url.startswith("file://"):
+        return Path(unquote(store.url.removeprefix("file://"))) / "agents"
+    return cache_folder() / "agents" / store_id(store)
+
+
+def _agents(spec: Deployment, store: Store) -> AbstractContextManager[object]:
+    fleet = spec.fleet
+    if not isinstance(fleet, LocalFleet) or not fleet.localAgents:
+        return nullcontext()
+    return local_agents(store, fleet.name, fleet.localAgents, agents_folder(store))
+
+
+def _refuse_untested(version: Version, tested: dict[str, str]) -> None:
+    digest = tested.get(version.name)
+    if digest not in (None, version.digest):
+        fault = Fault(
+            path="deployment.deploymentApplicationConfigs[0].applicationVersion",
+            value=f"{version.number} ({version.digest[:12]})",
+            allowed=f"the bundle that was tested: {digest}",
+        )
+        raise DocumentError([fault])

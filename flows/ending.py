@@ -1,0 +1,49 @@
+"""How flows of a single stage begin and end: as a run of their own, or as a part of the pipeline's."""
+
+from collections.abc import Callable, Mapping
+
+from pydantic import JsonValue
+
+from specs.errors import DocumentError, StageFailed
+from tasks.storage.records import JobRecord, advance
+from tasks.storage.runs import begun, stage_token
+from tasks.storage.store import Store
+
+_FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
+
+
+def as_run(
+    store: Store, stage: str, identity: Mapping[str, JsonValue], token: str | None, work: Callable[[str], JobRecord]
+) -> JobRecord:
+    """Returns the job that the work ended, in a run of its own when no token says that it is part of another's.
+
+    Work is recognised by its token, so a run that another process ended while this one waited is simply told.
+
+    Args:
+        store: Where runs are recorded.
+        stage: The flow's name.
+        identity: All that decides the outcome, for the run's number.
+        token: The pipeline's token for this stage, or None.
+        work: Does the stage under a token; doing it again changes nothing.
+    """
+    if token is not None:
+        return work(token)
+    with begun(store, {"flow": stage, **identity}) as run:
+        try:
+            record = work(stage_token(run, stage))
+        except (DocumentError, StageFailed) as exc:
+            advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
+            raise
+        advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
+        return record
+
+
+def ended_well(record: JobRecord) -> JobRecord:
+    """Returns the record of a job that made something.
+
+    Raises:
+        StageFailed: The job Failed, TimedOut or was Canceled; carries its code and reason.
+    """
+    if record.status in _FAILED:
+        raise StageFailed(record.failure_code or record.status, record.failure_reason or record.status, record.arn)
+    return record

@@ -1,0 +1,83 @@
+"""The whole document: worlds, export, simulation, gate, deployment."""
+
+from pathlib import Path
+
+from prefect import flow
+from prefect.artifacts import create_table_artifact
+
+from flows.reporting import told
+from flows.resolving import pins
+from flows.stages import deploy, export, generate, judge, simulate
+from specs.digests import canonical_document
+from specs.errors import DocumentError, PipelineNotPassed, StageFailed
+from specs.pipeline import PipelineSpec
+from specs.report import PipelineReport
+from tasks.storage.opening import open_store
+from tasks.storage.records import JobRecord, advance, is_terminal
+from tasks.storage.runs import begun
+from tasks.storage.store import Store
+
+
+@flow(name="pipeline", persist_result=False)
+def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
+    """Returns the report of a run in which everything passed.
+
+    A run that was killed is continued; one that another live process works on is waited for.
+
+    Args:
+        spec: The document.
+        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        base: Folder that the document's relative paths start from.
+
+    Raises:
+        DocumentError: The document refers to what does not exist; nothing has run.
+        StageFailed: A stage ended Failed.
+        PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
+    """
+    opened = open_store(store)
+    found = pins(spec, opened, Path(base))
+    with begun(opened, {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}) as run:
+        report = told(run) if is_terminal(run) else _ended(spec, opened, base, run)
+    _show(report)
+    if not report.passed:
+        raise PipelineNotPassed(report)
+    return report
+
+
+def _ended(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> PipelineReport:
+    """Returns the report of the run, which is in its terminal state then; a crash leaves it open to be continued."""
+    advance(store, "pipeline-run", run.id, "Running")
+    try:
+        report = _stages(spec, store, base, run)
+    except (DocumentError, StageFailed) as exc:
+        advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
+        raise
+    status = "Completed" if report.passed else "Failed"
+    advance(store, "pipeline-run", run.id, status, detail={"report": report.model_dump(mode="json")})
+    return report
+
+
+def _stages(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> PipelineReport:
+    worlds, generation = generate(spec, store, base, run)
+    exported = export(spec, worlds, store, run)
+    batch, simulated = simulate(spec, worlds, store, run)
+    judged = judge(spec, batch, store)
+    verdict = judged[0].status if judged else None
+    deployed = deploy(spec, batch, store, run) if verdict in (None, "PASS") else ()
+    return PipelineReport.model_validate(
+        {
+            "run": run.id,
+            "name": spec.name,
+            "stages": (*generation, *exported, *simulated, *judged, *deployed),
+            "verdict": verdict,
+            "shipped": deployed[0].status == "Succeeded" if deployed else None,
+        }
+    )
+
+
+def _show(report: PipelineReport) -> None:
+    rows = [
+        {"stage": s.name, "status": s.status, "what came of it": s.summary, "seconds": round(s.seconds, 1)}
+        for s in report.stages
+    ]
+    create_table_artifact(table=rows, key="pipeline-report", description=f"{report.name}: {report.run}")

@@ -1,0 +1,72 @@
+"""What the command line shows: tables in a terminal, JSON lines for programs."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from pydantic import JsonValue
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from specs.base import Spec
+from specs.report import PipelineReport
+
+_GOOD = frozenset({"Completed", "Succeeded", "PASS", "InSync"})
+_UNDECIDED = frozenset({"PartialFailed", "INCONCLUSIVE", "Pending", "InProgress", "Running", "Preparing"})
+
+
+def show_report(report: PipelineReport, console: Console) -> None:
+    """Shows a run: a line a stage, where its artefacts lie, and the answer."""
+    table = Table(title=f"{report.name} ({report.run})", title_justify="left")
+    table.add_column("stage")
+    table.add_column("status")
+    table.add_column("what came of it")
+    table.add_column("seconds", justify="right")
+    for stage in report.stages:
+        table.add_row(stage.name, _status(stage.status), stage.summary, f"{stage.seconds:.1f}")
+    console.print(table)
+    for stage in report.stages:
+        if stage.arn:
+            _line(console, stage.name, stage.arn)
+        for artefact in stage.artefacts:
+            _line(console, f"  {artefact.label}", artefact.url)
+    console.print(_answer(report))
+
+
+def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None:
+    """Shows rows as a table whose columns are the keys of all rows, in their order of appearance."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    table = Table()
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(_cell(row.get(column)) for column in columns))
+    console.print(table)
+
+
+def json_lines(documents: Iterable[Spec]) -> Iterable[str]:
+    """Yields each document as one line of JSON, without the fields that say nothing."""
+    for document in documents:
+        yield document.model_dump_json(exclude_none=True)
+
+
+def _line(console: Console, label: str, url: str) -> None:
+    console.print(Text(f"{label:<22} {url}"), soft_wrap=True)
+
+
+def _status(status: str) -> Text:
+    style = "green" if status in _GOOD else "yellow" if status in _UNDECIDED else "red"
+    return Text(status, style=style)
+
+
+def _answer(report: PipelineReport) -> Text:
+    if report.passed:
+        return Text("Done, and everything that was asked for passed.", style="bold green")
+    if report.verdict not in (None, "PASS"):
+        return Text(f"The gate says {report.verdict}: nothing was deployed.", style="bold red")
+    return Text("The deployment failed.", style="bold red")
+
+
+def _cell(value: JsonValue) -> Text | str:
+    if value is None:
+        return ""
+    return _status(value) if isinstance(value, str) and value in _GOOD else str(value)

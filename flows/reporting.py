@@ -1,0 +1,87 @@
+"""A stage's record as one line for a person, and where its artefacts lie."""
+
+from collections.abc import Mapping
+from typing import cast
+
+from pydantic import JsonValue
+
+from specs.errors import StageFailed
+from specs.report import Artefact, PipelineReport, StageName, StageReport, Verdict
+from tasks.storage.records import JobRecord
+from tasks.storage.store import Store
+
+
+def told(run: JobRecord) -> PipelineReport:
+    """Returns the report of a run that another process ended.
+
+    Raises:
+        StageFailed: It ended without one, because a stage failed.
+    """
+    report = run.detail.get("report")
+    if report is None:
+        raise StageFailed("InternalServiceError", run.failure_reason, run.arn)
+    return PipelineReport.model_validate(report)
+
+
+def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:
+    """Returns what a generation job made."""
+    worlds = texts(record.detail, "worlds")
+    failed = sum(cast("int", failure["count"]) for failure in _mappings(record.detail, "failures").values())
+    summary = f"{len(worlds)} worlds" + (f", {failed} failed" if failed else "")
+    folder = Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")
+    return _stage("worldGeneration", record, summary, seconds, (folder,))
+
+
+def export_report(record: JobRecord, seconds: float) -> StageReport:
+    """Returns what an export job wrote."""
+    plans = texts(record.detail, "svg")
+    artefacts = [Artefact(label="worlds, zipped", url=str(record.detail["zip"]))]
+    artefacts += [Artefact(label="floor plan", url=url) for url in plans[:1]]
+    more = f", {len(plans)} floor plans" if plans else ""
+    return _stage("worldExport", record, f"1 zip{more}", seconds, tuple(artefacts))
+
+
+def batch_report(record: JobRecord, seconds: float) -> StageReport:
+    """Returns what a batch came to."""
+    detail = record.detail
+    summary = (
+        f"{detail['passed']} of {detail['episodes']} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
+    )
+    artefacts = (
+        Artefact(label="results", url=str(detail["results_url"])),
+        Artefact(label="failures", url=str(detail["failures_url"])),
+    )
+    return _stage("simulationBatch", record, summary, seconds, artefacts)
+
+
+def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
+    """Returns what the gate answered."""
+    evidence = Artefact(label="evidence", url=evidence_url)
+    return StageReport(name="gate", arn="", status=verdict, summary=sentence, seconds=seconds, artefacts=(evidence,))
+
+
+def deployment_report(record: JobRecord, seconds: float) -> StageReport:
+    """Returns how a roll-out went."""
+    robots = [cast("Mapping[str, JsonValue]", robot) for robot in cast("list[JsonValue]", record.detail["robots"])]
+    in_sync = sum(robot["status"] == "InSync" for robot in robots)
+    summary = f"{in_sync} of {len(robots)} robots in sync"
+    if record.failure_code:
+        summary += f"; {record.failure_code}: {record.failure_reason}"
+    return _stage("deployment", record, summary, seconds, ())
+
+
+def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:
+    """Returns a record's list of texts."""
+    return [str(item) for item in cast("list[JsonValue]", detail.get(key, []))]
+
+
+def _mappings(detail: Mapping[str, JsonValue], key: str) -> Mapping[str, Mapping[str, JsonValue]]:
+    return cast("Mapping[str, Mapping[str, JsonValue]]", detail.get(key, {}))
+
+
+def _stage(
+    name: StageName, record: JobRecord, summary: str, seconds: float, artefacts: tuple[Artefact, ...]
+) -> StageReport:
+    return StageReport(
+        name=name, arn=record.arn, status=record.status, summary=summary, seconds=seconds, artefacts=artefacts
+    )

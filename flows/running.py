@@ -1,0 +1,121 @@
+"""`simyard run`: a document is read, a server is found or started, and the pipeline is driven with progress bars.
+
+The server starts while JAX and Prefect are imported, so most of its start costs no time.
+"""
+
+import os
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from specs.pipeline import PipelineSpec
+from specs.report import PipelineReport
+from tasks.server import process
+from tasks.storage.cache import cache_folder
+from tasks.storage.opening import open_store
+from tasks.watching.listening import Listener, listening
+
+# Set before Prefect is imported; [tool.prefect] is read from the working directory only (orchestration.md).
+_PREFECT_DEFAULTS = {**process.SERVER_ENVIRONMENT, "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "ERROR"}
+
+
+def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
+    """Returns the report of the document's run; one that was killed before is continued.
+
+    Args:
+        spec: The document.
+        base: Folder that the document's relative paths start from.
+        store_url: None means SIMYARD_STORE, else ``.simyard`` in the working directory.
+        console: Where progress is shown.
+
+    Raises:
+        SimyardError: The document, the store or a stage is at fault.
+    """
+    store = open_store(store_url)
+    for name, value in _PREFECT_DEFAULTS.items():
+        os.environ.setdefault(name, value)
+    with prefect_server(), _bars(console) as listener, listening(listener):
+        from flows.pipeline import pipeline  # noqa: PLC0415 - JAX and Prefect load while the server starts
+
+        try:
+            return pipeline(spec, store=store.url, base=str(base))
+        finally:
+            _flush_logs()
+
+
+@contextmanager
+def prefect_server() -> Generator[str, None, None]:
+    """Yields the API URL of the server to use: the user's, the kept one's, or a new one's for this block."""
+    home = prefect_home()
+    chosen = process.configured_api_url(os.environ)
+    kept = None if chosen else process.kept_server(home)
+    if chosen or kept:
+        url = chosen or (kept.api_url if kept else "")
+        with _environment(PREFECT_API_URL=url):
+            yield url
+        return
+    with (
+        process.serving(home) as (server, child),
+        _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home)),
+    ):
+        _import_engine()
+        process.wait_until_healthy(server, child)
+        yield server.api_url
+
+
+def prefect_home() -> Path:
+    """Returns the folder of Simyard's own Prefect server: PREFECT_HOME, else one in the cache folder."""
+    if "PREFECT_HOME" in os.environ:
+        return Path(os.environ["PREFECT_HOME"])
+    return cache_folder() / "prefect"
+
+
+def _import_engine() -> None:
+    import_module("flows.pipeline")  # several seconds of imports, hidden behind the server's start
+
+
+def _flush_logs() -> None:
+    """Sends what Prefect still holds back; a server that ends with this run would not get it otherwise."""
+    from prefect.events.worker import EventsWorker  # noqa: PLC0415 - only once Prefect is loaded anyway
+    from prefect.logging.handlers import APILogWorker  # noqa: PLC0415
+
+    APILogWorker.drain_all(timeout=5)
+    EventsWorker.drain_all(timeout=5)
+
+
+@contextmanager
+def _environment(**values: str) -> Generator[None, None, None]:
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _bars(console: Console) -> Generator[Listener, None, None]:
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description:<20}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        bars: dict[str, TaskID] = {}
+
+        def listen(stage: str, done: int, total: int) -> None:
+            if stage not in bars:
+                bars[stage] = progress.add_task(stage, total=total)
+            progress.update(bars[stage], completed=done, total=total)
+
+        yield listen

@@ -1,0 +1,84 @@
+"""The pipeline's stages: each runs its section, if the document has it, and tells what came of it."""
+
+import time
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+from flows.deployment_sync import deployment_sync
+from flows.reporting import batch_report, deployment_report, export_report, gate_report, generation_report, texts
+from flows.simulation_batch import simulation_batch
+from flows.world_export import world_export
+from flows.world_generation import world_generation
+from specs.pipeline import PipelineSpec
+from specs.report import StageReport
+from tasks.results.task import judge_batch
+from tasks.simulate.batch import committed_results, plan_of
+from tasks.simulate.batch_plan import episodes
+from tasks.storage.records import JobRecord
+from tasks.storage.runs import stage_token
+from tasks.storage.store import Store
+
+T = TypeVar("T")
+Reports = tuple[StageReport, ...]
+
+
+def generate(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> tuple[list[str], Reports]:
+    """Returns the worlds of this run, and the stage's report."""
+    section = spec.worldGeneration
+    if section is None:
+        return [], ()
+    record, seconds = _timed(lambda: world_generation(section, store.url, base, stage_token(run, "worlds")))
+    return texts(record.detail, "worlds"), (generation_report(record, store, seconds),)
+
+
+def export(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) -> Reports:
+    """Returns the report of the export."""
+    section = spec.worldExport
+    if section is None:
+        return ()
+    record, seconds = _timed(lambda: world_export(section, worlds, store.url, stage_token(run, "export")))
+    return (export_report(record, seconds),)
+
+
+def simulate(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) -> tuple[JobRecord | None, Reports]:
+    """Returns the batch, and the stage's report."""
+    section = spec.simulationBatch
+    if section is None:
+        return None, ()
+    record, seconds = _timed(lambda: simulation_batch(section, worlds, store.url, stage_token(run, "batch")))
+    return record, (batch_report(record, seconds),)
+
+
+def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store) -> Reports:
+    """Returns the report of the gate."""
+    if spec.gate is None or batch is None:
+        return ()
+    plan, rule = plan_of(batch), spec.gate.successRate
+    (verdict, evidence), seconds = _timed(
+        lambda: judge_batch(
+            store.url,
+            batch.id,
+            list(episodes(plan)),
+            committed_results(store, batch),
+            rule=rule,
+            worlds=plan.world_digests,
+            metadata=cast("dict[str, str]", batch.detail["metadata"]),
+            files=cast("dict[str, str]", batch.detail["sha256s"]),
+        )
+    )
+    return (gate_report(verdict.verdict, verdict.sentence, evidence, seconds),)
+
+
+def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
+    """Returns the report of the roll-out of the application that the batch tested."""
+    section = spec.deployment
+    if section is None:
+        return ()
+    tested = {template.robot.name: template.robot.digest for template in plan_of(batch).templates} if batch else {}
+    record, seconds = _timed(lambda: deployment_sync(section, store.url, tested, stage_token(run, "deployment")))
+    return (deployment_report(record, seconds),)
+
+
+def _timed(work: Callable[[], T]) -> tuple[T, float]:
+    start_s = time.perf_counter()
+    return work(), time.perf_counter() - start_s

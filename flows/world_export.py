@@ -1,0 +1,40 @@
+"""Worlds to files that other programs open."""
+
+from prefect import flow
+from pydantic import JsonValue
+
+from flows.ending import as_run, ended_well
+from specs.digests import canonical_document
+from specs.pipeline_requests import export_request, reference_arn
+from specs.pipeline_worlds import WorldExport
+from tasks.export.task import export_worlds
+from tasks.storage.opening import open_store, store_id
+from tasks.storage.records import JobRecord
+
+
+@flow(name="world-export", persist_result=False)
+def world_export(
+    spec: WorldExport, worlds: list[str] | None = None, store: str | None = None, token: str | None = None
+) -> JobRecord:
+    """Returns the export job, whose ``detail["zip"]`` says where the worlds lie.
+
+    Args:
+        spec: The pipeline's section ``worldExport``.
+        worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
+        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        token: Given by the pipeline; None makes this a run of its own.
+
+    Raises:
+        StageFailed: The worlds could not be read or written; carries RoboMaker's code.
+    """
+    opened = open_store(store)
+    chosen = tuple(worlds or ()) if spec.worlds == "all" else spec.worlds
+    references = [reference_arn("world", world, store_id(opened)) for world in chosen]
+
+    def work(given: str) -> JobRecord:
+        request = export_request(spec, worlds=references, token=given)
+        job_token = request.clientRequestToken or given
+        return ended_well(export_worlds(opened.url, request, formats=spec.formats, token=job_token))
+
+    identity: dict[str, JsonValue] = {"spec": canonical_document(spec), "worlds": [*chosen]}
+    return as_run(opened, "world-export", identity, token, work)

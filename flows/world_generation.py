@@ -1,0 +1,46 @@
+"""Worlds from a template."""
+
+from pathlib import Path
+
+from prefect import flow
+
+from flows.ending import as_run, ended_well
+from specs.arn import arn
+from specs.digests import canonical_document
+from specs.pipeline_requests import generation_request
+from specs.pipeline_worlds import WorldGeneration
+from specs.template import template_digest
+from tasks.documents.templates import find_template
+from tasks.storage.opening import open_store, store_id
+from tasks.storage.records import JobRecord
+from tasks.worlds.task import generate_worlds
+
+
+@flow(name="world-generation", persist_result=False)
+def world_generation(
+    spec: WorldGeneration, store: str | None = None, base: str = ".", token: str | None = None
+) -> JobRecord:
+    """Returns the generation job, whose ``detail["worlds"]`` names the worlds.
+
+    Args:
+        spec: The pipeline's section ``worldGeneration``.
+        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        base: Folder that a template's relative path starts from.
+        token: Given by the pipeline; None makes this a run of its own.
+
+    Raises:
+        StageFailed: No world could be made.
+        DocumentError: The template is missing or none.
+    """
+    opened = open_store(store)
+    template = find_template(spec.template, opened, Path(base))
+    digest = template_digest(template)
+
+    def work(given: str) -> JobRecord:
+        reference = arn("world-template", store_id(opened), digest[:16])
+        request = generation_request(spec, template=reference, token=given)
+        job_token = request.clientRequestToken or given
+        return ended_well(generate_worlds(opened.url, request, template, seed=spec.seed, token=job_token))
+
+    identity = {"spec": canonical_document(spec), "template": digest}
+    return as_run(opened, "world-generation", identity, token, work)

@@ -1,0 +1,17 @@
+"""A roll-out as a Prefect task."""
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from specs.deployment import CreateDeploymentJobRequest
+from tasks.deploy.job import run_deployment_job
+from tasks.storage.opening import open_store
+from tasks.storage.records import JobRecord
+from tasks.watching.task import watched
+
+
+@task(name="roll-out", cache_policy=NO_CACHE, persist_result=False)
+def roll_out(store_url: str, request: CreateDeploymentJobRequest, *, digest: str, token: str) -> JobRecord:
+    """Returns the ended deployment job of the token."""
+    with watched("Deployment", "deployment-progress") as progress:
+        return run_deployment_job(open_store(store_url), request, digest=digest, token=token, progress=progress)

@@ -1,0 +1,123 @@
+"""A document's simulation section with everything it refers to resolved: the batch's plan."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.bundle import ApplicationKind, Version
+from specs.episode import ApplicationLaunch
+from specs.errors import DocumentError
+from specs.pipeline_simulation import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
+from specs.pipeline_simulation import PipelineSimulationApplication as ScenarioUse
+from tasks.simulate.batch_plan import BatchPlan, JobTemplate, episode_count, lane_count
+
+FindVersion = Callable[[ApplicationKind, str, str | None], Version]
+DEFAULT_TIMEOUT_S = 86_400.0
+
+
+def plan_batch(
+    section: SimulationBatch, worlds: Sequence[str], world_digests: Mapping[str, str], find_version: FindVersion
+) -> BatchPlan:
+    """Returns the plan of a batch.
+
+    Args:
+        section: The document's section.
+        worlds: ``<generation>/<world>`` of each world of the matrix.
+        world_digests: SHA-256 of each world's document, for all worlds that the batch uses.
+        find_version: Gives the version that an application reference means.
+
+    Raises:
+        DocumentError: A request lacks an application or a launch configuration; tells of all requests at once.
+    """
+    faults = [
+        fault
+        for number, request in enumerate(section.createSimulationJobRequests)
+        for fault in _faults(number, request)
+    ]
+    if faults:
+        raise DocumentError(faults)
+    templates = tuple(_template(request, worlds, find_version) for request in section.createSimulationJobRequests)
+    policy = section.batchPolicy
+    plan = BatchPlan(
+        templates=templates,
+        seeds=seed_list(section),
+        sweep={name: tuple(values) for name, values in section.matrix.environmentVariables.items()},
+        lanes=1,
+        timeout_s=float((policy and policy.timeoutInSeconds) or DEFAULT_TIMEOUT_S),
+        world_digests=dict(world_digests),
+        engine=section.engine,
+    )
+    return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, episode_count(plan))})
+
+
+def seed_list(section: SimulationBatch) -> tuple[int, ...]:
+    """Returns the matrix's seeds: those listed, or 0 to n-1."""
+    seeds = section.matrix.seeds
+    return tuple(range(seeds)) if isinstance(seeds, int) else tuple(seeds)
+
+
+def worlds_named(section: SimulationBatch) -> list[str]:
+    """Returns ``<generation>/<world>`` of each world that the section itself names."""
+    chosen = [] if section.matrix.worlds == "all" else list(section.matrix.worlds)
+    own = [world for request in section.createSimulationJobRequests for world in _own_worlds(request)]
+    return list(dict.fromkeys(parse_reference(world).path for world in [*chosen, *own]))
+
+
+def _template(request: PipelineJobRequest, worlds: Sequence[str], find_version: FindVersion) -> JobTemplate:
+    robot = (request.robotApplications or ())[0]
+    scenario = (request.simulationApplications or ())[0]
+    own = [parse_reference(world).path for world in _own_worlds(request)]
+    return JobTemplate(
+        robot=_launch("robot-application", robot, find_version),
+        scenario=_launch("simulation-application", scenario, find_version),
+        environment={
+            **(scenario.launchConfig.environmentVariables or {}),
+            **(robot.launchConfig.environmentVariables or {}),
+        },
+        duration_s=float(request.maxJobDurationInSeconds),
+        failure_behavior=request.failureBehavior or "Fail",
+        worlds=tuple(own or worlds),
+    )
+
+
+def _launch(
+    kind: ApplicationKind, use: PipelineRobotApplication | ScenarioUse, find_version: FindVersion
+) -> ApplicationLaunch:
+    version = find_version(kind, use.application, use.applicationVersion)
+    launch_file = use.launchConfig.launchFile or ""
+    return ApplicationLaunch(
+        name=version.name,
+        version=str(version.number),
+        digest=version.digest,
+        package=use.launchConfig.packageName or "",
+        launch_file=launch_file.removesuffix(".py"),
+    )
+
+
+def _own_worlds(request: PipelineJobRequest) -> list[str]:
+    scenarios = request.simulationApplications or ()
+    return [config.world for scenario in scenarios for config in scenario.worldConfigs or () if config.world]
+
+
+def _faults(number: int, request: PipelineJobRequest) -> list[Fault]:
+    where = f"simulationBatch.createSimulationJobRequests[{number}]"
+    faults: list[Fault] = []
+    for field, uses in (
+        ("robotApplications", request.robotApplications),
+        ("simulationApplications", request.simulationApplications),
+    ):
+        if not uses:
+            faults.append(
+                Fault(path=f"{where}.{field}", value="none", allowed="one: an episode needs a robot and a scenario")
+            )
+            continue
+        launch = uses[0].launchConfig
+        faults += [
+            Fault(path=f"{where}.{field}[0].launchConfig.{name}", value="none", allowed=f"the {what} to launch")
+            for name, value, what in (
+                ("packageName", launch.packageName, "folder in the bundle"),
+                ("launchFile", launch.launchFile, "module in that folder"),
+            )
+            if not value
+        ]
+    return faults

@@ -1,0 +1,21 @@
+"""World generation as a Prefect task."""
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+
+from specs.template import TemplateBody
+from specs.world_jobs import CreateWorldGenerationJobRequest
+from tasks.storage.opening import open_store
+from tasks.storage.records import JobRecord
+from tasks.watching.task import watched
+from tasks.worlds.job import run_generation_job
+
+
+# Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
+@task(name="generate-worlds", cache_policy=NO_CACHE, persist_result=False)
+def generate_worlds(
+    store_url: str, request: CreateWorldGenerationJobRequest, template: TemplateBody, *, seed: int, token: str
+) -> JobRecord:
+    """Returns the ended generation job of the token, having made the worlds that were missing."""
+    with watched("Worlds", "worlds-progress") as progress:
+        return run_generation_job(open_store(store_url), request, template, seed=seed, token=token, progress=progress)
