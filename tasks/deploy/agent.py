@@ -1,0 +1,139 @@
+"""The process that runs on a robot: asks the store what it shall run, and makes it so.
+
+``python -m tasks.deploy.agent --robot NAME --root DIR --store URL``. Needs Python, pydantic and fsspec, nothing else of
+what Simyard needs. Ends at SIGTERM with exit code 0, and takes its application along.
+"""
+
+import argparse
+import fcntl
+import logging
+import os
+import random
+import sys
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from specs.errors import StoreError
+from tasks.deploy.disk import Disk
+from tasks.deploy.launch import Place
+from tasks.deploy.reporting import Reporter
+from tasks.deploy.robots import read_desired
+from tasks.deploy.states import Desired
+from tasks.deploy.steps import Robot
+from tasks.deploy.stopping import Stop, StopRequested
+from tasks.storage.keys import checked_name
+from tasks.storage.opening import connect
+from tasks.storage.store import Store
+
+_LOG = logging.getLogger(__name__)
+_GROWTH = 1.3
+_LOCK_POLL_S = 0.1
+
+
+class Poll:
+    """How long an agent waits between two looks: longer while nothing happens, never in step with other robots.
+
+    Args:
+        shortest_s: After something happened.
+        longest_s: After nothing happened for a while.
+        dice: Where the jitter comes from.
+    """
+
+    def __init__(self, shortest_s: float, longest_s: float, dice: random.Random) -> None:
+        self._shortest_s = shortest_s
+        self._longest_s = longest_s
+        self._dice = dice
+        self._pause_s = shortest_s
+
+    def next_s(self, *, busy: bool) -> float:
+        """Returns how long to wait now."""
+        self._pause_s = self._shortest_s if busy else min(self._pause_s * _GROWTH, self._longest_s)
+        return self._pause_s * self._dice.uniform(0.75, 1.25)
+
+
+def serve(robot: Robot, store: Store, name: str, stop: Stop, poll: Poll) -> None:
+    """Runs a robot until it is told to stop.
+
+    Raises:
+        StopRequested: Always; there is no other end.
+    """
+    seen = ""
+    robot.recover()
+    while True:
+        desired, etag = _look(store, name)
+        if desired and etag != seen:
+            robot.accept(desired)
+        robot.supervise()
+        pause_s = poll.next_s(busy=etag not in {"", seen})
+        seen = etag or seen
+        stop.sleep(pause_s)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Returns 0 after the agent was told to end.
+
+    Args:
+        arguments: The command line, by default this process's.
+    """
+    options = _parser().parse_args(arguments)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
+    stop = Stop(options.parent)
+    stop.listen()
+    disk = Disk(options.root.absolute())
+    try:
+        with _alone(disk, stop):
+            store = connect(options.store)
+            place = Place(robot=options.robot, disk=disk, stop=stop, grace_s=options.grace_s)
+            robot = Robot(store, place, Reporter(store, options.robot))
+            try:
+                serve(robot, store, options.robot, stop, Poll(options.poll_s, options.longest_poll_s, random.Random()))  # noqa: S311 - jitter
+            finally:
+                robot.end()
+    except StopRequested:
+        _LOG.info("%s ends", options.robot)
+    return 0
+
+
+def _look(store: Store, name: str) -> tuple[Desired | None, str]:
+    try:
+        return read_desired(store, name)
+    except StoreError as exc:
+        _LOG.warning("cannot read what is desired: %s", exc)
+        return None, ""
+
+
+@contextmanager
+def _alone(disk: Disk, stop: Stop) -> Generator[None]:
+    """Waits until no other agent works in the folder; the kernel frees the lock when its holder dies."""
+    descriptor = os.open(disk.lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        while not _locked(descriptor):
+            stop.sleep(_LOCK_POLL_S)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="agent", description="Runs on a robot what a fleet's deployments ask for.")
+    parser.add_argument("--robot", required=True, type=checked_name, help="the robot's name")
+    parser.add_argument("--root", required=True, type=Path, help="the folder for versions, state and logs")
+    parser.add_argument("--store", required=True, help="URL of the store")
+    parser.add_argument("--poll-s", type=float, default=1.0, help="shortest pause between two looks")
+    parser.add_argument("--longest-poll-s", type=float, default=15.0, help="longest pause between two looks")
+    parser.add_argument("--grace-s", type=float, default=2.0, help="how long an application must stay up")
+    parser.add_argument("--parent", type=int, help="end when this process is no longer the agent's parent")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

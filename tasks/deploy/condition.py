@@ -1,0 +1,37 @@
+"""The script that decides on each robot whether a bundle is downloaded (semantics 8: exit 0 proceeds)."""
+
+import stat
+
+from specs.common import S3Object
+from specs.errors import DocumentError
+from tasks.deploy.install import StepFailed, retried
+from tasks.deploy.launch import Place, run_program
+from tasks.deploy.states import Desired
+from tasks.storage.buckets import open_bucket
+from tasks.storage.store import Store
+
+
+def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Object) -> None:
+    """Runs the condition; returns when it allows the download.
+
+    Raises:
+        StepFailed: It exits with another code than 0, is not there, or is not the one with the ETag.
+        StopRequested: The agent has to end.
+    """
+    script = place.disk.downloads / f"{desired.sequence:06d}-condition"
+
+    def download() -> None:
+        stored = open_bucket(store, condition.bucket).get(condition.key)
+        if condition.etag and condition.etag.strip('"') != stored.etag.strip('"'):
+            raise StepFailed("EtagMismatch", f"{condition.key} has ETag {stored.etag}, not {condition.etag}")
+        script.write_bytes(stored.body)
+
+    try:
+        retried(download, desired, place.stop)
+    except DocumentError as exc:
+        raise StepFailed("DownloadConditionFailed", str(exc)) from exc
+    script.chmod(script.stat().st_mode | stat.S_IXUSR)
+    try:
+        run_program(place, desired, script, "condition", "DownloadConditionFailed")
+    finally:
+        script.unlink()

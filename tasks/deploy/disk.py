@@ -1,0 +1,96 @@
+"""A robot's folder: what survives a power cut, and in which order it is written.
+
+agent.lock             held by the one agent that works here
+state.json             which sequence was accepted, what runs, what ran before, how the last deployment ended
+versions/<digest>/     installed bundles, complete or absent
+current, previous      links into versions; replaced in one step, so never broken
+downloads/ logs/       leavings, of no consequence
+"""
+
+import shutil
+from pathlib import Path
+from uuid import uuid4
+
+from specs.base import Spec
+from tasks.deploy.states import Desired, Reported
+from tasks.storage.atomic import make_folder, settle_names, whole_file
+
+
+class RobotState(Spec):
+    """What a robot remembers.
+
+    Attributes:
+        sequence: The highest that was accepted; a lower one is refused.
+        target: What is being deployed and has not ended.
+        running: What `current` shows: the last that was deployed successfully.
+        previous: What ran before that.
+        outcome: The last report that ended a deployment.
+    """
+
+    sequence: int = 0
+    target: Desired | None = None
+    running: Desired | None = None
+    previous: Desired | None = None
+    outcome: Reported | None = None
+
+
+class Disk:
+    """The folder of one robot."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.versions = root / "versions"
+        self.downloads = root / "downloads"
+        self.logs = root / "logs"
+        self.lock = root / "agent.lock"
+        self.current = root / "current"
+        for folder in (self.versions, self.downloads, self.logs):
+            make_folder(folder)
+
+    def load(self) -> RobotState:
+        """Returns what the robot remembers; nothing on a new robot.
+
+        Raises:
+            ValidationError: The state was written by another version of Simyard.
+        """
+        try:
+            body = (self.root / "state.json").read_bytes()
+        except FileNotFoundError:
+            return RobotState()
+        return RobotState.model_validate_json(body)
+
+    def save(self, state: RobotState) -> None:
+        """Writes what the robot remembers, whole, and settled on the disk."""
+        with whole_file(self.root / "state.json") as file:
+            file.write(state.model_dump_json().encode())
+
+    def version(self, digest: str) -> Path:
+        """Returns the folder of an installed bundle, which may not be there."""
+        return self.versions / digest
+
+    def switch(self, digest: str | None) -> None:
+        """Makes `current` show an installed bundle, or go away."""
+        _link(self.current, digest)
+
+    def remember(self, digest: str | None) -> None:
+        """Makes `previous` show an installed bundle, or go away."""
+        _link(self.root / "previous", digest)
+
+    def tidy(self, state: RobotState) -> None:
+        """Removes half-made folders and versions that nothing refers to."""
+        kept = {each.digest for each in (state.target, state.running, state.previous) if each}
+        for path in self.versions.iterdir():
+            if path.name not in kept:
+                shutil.rmtree(path, ignore_errors=True)
+        for path in self.downloads.iterdir():
+            path.unlink(missing_ok=True)
+
+
+def _link(link: Path, digest: str | None) -> None:
+    if digest is None:
+        link.unlink(missing_ok=True)
+    else:
+        fresh = link.with_name(f".{link.name}-{uuid4().hex}")
+        fresh.symlink_to(Path("versions") / digest)
+        fresh.replace(link)
+    settle_names(link.parent)

@@ -1,0 +1,70 @@
+"""Fleets: made once, and the place where a fleet's one active deployment is written."""
+
+import time
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.errors import ObjectExists, ObjectNotFound, ResourceNotFound
+from tasks.deploy.states import FleetRecord
+from tasks.storage.encoding import decoded, encoded
+from tasks.storage.keys import fleet_key
+from tasks.storage.store import Store
+
+_FLEETS = "fleets"
+
+
+def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None) -> FleetRecord:
+    """Returns the fleet of that name, made if there is none; an old one keeps its tags.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    record = FleetRecord(name=name, created_at_s=time.time(), tags=dict(tags or {}))
+    try:
+        store.create(fleet_key(name), encoded(record))
+    except ObjectExists:
+        return read_fleet(store, name)[0]
+    return record
+
+
+def read_fleet(store: Store, reference: str) -> tuple[FleetRecord, str]:
+    """Returns a fleet and its etag, by name or ARN.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        DocumentError: The reference is no fleet's.
+    """
+    name = fleet_name(reference)
+    key = fleet_key(name)
+    try:
+        stored = store.get(key)
+    except ObjectNotFound as exc:
+        raise _missing(reference, f"a fleet in {store.url}; see simyard list fleets") from exc
+    return decoded(FleetRecord, stored, store, key), stored.etag
+
+
+def fleets(store: Store) -> list[FleetRecord]:
+    """Returns all fleets, oldest first."""
+    found = [read_fleet(store, PurePosixPath(key).stem)[0] for key in store.keys(_FLEETS)]
+    return sorted(found, key=lambda fleet: (fleet.created_at_s, fleet.name))
+
+
+def fleet_name(reference: str) -> str:
+    """Returns the name of the fleet that a plain name or an ARN refers to.
+
+    Raises:
+        ResourceNotFound: An ARN of something else.
+    """
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise _missing(reference, str(exc)) from exc
+    if parsed.kind not in {None, "deployment-fleet"}:
+        raise _missing(reference, "the name or ARN of a deployment-fleet")
+    return parsed.path
+
+
+def _missing(reference: str, allowed: str) -> ResourceNotFound:
+    return ResourceNotFound([Fault(path="fleet", value=repr(reference), allowed=allowed)])

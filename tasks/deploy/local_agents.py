@@ -1,0 +1,84 @@
+"""Robots for a demonstration: agents as processes of this machine, which never outlive who started them."""
+
+import contextlib
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tasks.deploy.fleets import create_fleet
+from tasks.deploy.processes import end_all
+from tasks.deploy.robots import create_robot, register_robot
+from tasks.storage.store import Store
+
+_LOG = logging.getLogger(__name__)
+_PATIENCE_S = 10.0
+_PACKAGES = Path(__file__).parents[2]
+
+
+@contextmanager
+def local_agents(
+    store: Store, fleet: str, count: int, folder: Path, *, grace_s: float = 1.0
+) -> Generator[tuple[str, ...]]:
+    """Yields the names of robots ``<fleet>-1`` to ``<fleet>-<count>`` whose agents run inside the ``with`` block.
+
+    The fleet and the robots are made where they are missing. Agents and applications end with the block, and by
+    themselves when this process is killed; agents of a later block on the same folder wait for that.
+
+    Args:
+        store: Where the fleet is.
+        fleet: Its name.
+        count: How many robots, from 0.
+        folder: Holds a folder for each robot, which keeps its versions and its state.
+        grace_s: How long an application must stay up for its launch to count.
+
+    Raises:
+        DocumentError: The name is none, or a robot belongs to another fleet.
+    """
+    create_fleet(store, fleet)
+    names = tuple(f"{fleet}-{number}" for number in range(1, count + 1))
+    for name in names:
+        create_robot(store, name)
+        register_robot(store, fleet, name)
+    roots = [folder.absolute() / name for name in names]
+    agents: list[subprocess.Popen[bytes]] = []
+    try:
+        for name, root in zip(names, roots, strict=True):
+            agents.append(_start(store, name, root, grace_s))
+        yield names
+    finally:
+        _end(agents)
+        for root in roots:
+            end_all(root)
+
+
+def _start(store: Store, name: str, root: Path, grace_s: float) -> subprocess.Popen[bytes]:
+    root.mkdir(parents=True, exist_ok=True)
+    options = {"robot": name, "root": str(root), "store": store.url, "parent": str(os.getpid())}
+    pace = {"poll-s": "0.1", "longest-poll-s": "0.5", "grace-s": str(grace_s)}
+    argv = [f"--{option}={value}" for option, value in {**options, **pace}.items()]
+    path = os.pathsep.join(filter(None, [str(_PACKAGES), os.environ.get("PYTHONPATH")]))
+    with (root / "agent.log").open("ab") as log:
+        return subprocess.Popen(  # noqa: S603 - this very package, with arguments made here
+            [sys.executable, "-m", "tasks.deploy.agent", *argv],
+            env={**os.environ, "PYTHONPATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone, which then ends its agents
+        )
+
+
+def _end(agents: list[subprocess.Popen[bytes]]) -> None:
+    for agent in agents:
+        agent.terminate()
+    for agent in agents:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            agent.wait(_PATIENCE_S)
+        if agent.poll() is None:
+            _LOG.warning("agent %d does not end by itself", agent.pid)
+            agent.kill()
+            agent.wait()

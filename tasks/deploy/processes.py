@@ -1,0 +1,138 @@
+"""Runs what bundles bring along: in a group of its own, with a clean environment, and without survivors.
+
+Every process that is started carries a mark in its environment, which its children inherit. What leaves the process
+group, as a daemon does, is found by the mark, also by the next agent after this one was killed.
+"""
+
+import contextlib
+import logging
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO
+from uuid import uuid4
+
+from tasks.deploy.stopping import Stop
+
+_LOG = logging.getLogger(__name__)
+_PROC = Path("/proc")
+_ROOT_MARK = "SIMYARD_ROBOT_ROOT"
+_RUN_MARK = "SIMYARD_RUN"
+_OUTPUT_BYTES = 1 << 20
+_PATIENCE_S = 2.0
+_SLICE_S = 0.02
+_SWEEPS = 10
+
+
+class Running:
+    """A program that was started, and all that it started."""
+
+    def __init__(self, process: subprocess.Popen[bytes], mark: str) -> None:
+        self._process = process
+        self._mark = mark
+
+    @property
+    def exit_code(self) -> int | None:
+        """The exit code, negative for a signal; None while it runs."""
+        return self._process.poll()
+
+    def end(self) -> None:
+        """Ends it and everything that it started: politely, then not."""
+        if self.exit_code is None:
+            _signal_group(self._process.pid, signal.SIGTERM)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_PATIENCE_S)
+        if self.exit_code is None:
+            # Only while its leader is not reaped does the group's number surely mean this group.
+            _signal_group(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        _sweep(self._mark)
+
+
+def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], root: Path, log: Path) -> Running:
+    """Returns the program, started in a session of its own, without input, its output going to a capped file.
+
+    Args:
+        argv: Program and arguments; no shell reads them.
+        folder: Its working directory.
+        environment: All its variables, but for the marks.
+        root: The robot's folder.
+        log: Where the first MiB of its output goes.
+
+    Raises:
+        OSError: The program cannot be started.
+    """
+    run = uuid4().hex
+    process = subprocess.Popen(  # noqa: S603 - running the bundle's own programs is what an agent is for
+        list(argv),
+        cwd=folder,
+        env={**environment, _ROOT_MARK: str(root), _RUN_MARK: run},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
+    if process.stdout:
+        threading.Thread(target=_drain, args=(process.stdout, log), name=f"output {log.name}", daemon=True).start()
+    return Running(process, f"{_RUN_MARK}={run}")
+
+
+def wait(running: Running, timeout_s: float, stop: Stop) -> int | None:
+    """Returns the exit code, or None when the program still runs after so many seconds.
+
+    Raises:
+        StopRequested: The agent has to end.
+    """
+    until_s = time.monotonic() + timeout_s
+    while (code := running.exit_code) is None and time.monotonic() < until_s:
+        stop.sleep(_SLICE_S)
+    return code
+
+
+def end_all(root: Path) -> None:
+    """Ends everything that agents on this robot's folder ever started."""
+    _sweep(f"{_ROOT_MARK}={root}")
+
+
+def _drain(output: IO[bytes], log: Path) -> None:
+    """Keeps the beginning of the output and reads the rest, so that the program never waits for a full pipe."""
+    left = _OUTPUT_BYTES
+    with output, log.open("wb") as file:
+        while block := os.read(output.fileno(), 1 << 16):
+            file.write(block[:left])
+            file.flush()
+            left -= min(left, len(block))
+
+
+def _signal_group(pid: int, number: signal.Signals) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(pid, number)
+
+
+def _sweep(mark: str) -> None:
+    """Kills every process with the mark; again, while there are any, because they may be starting others."""
+    for _ in range(_SWEEPS):
+        found = _marked(mark.encode())
+        for pid in found:
+            _LOG.info("ending process %d, left behind", pid)
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+        if not found:
+            return
+        time.sleep(_SLICE_S)
+    _LOG.error("processes with %s cannot be ended", mark)
+
+
+def _marked(mark: bytes) -> list[int]:
+    found: list[int] = []
+    for path in _PROC.iterdir() if _PROC.is_dir() else ():
+        if not path.name.isdigit() or int(path.name) == os.getpid():
+            continue
+        with contextlib.suppress(OSError):  # it has ended, or is not ours
+            if mark in (path / "environ").read_bytes().split(b"\0"):
+                found.append(int(path.name))
+    return found

@@ -1,0 +1,93 @@
+"""What a robot tells the store about itself; a store that is away delays the telling, never the doing."""
+
+import logging
+import time
+
+from specs.deployment import DeploymentJobErrorCode, RobotDeploymentStep
+from specs.errors import StoreError
+from tasks.deploy.states import Desired, Reported
+from tasks.storage.encoding import encoded
+from tasks.storage.keys import reported_key
+from tasks.storage.store import Store
+
+_LOG = logging.getLogger(__name__)
+_PERCENT_INTERVAL_S = 0.5
+_REASON_CHARACTERS = 1024
+
+
+class Reporter:
+    """Writes a robot's reported state; the latest one counts, so only that is kept for later."""
+
+    def __init__(self, store: Store, robot: str) -> None:
+        self._store = store
+        self._key = reported_key(robot)
+        self._owed: Reported | None = None
+        self._told: Reported | None = None
+        self._told_s = 0.0
+
+    def tell(self, reported: Reported) -> None:
+        """Reports now, or as soon as the store is back."""
+        self._owed = reported
+        self.settle()
+
+    def tell_percent(self, reported: Reported) -> None:
+        """Reports unless something was told a moment ago."""
+        if time.monotonic() - self._told_s >= _PERCENT_INTERVAL_S:
+            self.tell(reported)
+
+    def settle(self) -> bool:
+        """Tries to report what is owed; returns whether nothing is owed any more."""
+        if self._owed is None or self._owed == self._told:
+            self._owed = None
+            return True
+        try:
+            self._store.put(self._key, encoded(self._owed))
+        except StoreError as exc:
+            _LOG.warning("cannot report: %s", exc)
+            return False
+        self._told, self._owed, self._told_s = self._owed, None, time.monotonic()
+        return True
+
+
+class Attempt:
+    """One attempt at a desired state, told step by step.
+
+    Args:
+        reporter: Whom to tell.
+        desired: What is attempted.
+        boot_id: Which start of the agent this is.
+        running_digest: What runs meanwhile, or empty.
+    """
+
+    def __init__(self, reporter: Reporter, desired: Desired, boot_id: str, running_digest: str) -> None:
+        self._reporter = reporter
+        self._latest = Reported(
+            robot=desired.robot,
+            deployment=desired.deployment,
+            sequence=desired.sequence,
+            boot_id=boot_id,
+            status="Deploying",
+            step="Validating",
+            running_digest=running_digest,
+            started_at_s=time.time(),
+        )
+
+    def at(self, step: RobotDeploymentStep) -> None:
+        """Tells that a step begins."""
+        self._latest = self._latest.model_copy(update={"step": step})
+        self._reporter.tell(self._latest)
+
+    def percent(self, percent: float) -> None:
+        """Tells how much of the current step is done, from 0 to 100, but not every time."""
+        self._latest = self._latest.model_copy(update={"percent_done": percent})
+        self._reporter.tell_percent(self._latest)
+
+    def succeeded(self, digest: str) -> Reported:
+        """Returns the report that ends the attempt well; the caller tells it once it is on the disk."""
+        change = {"status": "InSync", "step": "Finished", "percent_done": 100.0, "running_digest": digest}
+        return self._latest.model_copy(update={**change, "finished_at_s": time.time()})
+
+    def failed(self, code: DeploymentJobErrorCode, reason: str) -> Reported:
+        """Returns the report that ends the attempt badly, at the step where it is."""
+        change = {"status": "Failed", "failure_code": code, "failure_reason": reason[:_REASON_CHARACTERS]}
+        return self._latest.model_copy(update={**change, "finished_at_s": time.time()})

@@ -1,0 +1,136 @@
+"""Robots: who they are, which fleet they belong to, what was asked of them, and what they say."""
+
+import time
+from collections.abc import Mapping
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.common import Architecture
+from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from tasks.deploy.fleets import read_fleet
+from tasks.deploy.states import Desired, Reported, RobotRecord
+from tasks.storage.encoding import decoded, encoded
+from tasks.storage.keys import desired_key, reported_key, robot_record_key
+from tasks.storage.store import Store
+
+_ROBOTS = "robots"
+_RECORD = "record.json"
+
+
+def create_robot(
+    store: Store, name: str, architecture: Architecture = "X86_64", tags: Mapping[str, str] | None = None
+) -> RobotRecord:
+    """Returns the robot of that name, made if there is none; an old one stays as it is.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    record = RobotRecord(name=name, architecture=architecture, created_at_s=time.time(), tags=dict(tags or {}))
+    try:
+        store.create(robot_record_key(name), encoded(record))
+    except ObjectExists:
+        return read_robot(store, name)[0]
+    return record
+
+
+def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
+    """Returns the robot as a member of the fleet.
+
+    Raises:
+        ResourceNotFound: No such fleet or robot.
+        DocumentError: The robot belongs to another fleet; a robot has one (semantics 8).
+    """
+    name = read_fleet(store, fleet)[0].name
+    while True:
+        record, etag = read_robot(store, robot)
+        if record.fleet == name:
+            return record
+        if record.fleet:
+            fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
+            raise DocumentError([fault])
+        joined = record.model_copy(update={"fleet": name})
+        try:
+            store.replace(robot_record_key(record.name), encoded(joined), etag)
+        except ObjectConflict:  # somebody else registered it, perhaps elsewhere: look again
+            continue
+        return joined
+
+
+def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
+    """Returns a robot and its record's etag, by name or ARN.
+
+    Raises:
+        ResourceNotFound: No such robot.
+        DocumentError: The name is none.
+    """
+    key = robot_record_key(_name(reference))
+    try:
+        stored = store.get(key)
+    except ObjectNotFound as exc:
+        raise _missing(reference, f"a robot in {store.url}; see simyard list robots") from exc
+    return decoded(RobotRecord, stored, store, key), stored.etag
+
+
+def robots(store: Store) -> list[RobotRecord]:
+    """Returns all robots, oldest first."""
+    names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
+    found = [read_robot(store, name)[0] for name in names]
+    return sorted(found, key=lambda robot: (robot.created_at_s, robot.name))
+
+
+def members(store: Store, fleet: str) -> list[RobotRecord]:
+    """Returns the robots of a fleet, oldest first: the order in which they are deployed to."""
+    return [robot for robot in robots(store) if robot.fleet == fleet]
+
+
+def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
+    """Returns what was asked of a robot last, and its etag; None and an empty text for nothing."""
+    key = desired_key(robot)
+    try:
+        stored = store.get(key)
+    except ObjectNotFound:
+        return None, ""
+    return decoded(Desired, stored, store, key), stored.etag
+
+
+def read_reported(store: Store, robot: str) -> Reported | None:
+    """Returns what a robot said last, or None."""
+    key = reported_key(robot)
+    try:
+        stored = store.get(key)
+    except ObjectNotFound:
+        return None
+    return decoded(Reported, stored, store, key)
+
+
+def ask(store: Store, desired: Desired) -> Desired:
+    """Returns the desired state that the robot has for this deployment, written if there was none.
+
+    Asking twice, also after a crash between two robots, asks once: a robot that has a desired state of this deployment
+    keeps it, sequence and all. The sequence of a new one follows that of the one before it.
+    """
+    key = desired_key(desired.robot)
+    while True:
+        before, etag = read_desired(store, desired.robot)
+        if before and before.deployment == desired.deployment:
+            return before
+        new = desired.model_copy(update={"sequence": before.sequence + 1 if before else 1})
+        try:
+            store.replace(key, encoded(new), etag) if before else store.create(key, encoded(new))
+        except (ObjectExists, ObjectConflict):
+            continue
+        return new
+
+
+def _name(reference: str) -> str:
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise _missing(reference, str(exc)) from exc
+    if parsed.kind not in {None, "robot"}:
+        raise _missing(reference, "the name or ARN of a robot")
+    return parsed.path
+
+
+def _missing(reference: str, allowed: str) -> ResourceNotFound:
+    return ResourceNotFound([Fault(path="robot", value=repr(reference), allowed=allowed)])

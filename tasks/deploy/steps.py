@@ -1,0 +1,147 @@
+"""A deployment as one robot goes through it, and the way back when it fails (semantics 8).
+
+The robot's state is written before each thing that cannot be undone: what is accepted, then what runs. Whatever is cut
+short is begun again from the first step at the next start; each step finds what the last attempt finished. RoboMaker
+stops the old application before the download; here it runs until the first script, so that a slow network costs no
+uptime.
+"""
+
+import logging
+from uuid import uuid4
+
+from specs.deployment import RobotDeploymentStep
+from tasks.deploy.condition import ask_condition
+from tasks.deploy.disk import Disk
+from tasks.deploy.install import StepFailed, fetch
+from tasks.deploy.launch import Application, Place, run_script, validate
+from tasks.deploy.processes import end_all
+from tasks.deploy.reporting import Attempt, Reporter
+from tasks.deploy.states import Desired
+from tasks.storage.store import Store
+
+_LOG = logging.getLogger(__name__)
+
+
+class Robot:
+    """One robot: its folder, its application, and what it tells the store."""
+
+    def __init__(self, store: Store, place: Place, reporter: Reporter) -> None:
+        self._store = store
+        self._place = place
+        self._disk: Disk = place.disk
+        self._reporter = reporter
+        self._state = self._disk.load()
+        self._application: Application | None = None
+        self._boot_id = uuid4().hex[:12]
+
+    def recover(self) -> None:
+        """Takes up what the last agent on this folder left: ends its processes, repairs the links, finishes its work.
+
+        Raises:
+            StopRequested: The agent has to end.
+        """
+        end_all(self._disk.root)
+        self._restore()
+        if self._state.target:
+            self._deploy(self._state.target)
+        elif self._state.outcome:
+            self._reporter.tell(self._state.outcome)
+
+    def accept(self, desired: Desired) -> None:
+        """Deploys what is asked for, unless it was accepted before, or is older than what was.
+
+        Raises:
+            StopRequested: The agent has to end.
+        """
+        if desired.robot != self._place.robot or desired.sequence < self._state.sequence:
+            _LOG.warning("refused %s for %s: sequence %d", desired.deployment, desired.robot, desired.sequence)
+        elif desired.sequence > self._state.sequence:
+            self._save(sequence=desired.sequence, target=desired)
+            self._deploy(desired)
+
+    def supervise(self) -> None:
+        """Keeps the application up and tells what is still to be told; returns at once."""
+        self._reporter.settle()
+        try:
+            if self._application:
+                self._application.supervise()
+        except StepFailed as exc:
+            _LOG.warning("cannot start the application again: %s", exc)
+
+    def end(self) -> None:
+        """Ends the application and everything that was ever started in this folder."""
+        self._end_application()
+        end_all(self._disk.root)
+
+    def _deploy(self, desired: Desired) -> None:
+        running = self._state.running
+        attempt = Attempt(self._reporter, desired, self._boot_id, running.digest if running else "")
+        try:
+            self._go_through(desired, attempt)
+        except StepFailed as exc:
+            _LOG.warning("%s failed: %s", desired.deployment, exc)
+            outcome = attempt.failed(exc.code, exc.reason)
+            # First that it failed, so that it is not tried again after a loss of power; then the way back.
+            self._save(target=None, outcome=outcome)
+            self._go_back()
+        else:
+            outcome = attempt.succeeded(desired.digest)
+            same = running and running.digest == desired.digest
+            previous = self._state.previous if same else running
+            self._save(target=None, running=desired, previous=previous, outcome=outcome)
+            self._keep_versions()
+        self._reporter.tell(outcome)
+
+    def _go_through(self, desired: Desired, attempt: Attempt) -> None:
+        launch = desired.launch
+        self._begin(attempt, "Validating")
+        validate(desired)
+        if desired.condition:
+            self._begin(attempt, "ExecutingDownloadCondition")
+            ask_condition(self._store, self._place, desired, desired.condition)
+        self._begin(attempt, "DownloadingExtracting")
+        fetch(self._store, self._disk, desired, self._place.stop, attempt.percent)
+        self._begin(attempt, "ExecutingPreLaunch")
+        self._end_application()
+        if launch.preLaunchFile:
+            run_script(self._place, desired, launch.preLaunchFile, "pre-launch", "PreLaunchFileFailure")
+        self._begin(attempt, "Launching")
+        self._disk.switch(desired.digest)
+        self._application = Application(self._place, desired)
+        self._application.settle()
+        self._begin(attempt, "ExecutingPostLaunch")
+        if launch.postLaunchFile:
+            run_script(self._place, desired, launch.postLaunchFile, "post-launch", "PostLaunchFileFailure")
+
+    def _begin(self, attempt: Attempt, step: RobotDeploymentStep) -> None:
+        self._place.stop.check()
+        attempt.at(step)
+
+    def _go_back(self) -> None:
+        if self._application and self._application.desired != self._state.running:
+            self._end_application()
+        self._restore()
+
+    def _restore(self) -> None:
+        """Makes the links show what runs, and runs it."""
+        running = self._state.running
+        self._disk.switch(running.digest if running else None)
+        self._keep_versions()
+        if running and self._application is None:
+            try:
+                self._application = Application(self._place, running)
+            except StepFailed:
+                _LOG.exception("cannot start what ran before")
+
+    def _keep_versions(self) -> None:
+        self._disk.remember(self._state.previous.digest if self._state.previous else None)
+        self._disk.tidy(self._state)
+
+    def _end_application(self) -> None:
+        if self._application:
+            self._application.end()
+        self._application = None
+
+    def _save(self, **changes: object) -> None:
+        self._state = self._state.model_copy(update=changes)
+        self._disk.save(self._state)
