@@ -59,8 +59,8 @@ def _look(spec: mujoco.MjSpec, world: World) -> None:
     center_x_m, center_y_m = _center(area)
     spec.stat.center = [center_x_m, center_y_m, world.ceiling_height_m / 2]
     spec.stat.extent = math.hypot(area.x_max_m - area.x_min_m, area.y_max_m - area.y_min_m) / 2
-    spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
-    spec.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.2, 0.2, 0.2]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.shadowsize = 2048
     spec.visual.map.znear = 0.005

@@ -1,16 +1,17 @@
 """The plan itself: floors, walls as cut one metre above them, ways through, furniture solid by solid, the start."""
 
 import math
+import re
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from specs.world import Furniture, Passage, Rectangle, Room, Solid, World
 from tasks.export.plan_labels import AREA_SIZE, Label, place_label
-from tasks.export.plan_page import Attributes, Box, Sheet, css_color, element, fitted, rectangle, text_width
+from tasks.export.plan_page import Attributes, Box, Sheet, css_color, element, rectangle, text_width
 
 START_RADIUS_M = 1.0  # semantics 5: the cylinder around the origin that is always free
 _CUT_M = 1.0  # an architect's plan looks down from about here
-_PIECE_LABEL_SIZE = 11.0
+_PIECE_LABEL_SIZES = (11.0, 9.0)
 _FLOOR_TOWARDS_WHITE = 0.30
 # Line spacing of each material's pattern (x, y), metres; None draws no lines that way.
 _PATTERNS: dict[str, tuple[float | None, float | None]] = {
@@ -94,8 +95,11 @@ def draw_room_labels(parent: ET.Element, world: World, sheet: Sheet) -> None:
     """Adds name and area of every room, where they cover least."""
     obstacles = [piece_box(piece, sheet).grown(3.0) for piece in world.furniture]
     obstacles.append(sheet.box(Rectangle(x_min_m=-0.6, y_min_m=-0.3, x_max_m=0.5, y_max_m=0.5)))
+    reach_m = START_RADIUS_M
+    start = Rectangle(x_min_m=-reach_m, y_min_m=-reach_m, x_max_m=reach_m, y_max_m=reach_m)
     for room in world.rooms:
-        label = place_label(room.name, f"{_area_m2(room):.1f} m²", sheet.box(room.floor), obstacles)
+        detail = f"{_area_m2(room):.1f} m²"
+        label = place_label(room.name, detail, sheet.box(room.floor), obstacles, [sheet.box(start)])
         _room_label(parent, label, room)
 
 
@@ -118,21 +122,30 @@ def _room_label(parent: ET.Element, label: Label, room: Room) -> None:
 def _piece_label(group: ET.Element, piece: Furniture, box: Box) -> None:
     upright = box.height > box.width
     length, across = (box.height, box.width) if upright else (box.width, box.height)
-    text = " ".join(piece.name.split())
-    if across < _PIECE_LABEL_SIZE or text_width(text, _PIECE_LABEL_SIZE) > length:
+    text = _in_words(piece.name)
+    size = next((size for size in _PIECE_LABEL_SIZES if text_width(text, size) <= length), 0.0)
+    if not piece.solids or not size or across < size:
         return
     x, y = box.center
     turn: Attributes = {"transform": f"rotate(-90 {x:.2f} {y:.2f})"} if upright else {}
-    shown = fitted(text, _PIECE_LABEL_SIZE, length)
-    element(
-        group, "text", shown, x=x, y=y + 4, font_size=_PIECE_LABEL_SIZE, class_=f"piece on-{_ground(piece)}", **turn
-    )
+    ground = "dark" if _luma(_widest(piece)) < 0.5 else "light"
+    element(group, "text", text, x=x, y=y + 0.36 * size, font_size=size, class_=f"piece on-{ground}", **turn)
 
 
-def _ground(piece: Furniture) -> str:
-    """Returns whether text on the piece's highest surface stands on dark or on light (ITU-R BT.709 luma)."""
-    red, green, blue = max(piece.solids, key=_top_m).color
-    return "dark" if 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.5 else "light"
+def _in_words(name: str) -> str:
+    """Returns ``Console tables 1`` for ``ConsoleTables_1``."""
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])|[_\s]+", " ", name).split()
+    return " ".join([*words[:1], *(word.lower() for word in words[1:])])
+
+
+def _widest(piece: Furniture) -> Solid:
+    return max(piece.solids, key=lambda solid: solid.half_extents_m[0] * solid.half_extents_m[1])
+
+
+def _luma(solid: Solid) -> float:
+    """Returns how bright a solid is, 0-1 (ITU-R BT.709)."""
+    red, green, blue = solid.color
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 def _solid(parent: ET.Element, solid: Solid, sheet: Sheet, attributes: Attributes) -> None:

@@ -11,6 +11,7 @@ _MIN_NAME_SIZE = 11.0
 _LINE = 1.2
 _MARGIN = 6.0
 _STEPS = 12
+_SOFT_WEIGHT = 0.25
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Label:
     upright: bool
 
 
-def place_label(name: str, detail: str, room: Box, obstacles: Sequence[Box]) -> Label:
+def place_label(name: str, detail: str, room: Box, obstacles: Sequence[Box], soft: Sequence[Box] = ()) -> Label:
     """Returns the label of a room where it covers least of the obstacles, and of those places nearest the middle.
 
     Args:
@@ -42,6 +43,7 @@ def place_label(name: str, detail: str, room: Box, obstacles: Sequence[Box]) -> 
         detail: A short second line.
         room: The room's floor on the page.
         obstacles: Furniture and marks on the page.
+        soft: What is better not covered, but rather than furniture.
     """
     inner = room.grown(-_MARGIN)
     upright = inner.height > inner.width and text_width(name, NAME_SIZE) > inner.width
@@ -51,7 +53,8 @@ def place_label(name: str, detail: str, room: Box, obstacles: Sequence[Box]) -> 
     along = max(text_width(shown, size), text_width(detail, AREA_SIZE))
     across = _LINE * (size + AREA_SIZE)
     width, height = (across, along) if upright else (along, across)
-    x, y = _freest(inner, width, height, obstacles)
+    weights = [*((box, 1.0) for box in obstacles), *((box, _SOFT_WEIGHT) for box in soft)]
+    x, y = _freest(inner, width, height, weights)
     return Label(x, y, size, shown, detail, upright)
 
 
@@ -60,7 +63,7 @@ def _size(name: str, length: float) -> float:
     return NAME_SIZE if wanted <= length else max(_MIN_NAME_SIZE, NAME_SIZE * length / wanted)
 
 
-def _freest(inner: Box, width: float, height: float, obstacles: Sequence[Box]) -> tuple[float, float]:
+def _freest(inner: Box, width: float, height: float, obstacles: Sequence[tuple[Box, float]]) -> tuple[float, float]:
     middle_x, middle_y = inner.center
     slack_x, slack_y = max(0.0, inner.width - width) / 2, max(0.0, inner.height - height) / 2
     best = (float("inf"), 0.0, middle_x, middle_y)
@@ -68,6 +71,6 @@ def _freest(inner: Box, width: float, height: float, obstacles: Sequence[Box]) -
         for column in range(-_STEPS, _STEPS + 1):
             x, y = middle_x + slack_x * column / _STEPS, middle_y + slack_y * row / _STEPS
             box = Box(x - width / 2, y - height / 2, x + width / 2, y + height / 2)
-            covered = sum(box.overlap(obstacle) for obstacle in obstacles)
+            covered = sum(weight * box.overlap(obstacle) for obstacle, weight in obstacles)
             best = min(best, (round(covered, 3), abs(row) + abs(column), x, y))
     return best[2], best[3]

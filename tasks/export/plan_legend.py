@@ -69,12 +69,14 @@ def draw_north(parent: ET.Element, x: float, top: float) -> None:
     element(group, "text", "N, +y", x=x - 14, y=top + 18, font_size=_SMALL_SIZE, text_anchor="end")
 
 
-def draw_certificate(parent: ET.Element, certificate: Certificate, box: Box) -> None:
+def draw_certificate(parent: ET.Element, world: World, box: Box) -> None:
     """Adds what is guaranteed about the world, in one row, and below it the wishes that are not fulfilled."""
+    certificate = world.certificate
+    narrowest = f"{certificate.narrowest_passage_m:.2f} m" if world.passages else "none"
     facts = (
         (f"{certificate.origin_clear_radius_m:.2f} m", "clear around start"),
         (f"{certificate.reachable_robot_radius_m:.2f} m", "largest robot radius"),
-        (f"{certificate.narrowest_passage_m:.2f} m", "narrowest passage"),
+        (narrowest, "narrowest passage"),
         (f"{100 * certificate.free_floor_share:.0f} %", "free floor"),
         (f"{100 * certificate.area_error_mean:.1f} %", "mean area error"),
         (f"{certificate.overlaps}", "overlaps"),

@@ -23,8 +23,9 @@ from tasks.export.plan_legend import (
 from tasks.export.plan_page import Box, Sheet, element
 
 _PLAN_SIDE = 900.0  # page units of the plan's longer side
-_MIN_INNER_WIDTH = 760.0  # the certificate's row needs it
-_MARGIN = 64.0  # on the left it holds a dimension line
+_MIN_INNER_WIDTH = 820.0  # the certificate's row needs it
+_SIDE_MARGIN = 64.0  # the left one holds a dimension line
+_MARGIN = 40.0
 _TITLE_HEIGHT = 52.0
 _DIMENSION_OFFSET = 18.0
 _DIMENSION_SPACE = 46.0
@@ -37,7 +38,8 @@ svg{background:#fff;font-family:system-ui,"Segoe UI",Roboto,Helvetica,Arial,sans
 .gap{fill:#fff;fill-opacity:.45;stroke:none}
 .furniture rect,.furniture circle{stroke:#1d2125;stroke-opacity:.75;stroke-width:.9}
 .label text{text-anchor:middle;paint-order:stroke;stroke:#fff;stroke-linejoin:round;stroke-opacity:.8;stroke-width:3.5}
-.piece{text-anchor:middle}.on-dark{fill:#fff}.on-light{fill:#23272b}
+.piece{text-anchor:middle;paint-order:stroke;stroke-width:2;stroke-linejoin:round}
+.on-dark{fill:#fff;stroke:#23272b;stroke-opacity:.3}.on-light{fill:#23272b;stroke:#fff;stroke-opacity:.85}
 .start .clear{fill:#1769d2;fill-opacity:.07;stroke:#1769d2;stroke-width:1.2;stroke-dasharray:6 4}
 .start .origin{fill:#1769d2}.start .mark{font-size:12px;fill:#1257b0}
 .axis-x,.axis-y{fill:none;stroke-width:2}.axis-x{stroke:#c5221f}.axis-y{stroke:#188038}
@@ -52,19 +54,19 @@ def floor_plan_svg(world: World) -> str:
     width_m, height_m = footprint.x_max_m - footprint.x_min_m, footprint.y_max_m - footprint.y_min_m
     units_per_m = _PLAN_SIDE / max(width_m, height_m)
     inner = max(_MIN_INNER_WIDTH, width_m * units_per_m)
-    left = _MARGIN + (inner - width_m * units_per_m) / 2
+    left, right = _SIDE_MARGIN, _SIDE_MARGIN + inner
     top = _MARGIN + _TITLE_HEIGHT + _DIMENSION_SPACE
-    sheet = Sheet(footprint.x_min_m, footprint.y_max_m, units_per_m, left, top)
+    sheet = Sheet(footprint.x_min_m, footprint.y_max_m, units_per_m, left + (inner - width_m * units_per_m) / 2, top)
     below = top + height_m * units_per_m + 24
-    page = Box(0, 0, inner + 2 * _MARGIN, below + _SCALE_SPACE + certificate_height(world.certificate) + _MARGIN)
-    root = _root(world, page)
+    facts = below + _SCALE_SPACE
+    root = _root(world, Box(0, 0, right + left, facts + certificate_height(world.certificate) + _MARGIN))
     draw_patterns(element(root, "defs"), world, sheet)
     _plan(root, world, sheet)
-    draw_title(root, world, Box(_MARGIN, _MARGIN, page.right - _MARGIN, _MARGIN + _TITLE_HEIGHT))
+    draw_title(root, world, Box(left, _MARGIN, right, _MARGIN + _TITLE_HEIGHT))
     draw_dimensions(root, world, sheet, _DIMENSION_OFFSET)
-    draw_scale_bar(root, sheet, left, below, 0.5 * width_m * units_per_m)
-    draw_north(root, left + width_m * units_per_m - 8, below)
-    draw_certificate(root, world.certificate, Box(_MARGIN, below + _SCALE_SPACE, page.right - _MARGIN, page.bottom))
+    draw_scale_bar(root, sheet, left, below, inner / 2)
+    draw_north(root, right - 8, below)
+    draw_certificate(root, world, Box(left, facts, right, facts))
     return ET.tostring(root, encoding="unicode") + "\n"
 
 

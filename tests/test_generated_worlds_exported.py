@@ -1,0 +1,48 @@
+"""What the generator makes is what the exporter writes: many capabilities, so it stands above their folders."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import mujoco
+import pytest
+
+from specs.template import TemplateBody
+from specs.world import World, solids
+from tasks.export.bundle import WORLD_FILE, world_files
+from tasks.export.mjcf import world_xml
+from tasks.export.svg import floor_plan_svg
+from tasks.worlds.canonical import encode_world
+from tasks.worlds.generate import generate_world
+
+TEMPLATE = Path(__file__).parents[1] / "examples" / "templates" / "two-rooms.json"
+
+
+@pytest.fixture(scope="module", params=range(1, 4))
+def world(request: pytest.FixtureRequest) -> World:
+    template = TemplateBody.model_validate(json.loads(TEMPLATE.read_text()))
+    return generate_world(template, seed=request.param, generation="wgj-1", floorplan_index=1, interior_index=1)
+
+
+def test_the_zip_holds_the_very_bytes_of_the_store(world: World):
+    assert world_files(world, [])[WORLD_FILE] == encode_world(world)
+
+
+def test_mujoco_sees_every_solid(world: World):
+    model = mujoco.MjModel.from_xml_string(world_xml(world))
+    assert {model.geom(number).name for number in range(model.ngeom)} >= {solid.name for solid in solids(world)}
+
+
+def test_nothing_in_the_model_touches_the_certified_start(world: World):
+    spec = mujoco.MjSpec.from_string(world_xml(world))
+    body = spec.worldbody.add_body(name="start", pos=[0.0, 0.0, 0.251])
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.999, 0.25, 0.0])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 0
+
+
+def test_the_plan_is_an_svg(world: World):
+    assert ET.fromstring(floor_plan_svg(world)).tag.endswith("svg")  # noqa: S314 - our own document
