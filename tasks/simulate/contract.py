@@ -1,0 +1,139 @@
+"""What an application's bundle and the engine hand each other (docs/applications.md).
+
+Bundles import nothing from here when they run: what they receive are these tuples, and what they return needs only
+the attributes named here.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int
+
+from specs.world import World
+
+# Whatever a bundle keeps from one control step to the next: a pytree of arrays.
+State = Any
+Environment = Mapping[str, "str | Float[jax.Array, '']"]
+
+
+class FloorMap(NamedTuple):
+    """What is free for the robot, on a square grid; ``clearance_m[row, column]`` is at row y, column x.
+
+    Attributes:
+        clearance_m: Distance from each cell's centre to the nearest solid, 0 inside one and outside the apartment.
+        origin_m: Centre (x, y) of the cell (0, 0).
+        cell_m: Side of a cell.
+        bounds_m: The apartment's outer faces: (x min, y min, x max, y max).
+    """
+
+    clearance_m: Float[jax.Array, "rows columns"]
+    origin_m: Float[jax.Array, "2"]
+    cell_m: Float[jax.Array, ""]
+    bounds_m: Float[jax.Array, "4"]
+
+
+class HostMap(NamedTuple):
+    """A FloorMap before it goes to a device, for what is done once an episode; fields as there."""
+
+    clearance_m: Float32[np.ndarray, "rows columns"]
+    origin_m: Float32[np.ndarray, "2"]
+    cell_m: Float32[np.ndarray, ""]
+    bounds_m: Float32[np.ndarray, "4"]
+
+
+class Observation(NamedTuple):
+    """What the robot senses at a control step.
+
+    Attributes:
+        time_s: Since the episode began.
+        pose: Where the robot is: (x m, y m, yaw rad).
+        velocity: How it moves: (m/s, m/s, rad/s) along the world's axes.
+        ranges_m: Lidar, counter-clockwise from straight ahead; the lidar's range where nothing is seen.
+        goal_index: Which goal it should go to now.
+        goal_m: Where that is: (x, y).
+    """
+
+    time_s: Float[jax.Array, ""]
+    pose: Float[jax.Array, "3"]
+    velocity: Float[jax.Array, "3"]
+    ranges_m: Float[jax.Array, "rays"]
+    goal_index: Int[jax.Array, ""]
+    goal_m: Float[jax.Array, "2"]
+
+
+class Lidar(Protocol):
+    """A planar lidar: number of rays, how far they reach, height above the floor."""
+
+    @property
+    def rays(self) -> int: ...
+    @property
+    def range_m(self) -> float: ...
+    @property
+    def height_m(self) -> float: ...
+
+
+class Controller(Protocol):
+    """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot."""
+
+    @property
+    def lidar(self) -> Lidar: ...
+    def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State: ...
+    def step(self, state: State, observation: Observation) -> tuple[State, Float[jax.Array, "actuators"]]: ...
+
+
+class Truth(NamedTuple):
+    """What really happened in a control step, for the scenario to judge.
+
+    Attributes:
+        time_s: At the step's end.
+        pose: At the step's end: (x m, y m, yaw rad).
+        velocity: At the step's end, along the world's axes.
+        clearance_m: From the hull to the nearest solid, below 0 when pressed into it.
+        impulse_ns: What contacts pushed the robot with during the step, newton seconds in the plane.
+        inside: Whether the robot is within the apartment's outer faces.
+    """
+
+    time_s: Float[jax.Array, ""]
+    pose: Float[jax.Array, "3"]
+    velocity: Float[jax.Array, "3"]
+    clearance_m: Float[jax.Array, ""]
+    impulse_ns: Float[jax.Array, ""]
+    inside: Bool[jax.Array, ""]
+
+
+class Verdict(NamedTuple):
+    """What the scenario says after a control step.
+
+    Attributes:
+        goal_index: The goal to go to now; how many were reached.
+        done: Whether the episode is over.
+        reason: Index in ``REASONS``; 0 with ``done`` means that the robot did its task.
+    """
+
+    goal_index: Int[jax.Array, ""]
+    done: Bool[jax.Array, ""]
+    reason: Int[jax.Array, ""]
+
+
+class Placement(NamedTuple):
+    """Where an episode starts (x m, y m, yaw rad) and which goals the robot shall visit, in order."""
+
+    start: Float64[np.ndarray, "3"]
+    goals_m: Float64[np.ndarray, "goals 2"]
+
+
+class Scenario(Protocol):
+    """What ``scenario(environment)`` in a simulation application returns.
+
+    ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX. All episodes of a scenario have the
+    same number of goals.
+    """
+
+    def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement: ...
+    def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"]) -> State: ...
+    def step(self, state: State, truth: Truth) -> tuple[State, Verdict]: ...
+
+
+REASONS = ("", "collision", "timeout", "stuck", "out of bounds", "crash")

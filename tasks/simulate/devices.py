@@ -1,0 +1,53 @@
+"""How JAX sees this machine: set before JAX is imported, because it reads these settings once."""
+
+import os
+import sys
+from pathlib import Path
+
+from specs.errors import SimyardError
+
+_DEVICES_FLAG = "--xla_force_host_platform_device_count"
+_CACHE_SETTINGS = {
+    # Every program is kept, however quickly it compiled: a rerun then compiles nothing.
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+}
+
+
+class JaxAlreadyImported(SimyardError):  # noqa: N818 - a state
+    """JAX was imported before its devices were set, so it would use one core and keep no programs."""
+
+
+def device_count() -> int:
+    """Returns how many host devices to split the lanes over: one for each core this process may use."""
+    return max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+def compilation_cache() -> Path:
+    """Returns the folder of compiled programs: ``SIMYARD_CACHE``, else the user's cache folder."""
+    override = os.environ.get("SIMYARD_CACHE")
+    if override:
+        return Path(override) / "programs"
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "simyard" / "programs"
+
+
+def prepare_devices() -> None:
+    """Sets JAX's host device count and compilation cache in this process's environment; may be called again.
+
+    Settings that the user made win.
+
+    Raises:
+        JaxAlreadyImported: JAX was imported before the first call, and the settings would come too late.
+    """
+    flags = os.environ.get("XLA_FLAGS", "")
+    wanted = dict(_CACHE_SETTINGS, JAX_COMPILATION_CACHE_DIR=str(compilation_cache()))
+    missing = {name: value for name, value in wanted.items() if name not in os.environ}
+    if _DEVICES_FLAG not in flags:
+        missing["XLA_FLAGS"] = f"{flags} {_DEVICES_FLAG}={device_count()}".strip()
+    if missing and "jax" in sys.modules:
+        raise JaxAlreadyImported(
+            f"jax was imported before {', '.join(sorted(missing))} could be set: "
+            "call tasks.simulate.devices.prepare_devices() before anything imports jax"
+        )
+    os.environ.update(missing)

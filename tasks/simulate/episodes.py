@@ -1,0 +1,152 @@
+"""A chunk from requests to rows: applications imported, lanes staged, the program run slice by slice."""
+
+import functools
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32
+
+from specs.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.world import World
+from tasks.simulate.applications import Applications, check_robot, check_scenario, read_lidar
+from tasks.simulate.bundles import BundleCrash, load_factory
+from tasks.simulate.chunks import Chunk, split_environment
+from tasks.simulate.contract import Placement
+from tasks.simulate.lane import LaneInputs, LaneState
+from tasks.simulate.model import load_robot
+from tasks.simulate.outcomes import canceled_row, failed_row, finished_row
+from tasks.simulate.program import Program, make_program
+from tasks.simulate.robot import RobotRefused
+from tasks.simulate.staging import Lane, Stage, place, stack_lanes, stage_worlds, with_shortest_paths
+
+logger = logging.getLogger(__name__)
+_PROGRAMS_KEPT = 8
+_NO_WORLD = "InvalidS3Resource"
+
+
+def run_chunk(
+    chunk: Chunk,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    should_stop: Callable[[], bool],
+) -> list[EpisodeResult]:
+    """Returns a chunk's rows in request order; see ``tasks.simulate.runner.simulate_chunk``."""
+    present = [request for request in chunk.requests if request.world in worlds]
+    rows = {
+        request.index: failed_row(request, _NO_WORLD, f"world {request.world} does not exist")
+        for request in chunk.requests
+        if request.world not in worlds
+    }
+    try:
+        rows.update({row.index: row for row in _run(present, worlds, bundles, lanes, should_stop)} if present else {})
+    except BundleCrash as crash:
+        rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
+    return [rows[request.index] for request in chunk.requests]
+
+
+def _run(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    lanes: int,
+    should_stop: Callable[[], bool],
+) -> list[EpisodeResult]:
+    program = _program_of(requests[0], bundles, lanes)
+    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
+    stages = stage_worlds(used, program.robot.hull, program.applications.lidar)
+    ready, rows = _place_all(program, requests, used, stages)
+    return rows + _episodes(program, ready, should_stop) if ready else rows
+
+
+def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int) -> Program:
+    numbers, texts = split_environment(request.environment)
+    folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
+    environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
+    return _program(request.robot, request.scenario, folders, environment, lanes)
+
+
+@functools.lru_cache(maxsize=_PROGRAMS_KEPT)
+def _program(
+    robot: ApplicationLaunch,
+    scenario: ApplicationLaunch,
+    folders: tuple[Path, Path],
+    environment: tuple[tuple[str, ...], tuple[tuple[str, str], ...]],
+    lanes: int,
+) -> Program:
+    """Returns the program of two applications; kept, so that a batch's chunks share one compilation.
+
+    Raises:
+        BundleCrash: An application does not import, or its robot is refused.
+    """
+    names, texts = environment
+    make_controller = load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
+    make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
+    lidar = read_lidar(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
+    try:
+        model = load_robot(folders[0] / "robot.xml")
+    except RobotRefused as refused:
+        raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
+    return make_program(model, Applications(make_controller, make_scenario, dict(texts), names, lidar), lanes)
+
+
+def _place_all(
+    program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, Stage]
+) -> tuple[list[Lane], list[EpisodeResult]]:
+    """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
+    placed: list[tuple[EpisodeRequest, Stage, Placement]] = []
+    rows: list[EpisodeResult] = []
+    for request in requests:
+        numbers, texts = split_environment(request.environment)
+        environment = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
+        try:
+            scenario = program.applications.placing_scenario(environment)
+            stage = stages[request.world]
+            placement = place(scenario, request, worlds[request.world], stage, program.robot.hull)
+            _require_goals(placement, placed)
+        except BundleCrash as crash:
+            rows.append(failed_row(request, crash.code, crash.reason))
+        else:
+            placed.append((request, stage, placement))
+    return with_shortest_paths(placed, program.robot.hull), rows
+
+
+def _require_goals(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:
+    if placed and len(placement.goals_m) != len(placed[0][2].goals_m):
+        raise BundleCrash(
+            "SimulationApplicationCrash",
+            f"scenario.place: {len(placement.goals_m)} goals, where other episodes have {len(placed[0][2].goals_m)}",
+        )
+
+
+def _episodes(program: Program, lanes: Sequence[Lane], should_stop: Callable[[], bool]) -> list[EpisodeResult]:
+    """Returns the rows of episodes that can run."""
+    started_s = time.monotonic()
+    inputs = stack_lanes(lanes, program.applications.names, program.lanes)
+    one = jax.tree.map(lambda array: jnp.asarray(array[0]), inputs)
+    check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.robot.actuators)
+    check_scenario(program.applications, one.goals_m, one.numbers)
+    state, poses = _advance_until_done(program, program.place(inputs), should_stop)
+    logger.info("%d episodes in %.1f s", len(lanes), time.monotonic() - started_s)
+    return [
+        finished_row(lane, position, state, poses) if state.done[position] else canceled_row(lane.request)
+        for position, lane in enumerate(lanes)
+    ]
+
+
+def _advance_until_done(
+    program: Program, inputs: LaneInputs, should_stop: Callable[[], bool]
+) -> tuple[LaneState, list[Float32[np.ndarray, "lanes steps 3"]]]:
+    """Returns the lanes' last state, without the applications' own, and the poses of each slice."""
+    state = program.begin(inputs)
+    poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
+    while not np.all(state.done) and not should_stop():
+        state, record = program.advance(inputs, state)
+        poses.append(np.asarray(record.pose))
+    return jax.device_get(state._replace(controller=None, scenario=None)), poses

@@ -1,0 +1,108 @@
+"""Lanes as result rows."""
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float32
+
+from specs.episode import EpisodeRequest, EpisodeResult, OutcomeReason
+from tasks.simulate.bundles import CrashCode
+from tasks.simulate.contract import REASONS
+from tasks.simulate.lane import NO_CRASH, ROBOT_CRASH, LaneState
+from tasks.simulate.robot import CONTROL_S
+from tasks.simulate.staging import Lane
+
+# One pose in half a simulated second is kept of a failed episode.
+POSE_STEPS = 10
+_CRASHES: dict[int, tuple[CrashCode, str]] = {
+    ROBOT_CRASH: ("RobotApplicationCrash", "controller.step: returned a control that is not finite"),
+    ROBOT_CRASH + 1: ("SimulationApplicationCrash", "the robot's position or velocity is no longer finite"),
+}
+
+
+def failed_row(request: EpisodeRequest, code: str, reason: str) -> EpisodeResult:
+    """Returns the row of an episode that could not start."""
+    return _empty_row(request, code, reason).model_copy(update={"status": "Failed", "outcome_reason": "crash"})
+
+
+def canceled_row(request: EpisodeRequest) -> EpisodeResult:
+    """Returns the row of an episode that was stopped before its end; what it had done by then is not kept."""
+    return _empty_row(request, "", "stopped before its end").model_copy(update={"status": "Canceled"})
+
+
+def finished_row(
+    lane: Lane, position: int, state: LaneState, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
+) -> EpisodeResult:
+    """Returns the row of a lane that is done.
+
+    Args:
+        position: The lane's position in the chunk.
+        state: All lanes' states, on the host.
+        poses: The slices' poses at the ends of their control steps.
+    """
+    reason = cast("OutcomeReason", REASONS[int(state.reason[position])])
+    crash = int(state.crash[position])
+    code, why = _CRASHES[crash] if crash != NO_CRASH else ("", "")
+    passed = reason == ""
+    steps, tally, pose = int(state.step[position]), state.tally, state.body.qpos[position]
+    driven = float(tally.path_length_m[position])
+    shortest = lane.shortest_path_m if np.isfinite(lane.shortest_path_m) else 0.0
+    return EpisodeResult(
+        index=lane.request.index,
+        status="Failed" if code else "Completed",
+        failure_code=code,
+        failure_reason=why,
+        outcome="Passed" if passed else "Failed",
+        outcome_reason=reason,
+        simulated_s=round(steps * CONTROL_S, 6),
+        goals_reached=int(state.goal_index[position]),
+        goals_total=len(lane.placement.goals_m),
+        path_length_m=driven,
+        shortest_path_m=shortest,
+        spl=shortest / max(driven, shortest) if passed and shortest > 0.0 else 0.0,
+        collisions=int(tally.collisions[position]),
+        min_clearance_m=_finite(float(tally.min_clearance_m[position])),
+        energy_j=float(tally.energy_j[position]),
+        final_x_m=float(pose[0]),
+        final_y_m=float(pose[1]),
+        final_yaw_rad=float(pose[2]),
+        trajectory=() if passed else _trajectory(lane, position, steps, poses),
+    )
+
+
+def _trajectory(
+    lane: Lane, position: int, steps: int, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
+) -> tuple[tuple[float, float, float, float], ...]:
+    """Returns the poses from the start, every half second, to the last."""
+    driven = np.concatenate([np.float32(lane.placement.start)[None], *(each[position] for each in poses)])[: steps + 1]
+    kept = sorted({*range(0, len(driven), POSE_STEPS), len(driven) - 1})
+    return tuple((round(k * CONTROL_S, 6), *(float(value) for value in driven[k])) for k in kept)
+
+
+def _finite(value: float) -> float:
+    return value if np.isfinite(value) else 0.0
+
+
+def _empty_row(request: EpisodeRequest, code: str, reason: str) -> EpisodeResult:
+    return EpisodeResult(
+        index=request.index,
+        status="Canceled",
+        failure_code=code,
+        failure_reason=reason,
+        outcome="Failed",
+        outcome_reason="",
+        simulated_s=0.0,
+        goals_reached=0,
+        goals_total=0,
+        path_length_m=0.0,
+        shortest_path_m=0.0,
+        spl=0.0,
+        collisions=0,
+        min_clearance_m=0.0,
+        energy_j=0.0,
+        final_x_m=0.0,
+        final_y_m=0.0,
+        final_yaw_rad=0.0,
+        trajectory=(),
+    )

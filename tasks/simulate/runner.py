@@ -1,0 +1,41 @@
+"""The one way into the simulation: a chunk of episodes in, rows out.
+
+This module imports no JAX itself, so that importing it is cheap and JAX's settings can still be made.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from specs.episode import EpisodeResult
+from specs.world import World
+from tasks.simulate.chunks import Chunk
+from tasks.simulate.devices import prepare_devices
+
+
+def simulate_chunk(
+    chunk: Chunk,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    should_stop: Callable[[], bool],
+) -> list[EpisodeResult]:
+    """Returns the results of a chunk's episodes, in request order.
+
+    Whatever goes wrong inside an episode is its row: applications that do not import, raise or return what is not
+    finite; worlds that are missing; states that blow up. The other rows are the same bits without it.
+
+    Args:
+        chunk: At most ``lanes`` episodes that share a program.
+        worlds: By ``<generation>/<world>``; more than the chunk needs are ignored.
+        bundles: Unpacked folders of the chunk's applications, by digest.
+        lanes: How many lanes every chunk of the batch is padded to.
+        should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
+
+    Raises:
+        JaxAlreadyImported: JAX was imported before its settings could be made.
+    """
+    prepare_devices()
+    from tasks.simulate.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
+
+    return run_chunk(chunk, worlds, bundles, lanes=lanes, should_stop=should_stop)

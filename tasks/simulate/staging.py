@@ -1,0 +1,108 @@
+"""Episodes made ready on the host: worlds as arrays, starts and goals drawn, everything stacked lane by lane."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from specs.episode import EpisodeRequest
+from specs.world import World
+from tasks.simulate.bundles import BundleCrash, guarded
+from tasks.simulate.chunks import split_environment
+from tasks.simulate.contract import FloorMap, HostMap, Lidar, Placement, Scenario
+from tasks.simulate.floor_map import floor_map, grid_cells
+from tasks.simulate.geodesic import shortest_paths_m
+from tasks.simulate.lane import LaneInputs
+from tasks.simulate.obstacles import Obstacles, obstacles, padded
+from tasks.simulate.robot import CONTROL_S, Hull
+
+_SEEN_M = 1e-3  # half the thickness of the lidar's plane
+
+
+class Stage(NamedTuple):
+    """One world as arrays: what is touched, what is seen, and the map."""
+
+    touched: Obstacles
+    seen: Obstacles
+    floor: HostMap
+
+
+class Lane(NamedTuple):
+    """An episode that can run."""
+
+    request: EpisodeRequest
+    stage: Stage
+    placement: Placement
+    shortest_path_m: float
+
+
+def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[str, Stage]:
+    """Returns the worlds as arrays, all of the same shapes."""
+    touched = [obstacles(world, hull.low_m, hull.high_m) for world in worlds.values()]
+    seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
+    cells = max((grid_cells(world) for world in worlds.values()), default=0)
+    floors = [floor_map(world, each, cells) for world, each in zip(worlds.values(), touched, strict=True)]
+    stages = map(Stage, padded(touched), padded(seen), floors)
+    return dict(zip(worlds, stages, strict=True))
+
+
+def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stage, hull: Hull) -> Placement:
+    """Returns where an episode starts and which goals it has, drawn by its seed.
+
+    Raises:
+        BundleCrash: The scenario raises, or returns no finite start, or no goal.
+    """
+    code = "SimulationApplicationCrash"
+    rng = np.random.default_rng(request.seed)
+    drawn = guarded(code, "scenario.place", scenario.place, world, stage.floor, hull.radius_m, rng)
+    start = guarded(code, "scenario.place", np.asarray, drawn.start, np.float64)
+    goals = guarded(code, "scenario.place", np.asarray, drawn.goals_m, np.float64)
+    if start.shape != (3,) or goals.ndim != 2 or goals.shape[1] != 2 or not len(goals):
+        raise BundleCrash(code, f"scenario.place: start {start.shape} and goals {goals.shape}, not (3,) and (1+, 2)")
+    if not (np.isfinite(start).all() and np.isfinite(goals).all()):
+        raise BundleCrash(code, "scenario.place: start or goals are not finite")
+    return Placement(start, goals)
+
+
+def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]], hull: Hull) -> list[Lane]:
+    """Returns the episodes with the length of their shortest ways; equal tasks are measured once."""
+    tasks: dict[bytes, int] = {}
+    owners = [tasks.setdefault(_task_key(each[0].world, each[2]), len(tasks)) for each in placed]
+    firsts = [owners.index(task) for task in range(len(tasks))]
+    lengths = shortest_paths_m([placed[k][1].floor for k in firsts], [placed[k][2] for k in firsts], hull.radius_m)
+    return [Lane(*each, float(lengths[task])) for each, task in zip(placed, owners, strict=True)]
+
+
+def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> LaneInputs:
+    """Returns the inputs of ``count`` lanes, lanes first; those beyond the episodes repeat the first, and rest.
+
+    Args:
+        names: The numeric environment variables, in the program's order.
+    """
+    filled = [*lanes, *[lanes[0]] * (count - len(lanes))]
+    floors = [lane.stage.floor for lane in filled]
+    numbers = [[split_environment(lane.request.environment)[0][name] for name in names] for lane in filled]
+    return LaneInputs(
+        boxes=np.stack([lane.stage.touched.boxes for lane in filled]),
+        cylinders=np.stack([lane.stage.touched.cylinders for lane in filled]),
+        seen_boxes=np.stack([lane.stage.seen.boxes for lane in filled]),
+        seen_cylinders=np.stack([lane.stage.seen.cylinders for lane in filled]),
+        floor=FloorMap(*(np.stack(field) for field in zip(*floors, strict=True))),
+        start=np.stack([lane.placement.start for lane in filled]).astype(np.float32),
+        goals_m=np.stack([lane.placement.goals_m for lane in filled]).astype(np.float32),
+        numbers=np.asarray(numbers, np.float32).reshape(count, len(names)),
+        last_step=np.array([last_step(lane.request) for lane in filled], np.int32),
+        alive=np.arange(count) < len(lanes),
+    )
+
+
+def last_step(request: EpisodeRequest) -> int:
+    """Returns how many control steps fit an episode's duration; at least 1."""
+    return max(1, round(request.duration_s / CONTROL_S))
+
+
+def _task_key(world: str, placement: Placement) -> bytes:
+    digest = hashlib.sha256(world.encode())
+    digest.update(placement.start.tobytes() + placement.goals_m.tobytes())
+    return digest.digest()
