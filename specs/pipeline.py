@@ -59,9 +59,9 @@ class PipelineSpec(Ruled):
     def findings(cls, data: object) -> Iterator[Finding]:
         """Yields sections that lack what another one would give them."""
         if all(part(data, section) in (None, (), []) for section in SECTIONS):
-            yield Finding((), "nothing to do", f"at least one of {', '.join(SECTIONS)}")
+            yield Finding((), data, f"at least one of {', '.join(SECTIONS)}")
         if part(data, "gate") is not None and part(data, "simulationBatch") is None:
-            yield Finding(("gate",), "a gate without a batch", "simulationBatch beside it, whose results it judges")
+            yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
         if part(data, "worldGeneration") is None:
             yield from _worlds_from_nowhere(data)
         yield from _published_twice(items(part(data, "applications")))

@@ -63,7 +63,9 @@ WorldChoice = Annotated[
         AfterValidator(distinct),
         member("list"),
     ],
-    told_apart('all, or a list of worlds such as "wgj-0123456789abcdef/world-1-1"', text=str, list=(list, tuple)),
+    told_apart(
+        'all, or a list of worlds such as "wgj-0123456789abcdef/world-1-1"', text=frozenset({"all"}), list=(list, tuple)
+    ),
 ]
 Template = Annotated[
     Annotated[str, text(1, 1224, GENERIC_PATTERN), member("text")] | Annotated[TemplateBody, member("TemplateBody")],
@@ -85,8 +87,8 @@ class PipelineWorldCount(Ruled):
         plans, interiors = (count if type(count) is int else 1 for count in counts)
         worlds = plans * interiors
         if plans > 0 and worlds > MAX_WORLDS_OF_JOB:
-            value = f"{plans} floor plans x {interiors} interiors = {worlds} worlds"
-            yield Finding((), value, f"at most {MAX_WORLDS_OF_JOB} worlds")
+            found = f"{plans} floor plans x {interiors} interiors are {worlds}"
+            yield Finding((), data, f"at most {MAX_WORLDS_OF_JOB} worlds; {found}")
 
 
 class WorldGeneration(Spec):

@@ -70,7 +70,9 @@ RoomTarget = Annotated[
     Annotated[RoomNameList, member("RoomNameList")]
     | Annotated[RoomTypeList, member("RoomTypeList")]
     | Annotated[Literal["Target.All"], member("text")],
-    told_apart(f"{_ROOMS}, or {TARGET_ALL}", RoomNameList="RoomNames", RoomTypeList="RoomTypes", text=str),
+    told_apart(
+        f"{_ROOMS}, or {TARGET_ALL}", RoomNameList="RoomNames", RoomTypeList="RoomTypes", text=frozenset({TARGET_ALL})
+    ),
 ]
 
 
@@ -136,7 +138,7 @@ class DoorOpenPosition(Spec):
 
     Percent: Annotated[
         Annotated[Number, Field(ge=0, le=100), member("number")] | Annotated[Literal["Random"], member("text")],
-        told_apart("a number from 0 to 100, or Random", number=(int, float), text=str),
+        told_apart("a number from 0 to 100, or Random", number=(int, float), text=frozenset({"Random"})),
     ] = 100.0
 
 
@@ -154,7 +156,11 @@ class InteriorDoor(Spec):
 
 DoorwayTarget = Annotated[
     Annotated[RoomPairTargetFilter, member("RoomPairTargetFilter")] | Annotated[Literal["Target.All"], member("text")],
-    told_apart(f"pairs of rooms as {{From: ..., To: ...}}, or {TARGET_ALL}", RoomPairTargetFilter=dict, text=str),
+    told_apart(
+        f"pairs of rooms as {{From: ..., To: ...}}, or {TARGET_ALL}",
+        RoomPairTargetFilter=dict,
+        text=frozenset({TARGET_ALL}),
+    ),
 ]
 
 

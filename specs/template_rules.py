@@ -40,14 +40,10 @@ def contradictions(connections: list[Connection]) -> Iterator[Finding]:
         earlier, earlier_kind = first.setdefault(frozenset(ends), (number, kind))
         if earlier == number or kind not in ("Doorway", "Opening") or earlier_kind not in ("Doorway", "Opening"):
             continue
-        loc = ("DesiredConnections", number)
-        pair = f"{ends[0]} and {ends[1]}"
-        if kind != earlier_kind:
-            allowed = f"either an Opening or Doorways between two rooms; contradicts DesiredConnections[{earlier}]"
-            yield Finding((*loc, "ConnectionType"), f"{kind} between {pair}", allowed)
-        elif kind == "Opening":
-            allowed = f"one Opening between two rooms; DesiredConnections[{earlier}] is the same"
-            yield Finding(loc, f"Opening between {pair}", allowed)
+        pair = f"{ends[0]} and {ends[1]}; DesiredConnections[{earlier}] is {earlier_kind}"
+        if "Opening" in (kind, earlier_kind):
+            words = "one Opening" if kind == earlier_kind else "either one Opening or Doorways"
+            yield Finding(("DesiredConnections", number, "ConnectionType"), kind, f"{words} between {pair}")
 
 
 def crowded_rooms(connections: list[Connection]) -> Iterator[Finding]:
@@ -55,8 +51,8 @@ def crowded_rooms(connections: list[Connection]) -> Iterator[Finding]:
     count = Counter(end for _, ends, _ in connections for end in set(ends))
     for room, number in count.items():
         if number > MAX_CONNECTIONS_OF_ROOM:
-            allowed = f"at most {MAX_CONNECTIONS_OF_ROOM} connections of one room"
-            yield Finding(("DesiredConnections",), f"{number} connections of {room}", allowed)
+            allowed = f"at most {MAX_CONNECTIONS_OF_ROOM} connections of one room; {room} has {number}"
+            yield Finding(("DesiredConnections",), [list(ends) for _, ends, _ in connections], allowed)
 
 
 def version_2_fields(data: object, loc: Location) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from pydantic import Discriminator, Tag
 from specs.base import Spec
 from specs.rules import RULE
 
-Sign = str | type | tuple[type, ...]
+Sign = str | type | tuple[type, ...] | frozenset[str]
 
 
 def member(name: str) -> Tag:
@@ -20,7 +20,8 @@ def told_apart(allowed: str, **members: Sign) -> Discriminator:
 
     Args:
         allowed: What may stand here, in plain words, for data that looks like no member.
-        members: For each member, its sign: a key that only it has, or the Python types of its JSON data.
+        members: For each member, its sign: a key that only it has, the Python types of its JSON data, or
+            the only texts that it may be.
     """
 
     def choose(data: Any) -> str | None:  # noqa: ANN401 - raw data
@@ -35,4 +36,6 @@ def _looks_like(data: object, name: str, sign: Sign) -> bool:
         return type(data).__name__ == name
     if isinstance(sign, str):
         return isinstance(data, dict) and sign in data
+    if isinstance(sign, frozenset):
+        return isinstance(data, str) and data in sign
     return isinstance(data, sign) and not isinstance(data, bool)

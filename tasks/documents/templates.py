@@ -5,8 +5,8 @@ from pathlib import Path
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
-from specs.template import TemplateBody, template_body
-from tasks.documents.parsing import parsed_with
+from specs.template import TemplateBody
+from tasks.documents.parsing import parse
 from tasks.documents.reading import decode_document, read_document
 from tasks.storage.buckets import open_bucket
 from tasks.storage.keys import template_key
@@ -34,7 +34,7 @@ def find_template(template: str | TemplateBody, store: Store, base: Path) -> Tem
         return _parsed(_stored(open_bucket(store, bucket), key, template), template)
     path = base / template
     if not template.startswith("arn:") and path.is_file():
-        return parsed_with(template_body, read_document(path), str(path))
+        return parse(TemplateBody, read_document(path), str(path))
     name = parse_reference(template).path
     if "/" in name or "." in name:
         raise _missing(template, f"a file ({path} is none), s3://bucket/key, or a template in {store.url}")
@@ -49,7 +49,7 @@ def _stored(store: Store, key: str, template: str) -> bytes:
 
 
 def _parsed(body: bytes, source: str) -> TemplateBody:
-    return parsed_with(template_body, decode_document(body, source), source)
+    return parse(TemplateBody, decode_document(body, source), source)
 
 
 def _missing(template: str, allowed: str) -> DocumentError:
