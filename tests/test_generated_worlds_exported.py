@@ -12,8 +12,10 @@ from specs.world import World, solids
 from tasks.export.bundle import WORLD_FILE, world_files
 from tasks.export.mjcf import world_xml
 from tasks.export.svg import floor_plan_svg
+from tasks.results.trajectory_svg import failure_map_svg
 from tasks.worlds.canonical import encode_world
 from tasks.worlds.generate import generate_world
+from tests.episodes_factory import collided
 
 TEMPLATE = Path(__file__).parents[1] / "examples" / "templates" / "two-rooms.json"
 
@@ -46,3 +48,7 @@ def test_nothing_in_the_model_touches_the_certified_start(world: World):
 
 def test_the_plan_is_an_svg(world: World):
     assert ET.fromstring(floor_plan_svg(world)).tag.endswith("svg")  # noqa: S314 - our own document
+
+
+def test_failures_can_be_drawn_on_the_plan(world: World):
+    assert "<polyline" in failure_map_svg(floor_plan_svg(world), [("b/0", collided(0))])

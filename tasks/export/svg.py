@@ -60,6 +60,7 @@ def floor_plan_svg(world: World) -> str:
     below = top + height_m * units_per_m + 24
     facts = below + _SCALE_SPACE
     root = _root(world, Box(0, 0, right + left, facts + certificate_height(world.certificate) + _MARGIN))
+    _say_scale(root, sheet)
     draw_patterns(element(root, "defs"), world, sheet)
     _plan(root, world, sheet)
     draw_title(root, world, Box(left, _MARGIN, right, _MARGIN + _TITLE_HEIGHT))
@@ -87,6 +88,13 @@ def _root(world: World, page: Box) -> ET.Element:
     element(root, "desc", f"Rooms: {names}. {len(world.furniture)} pieces of furniture.", id="plan-description")
     element(root, "style", _STYLE)
     return root
+
+
+def _say_scale(root: ET.Element, sheet: Sheet) -> None:
+    """Writes down how metres became page units, for whoever draws on the plan later (a failed episode's path)."""
+    root.set("data-units-per-m", f"{sheet.units_per_m:.6f}")
+    root.set("data-origin-x", f"{sheet.x(0.0):.6f}")
+    root.set("data-origin-y", f"{sheet.y(0.0):.6f}")
 
 
 def _plan(root: ET.Element, world: World, sheet: Sheet) -> None:
