@@ -121,7 +121,7 @@ def _bounds(model: type[BaseModel], place: Place) -> str | None:
 
 def _metadata(annotation: Any) -> list[object]:  # noqa: ANN401 - any type expression
     inner = [mark for part in get_args(annotation) for mark in _metadata(part)]
-    marks = list(getattr(annotation, "__metadata__", ()))
+    marks: list[object] = list(getattr(annotation, "__metadata__", ()))
     nested = [mark for field in marks if isinstance(field, FieldInfo) for mark in field.metadata]
     return [*inner, *marks, *nested]
 
