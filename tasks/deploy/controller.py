@@ -147,6 +147,14 @@ def recorded_progress(record: JobRecord) -> dict[str, RobotProgress]:
     return _PROGRESS.validate_python(record.detail.get("progress", {}))
 
 
+def live_progress(store: Store, record: JobRecord, now_s: float) -> dict[str, RobotProgress]:
+    """Returns how far each robot of a deployment that has not ended is now; nothing before it is planned."""
+    if "plan" not in record.detail:
+        return {}
+    plan = Plan.model_validate(record.detail["plan"])
+    return _observe(store, plan, _asked_before(store, plan, record.id), recorded_progress(record), now_s)
+
+
 def _wanted(plan: Plan, deployment: str, robot: str, epoch: int, now_s: float) -> Desired:
     return Desired(
         robot=robot,

@@ -1,0 +1,113 @@
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from specs.deployment import DeploymentLaunchConfig
+from specs.errors import DocumentError, ResourceNotFound
+from tasks.deploy.fleets import create_fleet, fleets, read_fleet
+from tasks.deploy.robots import ask, create_robot, members, read_desired, read_robot, register_robot, robots
+from tasks.deploy.states import Desired
+from tasks.storage.store import Store
+
+
+def _desired(deployment: str, epoch: int = 1) -> Desired:
+    return Desired(
+        robot="r1",
+        deployment=deployment,
+        sequence=1,
+        epoch=epoch,
+        application="courier",
+        version=1,
+        digest="0" * 64,
+        launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
+        environment={},
+        timeout_s=60.0,
+        issued_at_s=1.0,
+    )
+
+
+def test_a_fleet_that_is_made_twice_is_one_fleet(file_store: Store) -> None:
+    first = create_fleet(file_store, "couriers", {"site": "hall"})
+
+    assert create_fleet(file_store, "couriers") == first
+    assert fleets(file_store) == [first]
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "couriers",
+        "arn:simyard:deployment-fleet:0123456789ab:couriers",
+        "arn:aws:robomaker:us-west-2:111111111111:deployment-fleet/couriers/1551203485821",
+    ],
+)
+def test_a_fleet_is_found_by_name_and_by_either_arn(reference: str, file_store: Store) -> None:
+    fleet = create_fleet(file_store, "couriers")
+
+    assert read_fleet(file_store, reference)[0] == fleet
+
+
+@pytest.mark.parametrize("reference", ["nobody", "arn:simyard:robot:0123456789ab:couriers", "arn:nonsense"])
+def test_what_is_no_fleet_is_missing(reference: str, file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+
+    with pytest.raises(ResourceNotFound):
+        read_fleet(file_store, reference)
+
+
+def test_a_robot_belongs_to_one_fleet(file_store: Store) -> None:
+    for fleet in ("couriers", "cleaners"):
+        create_fleet(file_store, fleet)
+    create_robot(file_store, "r1")
+    register_robot(file_store, "couriers", "r1")
+
+    with pytest.raises(DocumentError, match="it is in couriers"):
+        register_robot(file_store, "cleaners", "r1")
+
+    assert register_robot(file_store, "couriers", "r1").fleet == "couriers"
+
+
+def test_of_fleets_that_register_a_robot_at_once_one_gets_it(file_store: Store) -> None:
+    names = [f"fleet-{number}" for number in range(6)]
+    for name in names:
+        create_fleet(file_store, name)
+    create_robot(file_store, "r1")
+
+    def register(fleet: str) -> bool:
+        try:
+            return register_robot(file_store, fleet, "r1").fleet == fleet
+        except DocumentError:
+            return False
+
+    with ThreadPoolExecutor(6) as pool:
+        assert sum(pool.map(register, names)) == 1
+
+
+def test_members_are_a_fleets_robots_in_the_order_they_were_made(file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+    for name in ("z", "a", "loner"):
+        create_robot(file_store, name)
+    for name in ("a", "z"):
+        register_robot(file_store, "couriers", name)
+
+    assert [robot.name for robot in members(file_store, "couriers")] == ["z", "a"]
+    assert [robot.name for robot in robots(file_store)] == ["z", "a", "loner"]
+
+
+def test_a_robot_nobody_made_is_missing(file_store: Store) -> None:
+    with pytest.raises(ResourceNotFound):
+        read_robot(file_store, "r1")
+
+
+def test_asking_twice_for_one_deployment_asks_once(file_store: Store) -> None:
+    first = ask(file_store, _desired("dep-1", epoch=1))
+    again = ask(file_store, _desired("dep-1", epoch=2))
+
+    assert again == first
+    assert read_desired(file_store, "r1")[0] == first
+
+
+def test_the_sequence_grows_with_every_deployment(file_store: Store) -> None:
+    sequences = [ask(file_store, _desired(deployment)).sequence for deployment in ("dep-1", "dep-2", "dep-2", "dep-3")]
+
+    assert sequences == [1, 2, 2, 3]
