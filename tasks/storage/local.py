@@ -176,6 +176,6 @@ def _raise_unless_missing(exc: OSError) -> None:
 def _store_error(exc: OSError, url: str, key: str) -> StoreError:
     if exc.errno in _REFUSED:
         return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
-    if exc.errno in _NOTHING_THERE:
+    if exc.errno in (*_NOTHING_THERE, errno.EEXIST):
         return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
     return StoreError(f"{url}: {key}: {exc.strerror}")

@@ -1,6 +1,7 @@
 """Opens the store that a URL names, and refuses one that would lose work."""
 
 import os
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from tasks.storage.local import LocalStore
 from tasks.storage.store import Store
 
 _URL_RULE = "file:///absolute/folder or s3://bucket/prefix; credentials come from the usual AWS variables, never here"
+_CREDENTIALS = re.compile(r"//[^/]*@")
 
 
 class _StoreRecord(Spec):
@@ -60,13 +62,11 @@ def connect(url: str) -> Store:
         DocumentError: The URL is not one of a store.
     """
     scheme, _, rest = url.partition("://")
-    if "::" in url or scheme not in {"file", "s3"}:
+    if "::" in url or _CREDENTIALS.search(url) or scheme not in {"file", "s3"}:
         raise _not_a_store(url)
     if scheme == "file":
         return LocalStore(_folder(url))
-    bucket, _, prefix = rest.strip("/").partition("/")
-    if "@" in bucket:
-        raise _not_a_store("s3://***@***")
+    bucket, _, prefix = rest.rstrip("/").partition("/")
     from tasks.storage.s3 import S3Store  # noqa: PLC0415 - a folder must not pay for importing an S3 client
 
     return S3Store(checked_bucket(bucket), checked_key(prefix) if prefix else "")
@@ -81,8 +81,9 @@ def _folder(url: str) -> Path:
 
 
 def _not_a_store(url: str) -> DocumentError:
-    allowed = _URL_RULE if "://" in url else f"{_URL_RULE}; perhaps {Path(url).absolute().as_uri()}"
-    return DocumentError([Fault(path="store", value=repr(url), allowed=allowed)], source="--store or SIMYARD_STORE")
+    shown = _CREDENTIALS.sub("//***@", url)
+    allowed = _URL_RULE if "://" in url else f"{_URL_RULE}; perhaps {Path(shown).absolute().as_uri()}"
+    return DocumentError([Fault(path="store", value=repr(shown), allowed=allowed)], source="--store or SIMYARD_STORE")
 
 
 def _record(store: Store) -> _StoreRecord | None:

@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 Answer = Mapping[str, object]
 # A store that is not there shall be told within seconds; one that has answered before may be slow.
 _FIRST_ANSWER_S = 12.0
-_ANSWER_S = 120.0
+_ANSWER_S = 60.0
 _PART_BYTES = 16 << 20
 _CONFIG: Mapping[str, object] = {
     "connect_timeout": 2,

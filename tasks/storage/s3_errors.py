@@ -24,6 +24,7 @@ from specs.errors import ObjectConflict, ObjectNotFound, StoreAccessDenied, Stor
 
 FAULTS = (OSError, BotoCoreError, ClientError, BrokenConnection)
 _NO_CREDENTIALS = (NoCredentialsError, PartialCredentialsError, CredentialRetrievalError, ProfileNotFound)
+_NO_ANSWER = (TimeoutError, ConnectionError, BotoCoreError, BrokenConnection)
 _DENIED_CODES = frozenset({"AccessDenied", "ExpiredToken", "InvalidToken", "InvalidAccessKeyId"})
 _ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _CREDENTIALS = "check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
@@ -47,6 +48,8 @@ def explained(exc: BaseException, url: str, key: str) -> StoreError:
         return _refusal(status, code, place)
     if isinstance(exc, _NO_CREDENTIALS):
         return StoreAccessDenied(f"{place}: no usable credentials ({type(exc).__name__}); {_CREDENTIALS}")
+    if isinstance(exc, OSError) and not isinstance(exc, _NO_ANSWER):
+        return StoreError(f"{place}: {exc.strerror or exc}")  # of this machine, such as a full disk
     return StoreUnreachable(
         f"{place}: no answer from {_endpoint()} ({type(exc).__name__}); is it running and reachable?"
     )

@@ -1,0 +1,47 @@
+"""Stores for every test: a folder, and a bucket on a real S3 server that is started when first asked for."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+from tasks.storage.opening import open_store
+from tasks.storage.store import Store
+from tests.seaweed import Seaweed, running_seaweed
+
+_BUCKET = "tests"
+
+
+@pytest.fixture(scope="session")
+def seaweed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seaweed]:
+    """The S3 server of this test run, with one bucket."""
+    with running_seaweed(tmp_path_factory.mktemp("seaweed")) as server:
+        server.make_bucket(_BUCKET)
+        yield server
+
+
+@pytest.fixture
+def s3_url(seaweed: Seaweed, monkeypatch: pytest.MonkeyPatch) -> Callable[[], str]:
+    """Makes URLs of places where no store is yet; the environment lets this and child processes reach them."""
+    for name, value in seaweed.environment().items():
+        monkeypatch.setenv(name, value)
+    return lambda: f"s3://{_BUCKET}/{uuid4().hex}"
+
+
+@pytest.fixture
+def file_store(tmp_path: Path) -> Store:
+    """A new store in a folder."""
+    return open_store((tmp_path / "store").as_uri())
+
+
+@pytest.fixture
+def s3_store(s3_url: Callable[[], str]) -> Store:
+    """A new store in a bucket."""
+    return open_store(s3_url())
+
+
+@pytest.fixture(params=["file_store", "s3_store"])
+def store(request: pytest.FixtureRequest) -> Store:
+    """A new store, of each kind in turn."""
+    return request.getfixturevalue(request.param)
