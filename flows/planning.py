@@ -3,15 +3,16 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from tasks.simulate.preview import chosen_engine
-
 from flows.resolving import pins
+from specs.episode import EpisodeRequest
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
-from specs.pipeline_simulation import LocalFleet, PipelineJobRequest, SimulationBatch
+from specs.pipeline_simulation import LocalFleet, SimulationBatch
+from tasks.applications.publishing import resolve
 from tasks.results.gate import episodes_needed
-from tasks.simulate.batch_plan import lane_count
-from tasks.simulate.resolving import seed_list
+from tasks.simulate.batch_plan import episodes as episodes_of
+from tasks.simulate.preview import engine_plan
+from tasks.simulate.resolving import plan_batch, worlds_named
 from tasks.storage.store import Store
 
 
@@ -34,8 +35,9 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     episodes = 0
     if spec.simulationBatch:
-        episodes = _episodes(spec.simulationBatch, worlds)
-        yield from _batch_lines(spec.simulationBatch, episodes)
+        requests, lanes = _requests(spec.simulationBatch, worlds, store)
+        episodes = len(requests)
+        yield from _batch_lines(requests, lanes)
     if spec.gate:
         yield from _gate_lines(spec, episodes)
     if spec.deployment:
@@ -44,27 +46,21 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"no effect         {field}"
 
 
-def _episodes(section: SimulationBatch, worlds: int) -> int:
-    matrix = section.matrix
-    per_world = len(seed_list(section))
-    for values in matrix.environmentVariables.values():
-        per_world *= len(values)
-    in_matrix = worlds if matrix.worlds == "all" else len(matrix.worlds)
-    return per_world * sum(_worlds_of(request, in_matrix) for request in section.createSimulationJobRequests)
+def _requests(section: SimulationBatch, worlds: int, store: Store) -> tuple[list[EpisodeRequest], int]:
+    """Returns the episodes, over stand-ins for worlds that are not made yet, and the lanes of a chunk."""
+    names = [f"planned/world-{number}" for number in range(worlds)]
+    chosen = names if section.matrix.worlds == "all" else worlds_named(section)
+    plan = plan_batch(section, chosen, {}, lambda kind, name, version: resolve(store, kind, name, version))
+    return list(episodes_of(plan)), plan.lanes
 
 
-def _worlds_of(request: PipelineJobRequest, in_matrix: int) -> int:
-    own = sum(len(scenario.worldConfigs or ()) for scenario in request.simulationApplications or ())
-    return own or in_matrix
-
-
-def _batch_lines(section: SimulationBatch, episodes: int) -> Iterator[str]:
-    policy = section.batchPolicy
-    lanes = lane_count(policy and policy.maxConcurrency, episodes)
-    longest_s = max(request.maxJobDurationInSeconds for request in section.createSimulationJobRequests)
-    yield f"simulationBatch   {episodes} episodes of at most {longest_s} simulated seconds"
-    chunks = -(-episodes // lanes)
-    yield f"                  engine {chosen_engine(section.engine)}, {lanes} lanes, about {chunks} chunks"
+def _batch_lines(requests: list[EpisodeRequest], lanes: int) -> Iterator[str]:
+    plan = engine_plan(requests, lanes)
+    longest_s = max((request.duration_s for request in requests), default=0.0)
+    yield f"simulationBatch   {len(requests)} episodes of at most {longest_s:g} simulated seconds"
+    yield f"                  engine {plan.engine} on {plan.devices} devices, {plan.compilations} compiled programs"
+    steps = f"at most {plan.lane_steps_at_most:,} physics steps"
+    yield f"                  {plan.chunks} chunks of {plan.lanes} lanes, {steps}"
 
 
 def _gate_lines(spec: PipelineSpec, episodes: int) -> Iterator[str]:

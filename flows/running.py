@@ -15,12 +15,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from specs.pipeline import PipelineSpec
 from specs.report import PipelineReport
 from tasks.server import process
+from tasks.simulate.devices import prepare_devices
 from tasks.storage.cache import cache_folder
 from tasks.storage.opening import open_store
 from tasks.watching.listening import Listener, listening
 
 # Set before Prefect is imported; [tool.prefect] is read from the working directory only (orchestration.md).
-_PREFECT_DEFAULTS = {**process.SERVER_ENVIRONMENT, "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "ERROR"}
+_PREFECT_DEFAULTS = {**process.SERVER_ENVIRONMENT, "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
 
 
 def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
@@ -75,7 +76,10 @@ def prefect_home() -> Path:
 
 
 def _import_engine() -> None:
-    import_module("flows.pipeline")  # several seconds of imports, hidden behind the server's start
+    """Imports Prefect, JAX and MJX: seconds that pass while the server starts."""
+    prepare_devices()
+    import_module("tasks.simulate.episodes")
+    import_module("flows.pipeline")
 
 
 def _flush_logs() -> None:

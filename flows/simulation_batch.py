@@ -3,8 +3,6 @@
 import time
 
 from prefect import flow
-from tasks.simulate.preview import chosen_engine
-from tasks.simulate.task import simulate_chunk
 
 from flows.ending import as_run, ended_well
 from flows.resolving import batch_plan
@@ -17,6 +15,8 @@ from tasks.applications.task import unpack_application
 from tasks.results.task import write_tables
 from tasks.simulate.batch import canceled_chunk, chunks_of, close_batch, open_batch
 from tasks.simulate.batch_plan import BatchPlan, episode_count, episodes
+from tasks.simulate.preview import engine_plan
+from tasks.simulate.task import simulate_chunk
 from tasks.simulate.versions import batch_metadata
 from tasks.storage.opening import open_store, store_id
 from tasks.storage.records import JobRecord, is_terminal
@@ -58,8 +58,9 @@ def simulation_batch(
 
 def _run(store: Store, batch: str, plan: BatchPlan, location: OutputLocation) -> JobRecord:
     results = _simulated(store, batch, plan)
-    metadata = batch_metadata(chosen_engine(plan.engine))
-    detail = write_tables(store.url, batch, list(episodes(plan)), results, location=location, metadata=metadata)
+    requests = list(episodes(plan))
+    metadata = batch_metadata(engine_plan(requests, plan.lanes).engine)
+    detail = write_tables(store.url, batch, requests, results, location=location, metadata=metadata)
     timed_out = any(result.status == "Canceled" for result in results)
     status = "TimedOut" if timed_out else "Completed"
     return close_batch(store, batch, status, {**detail, "metadata": dict(metadata)})

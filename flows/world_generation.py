@@ -37,7 +37,7 @@ def world_generation(
     digest = template_digest(template)
 
     def work(given: str) -> JobRecord:
-        reference = arn("world-template", store_id(opened), digest[:16])
+        reference = arn("world-template", store_id(opened), digest)
         request = generation_request(spec, template=reference, token=given)
         job_token = request.clientRequestToken or given
         return ended_well(generate_worlds(opened.url, request, template, seed=spec.seed, token=job_token))

@@ -1,0 +1,95 @@
+"""`simyard describe` and `simyard list`: RoboMaker's answers, whatever the kind of resource."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from specs.arn import KINDS, Reference, ResourceKind, parse_reference
+from specs.base import Fault, Spec
+from specs.errors import DocumentError
+from tasks.applications.describe import (
+    describe_robot_application,
+    describe_simulation_application,
+    list_robot_applications,
+    list_simulation_applications,
+)
+from tasks.deploy.describe import (
+    describe_deployment_job,
+    describe_fleet,
+    describe_robot,
+    list_deployment_jobs,
+    list_fleets,
+    list_robots,
+)
+from tasks.export.describe import describe_export_job, summarise_export_job
+from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
+from tasks.storage.records import read, records
+from tasks.storage.store import Store
+from tasks.worlds.describe import (
+    describe_generation_job,
+    describe_template,
+    describe_world,
+    list_generation_jobs,
+    list_templates,
+    list_worlds,
+)
+
+_DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
+    "world-template": describe_template,
+    "world-generation-job": lambda store, path: describe_generation_job(read(store, "world-generation-job", path)),
+    "world": describe_world,
+    "world-export-job": lambda store, path: describe_export_job(read(store, "world-export-job", path)),
+    "robot-application": describe_robot_application,
+    "simulation-application": describe_simulation_application,
+    "simulation-job": describe_job,
+    "simulation-job-batch": describe_batch,
+    "deployment-fleet": describe_fleet,
+    "robot": describe_robot,
+    "deployment-job": describe_deployment_job,
+}
+_LIST: Mapping[str, Callable[[Store], Sequence[Spec]]] = {
+    "world-templates": list_templates,
+    "world-generation-jobs": list_generation_jobs,
+    "worlds": list_worlds,
+    "world-export-jobs": lambda store: [summarise_export_job(job) for job in records(store, "world-export-job")],
+    "robot-applications": list_robot_applications,
+    "simulation-applications": list_simulation_applications,
+    "simulation-jobs": list_jobs,
+    "simulation-job-batches": list_batches,
+    "fleets": list_fleets,
+    "robots": list_robots,
+    "deployment-jobs": list_deployment_jobs,
+}
+
+
+def described(store: Store, text: str) -> Spec:
+    """Returns what the Describe call for an ARN answers.
+
+    Raises:
+        ResourceNotFound: The store has no such resource.
+        DocumentError: The text is no ARN.
+    """
+    reference = _reference(text)
+    if reference.kind is None:
+        raise _refused("arn", text, f"an ARN, arn:simyard:<kind>:...; kinds are {', '.join(KINDS)}")
+    return _DESCRIBE[reference.kind](store, reference.path)
+
+
+def listed(store: Store, kind: str) -> Sequence[Spec]:
+    """Returns what the List call for a kind answers, all pages in one.
+
+    Raises:
+        DocumentError: There is no such kind.
+    """
+    if kind not in _LIST:
+        raise _refused("kind", kind, f"one of {', '.join(_LIST)}")
+    return _LIST[kind](store)
+
+
+def _reference(text: str) -> Reference:
+    try:
+        return parse_reference(text)
+    except ValueError as exc:
+        raise _refused("arn", text, str(exc)) from exc
+
+
+def _refused(path: str, value: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path=path, value=repr(value), allowed=allowed)], source="simyard")

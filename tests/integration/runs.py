@@ -1,0 +1,100 @@
+"""`simyard` as a process, and what it leaves in a store."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+
+from specs.digests import canonical_json
+from tasks.storage.records import JobRecord, records
+from tasks.storage.store import Store
+
+ROOT = Path(__file__).parents[2]
+JOB_KINDS = ("world-generation-job", "world-export-job", "simulation-job-batch", "deployment-job", "pipeline-run")
+
+
+def small_document(**changes: object) -> dict[str, object]:
+    """Returns the quickstart with fewer worlds, seeds and robots, two chunks, and sections replaced by the changes."""
+    document = yaml.safe_load((ROOT / "examples/quickstart.yaml").read_text())
+    document["worldGeneration"]["worldCount"] = {"floorplanCount": 2, "interiorCountPerFloorplan": 1}
+    document["simulationBatch"]["batchPolicy"]["maxConcurrency"] = 16
+    document["simulationBatch"]["matrix"]["seeds"] = 8
+    document["gate"]["successRate"]["atLeast"] = 0.5
+    document["deployment"]["fleet"]["localAgents"] = 2
+    return {**document, **changes}
+
+
+def write_document(folder: Path, document: Mapping[str, object]) -> Path:
+    """Returns the document's file, with its template beside it."""
+    (folder / "templates").mkdir(parents=True, exist_ok=True)
+    template = (ROOT / "examples/templates/two-rooms.json").read_bytes()
+    (folder / "templates/two-rooms.json").write_bytes(template)
+    file = folder / "document.yaml"
+    file.write_text(yaml.safe_dump(dict(document)))
+    return file
+
+
+def simyard(*arguments: str, **environment: str) -> subprocess.Popen[str]:
+    """Returns the command, started."""
+    return subprocess.Popen(
+        [str(Path(sys.executable).with_name("simyard")), *arguments],
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finished(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Returns the command, ended."""
+    process = simyard(*arguments, **environment)
+    out, err = process.communicate(timeout=280)
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+
+
+def kill_when(process: subprocess.Popen[str], reached: Callable[[], bool], timeout_s: float = 120.0) -> None:
+    """Kills the process with SIGKILL as soon as something is reached.
+
+    Raises:
+        AssertionError: It ended before.
+    """
+    deadline_s = time.monotonic() + timeout_s
+    while not reached():
+        assert process.poll() is None, f"ended before it was killed: {process.communicate()}"
+        assert time.monotonic() < deadline_s, "the stage was never reached"
+        time.sleep(0.002)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+
+
+def jobs(store: Store) -> dict[str, list[JobRecord]]:
+    """Returns all job records by kind."""
+    return {kind: records(store, kind) for kind in JOB_KINDS}  # pyright: ignore[reportArgumentType]
+
+
+def tables(store: Store) -> dict[str, pa.Table]:
+    """Returns the result tables of the store's only batch, read back from where its record says they are."""
+    (batch,) = records(store, "simulation-job-batch")
+    found: dict[str, pa.Table] = {}
+    for name in ("results", "failures"):
+        key = str(batch.detail[f"{name}_url"]).removeprefix(store.url + "/")
+        found[name] = pq.read_table(pa.BufferReader(store.get(key).body))
+    return found
+
+
+def worlds(store: Store) -> dict[str, bytes]:
+    """Returns all worlds of the store."""
+    return {key: store.get(key).body for key in store.keys("worlds")}
+
+
+def digest_of_document(document: Mapping[str, object]) -> bytes:
+    """Returns a document in canonical form, for comparing two."""
+    return canonical_json(dict(document))  # pyright: ignore[reportArgumentType]

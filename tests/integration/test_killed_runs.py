@@ -1,0 +1,37 @@
+"""`kill -9` of `simyard run` in each stage, then the same command: nothing lost, nothing twice."""
+
+from pathlib import Path
+
+import pytest
+
+from tasks.storage.opening import open_store
+from tests.integration.runs import finished, jobs, kill_when, simyard, small_document, tables, worlds, write_document
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(280), pytest.mark.usefixtures("prefect_server")]
+
+# What a store holds while a stage is under way. The gate's window is between the batch's tables and its evidence.
+_STAGES = {
+    "world generation": "worlds/*/*.json",
+    "world export": "jobs/world-export-job/*.json",
+    "simulation": "chunks/*/000000.json",
+    "gate": "buckets/results/nightly/*/results.parquet",
+    "deployment": "robots/*/desired.json",
+}
+
+
+def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(tmp_path: Path):
+    file = write_document(tmp_path, small_document())
+    broken, unbroken = tmp_path / "broken", tmp_path / "unbroken"
+    for trace in _STAGES.values():
+        kill_when(simyard("run", str(file), "--store", broken.as_uri()), lambda trace=trace: any(broken.glob(trace)))
+    for folder in (broken, unbroken):
+        result = finished("run", str(file), "--store", folder.as_uri())
+        assert result.returncode == 0, result.stderr
+    ours, theirs = open_store(broken.as_uri()), open_store(unbroken.as_uri())
+    assert {kind: len(found) for kind, found in jobs(ours).items()} == {kind: 1 for kind in jobs(ours)}
+    assert [[job.id for job in found] for found in jobs(ours).values()] == [
+        [job.id for job in found] for found in jobs(theirs).values()
+    ]
+    assert tables(ours)["results"].num_rows == 32
+    assert all(tables(ours)[name].equals(table) for name, table in tables(theirs).items())
+    assert worlds(ours) == worlds(theirs)
