@@ -62,7 +62,8 @@ def run_export_job(
             return record
         if record.status == "Canceling":
             return advance(store, KIND, job, "Canceled")
-        advance(store, KIND, job, "Running")
+        if record.status == "Pending":
+            advance(store, KIND, job, "Running")
         try:
             detail = _export(store, request, formats, job, progress)
         except SimyardError as exc:

@@ -41,8 +41,9 @@ class BatchSummary(Spec):
 
     Attributes:
         total: All episodes.
-        by_world: By world, sorted by name.
-        by_variable: For each environment variable with more than one value: its name and a group a value.
+        by_world: By world, in the order in which the batch comes to them.
+        by_variable: For each environment variable with more than one value: its name and a group a value, in that
+            order too.
     """
 
     total: Group
@@ -93,7 +94,7 @@ def _groups(
     members: dict[str, list[_Episode]] = {}
     for episode in episodes:
         members.setdefault(label(episode[0]), []).append(episode)
-    return tuple(_group(name, members[name], confidence) for name in sorted(members))
+    return tuple(_group(name, members[name], confidence) for name in members)
 
 
 def _group(label: str, episodes: Sequence[_Episode], confidence: float) -> Group:

@@ -44,3 +44,9 @@ def test_the_worlds_add_up_to_the_total(drawn: tuple[list[EpisodeRequest], list[
     summary = summarise(*drawn)
     assert sum(group.episodes for group in summary.by_world) == summary.total.episodes
     assert sum(group.successes for group in summary.by_world) == summary.total.successes
+
+
+def test_worlds_stand_in_the_order_of_the_batch_and_not_of_the_alphabet():
+    requests = [request(index, world=f"g/world-{number}-1") for index, number in enumerate((1, 2, 10))]
+    summary = summarise(requests, [passed(index) for index in range(3)])
+    assert [group.label for group in summary.by_world] == ["g/world-1-1", "g/world-2-1", "g/world-10-1"]
