@@ -1,0 +1,111 @@
+"""What RoboMaker's calls answer about generation jobs and worlds."""
+
+from pydantic import JsonValue, TypeAdapter
+
+from specs.arn import arn
+from specs.base import Spec
+from specs.world import World
+from specs.world_descriptions import (
+    DescribeWorldGenerationJobResponse,
+    DescribeWorldResponse,
+    WorldGenerationJobSummary,
+    WorldSummary,
+)
+from tasks.storage.records import JobRecord
+
+_SUMMARISED = ("template", "worldCount")
+_DESCRIBED = (*_SUMMARISED, "tags", "worldTags")
+
+
+class _Failure(Spec):
+    """How often worlds of a job failed with one code, and why one of them did."""
+
+    count: int
+    sample_reason: str
+
+
+_WORLDS = TypeAdapter(list[str])
+_FAILURES = TypeAdapter(dict[str, _Failure])
+
+
+def describe_generation_job(record: JobRecord) -> DescribeWorldGenerationJobResponse:
+    """Returns the answer of DescribeWorldGenerationJob; what is empty is left out."""
+    fields: dict[str, JsonValue] = {
+        **_state(record),
+        **_from_request(record, _DESCRIBED),
+        "clientRequestToken": record.token,
+        "finishedWorldsSummary": _finished(record),
+    }
+    if record.failure_code:
+        fields |= {"failureCode": record.failure_code, "failureReason": record.failure_reason}
+    return DescribeWorldGenerationJobResponse.model_validate(fields)
+
+
+def summarise_generation_job(record: JobRecord) -> WorldGenerationJobSummary:
+    """Returns the job's line in ListWorldGenerationJobs."""
+    counts: dict[str, JsonValue] = {
+        "succeededWorldCount": len(_worlds(record)),
+        "failedWorldCount": sum(failure.count for failure in _failures(record).values()),
+    }
+    fields = {**_state(record), **_from_request(record, _SUMMARISED), **counts}
+    return WorldGenerationJobSummary.model_validate(fields)
+
+
+def describe_world(world: World, record: JobRecord) -> DescribeWorldResponse:
+    """Returns the answer of DescribeWorld, given the world and the job that generated it.
+
+    The description body is left out: it lists hinged doors (version 2), which worlds do not have yet.
+    """
+    tags = {"tags": record.request["worldTags"]} if "worldTags" in record.request else {}
+    return DescribeWorldResponse.model_validate({**_identity(f"{world.generation}/{world.name}", record), **tags})
+
+
+def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:
+    """Returns the lines of a job's worlds in ListWorlds."""
+    return tuple(WorldSummary.model_validate(_identity(reference, record)) for reference in _worlds(record))
+
+
+def _identity(reference: str, record: JobRecord) -> dict[str, JsonValue]:
+    return {
+        "arn": _world_arn(reference, record),
+        "generationJob": record.arn,
+        "template": record.request["template"],
+        "createdAt": record.created_at_s,
+    }
+
+
+def _state(record: JobRecord) -> dict[str, JsonValue]:
+    return {"arn": record.arn, "status": record.status, "createdAt": record.created_at_s}
+
+
+def _from_request(record: JobRecord, names: tuple[str, ...]) -> dict[str, JsonValue]:
+    return {name: record.request[name] for name in names if name in record.request}
+
+
+def _finished(record: JobRecord) -> dict[str, JsonValue]:
+    """Returns the finishedWorldsSummary: finished are those that succeeded and those that failed (semantics 5)."""
+    worlds, failures = _worlds(record), _failures(record)
+    failed = sum(failure.count for failure in failures.values())
+    summary: dict[str, JsonValue] = {"finishedCount": len(worlds) + failed}
+    if worlds:
+        summary["succeededWorlds"] = [_world_arn(reference, record) for reference in worlds]
+    if failures:
+        listed: list[JsonValue] = [
+            {"failureCode": code, "sampleFailureReason": failure.sample_reason, "failureCount": failure.count}
+            for code, failure in failures.items()
+        ]
+        summary["failureSummary"] = {"totalFailureCount": failed, "failures": listed}
+    return summary
+
+
+def _worlds(record: JobRecord) -> list[str]:
+    return _WORLDS.validate_python(record.detail.get("worlds", []))
+
+
+def _failures(record: JobRecord) -> dict[str, _Failure]:
+    return _FAILURES.validate_python(record.detail.get("failures", {}))
+
+
+def _world_arn(reference: str, record: JobRecord) -> str:
+    store = record.arn.split(":")[3]
+    return arn("world", store, reference)
