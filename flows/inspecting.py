@@ -23,19 +23,13 @@ from tasks.export.describe import describe_export_job, summarise_export_job
 from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
 from tasks.storage.records import read, records
 from tasks.storage.store import Store
-from tasks.worlds.describe import (
-    describe_generation_job,
-    describe_template,
-    describe_world,
-    list_generation_jobs,
-    list_templates,
-    list_worlds,
-)
+from tasks.worlds.describe import describe_generation_job, summarise_generation_job
+from tasks.worlds.inspection import describe_stored_world, describe_template, list_templates, list_worlds
 
 _DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
     "world-template": describe_template,
     "world-generation-job": lambda store, path: describe_generation_job(read(store, "world-generation-job", path)),
-    "world": describe_world,
+    "world": describe_stored_world,
     "world-export-job": lambda store, path: describe_export_job(read(store, "world-export-job", path)),
     "robot-application": describe_robot_application,
     "simulation-application": describe_simulation_application,
@@ -47,7 +41,9 @@ _DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
 }
 _LIST: Mapping[str, Callable[[Store], Sequence[Spec]]] = {
     "world-templates": list_templates,
-    "world-generation-jobs": list_generation_jobs,
+    "world-generation-jobs": lambda store: [
+        summarise_generation_job(job) for job in records(store, "world-generation-job")
+    ],
     "worlds": list_worlds,
     "world-export-jobs": lambda store: [summarise_export_job(job) for job in records(store, "world-export-job")],
     "robot-applications": list_robot_applications,

@@ -1,6 +1,7 @@
 """What the command line shows: tables in a terminal, JSON lines for programs."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 
 from pydantic import JsonValue
 from rich.console import Console
@@ -33,14 +34,14 @@ def show_report(report: PipelineReport, console: Console) -> None:
 
 
 def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None:
-    """Shows rows as a table whose columns are the keys of all rows, in their order of appearance."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
+    """Shows rows as a table, ARNs whole, without what only JSON can show (`--json` has everything)."""
+    columns = dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, (list, dict)))
     table = Table()
     for column in columns:
-        table.add_column(column, overflow="fold")
+        table.add_column(column, no_wrap=True, overflow="fold" if column == "arn" else "ellipsis")
     for row in rows:
-        table.add_row(*(_cell(row.get(column)) for column in columns))
-    console.print(table)
+        table.add_row(*(_cell(column, row.get(column)) for column in columns))
+    console.print(table, soft_wrap=True)
 
 
 def json_lines(documents: Iterable[Spec]) -> Iterable[str]:
@@ -66,7 +67,9 @@ def _answer(report: PipelineReport) -> Text:
     return Text("The deployment failed.", style="bold red")
 
 
-def _cell(value: JsonValue) -> Text | str:
+def _cell(column: str, value: JsonValue) -> Text:
     if value is None:
-        return ""
-    return _status(value) if isinstance(value, str) and value in _GOOD else str(value)
+        return Text("")
+    if column.endswith("At") and isinstance(value, float):
+        return Text(datetime.fromtimestamp(value, tz=UTC).isoformat(sep=" ", timespec="seconds"))
+    return _status(str(value)) if column == "status" else Text(str(value))

@@ -1,6 +1,7 @@
 """Result tables and the gate as Prefect tasks, with their artifacts."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from prefect import task
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
@@ -35,7 +36,9 @@ def write_tables(
     """Returns where a batch's tables lie and what they add up to, for the batch's record."""
     bucket = open_bucket(open_store(store_url), location.s3Bucket or "")
     written = write_results(bucket, location.s3Prefix, batch, requests, results, metadata=metadata)
-    rows = [dict(zip(_HEADINGS, row, strict=True)) for row in summary_rows(summarise(requests, results))]
+    rows: list[dict[str, Any]] = [
+        dict(zip(_HEADINGS, row, strict=True)) for row in summary_rows(summarise(requests, results))
+    ]
     create_table_artifact(table=rows, key="batch-results", description=f"Results of {batch}")
     passed = sum(result.status == "Completed" and result.outcome == "Passed" for result in results)
     simulated_s = round(sum(result.simulated_s for result in results), 3)
