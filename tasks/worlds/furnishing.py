@@ -44,6 +44,12 @@ _PROGRAMMES: dict[RoomType, tuple[tuple[ModelType, ...], tuple[ModelType, ...]]]
 }  # fmt: skip
 
 
+# What a home has several of; the rest comes once.
+_REPEATED = frozenset(
+    {"Storage", "Bookcases", "LivingRoomChairs", "Ottomans", "FloorLamps", "Dressers", "ConsoleTables", "Sofas"}
+)
+
+
 def furnish(
     rng: np.random.Generator, wish: RoomWish, floor: Box, keep_clear: tuple[Box, ...], *, solids: int, density: float
 ) -> tuple[Piece, ...]:
@@ -103,7 +109,7 @@ def _sequence(rng: np.random.Generator, wish: RoomWish) -> Iterator[ModelType]:
     if wish.furniture is None:
         yield from essential
         yield from _shuffled(rng, extra)
-        yield from _shuffled(rng, extra)
+        yield from _shuffled(rng, tuple(kind for kind in extra if kind in _REPEATED))
         return
     if not wish.furniture:
         return

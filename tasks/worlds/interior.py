@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from specs.world import Furniture, Solid
+from specs.world import Furniture, RoomType, Solid
 from tasks.worlds.assembling import assemble, draw_tints
 from tasks.worlds.brief import Brief
 from tasks.worlds.certificate import ROBOT_RADIUS_M
@@ -17,8 +17,18 @@ from tasks.worlds.streams import room_stream
 
 _DOOR_CLEAR_M = 0.85
 _DOOR_EXTRA_M = 0.05
-_SOLIDS = 84
-_SOLIDS_ROOM = 12
+# Primitives of all furniture, shared out by floor area and by how much a type needs: chairs have many parts.
+_SOLIDS = 86
+_SOLIDS_ROOM = 9
+_NEEDS: dict[RoomType, float] = {
+    "Bedroom": 1.0,
+    "Bathroom": 1.0,
+    "Living": 1.0,
+    "Dining": 1.7,
+    "Kitchen": 1.3,
+    "Hallway": 0.6,
+    "Closet": 0.6,
+}
 _CONNECTED = 0.7
 # How much of the wished density each attempt at a room keeps; the last leaves it empty, which always works.
 _ATTEMPTS = (1.0, 1.0, 1.0, 0.7, 0.5, 0.25, 0.0)
@@ -74,9 +84,9 @@ def _furnish_room(brief: Brief, plan: FloorPlan, draw: Draw, room: int, attempt:
     density = DENSITIES[brief.rooms[room].density] * _ATTEMPTS[attempt]
     if density == 0.0:
         return _Furnished((), tints)
-    share = brief.rooms[room].area_m2 / sum(wish.area_m2 for wish in brief.rooms)
+    needs = [wish.area_m2 * _NEEDS[wish.type] for wish in brief.rooms]
     floor = plan.floors[room]
-    solids = max(_SOLIDS_ROOM, round(_SOLIDS * share))
+    solids = max(_SOLIDS_ROOM, round(_SOLIDS * needs[room] / sum(needs)))
     pieces = furnish(rng, brief.rooms[room], floor, _keep_clear(plan, room), solids=solids, density=density)
     return _Furnished(pieces, tints)
 

@@ -65,7 +65,7 @@ def demands_of(brief: Brief) -> Demands:
         slim=np.minimum(_SLIVER_M, 0.6 * np.sqrt(areas)),
         shared_m=shared,
         footprint_aspect=brief.footprint_aspect,
-        footprint_weight=0.03 if brief.footprint_aspect == 1.0 else 3.0,
+        footprint_weight=0.01 if brief.footprint_aspect == 1.0 else 3.0,
     )
 
 

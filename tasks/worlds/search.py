@@ -22,7 +22,7 @@ _TREES = (64, 256, 1024, 2048, 4096, 6144)  # by number of rooms
 _ROUNDS = 6
 _FINALISTS = 48
 # Layouts whose score is this close to the best are as good to a person; one of them is drawn, for variety.
-_SLACK = 0.05
+_SLACK = 0.02
 
 
 def search_layout(rng: np.random.Generator, brief: Brief) -> Layouts:
