@@ -11,6 +11,7 @@ from rich.text import Text
 from specs.base import Spec
 from specs.report import PipelineReport
 
+_WIDEST = 10_000
 _GOOD = frozenset({"Completed", "Succeeded", "PASS", "InSync"})
 _UNDECIDED = frozenset({"PartialFailed", "INCONCLUSIVE", "Pending", "InProgress", "Running", "Preparing"})
 
@@ -34,14 +35,15 @@ def show_report(report: PipelineReport, console: Console) -> None:
 
 
 def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None:
-    """Shows rows as a table, ARNs whole, without what only JSON can show (`--json` has everything)."""
-    columns = dict.fromkeys(key for row in rows for key, value in row.items() if not isinstance(value, (list, dict)))
-    table = Table()
-    for column in columns:
-        table.add_column(column, no_wrap=True, overflow="fold" if column == "arn" else "ellipsis")
-    for row in rows:
-        table.add_row(*(_cell(column, row.get(column)) for column in columns))
-    console.print(table, soft_wrap=True)
+    """Shows rows under headings: each thing's own ARN, whole, and what fits beside it; `--json` has everything."""
+    shown = [{key: value for key, value in row.items() if _fits(key, value)} for row in rows]
+    table = Table(box=None, pad_edge=False)
+    for column in dict.fromkeys(key for row in shown for key in row):
+        table.add_column(column, no_wrap=True)
+    for row in shown:
+        table.add_row(*(_cell(str(column.header), row.get(str(column.header))) for column in table.columns))
+    # As wide as its content: a terminal may wrap a line, but nothing is cut off.
+    Console(file=console.file, width=_WIDEST).print(table, soft_wrap=True)
 
 
 def json_lines(documents: Iterable[Spec]) -> Iterable[str]:
@@ -65,6 +67,12 @@ def _answer(report: PipelineReport) -> Text:
     if report.verdict not in (None, "PASS"):
         return Text(f"The gate says {report.verdict}: nothing was deployed.", style="bold red")
     return Text("The deployment failed.", style="bold red")
+
+
+def _fits(column: str, value: JsonValue) -> bool:
+    if isinstance(value, (list, dict)):
+        return False
+    return column == "arn" or not (isinstance(value, str) and value.startswith("arn:"))
 
 
 def _cell(column: str, value: JsonValue) -> Text:

@@ -20,9 +20,6 @@ from tasks.storage.cache import cache_folder
 from tasks.storage.opening import open_store
 from tasks.watching.listening import Listener, listening
 
-# Set before Prefect is imported; [tool.prefect] is read from the working directory only (orchestration.md).
-_PREFECT_DEFAULTS = {**process.SERVER_ENVIRONMENT, "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
-
 
 def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
     """Returns the report of the document's run; one that was killed before is continued.
@@ -37,15 +34,14 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         SimyardError: The document, the store or a stage is at fault.
     """
     store = open_store(store_url)
-    for name, value in _PREFECT_DEFAULTS.items():
-        os.environ.setdefault(name, value)
+    os.environ.update(prefect_defaults())
     with prefect_server(), _bars(console) as listener, listening(listener):
         from flows.pipeline import pipeline  # noqa: PLC0415 - JAX and Prefect load while the server starts
 
         try:
             return pipeline(spec, store=store.url, base=str(base))
         finally:
-            _flush_logs()
+            flush_prefect()
 
 
 @contextmanager
@@ -68,6 +64,16 @@ def prefect_server() -> Generator[str, None, None]:
         yield server.api_url
 
 
+def prefect_defaults() -> dict[str, str]:
+    """Returns the settings to make before Prefect is imported, less those that the user made.
+
+    They are environment variables because ``[tool.prefect]`` is read from the working directory only. What flows log
+    goes to the server; the terminal shows progress and the report instead.
+    """
+    defaults = {**process.SERVER_ENVIRONMENT, "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
+    return {name: value for name, value in defaults.items() if name not in os.environ}
+
+
 def prefect_home() -> Path:
     """Returns the folder of Simyard's own Prefect server: PREFECT_HOME, else one in the cache folder."""
     if "PREFECT_HOME" in os.environ:
@@ -82,7 +88,7 @@ def _import_engine() -> None:
     import_module("flows.pipeline")
 
 
-def _flush_logs() -> None:
+def flush_prefect() -> None:
     """Sends what Prefect still holds back; a server that ends with this run would not get it otherwise."""
     from prefect.events.worker import EventsWorker  # noqa: PLC0415 - only once Prefect is loaded anyway
     from prefect.logging.handlers import APILogWorker  # noqa: PLC0415
