@@ -5,12 +5,16 @@ from pathlib import Path
 from uuid import uuid4
 
 import pytest
+from hypothesis import settings
 
 from tasks.storage.opening import open_store
 from tasks.storage.store import Store
 from tests.seaweed import Seaweed, running_seaweed
 
 _BUCKET = "tests"
+# How long an example takes says how busy the machine is, not whether the code is right.
+settings.register_profile("simyard", deadline=None)
+settings.load_profile("simyard")
 
 
 @pytest.fixture(scope="session")

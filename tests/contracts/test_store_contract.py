@@ -168,6 +168,20 @@ def test_an_upload_overwrites(store: Store, tmp_path: Path) -> None:
     assert store.get("a.bin").body == b"second"
 
 
+def test_a_reader_never_sees_half_of_an_upload(store: Store, tmp_path: Path) -> None:
+    sources = [tmp_path / "a", tmp_path / "b"]
+    for source, size in zip(sources, (3 << 20, 1 << 20), strict=True):
+        source.write_bytes(source.name.encode() * size)
+    store.upload("a.bin", sources[0])
+    writer = Thread(target=lambda: [store.upload("a.bin", sources[number % 2]) for number in range(20)])
+    writer.start()
+    seen = {store.get("a.bin").body}
+    while writer.is_alive():
+        seen.add(store.get("a.bin").body)
+    writer.join()
+    assert seen <= {source.read_bytes() for source in sources}
+
+
 def test_uploading_a_missing_file_is_the_callers_error(store: Store, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         store.upload("a.bin", tmp_path / "none")

@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
@@ -49,6 +50,29 @@ def test_an_upload_that_is_killed_leaves_nothing_under_the_key(file_store: Store
     assert list((tmp_path / "store").glob(".tmp-*"))
     assert file_store.keys("") == ["store.json"]
     assert not file_store.exists("big.bin")
+
+
+@pytest.mark.parametrize("method", ["put", "delete", "upload"])
+def test_nothing_is_written_between_a_comparison_and_its_replacement(
+    folder: LocalStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    (tmp_path / "source").write_bytes(b"other")
+    other = {"put": (b"other",), "delete": (), "upload": (tmp_path / "source",)}[method]
+    writer = Thread(target=lambda: getattr(folder, method)("a.json", *other))
+    etag = folder.create("a.json", b"1")
+    real = Path.read_bytes
+
+    def read_bytes(self: Path) -> bytes:
+        body = real(self)
+        writer.start()
+        writer.join(0.3)  # without a lock it would be done by then
+        return body
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_bytes", read_bytes)
+        folder.replace("a.json", b"2", etag)
+    writer.join()
+    assert not folder.exists("a.json") or folder.get("a.json").body == b"other"
 
 
 @pytest.mark.parametrize("method", ["create", "put"])

@@ -102,7 +102,7 @@ class _NotS3(BaseHTTPRequestHandler):
         self.rfile.read(int(self.headers["Content-Length"]))
         self.send_error(404)
 
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name http.server gives
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002, ARG002 - as http.server calls it
         return
 
 
