@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from tasks.simulate.bundles import BundleCrash, guarded
+from tasks.simulate.bundles import BundleCrash, CrashCode, guarded
 from tasks.simulate.contract import Controller, FloorMap, Lidar, Observation, Scenario, State, Truth, Verdict
 
 Numbers = Float[jax.Array, "variables"]
-_ROBOT = "RobotApplicationCrash"
-_SCENARIO = "SimulationApplicationCrash"
+_ROBOT: CrashCode = "RobotApplicationCrash"
+_SCENARIO: CrashCode = "SimulationApplicationCrash"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class Applications:
 
     def controller(self, numbers: Numbers) -> Controller:
         """Returns the controller for one lane's numeric variables, which may be traced."""
-        return cast(Controller, self.make_controller({**self.texts, **dict(zip(self.names, numbers, strict=True))}))
+        return cast("Controller", self.make_controller({**self.texts, **dict(zip(self.names, numbers, strict=True))}))
 
     def scenario(self, numbers: Numbers) -> Scenario:
         """Returns the scenario for one lane's numeric variables, which may be traced."""
-        return cast(Scenario, self.make_scenario({**self.texts, **dict(zip(self.names, numbers, strict=True))}))
+        return cast("Scenario", self.make_scenario({**self.texts, **dict(zip(self.names, numbers, strict=True))}))
 
     def placing_scenario(self, environment: Mapping[str, object]) -> Scenario:
         """Returns the scenario for one episode's variables, to draw its start and goals.
@@ -46,7 +46,7 @@ class Applications:
         Raises:
             BundleCrash: It cannot be made.
         """
-        return cast(Scenario, guarded(_SCENARIO, "scenario(environment)", self.make_scenario, environment))
+        return cast("Scenario", guarded(_SCENARIO, "scenario(environment)", self.make_scenario, environment))
 
 
 def read_lidar(make_controller: Callable[..., object], environment: Mapping[str, object]) -> Lidar:
@@ -63,7 +63,7 @@ def read_lidar(make_controller: Callable[..., object], environment: Mapping[str,
         raise BundleCrash(_ROBOT, f"controller.lidar: needs rays, range_m and height_m as numbers: {exc}") from exc
     if rays < 1 or range_m <= 0.0 or height_m < 0.0:
         raise BundleCrash(_ROBOT, f"controller.lidar: {rays} rays, {range_m} m range at {height_m} m: must be positive")
-    return cast(Lidar, lidar)
+    return cast("Lidar", lidar)
 
 
 def check_robot(applications: Applications, floor: FloorMap, goals_m: jax.Array, numbers: Numbers, nu: int) -> None:
@@ -114,12 +114,12 @@ def check_scenario(applications: Applications, goals_m: jax.Array, numbers: Numb
     _require_same_form(_SCENARIO, "scenario", before, after)
 
 
-def _require_same_form(code: str, name: str, before: State, after: State) -> None:
+def _require_same_form(code: CrashCode, name: str, before: State, after: State) -> None:
     def form(state: State) -> tuple[object, list[tuple[int, ...]]]:
         return jax.tree.structure(state), [leaf.shape for leaf in jax.tree.leaves(state)]
 
     if form(before) != form(after):
         raise BundleCrash(
-            _ROBOT if code == _ROBOT else _SCENARIO,
+            code,
             f"{name}.step: returns a state of another form than init: {form(after)}, not {form(before)}",
         )

@@ -61,7 +61,7 @@ def guarded(code: CrashCode, doing: str, function: Callable[P, R], *args: P.args
     """
     try:
         return function(*args, **kwargs)
-    except Exception as exc:  # noqa: BLE001 - an application may raise anything, and it is a row, not our failure
+    except Exception as exc:  # an application may raise anything, and it is a row, not our failure
         raise BundleCrash(code, f"{doing}: {type(exc).__name__}: {exc}") from exc
 
 

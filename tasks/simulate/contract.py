@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
 
+from specs.episode import OutcomeReason
 from specs.world import World
 
 # Whatever a bundle keeps from one control step to the next: a pytree of arrays.
@@ -67,20 +68,36 @@ class Lidar(Protocol):
     """A planar lidar: number of rays, how far they reach, height above the floor."""
 
     @property
-    def rays(self) -> int: ...
+    def rays(self) -> int:
+        """Returns how many rays, evenly spread over the full turn."""
+        ...
+
     @property
-    def range_m(self) -> float: ...
+    def range_m(self) -> float:
+        """Returns what it reports where nothing is nearer."""
+        ...
+
     @property
-    def height_m(self) -> float: ...
+    def height_m(self) -> float:
+        """Returns its plane's height above the floor."""
+        ...
 
 
 class Controller(Protocol):
     """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot."""
 
     @property
-    def lidar(self) -> Lidar: ...
-    def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State: ...
-    def step(self, state: State, observation: Observation) -> tuple[State, Float[jax.Array, "actuators"]]: ...
+    def lidar(self) -> Lidar:
+        """Returns the robot's lidar."""
+        ...
+
+    def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:
+        """Returns what the controller keeps, before the first step; the place to plan."""
+        ...
+
+    def step(self, state: State, observation: Observation) -> tuple[State, Float[jax.Array, "actuators"]]:
+        """Returns what it keeps, in the same form, and one number for each of the robot's actuators."""
+        ...
 
 
 class Truth(NamedTuple):
@@ -131,9 +148,17 @@ class Scenario(Protocol):
     same number of goals.
     """
 
-    def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement: ...
-    def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"]) -> State: ...
-    def step(self, state: State, truth: Truth) -> tuple[State, Verdict]: ...
+    def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:
+        """Returns the start, and at least one goal."""
+        ...
+
+    def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"]) -> State:
+        """Returns what the scenario keeps, before the first step."""
+        ...
+
+    def step(self, state: State, truth: Truth) -> tuple[State, Verdict]:
+        """Returns what it keeps, in the same form, and its verdict on the control step."""
+        ...
 
 
-REASONS = ("", "collision", "timeout", "stuck", "out of bounds", "crash")
+REASONS: tuple[OutcomeReason, ...] = ("", "collision", "timeout", "stuck", "out of bounds", "crash")

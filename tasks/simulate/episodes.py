@@ -69,13 +69,12 @@ def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int
     numbers, texts = split_environment(request.environment)
     folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
     environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
-    return _program(request.robot, request.scenario, folders, environment, lanes)
+    return _program((request.robot, request.scenario), folders, environment, lanes)
 
 
 @functools.lru_cache(maxsize=_PROGRAMS_KEPT)
 def _program(
-    robot: ApplicationLaunch,
-    scenario: ApplicationLaunch,
+    launches: tuple[ApplicationLaunch, ApplicationLaunch],
     folders: tuple[Path, Path],
     environment: tuple[tuple[str, ...], tuple[tuple[str, str], ...]],
     lanes: int,
@@ -85,7 +84,7 @@ def _program(
     Raises:
         BundleCrash: An application does not import, or its robot is refused.
     """
-    names, texts = environment
+    (robot, scenario), (names, texts) = launches, environment
     make_controller = load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
     make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
     lidar = read_lidar(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})

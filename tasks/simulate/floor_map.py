@@ -24,6 +24,7 @@ def floor_map(world: World, obstacles: Obstacles, cells: int) -> HostMap:
     """Returns the clearance map of a world, centred on it.
 
     Args:
+        world: Gives the outer faces; outside them the clearance is 0.
         obstacles: The solids in the robot's band of heights.
         cells: Cells a side; where they do not cover the world at 10 cm they grow.
     """
@@ -35,7 +36,10 @@ def floor_map(world: World, obstacles: Obstacles, cells: int) -> HostMap:
     outside = (x < bounds[0]) | (x > bounds[2]) | (y < bounds[1]) | (y > bounds[3])
     clearance = np.where(outside, 0.0, np.maximum(_distance(x, y, obstacles), 0.0))
     return HostMap(
-        clearance.astype(np.float32), origin.astype(np.float32), np.float32(cell_m)[...], bounds.astype(np.float32)
+        clearance.astype(np.float32),
+        origin.astype(np.float32),
+        np.asarray(cell_m, np.float32),
+        bounds.astype(np.float32),
     )
 
 

@@ -1,12 +1,11 @@
 """Lanes as result rows."""
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float32
 
-from specs.episode import EpisodeRequest, EpisodeResult, OutcomeReason
+from specs.episode import EpisodeRequest, EpisodeResult
 from tasks.simulate.bundles import CrashCode
 from tasks.simulate.contract import REASONS
 from tasks.simulate.lane import NO_CRASH, ROBOT_CRASH, LaneState
@@ -37,11 +36,12 @@ def finished_row(
     """Returns the row of a lane that is done.
 
     Args:
+        lane: The episode.
         position: The lane's position in the chunk.
         state: All lanes' states, on the host.
         poses: The slices' poses at the ends of their control steps.
     """
-    reason = cast("OutcomeReason", REASONS[int(state.reason[position])])
+    reason = REASONS[int(state.reason[position])]
     crash = int(state.crash[position])
     code, why = _CRASHES[crash] if crash != NO_CRASH else ("", "")
     passed = reason == ""
@@ -75,9 +75,10 @@ def _trajectory(
     lane: Lane, position: int, steps: int, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
 ) -> tuple[tuple[float, float, float, float], ...]:
     """Returns the poses from the start, every half second, to the last."""
-    driven = np.concatenate([np.float32(lane.placement.start)[None], *(each[position] for each in poses)])[: steps + 1]
+    start = lane.placement.start.astype(np.float32)[None]
+    driven = np.concatenate([start, *(each[position] for each in poses)])[: steps + 1]
     kept = sorted({*range(0, len(driven), POSE_STEPS), len(driven) - 1})
-    return tuple((round(k * CONTROL_S, 6), *(float(value) for value in driven[k])) for k in kept)
+    return tuple((round(k * CONTROL_S, 6), float(driven[k, 0]), float(driven[k, 1]), float(driven[k, 2])) for k in kept)
 
 
 def _finite(value: float) -> float:

@@ -3,6 +3,8 @@
 This module imports no JAX itself, so that importing it is cheap and JAX's settings can still be made.
 """
 
+import contextlib
+import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -36,6 +38,7 @@ def simulate_chunk(
         JaxAlreadyImported: JAX was imported before its settings could be made.
     """
     prepare_devices()
-    from tasks.simulate.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
+    with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
+        from tasks.simulate.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
 
     return run_chunk(chunk, worlds, bundles, lanes=lanes, should_stop=should_stop)

@@ -4,7 +4,9 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float32
 
 from specs.episode import EpisodeRequest
 from specs.world import World
@@ -78,28 +80,34 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
     """Returns the inputs of ``count`` lanes, lanes first; those beyond the episodes repeat the first, and rest.
 
     Args:
+        lanes: The episodes, at least one and at most ``count``.
         names: The numeric environment variables, in the program's order.
+        count: The program's lanes.
     """
     filled = [*lanes, *[lanes[0]] * (count - len(lanes))]
     floors = [lane.stage.floor for lane in filled]
     numbers = [[split_environment(lane.request.environment)[0][name] for name in names] for lane in filled]
     return LaneInputs(
-        boxes=np.stack([lane.stage.touched.boxes for lane in filled]),
-        cylinders=np.stack([lane.stage.touched.cylinders for lane in filled]),
-        seen_boxes=np.stack([lane.stage.seen.boxes for lane in filled]),
-        seen_cylinders=np.stack([lane.stage.seen.cylinders for lane in filled]),
-        floor=FloorMap(*(np.stack(field) for field in zip(*floors, strict=True))),
-        start=np.stack([lane.placement.start for lane in filled]).astype(np.float32),
-        goals_m=np.stack([lane.placement.goals_m for lane in filled]).astype(np.float32),
-        numbers=np.asarray(numbers, np.float32).reshape(count, len(names)),
-        last_step=np.array([last_step(lane.request) for lane in filled], np.int32),
-        alive=np.arange(count) < len(lanes),
+        boxes=_stacked([lane.stage.touched.boxes for lane in filled]),
+        cylinders=_stacked([lane.stage.touched.cylinders for lane in filled]),
+        seen_boxes=_stacked([lane.stage.seen.boxes for lane in filled]),
+        seen_cylinders=_stacked([lane.stage.seen.cylinders for lane in filled]),
+        floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
+        start=_stacked([lane.placement.start for lane in filled]),
+        goals_m=_stacked([lane.placement.goals_m for lane in filled]),
+        numbers=jnp.asarray(numbers, jnp.float32).reshape(count, len(names)),
+        last_step=jnp.asarray([last_step(lane.request) for lane in filled], jnp.int32),
+        alive=jnp.arange(count) < len(lanes),
     )
 
 
 def last_step(request: EpisodeRequest) -> int:
     """Returns how many control steps fit an episode's duration; at least 1."""
     return max(1, round(request.duration_s / CONTROL_S))
+
+
+def _stacked(arrays: Sequence[np.ndarray]) -> Float32[jnp.ndarray, "lanes ..."]:
+    return jnp.asarray(np.stack(arrays), jnp.float32)
 
 
 def _task_key(world: str, placement: Placement) -> bytes:

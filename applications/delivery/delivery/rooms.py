@@ -1,7 +1,7 @@
 """The delivery scenario: from the origin to goals in other rooms, one after the other, without hitting anything."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from specs.world import Rectangle, World
     from tasks.simulate.contract import HostMap
 
-GOALS = 3
+GOALS = 2
 ARRIVED_M = 0.3
 # What stops the courier's 2 kg from 0.1 m/s at once; brushing along a wall stays far below.
 HARD_IMPULSE_NS = 0.2
@@ -59,10 +59,11 @@ class Rooms:
             ValueError: The world has no free floor that the robot can reach from the origin.
         """
         reachable = _reachable(floor, hull_radius_m + _WAY_ROOM_M)
-        points = _points(floor, reachable & (floor.clearance_m >= hull_radius_m + _GOAL_ROOM_M))
-        if not len(points):
+        cells = reachable & (floor.clearance_m >= hull_radius_m + _GOAL_ROOM_M)
+        if not cells.any():
             raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around the origin")
-        goals: list[Float64[np.ndarray, "2"]] = []
+        points = np.column_stack([_points(floor, cells), floor.clearance_m[cells]])
+        goals: list[Float64[np.ndarray, 2]] = []
         here = np.zeros(2)
         for _ in range(GOALS):
             here = _draw_goal(world, points, here, rng)
@@ -100,7 +101,7 @@ def scenario(environment: Mapping[str, object]) -> Rooms:  # noqa: ARG001 - the 
 
 def _reachable(floor: "HostMap", radius_m: float) -> np.ndarray:
     """Returns where a disc of that radius gets to from the origin."""
-    parts, _ = ndimage.label(floor.clearance_m >= radius_m, structure=np.ones((3, 3)))
+    parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(floor.clearance_m >= radius_m, structure=np.ones((3, 3))))
     column, row = np.rint(-floor.origin_m / floor.cell_m).astype(int)
     return (parts == parts[row, column]) & (parts > 0)
 
@@ -112,19 +113,33 @@ def _points(floor: "HostMap", cells: np.ndarray) -> Float64[np.ndarray, "points 
 
 
 def _draw_goal(
-    world: "World", points: Float64[np.ndarray, "points 2"], here: Float64[np.ndarray, "2"], rng: np.random.Generator
+    world: "World", points: Float64[np.ndarray, "points 3"], here: Float64[np.ndarray, "2"], rng: np.random.Generator
 ) -> Float64[np.ndarray, "2"]:
-    """Returns a point in another room than ``here``; where there is none to go to, a point far away."""
-    others = [points[_inside(points, room.floor)] for room in world.rooms if not _inside(here[None], room.floor)[0]]
-    others = [each for each in others if len(each)]
-    if others:
-        room = others[int(rng.integers(len(others)))]
-        return room[int(rng.integers(len(room)))]
-    distance = np.hypot(*(points - here).T)
-    far = points[distance >= distance.max() / 2]
-    return far[int(rng.integers(len(far)))]
+    """Returns a roomy point in another room than ``here``; where there is none to go to, a point far away.
+
+    Args:
+        world: Its rooms are drawn from, each as likely as the other.
+        points: Where a goal may be: (x m, y m, clearance m).
+        here: Where the robot comes from.
+        rng: Draws the room, then the point.
+    """
+    rooms = [points[_inside(points, room.floor)] for room in world.rooms if not _inside(here[None], room.floor)[0]]
+    rooms = [room for room in rooms if len(room)]
+    if rooms:
+        candidates = _handy(rooms[int(rng.integers(len(rooms)))], here)
+    else:
+        distance = np.hypot(*(points[:, :2] - here).T)
+        candidates = points[distance >= distance.max() / 2]
+    return candidates[int(rng.integers(len(candidates))), :2]
 
 
-def _inside(points: Float64[np.ndarray, "points 2"], floor: "Rectangle") -> np.ndarray:
-    x, y = points.T
+def _handy(points: Float64[np.ndarray, "points 3"], here: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "points 3"]:
+    """Returns where in a room one would put a delivery down: its roomier half, and of that the nearer half."""
+    roomy = points[points[:, 2] >= np.median(points[:, 2])]
+    distance = np.hypot(*(roomy[:, :2] - here).T)
+    return roomy[distance <= np.median(distance)]
+
+
+def _inside(points: Float64[np.ndarray, "points columns"], floor: "Rectangle") -> np.ndarray:
+    x, y = points[:, 0], points[:, 1]
     return (x >= floor.x_min_m) & (x <= floor.x_max_m) & (y >= floor.y_min_m) & (y <= floor.y_max_m)
