@@ -131,18 +131,14 @@ def advance(
     """
     if status not in _STATUSES:
         raise ValueError(f"{status!r} is no job status; they are {', '.join(sorted(_STATUSES))}")
+    added = dict(detail or {})
+    change = {"status": status, "failure_code": failure_code, "failure_reason": failure_reason}
     for attempt in range(_ATTEMPTS):
         before, etag = _read(store, kind, id)
         if is_terminal(before):
             return before
         after = before.model_copy(
-            update={
-                "status": status,
-                "failure_code": failure_code,
-                "failure_reason": failure_reason,
-                "updated_at_s": max(time.time(), before.updated_at_s),
-                "detail": {**before.detail, **(detail or {})},
-            }
+            update={**change, "updated_at_s": max(time.time(), before.updated_at_s), "detail": before.detail | added}
         )
         try:
             store.replace(job_key(kind, id), encoded(after), etag)
