@@ -37,13 +37,13 @@ class Ruled(Spec):
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
-        """Yields the rules that raw data breaks; the data may be wrong in any other way too."""
+        """Yields the rules that raw data (a mapping) breaks; it may be wrong in any other way too."""
         raise NotImplementedError
 
     @model_validator(mode="wrap")
     @classmethod
     def _check(cls, data: object, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        if isinstance(data, cls):
+        if not isinstance(data, Mapping):
             return handler(data)
         errors = [_line(finding) for finding in cls.findings(data)]
         if not errors:
