@@ -1,5 +1,6 @@
 """`simyard` as a process, and what it leaves in a store."""
 
+import json
 import os
 import signal
 import subprocess
@@ -37,7 +38,7 @@ def write_document(folder: Path, document: Mapping[str, object]) -> Path:
     template = (ROOT / "examples/templates/two-rooms.json").read_bytes()
     (folder / "templates/two-rooms.json").write_bytes(template)
     file = folder / "document.yaml"
-    file.write_text(yaml.safe_dump(dict(document)))
+    file.write_text(json.dumps(document, indent=1))  # JSON is YAML, and never has aliases
     return file
 
 
