@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
-from flows.running import flush_prefect, prefect_defaults, prefect_home
+from flows.running import flush_prefect, prefect_home
 from tasks.documents.pipelines import read_pipeline
 from tasks.server.process import serving, wait_until_healthy
 from tasks.simulate.devices import prepare_devices
@@ -42,7 +42,6 @@ def measure_once(store_url: str) -> dict[str, float]:
     start_s = time.perf_counter()
     spec = read_pipeline(DOCUMENT)
     store = open_store(store_url)
-    os.environ.update(prefect_defaults())
     home = prefect_home()
     phases = {"read document": time.perf_counter() - start_s}
     with serving(home) as (server, child):

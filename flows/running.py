@@ -34,7 +34,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         SimyardError: The document, the store or a stage is at fault.
     """
     store = open_store(store_url)
-    os.environ.update(prefect_defaults())
+    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with prefect_server(), _bars(console) as listener, listening(listener):
         from flows.pipeline import pipeline  # noqa: PLC0415 - JAX and Prefect load while the server starts
 
@@ -62,16 +62,6 @@ def prefect_server() -> Generator[str, None, None]:
         _import_engine()
         process.wait_until_healthy(server, child)
         yield server.api_url
-
-
-def prefect_defaults() -> dict[str, str]:
-    """Returns the settings to make before Prefect is imported, less those that the user made.
-
-    They are environment variables because ``[tool.prefect]`` is read from the working directory only. What flows log
-    goes to the server; the terminal shows progress and the report instead.
-    """
-    defaults = {**process.SERVER_ENVIRONMENT, "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
-    return {name: value for name, value in defaults.items() if name not in os.environ}
 
 
 def prefect_home() -> Path:

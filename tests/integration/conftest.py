@@ -2,10 +2,12 @@
 
 import os
 from collections.abc import Generator
+from pathlib import Path
 
 import pytest
 
 from tasks.server.process import serving, wait_until_healthy
+from tests.integration.runs import finished, small_document, write_document
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +24,13 @@ def prefect_server(tmp_path_factory: pytest.TempPathFactory) -> Generator[str, N
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@pytest.fixture(scope="session")
+def small_run(prefect_server: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Returns a folder with a document and, in `.simyard`, the store of its unbroken run."""
+    folder = tmp_path_factory.mktemp("small")
+    file = write_document(folder, small_document())
+    result = finished("run", str(file), "--store", (folder / ".simyard").as_uri())
+    assert result.returncode == 0, result.stdout + result.stderr
+    return folder

@@ -16,6 +16,7 @@ import yaml
 from tasks.storage.opening import open_store
 from tasks.storage.records import records
 from tests.integration.runs import ROOT, tables
+from tests.integration.test_readme import blocks
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
@@ -31,8 +32,9 @@ def worker(
     prefect_server: str, store_url: str, tmp_path_factory: pytest.TempPathFactory
 ) -> Generator[None, None, None]:
     """Deploys everything in prefect.yaml, and runs a worker for it."""
-    _prefect("work-pool", "create", "local", "--type", "process")
-    _prefect("--no-prompt", "deploy", "--all")
+    create_pool, deploy, _ = _readme_commands()
+    _prefect(*create_pool)
+    _prefect(*deploy)
     log = tmp_path_factory.mktemp("worker") / "worker.log"
     with log.open("wb") as output:
         process = subprocess.Popen(
@@ -63,7 +65,7 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
     entrypoint = "flows.world_generation.world_generation"
     every_minute = ("--name", "every-minute", "--pool", "local", "--cron", "* * * * *")
     _prefect("--no-prompt", "deploy", entrypoint, *every_minute, "--params", json.dumps(parameters))
-    _prefect("deployment", "run", "pipeline/nightly", "--watch")
+    _prefect(*_readme_commands()[2])
     assert tables(open_store(store_url))["results"].num_rows == 128
     assert [job.status for job in records(open_store(store_url), "deployment-job")] == ["Succeeded"]
     run = _scheduled_run(prefect_server, timeout_s=120.0)
@@ -93,6 +95,12 @@ def _scheduled_run(api_url: str, timeout_s: float) -> dict[str, Any]:
             return found[0]
         time.sleep(1.0)
     raise AssertionError(f"no scheduled run ended within {timeout_s:.0f} s")
+
+
+def _readme_commands() -> list[list[str]]:
+    """Returns what the README says to type, without the word `prefect`."""
+    (block,) = blocks("deployments")
+    return [line.split()[1:] for line in block.splitlines()]
 
 
 def _program(name: str) -> str:

@@ -5,9 +5,19 @@ from pathlib import Path
 import pytest
 
 from tasks.storage.opening import open_store
-from tests.integration.runs import finished, jobs, kill_when, simyard, small_document, tables, worlds, write_document
+from tests.integration.runs import (
+    JOB_KINDS,
+    finished,
+    jobs,
+    kill_when,
+    simyard,
+    small_document,
+    tables,
+    worlds,
+    write_document,
+)
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(280), pytest.mark.usefixtures("prefect_server")]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
 # What a store holds while a stage is under way. The gate's window is between the batch's tables and its evidence.
 _STAGES = {
@@ -19,16 +29,16 @@ _STAGES = {
 }
 
 
-def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(tmp_path: Path):
+def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(tmp_path: Path, small_run: Path):
     file = write_document(tmp_path, small_document())
-    broken, unbroken = tmp_path / "broken", tmp_path / "unbroken"
+    broken = tmp_path / "broken"
+    command = ("run", str(file), "--store", broken.as_uri())
     for trace in _STAGES.values():
-        kill_when(simyard("run", str(file), "--store", broken.as_uri()), lambda trace=trace: any(broken.glob(trace)))
-    for folder in (broken, unbroken):
-        result = finished("run", str(file), "--store", folder.as_uri())
-        assert result.returncode == 0, result.stderr
-    ours, theirs = open_store(broken.as_uri()), open_store(unbroken.as_uri())
-    assert {kind: len(found) for kind, found in jobs(ours).items()} == dict.fromkeys(jobs(ours), 1)
+        kill_when(simyard(*command), lambda trace=trace: any(broken.glob(trace)))
+    result = finished(*command)
+    assert result.returncode == 0, result.stderr
+    ours, theirs = open_store(broken.as_uri()), open_store((small_run / ".simyard").as_uri())
+    assert {kind: len(found) for kind, found in jobs(ours).items()} == dict.fromkeys(JOB_KINDS, 1)
     assert [[job.id for job in found] for found in jobs(ours).values()] == [
         [job.id for job in found] for found in jobs(theirs).values()
     ]

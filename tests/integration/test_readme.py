@@ -1,0 +1,72 @@
+"""Whatever the README tells one to type, typed."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.integration.runs import ROOT
+
+README = (ROOT / "README.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    """Returns the README's code blocks of a language, in order."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def checkout(small_run: Path) -> Path:
+    """Returns a folder like a clone after `make run`: environment, examples, and a store with a run in it."""
+    for name, target in ((".venv", Path(sys.prefix)), ("examples", ROOT / "examples")):
+        if not (small_run / name).exists():
+            (small_run / name).symlink_to(target)
+    return small_run
+
+
+@pytest.mark.integration
+@pytest.mark.timeout(250)
+@pytest.mark.parametrize("block", blocks("sh"))
+def test_each_shell_block_succeeds_line_by_line(checkout: Path, block: str):
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block], cwd=checkout, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("block", blocks("python"))
+def test_each_python_block_runs(checkout: Path, block: str):
+    done = subprocess.run([sys.executable, "-c", block], cwd=checkout, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "worldGeneration Completed 2 worlds" in done.stdout
+
+
+def test_the_first_screen_has_two_commands_and_they_do_what_it_says():
+    (first,) = blocks("")
+    commands = [line.split("#")[0].split() for line in first.splitlines()]
+    assert commands == [["make", "run"], ["make", "test"]]
+    environment = {**os.environ, "MAKEFLAGS": ""}
+    plans = [
+        subprocess.run(
+            ["make", "-n", command[1]], cwd=ROOT, capture_output=True, text=True, check=True, env=environment
+        )
+        for command in commands
+    ]
+    assert plans[0].stdout.splitlines()[-1] == ".venv/bin/simyard run examples/quickstart.yaml"
+    assert plans[1].stdout.splitlines()[-1] == ".venv/bin/pytest"
+
+
+def test_every_file_that_the_readme_links_to_is_there():
+    links = re.findall(r"\]\(([^)#]+)\)", README)
+    assert len(links) > 5
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_every_block_has_a_test():
+    languages = re.findall(r"^```(\w+)$", README, flags=re.MULTILINE)
+    assert set(languages) == {"sh", "python", "deployments"}
