@@ -1,0 +1,61 @@
+"""One robot in the process of the test."""
+
+from collections.abc import Mapping
+
+from specs.bundle import Version
+from specs.deployment import DeploymentLaunchConfig
+from tasks.deploy.disk import Disk
+from tasks.deploy.launch import Place
+from tasks.deploy.reporting import Reporter
+from tasks.deploy.robots import read_reported
+from tasks.deploy.states import Desired, Reported
+from tasks.deploy.steps import Robot
+from tasks.deploy.stopping import Stop
+from tests.deploy.yard import STAYS_UP, Yard, programs_of
+
+GOOD = {"run.sh": STAYS_UP}
+NAME = "r1"
+
+
+class OneRobot:
+    def __init__(self, yard: Yard) -> None:
+        self.yard = yard
+        self.stop = Stop()
+        self.root = yard.root(NAME)
+        self.robot = self.restarted()
+
+    def restarted(self) -> Robot:
+        place = Place(robot=NAME, disk=Disk(self.root), stop=self.stop, grace_s=0.15)
+        self.robot = Robot(self.yard.store, place, Reporter(self.yard.store, NAME))
+        return self.robot
+
+    def deploy(self, version: Version, sequence: int, **changes: object) -> Reported:
+        self.robot.accept(desired(version, sequence, **changes))
+        reported = read_reported(self.yard.store, NAME)
+        assert reported is not None
+        return reported
+
+    @property
+    def programs(self) -> list[str]:
+        return programs_of(self.root)
+
+
+def desired(version: Version, sequence: int, **changes: object) -> Desired:
+    fields: Mapping[str, object] = {
+        "robot": NAME,
+        "deployment": f"dep-{sequence}",
+        "sequence": sequence,
+        "epoch": 1,
+        "application": "courier",
+        "version": version.number,
+        "digest": version.digest,
+        "launch": DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
+        "environment": {},
+        "timeout_s": 5.0,
+        "issued_at_s": 0.0,
+    }
+    return Desired.model_validate({**fields, **changes})
+
+
+def scripted(**files: str) -> DeploymentLaunchConfig:
+    return DeploymentLaunchConfig.model_validate({"packageName": "courier", "launchFile": "run.sh", **files})

@@ -1,0 +1,73 @@
+"""What robots run: with which variables, for how long, and what is left of it."""
+
+import pytest
+
+from tests.deploy.one_robot import GOOD, NAME, OneRobot, scripted
+from tests.deploy.yard import eventually
+
+
+def test_a_file_that_is_not_executable_is_told_with_the_remedy(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1)
+    (one.root / "versions" / version.digest / "courier" / "run.sh").chmod(0o644)
+
+    reported = one.deploy(version, 2)
+
+    assert (reported.failure_code, "chmod +x" in reported.failure_reason) == ("BadPermissionError", True)
+
+
+def test_variables_that_change_which_code_runs_are_refused_by_the_robot_too(one: OneRobot) -> None:
+    reported = one.deploy(one.yard.publish(GOOD), 1, environment={"LD_PRELOAD": "/tmp/x.so"})  # noqa: S108 - a value
+
+    assert (reported.failure_code, reported.step) == ("EnvironmentSetupError", "Validating")
+
+
+def test_a_script_that_hangs_is_ended_with_all_it_started(one: OneRobot) -> None:
+    scripts = {**GOOD, "hang.sh": "#!/bin/sh\nsleep 2000 &\nsleep 2000\n"}
+
+    reported = one.deploy(one.yard.publish(scripts), 1, launch=scripted(preLaunchFile="hang.sh"), timeout_s=0.3)
+
+    assert reported.failure_code == "PreLaunchFileFailure"
+    assert "longer than 0.3 s" in reported.failure_reason
+    assert one.programs == []
+
+
+def test_a_script_that_leaves_a_daemon_leaves_nothing(one: OneRobot) -> None:
+    scripts = {**GOOD, "daemon.sh": "#!/bin/sh\nsetsid sleep 2000 &\n(trap '' TERM; setsid sleep 2001) &\nsleep 0.1\n"}
+
+    reported = one.deploy(one.yard.publish(scripts), 1, launch=scripted(preLaunchFile="daemon.sh"))
+
+    assert (reported.status, one.programs) == ("InSync", ["sleep 1000"])
+
+
+def test_an_application_that_ends_is_started_again(one: OneRobot) -> None:
+    script = '#!/bin/sh\necho up >> "$HOME/launches"\nsleep 0.3\n'
+    one.deploy(one.yard.publish({"run.sh": script}), 1)
+
+    def launches() -> int:
+        one.robot.supervise()
+        return (one.root / "launches").read_text().count("up")
+
+    eventually(lambda: launches() >= 3)
+
+
+def test_programs_see_an_environment_made_for_them(one: OneRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "canary")
+    scripts = {**GOOD, "env.sh": '#!/bin/sh\nenv > "$HOME/seen"\n'}
+
+    one.deploy(one.yard.publish(scripts), 1, launch=scripted(preLaunchFile="env.sh"), environment={"MAX_SPEED": "1"})
+
+    lines = (one.root / "seen").read_text().splitlines()
+    seen = {name: value for name, _, value in (line.partition("=") for line in lines)}
+    own = {"SIMYARD_ROBOT", "SIMYARD_DEPLOYMENT", "SIMYARD_ROBOT_ROOT", "SIMYARD_RUN"}
+    assert set(seen) <= {"PATH", "LANG", "HOME", "MAX_SPEED", "PWD", "SHLVL", "_"} | own
+    assert (seen["MAX_SPEED"], seen["SIMYARD_ROBOT"], seen["SIMYARD_DEPLOYMENT"]) == ("1", NAME, "dep-1")
+
+
+def test_the_output_of_programs_is_kept_up_to_a_mebibyte(one: OneRobot) -> None:
+    scripts = {**GOOD, "loud.sh": "#!/bin/sh\nhead -c 3000000 /dev/zero\n"}
+
+    reported = one.deploy(one.yard.publish(scripts), 1, launch=scripted(preLaunchFile="loud.sh"))
+
+    assert reported.status == "InSync"
+    eventually(lambda: (one.root / "logs" / "000001-pre-launch.log").stat().st_size == 1 << 20)

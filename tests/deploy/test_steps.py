@@ -1,0 +1,176 @@
+"""One robot: what it accepts, refuses, survives and takes up again."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from specs.errors import StoreUnreachable
+from tasks.deploy.disk import Disk
+from tasks.deploy.launch import Place
+from tasks.deploy.reporting import Reporter
+from tasks.deploy.robots import read_reported
+from tasks.deploy.steps import Robot
+from tasks.deploy.stopping import Stop, StopRequested
+from tasks.storage.store import Store
+from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
+from tests.deploy.yard import STAYS_UP, Yard, eventually
+
+
+def test_a_lower_sequence_is_refused_also_after_a_restart(one: OneRobot) -> None:
+    newer, older = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# older\n"})
+    one.deploy(newer, 7)
+
+    assert one.deploy(older, 6).deployment == "dep-7"
+    one.robot.end()
+    one.restarted().recover()
+    assert one.deploy(older, 6).deployment == "dep-7"
+    assert one.yard.current(NAME) == newer.digest
+
+
+def test_the_same_sequence_again_launches_nothing_again(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1)
+    eventually((one.root / "launches").exists)
+
+    one.deploy(version, 1)
+
+    assert (one.root / "launches").read_text() == "up\n"
+
+
+def test_what_is_meant_for_another_robot_is_refused(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+
+    one.robot.accept(desired(version, 1, robot="r2"))
+
+    assert read_reported(one.yard.store, NAME) is None
+    assert one.programs == []
+
+
+@pytest.mark.parametrize(
+    ("scripts", "launch", "code", "step"),
+    [
+        (
+            {**GOOD, "x.sh": "#!/bin/sh\nexit 9\n"},
+            {"preLaunchFile": "x.sh"},
+            "PreLaunchFileFailure",
+            "ExecutingPreLaunch",
+        ),
+        (
+            {**GOOD, "x.sh": "#!/bin/sh\nexit 9\n"},
+            {"postLaunchFile": "x.sh"},
+            "PostLaunchFileFailure",
+            "ExecutingPostLaunch",
+        ),
+        (GOOD, {"preLaunchFile": "none.sh"}, "PreLaunchFileFailure", "ExecutingPreLaunch"),
+        (GOOD, {"launchFile": "none.sh"}, "MissingRobotDeploymentResource", "Launching"),
+        (GOOD, {"launchFile": ".."}, "MissingRobotDeploymentResource", "Validating"),
+        ({"run.sh": "#!/bin/sh\nexit 0\n"}, {}, "EnvironmentSetupError", "Launching"),
+        ({"run.sh": "no program"}, {}, "BadPermissionError", "Launching"),
+    ],
+)
+def test_a_failing_step_is_reported_and_the_version_before_runs_on(
+    scripts: Mapping[str, str], launch: Mapping[str, str], code: str, step: str, one: OneRobot
+) -> None:
+    good = one.yard.publish({"run.sh": STAYS_UP + "# good\n"})
+    one.deploy(good, 1)
+
+    reported = one.deploy(one.yard.publish(scripts), 2, launch=scripted(**launch))
+
+    assert (reported.status, reported.failure_code, reported.step) == ("Failed", code, step)
+    assert reported.failure_reason
+    assert one.yard.current(NAME) == good.digest
+    assert one.programs == ["sleep 1000"]
+
+
+def test_a_first_version_that_fails_leaves_nothing_running(one: OneRobot) -> None:
+    reported = one.deploy(one.yard.publish({"run.sh": "#!/bin/sh\nexit 1\n"}), 1)
+
+    assert reported.status == "Failed"
+    assert (one.yard.current(NAME), one.programs) == ("", [])
+
+
+def test_a_bundle_that_is_not_in_the_store_fails_the_robot(one: OneRobot) -> None:
+    reported = one.deploy(one.yard.publish(GOOD), 1, digest="0" * 64)
+
+    assert (reported.failure_code, reported.step) == ("MissingRobotDeploymentResource", "DownloadingExtracting")
+
+
+class AwayStore:
+    """A store that is away for a number of downloads and reports."""
+
+    def __init__(self, store: Store, failures: int) -> None:
+        self._store = store
+        self.failures = failures
+
+    def __getattr__(self, name: str) -> Callable[..., object]:
+        def call(*arguments: object) -> object:
+            if self.failures:
+                self.failures -= 1
+                raise StoreUnreachable("away")
+            return getattr(self._store, name)(*arguments)
+
+        return call
+
+
+def test_a_store_that_is_away_for_a_while_delays_and_loses_nothing(yard: Yard) -> None:
+    version = yard.publish(GOOD)
+    away = AwayStore(yard.store, failures=4)
+    place = Place(robot=NAME, disk=Disk(yard.root(NAME)), stop=Stop(), grace_s=0.05)
+    robot = Robot(away, place, Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - forwards every method
+    try:
+        robot.accept(desired(version, 1))
+        away.failures = 1
+        robot.accept(desired(version, 2))
+        robot.supervise()
+
+        reported = read_reported(yard.store, NAME)
+        assert reported is not None
+        assert (reported.status, reported.sequence) == ("InSync", 2)
+    finally:
+        robot.end()
+
+
+def test_a_store_that_stays_away_fails_the_deployment_at_its_timeout(yard: Yard) -> None:
+    version = yard.publish(GOOD)
+    away = AwayStore(yard.store, failures=10**9)
+    disk = Disk(yard.root(NAME))
+    robot = Robot(away, Place(NAME, disk, Stop(), 0.05), Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - same
+
+    robot.accept(desired(version, 1, timeout_s=0.3))
+
+    outcome = disk.load().outcome
+    assert outcome is not None
+    assert outcome.failure_code == "RobotAgentConnectionTimeout"
+
+
+def test_a_robot_that_is_stopped_in_a_script_takes_the_deployment_up_at_its_next_start(one: OneRobot) -> None:
+    script = '#!/bin/sh\ntest -e "$HOME/second" && exit 0\ntouch "$HOME/second"\nsleep 2000\n'
+    version = one.yard.publish({**GOOD, "slow.sh": script})
+
+    one.stop = _StopWhen(one.root / "second")
+    one.restarted()
+    with pytest.raises(StopRequested):
+        one.robot.accept(desired(version, 1, launch=scripted(preLaunchFile="slow.sh")))
+    one.robot.end()
+    assert one.programs == []
+
+    one.stop = Stop()
+    one.restarted().recover()
+
+    reported = read_reported(one.yard.store, NAME)
+    assert reported is not None
+    assert (reported.status, reported.sequence) == ("InSync", 1)
+
+
+class _StopWhen(Stop):
+    """Requested as soon as a file appears."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+
+    def sleep(self, seconds: float) -> None:
+        if self._path.exists():
+            self.request()
+        super().sleep(seconds)

@@ -1,0 +1,137 @@
+"""A store with one fleet and bundles to deploy to it, for tests that run real agents."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from specs.arn import arn
+from specs.bundle import Version
+from specs.deployment import CreateDeploymentJobRequest
+from tasks.applications.publishing import publish
+from tasks.deploy.job import run_deployment_job
+from tasks.deploy.robots import read_reported
+from tasks.deploy.states import Reported
+from tasks.storage.opening import store_id
+from tasks.storage.records import JobRecord
+from tasks.storage.store import Store
+
+FLEET = "couriers"
+STAYS_UP = '#!/bin/sh\necho up >> "$HOME/launches"\nexec sleep 1000\n'
+PATIENCE_S = 60.0
+
+
+@dataclass
+class Yard:
+    """Attributes: calls: what progress was told, as (ended, all)."""
+
+    store: Store
+    folder: Path
+    calls: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])
+
+    def publish(self, scripts: Mapping[str, str], padding_bytes: int = 0) -> Version:
+        """Publishes a bundle whose package ``courier`` holds the scripts, all executable."""
+        package = self.folder / f"bundle-{time.monotonic_ns()}" / "courier"
+        package.mkdir(parents=True)
+        for name, text in scripts.items():
+            (package / name).write_text(text)
+            (package / name).chmod(0o755)
+        if padding_bytes:
+            (package / "padding").write_bytes(os.urandom(padding_bytes))
+        return publish(self.store, "robot-application", "courier", package.parent)
+
+    def request(self, version: Version, token: str, **launch: object) -> CreateDeploymentJobRequest:
+        identifier = store_id(self.store)
+        return CreateDeploymentJobRequest.model_validate(
+            {
+                "clientRequestToken": token,
+                "fleet": arn("deployment-fleet", identifier, FLEET),
+                "deploymentConfig": {"concurrentDeploymentPercentage": 40, "failureThresholdPercentage": 40},
+                "deploymentApplicationConfigs": [
+                    {
+                        "application": arn("robot-application", identifier, "courier"),
+                        "applicationVersion": str(version.number),
+                        "launchConfig": {"packageName": "courier", "launchFile": "run.sh", **launch},
+                    }
+                ],
+            }
+        )
+
+    def deploy(self, version: Version, token: str, **launch: object) -> JobRecord:
+        return run_deployment_job(
+            self.store,
+            self.request(version, token, **launch),
+            digest=version.digest,
+            token=token,
+            progress=lambda ended, robots: self.calls.append((ended, robots)),
+        )
+
+    def start_agent(self, robot: str) -> subprocess.Popen[bytes]:
+        root = self.root(robot)
+        root.mkdir(parents=True, exist_ok=True)
+        pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3"]
+        argv = ["-m", "tasks.deploy.agent", f"--robot={robot}", f"--root={root}", f"--store={self.store.url}", *pace]
+        with (root / "agent.log").open("ab") as log:
+            return subprocess.Popen([sys.executable, *argv], stdout=log, stderr=log)
+
+    def root(self, robot: str) -> Path:
+        return self.folder / "robots" / robot
+
+    def current(self, robot: str) -> str:
+        """Returns the digest that the robot's link shows; an empty text when there is none; fails when it is broken."""
+        link = self.root(robot) / "current"
+        if not link.is_symlink():
+            return ""
+        assert (link / "courier" / "run.sh").is_file(), "current is broken"
+        return link.readlink().name
+
+
+def wait_for_report(yard: Yard, robot: str, wanted: Callable[[Reported], bool]) -> Reported:
+    found: list[Reported] = []
+
+    def look() -> bool:
+        reported = read_reported(yard.store, robot)
+        if reported and wanted(reported):
+            found.append(reported)
+        return bool(found)
+
+    eventually(look)
+    return found[0]
+
+
+def eventually(condition: Callable[[], bool]) -> None:
+    """Waits until the condition holds; how long it takes is no matter, short of a hang."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until_s, "it never happened"
+        time.sleep(0.01)
+
+
+def programs_of(root: Path) -> list[str]:
+    """Returns the command lines of everything that agents on a robot's folder started and that lives."""
+    mark = f"SIMYARD_ROBOT_ROOT={root}".encode()
+    return [command_line(process) for process in Path("/proc").glob("[0-9]*") if mark in _variables(process)]
+
+
+def command_line(process: Path) -> str:
+    """Returns the command of a process's folder in /proc; an empty text for one that has ended."""
+    try:
+        return (process / "cmdline").read_bytes().replace(b"\0", b" ").decode().strip()
+    except OSError:
+        return ""
+
+
+def _variables(process: Path) -> list[bytes]:
+    try:
+        return (process / "environ").read_bytes().split(b"\0")
+    except OSError:
+        return []
+
+
+def kill(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(signal.SIGKILL)
+    process.wait()
