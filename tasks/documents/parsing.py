@@ -1,13 +1,14 @@
 """Plain data made into a document, or a list of all that is wrong with it."""
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import TypeVar
 
 from pydantic import BaseModel, JsonValue, ValidationError
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from tasks.documents.wording import Place, fault_of, path_of
+from tasks.documents.wording import Place, fault_of, only_repeats, path_of
 
 MAX_FAULTS = 100
 """More than a person reads; the rest is counted."""
@@ -26,24 +27,33 @@ def parse(model: type[Model], data: JsonValue, source: str = "document") -> Mode
     Raises:
         DocumentError: With every fault: where, what stands there, what may.
     """
-    empty = list(_empty_keys(data))
+    faults = {fault.path: fault for fault in islice(_empty_keys(data), MAX_FAULTS)}
+    more = 0
     try:
         document = model.model_validate(data)
     except ValidationError as exc:
-        faults = [*empty, *_faults(exc, model, skip={fault.path for fault in empty})]
-        raise DocumentError(_first(faults), source) from exc
-    if empty:
-        raise DocumentError(_first(empty), source)
-    return document
+        faults, more = _with_errors(exc, model, faults)
+    else:
+        if not faults:
+            return document
+    rest = [Fault(path="document", value=f"{more:,} faults more", allowed="correct these first")] if more else []
+    raise DocumentError([*faults.values(), *rest], source)
 
 
-def _faults(exc: ValidationError, model: type[BaseModel], skip: set[str]) -> Iterator[Fault]:
-    seen = set[str]()
-    for error in exc.errors(include_url=False):
+def _with_errors(
+    exc: ValidationError, model: type[BaseModel], faults: dict[str, Fault]
+) -> tuple[dict[str, Fault], int]:
+    """Returns the faults with pydantic's errors added, and how many are left out as nobody would read them."""
+    errors = [error for error in exc.errors(include_url=False) if not only_repeats(error)]
+    found = dict(faults)
+    for number, error in enumerate(errors):
+        if len(found) >= MAX_FAULTS:
+            return found, len(errors) - number
         fault = fault_of(error, model)
-        if fault is not None and fault.path not in skip and str(fault) not in seen:
-            seen.add(str(fault))
-            yield fault
+        # What is empty is said once: that the field wants text, too, is no news.
+        if fault.path not in faults:
+            found[str(fault)] = fault
+    return found, 0
 
 
 def _empty_keys(data: JsonValue) -> Iterator[Fault]:
@@ -57,10 +67,3 @@ def _empty_keys(data: JsonValue) -> Iterator[Fault]:
             pending.extend(((*place, number), item) for number, item in reversed(list(enumerate(value))))
         elif isinstance(value, dict):
             pending.extend(((*place, key), item) for key, item in reversed(list(value.items())))
-
-
-def _first(faults: list[Fault]) -> list[Fault]:
-    if len(faults) <= MAX_FAULTS:
-        return faults
-    rest = Fault(path="document", value=f"{len(faults) - MAX_FAULTS:,} faults more", allowed="correct these first")
-    return [*faults[:MAX_FAULTS], rest]

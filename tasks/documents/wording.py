@@ -47,17 +47,22 @@ _TYPES = {
 }
 
 
-def fault_of(error: ErrorDetails, model: type[BaseModel]) -> Fault | None:
-    """Returns an error as a fault, or None for one that only repeats what others say.
+def only_repeats(error: ErrorDetails) -> bool:
+    """Returns whether an error says no more than others do.
+
+    Pydantic counts the valid items of a tuple, so invalid ones, which have their own errors, also make it too short.
+    """
+    return error["type"] == "too_short" and len(error["input"]) >= error.get("ctx", {})["min_length"]
+
+
+def fault_of(error: ErrorDetails, model: type[BaseModel]) -> Fault:
+    """Returns an error as a fault.
 
     Args:
         error: One entry of `pydantic.ValidationError.errors`.
         model: What the document is, to tell the keys and bounds that are known.
     """
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
-    if kind == "too_short" and len(value) >= context["min_length"]:
-        # Pydantic counts the items of a tuple that are valid; the invalid ones have their own faults.
-        return None
     path = path_of(error["loc"])
     if kind == "missing":
         return Fault(path=path, value="missing", allowed="required")
