@@ -7,13 +7,18 @@ current, previous      links into versions; replaced in one step, so never broke
 downloads/ logs/       leavings, of no consequence
 """
 
+import logging
 import shutil
 from pathlib import Path
 from uuid import uuid4
 
+from pydantic import ValidationError
+
 from specs.base import Spec
 from tasks.deploy.states import Desired, Reported
 from tasks.storage.atomic import make_folder, settle_names, whole_file
+
+_LOG = logging.getLogger(__name__)
 
 
 class RobotState(Spec):
@@ -50,14 +55,18 @@ class Disk:
     def load(self) -> RobotState:
         """Returns what the robot remembers; nothing on a new robot.
 
-        Raises:
-            ValidationError: The state was written by another version of Simyard.
+        A state that cannot be read, as another version of Simyard may leave it, is set aside: a robot that takes its
+        latest desired state again is better off than one whose agent does not start.
         """
+        path = self.root / "state.json"
         try:
-            body = (self.root / "state.json").read_bytes()
+            return RobotState.model_validate_json(path.read_bytes())
         except FileNotFoundError:
             return RobotState()
-        return RobotState.model_validate_json(body)
+        except ValidationError as exc:
+            _LOG.error("%s is set aside: %s", path, exc)
+            path.replace(path.with_suffix(".unreadable"))
+            return RobotState()
 
     def save(self, state: RobotState) -> None:
         """Writes what the robot remembers, whole, and settled on the disk."""

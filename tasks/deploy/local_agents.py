@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.processes import end_all
-from tasks.deploy.robots import create_robot, register_robot
+from tasks.deploy.robots import create_robot, deregister_robot, members, register_robot
 from tasks.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
@@ -25,7 +25,8 @@ def local_agents(
 ) -> Generator[tuple[str, ...]]:
     """Yields the names of robots ``<fleet>-1`` to ``<fleet>-<count>`` whose agents run inside the ``with`` block.
 
-    The fleet and the robots are made where they are missing. Agents and applications end with the block, and by
+    The fleet and the robots are made where they are missing; robots that an earlier demonstration made beyond the count
+    leave the fleet, because nobody would answer for them. Agents and applications end with the block, and by
     themselves when this process is killed; agents of a later block on the same folder wait for that.
 
     Args:
@@ -38,11 +39,7 @@ def local_agents(
     Raises:
         DocumentError: The name is none, or a robot belongs to another fleet.
     """
-    create_fleet(store, fleet)
-    names = tuple(f"{fleet}-{number}" for number in range(1, count + 1))
-    for name in names:
-        create_robot(store, name)
-        register_robot(store, fleet, name)
+    names = _robots(store, fleet, count)
     roots = [folder.absolute() / name for name in names]
     agents: list[subprocess.Popen[bytes]] = []
     try:
@@ -53,6 +50,18 @@ def local_agents(
         _end(agents)
         for root in roots:
             end_all(root)
+
+
+def _robots(store: Store, fleet: str, count: int) -> tuple[str, ...]:
+    create_fleet(store, fleet)
+    names = tuple(f"{fleet}-{number}" for number in range(1, count + 1))
+    for name in names:
+        create_robot(store, name, local=True)
+        register_robot(store, fleet, name)
+    for robot in members(store, fleet):
+        if robot.local and robot.name not in names:
+            deregister_robot(store, robot.name)
+    return names
 
 
 def _start(store: Store, name: str, root: Path, grace_s: float) -> subprocess.Popen[bytes]:

@@ -18,14 +18,28 @@ _RECORD = "record.json"
 
 
 def create_robot(
-    store: Store, name: str, architecture: Architecture = "X86_64", tags: Mapping[str, str] | None = None
+    store: Store,
+    name: str,
+    architecture: Architecture = "X86_64",
+    tags: Mapping[str, str] | None = None,
+    *,
+    local: bool = False,
 ) -> RobotRecord:
     """Returns the robot of that name, made if there is none; an old one stays as it is.
+
+    Args:
+        store: Where robots are.
+        name: The robot's.
+        architecture: Its processor's.
+        tags: Given to its applications as variables.
+        local: Whether its agent is a process of a demonstration.
 
     Raises:
         DocumentError: The name is none.
     """
-    record = RobotRecord(name=name, architecture=architecture, created_at_s=time.time(), tags=dict(tags or {}))
+    record = RobotRecord(
+        name=name, architecture=architecture, created_at_s=time.time(), tags=dict(tags or {}), local=local
+    )
     try:
         store.create(robot_record_key(name), encoded(record))
     except ObjectExists:
@@ -43,17 +57,23 @@ def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
     name = read_fleet(store, fleet)[0].name
     while True:
         record, etag = read_robot(store, robot)
-        if record.fleet == name:
-            return record
-        if record.fleet:
+        if record.fleet and record.fleet != name:
             fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
             raise DocumentError([fault])
-        joined = record.model_copy(update={"fleet": name})
-        try:
-            store.replace(robot_record_key(record.name), encoded(joined), etag)
-        except ObjectConflict:  # somebody else registered it, perhaps elsewhere: look again
-            continue
-        return joined
+        if changed := _changed(store, record, etag, name):
+            return changed
+
+
+def deregister_robot(store: Store, robot: str) -> RobotRecord:
+    """Returns the robot as a member of no fleet; what it runs, it keeps running.
+
+    Raises:
+        ResourceNotFound: No such robot.
+    """
+    while True:
+        record, etag = read_robot(store, robot)
+        if changed := _changed(store, record, etag, ""):
+            return changed
 
 
 def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
@@ -120,6 +140,18 @@ def ask(store: Store, desired: Desired) -> Desired:
         except (ObjectExists, ObjectConflict):
             continue
         return new
+
+
+def _changed(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:
+    """Returns the robot in that fleet, or None when somebody else changed it meanwhile and it must be read again."""
+    if record.fleet == fleet:
+        return record
+    changed = record.model_copy(update={"fleet": fleet})
+    try:
+        store.replace(robot_record_key(record.name), encoded(changed), etag)
+    except ObjectConflict:
+        return None
+    return changed
 
 
 def _name(reference: str) -> str:

@@ -33,6 +33,7 @@ class RobotRecord(Spec):
 
     Attributes:
         fleet: The one fleet it belongs to, or empty.
+        local: Whether its agent is a process that a run of a pipeline starts for a demonstration.
     """
 
     name: str
@@ -40,6 +41,7 @@ class RobotRecord(Spec):
     created_at_s: float
     tags: dict[str, str]
     fleet: str = ""
+    local: bool = False
 
 
 class Desired(Spec):

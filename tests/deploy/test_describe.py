@@ -41,5 +41,5 @@ def test_a_deployment_under_way_is_described_as_its_robots_are_now(yard: Yard) -
 
     run(yard, robots, yard.request(version, "one"), version.digest, progress=look)
 
-    assert seen[:2] == ["InSync", "Registered"]
+    assert seen[:2] == ["InSync", "PendingNewDeployment"]
     assert yard.store.exists(reported_key("r1"))

@@ -32,6 +32,13 @@ def test_what_is_saved_is_what_is_loaded(tmp_path: Path) -> None:
     assert Disk(tmp_path).load() == state
 
 
+def test_a_state_that_cannot_be_read_is_set_aside(tmp_path: Path) -> None:
+    (tmp_path / "state.json").write_text('{"sequence": 3, "written by": "another version"}')
+
+    assert Disk(tmp_path).load() == RobotState()
+    assert (tmp_path / "state.unreadable").is_file()
+
+
 def test_the_link_shows_the_version_it_was_switched_to_last(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
     for digest in ("a", "b"):

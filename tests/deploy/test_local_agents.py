@@ -17,7 +17,7 @@ from specs.errors import BundleRefused
 from tasks.deploy.controller import recorded_progress
 from tasks.deploy.describe import describe_deployment_job, describe_fleet, describe_robot
 from tasks.deploy.local_agents import local_agents
-from tasks.deploy.robots import read_desired
+from tasks.deploy.robots import create_robot, members, read_desired, register_robot
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import application_key, bundle_key
 from tasks.storage.records import JobRecord
@@ -138,6 +138,15 @@ def test_an_archive_that_climbs_out_of_its_folder_is_refused_by_the_robot(yard: 
 
     assert _codes(record) == {"ExtractingBundleFailure": 1}
     assert list(yard.folder.rglob("escaped")) == []
+
+
+def test_a_smaller_demonstration_leaves_robots_out_that_only_a_larger_one_had(yard: Yard) -> None:
+    create_robot(yard.store, "couriers-own")
+    register_robot(yard.store, FLEET, "couriers-own")
+    with local_agents(yard.store, FLEET, 2, yard.folder / "robots"):
+        pass
+    with local_agents(yard.store, FLEET, 1, yard.folder / "robots"):
+        assert [robot.name for robot in members(yard.store, FLEET)] == ["couriers-own", "couriers-1"]
 
 
 def test_agents_end_with_the_block_also_when_it_raises(yard: Yard) -> None:

@@ -5,7 +5,16 @@ import pytest
 from specs.deployment import DeploymentLaunchConfig
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.deploy.fleets import create_fleet, fleets, read_fleet
-from tasks.deploy.robots import ask, create_robot, members, read_desired, read_robot, register_robot, robots
+from tasks.deploy.robots import (
+    ask,
+    create_robot,
+    deregister_robot,
+    members,
+    read_desired,
+    read_robot,
+    register_robot,
+    robots,
+)
 from tasks.deploy.states import Desired
 from tasks.storage.store import Store
 
@@ -92,6 +101,18 @@ def test_members_are_a_fleets_robots_in_the_order_they_were_made(file_store: Sto
 
     assert [robot.name for robot in members(file_store, "couriers")] == ["z", "a"]
     assert [robot.name for robot in robots(file_store)] == ["z", "a", "loner"]
+
+
+def test_a_robot_that_left_its_fleet_may_join_another(file_store: Store) -> None:
+    for fleet in ("couriers", "cleaners"):
+        create_fleet(file_store, fleet)
+    create_robot(file_store, "r1")
+    register_robot(file_store, "couriers", "r1")
+
+    deregister_robot(file_store, "r1")
+
+    assert members(file_store, "couriers") == []
+    assert register_robot(file_store, "cleaners", "r1").fleet == "cleaners"
 
 
 def test_a_robot_nobody_made_is_missing(file_store: Store) -> None:
