@@ -7,6 +7,7 @@ from pydantic import JsonValue
 
 from specs.errors import StageFailed
 from specs.report import Artefact, PipelineReport, StageName, StageReport, Verdict
+from tasks.deploy.controller import recorded_progress
 from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
 
@@ -62,8 +63,8 @@ def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: flo
 
 def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     """Returns how a roll-out went."""
-    robots = [cast("Mapping[str, JsonValue]", robot) for robot in cast("list[JsonValue]", record.detail["robots"])]
-    in_sync = sum(robot["status"] == "InSync" for robot in robots)
+    robots = recorded_progress(record).values()
+    in_sync = sum(robot.status == "InSync" for robot in robots)
     summary = f"{in_sync} of {len(robots)} robots in sync"
     if record.failure_code:
         summary += f"; {record.failure_code}: {record.failure_reason}"

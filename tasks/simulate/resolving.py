@@ -64,8 +64,8 @@ def worlds_named(section: SimulationBatch) -> list[str]:
 
 
 def _template(request: PipelineJobRequest, worlds: Sequence[str], find_version: FindVersion) -> JobTemplate:
-    robot = (request.robotApplications or ())[0]
-    scenario = (request.simulationApplications or ())[0]
+    robot = next(iter(request.robotApplications or ()))
+    scenario = next(iter(request.simulationApplications or ()))
     own = [parse_reference(world).path for world in _own_worlds(request)]
     return JobTemplate(
         robot=_launch("robot-application", robot, find_version),

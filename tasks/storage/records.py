@@ -32,6 +32,7 @@ _PREFIXES: Mapping[JobKind, str] = {
 }
 _ATTEMPTS = 1000
 _LONGEST_PAUSE_S = 0.05
+_LONGEST_REASON = 1024
 
 
 class JobRecord(Spec):
@@ -132,7 +133,7 @@ def advance(
     if status not in _STATUSES:
         raise ValueError(f"{status!r} is no job status; they are {', '.join(sorted(_STATUSES))}")
     added = dict(detail or {})
-    change = {"status": status, "failure_code": failure_code, "failure_reason": failure_reason}
+    change = {"status": status, "failure_code": failure_code, "failure_reason": _one_line(failure_reason)}
     for attempt in range(_ATTEMPTS):
         before, etag = _read(store, kind, id)
         if is_terminal(before):
@@ -172,6 +173,11 @@ def records(store: Store, kind: JobKind) -> list[JobRecord]:
 def is_terminal(record: JobRecord) -> bool:
     """Returns whether the job has ended, and so will never change."""
     return record.status in TERMINAL
+
+
+def _one_line(reason: str) -> str:
+    # RoboMaker's reasons are one line of at most 1024 characters; ours may be a document's many faults.
+    return " ".join(reason.split())[:_LONGEST_REASON]
 
 
 def _record_token(store: Store, kind: JobKind, new: _Token) -> None:

@@ -15,7 +15,9 @@ README = (ROOT / "README.md").read_text()
 
 def blocks(language: str) -> list[str]:
     """Returns the README's code blocks of a language, in order."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+    parts = re.split(r"^```(.*)$\n?", README, flags=re.MULTILINE)
+    # Text, language, code, the closing fence's empty language, text, ...
+    return [code for name, code in zip(parts[1::4], parts[2::4], strict=True) if name == language]
 
 
 @pytest.fixture
@@ -70,3 +72,10 @@ def test_every_file_that_the_readme_links_to_is_there():
 def test_every_block_has_a_test():
     languages = re.findall(r"^```(\w+)$", README, flags=re.MULTILINE)
     assert set(languages) == {"sh", "python", "deployments"}
+
+
+@pytest.mark.integration
+def test_the_picture_is_what_the_preview_draws(checkout: Path):
+    command = next(line for block in blocks("sh") for line in block.splitlines() if "world preview" in line)
+    subprocess.run(["bash", "-c", command], cwd=checkout, check=True)
+    assert (checkout / "plan.svg").read_bytes() == (ROOT / "docs/pictures/world.svg").read_bytes()

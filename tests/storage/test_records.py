@@ -192,3 +192,10 @@ def test_digests_differ_as_requests_do(one: Mapping[str, JsonValue], other: Mapp
 
 def test_the_digest_is_the_one_of_canonical_json() -> None:
     assert request_digest({"b": [1, 2], "a": "ö"}) == hashlib.sha256('{"a":"ö","b":[1,2]}'.encode()).hexdigest()
+
+
+def test_a_reason_is_kept_as_one_line_that_robomaker_could_have_told(file_store: Store) -> None:
+    record = submit(file_store, _KIND, _REQUEST, "tok")
+    ended = advance(file_store, _KIND, record.id, "Failed", failure_reason="two faults\n  one\n" + 2000 * "x")
+    assert ended.failure_reason.startswith("two faults one x")
+    assert len(ended.failure_reason) == 1024

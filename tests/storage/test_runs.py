@@ -5,35 +5,36 @@ import sys
 import textwrap
 
 import pytest
+from pydantic import JsonValue
 
-from tasks.storage.local import LocalStore
 from tasks.storage.opening import open_store
 from tasks.storage.records import advance, is_terminal, records
 from tasks.storage.runs import begun, stage_token
+from tasks.storage.store import Store
 
-IDENTITY = {"flow": "pipeline", "spec": {"name": "nightly"}}
+IDENTITY: dict[str, JsonValue] = {"flow": "pipeline", "spec": {"name": "nightly"}}
 
 
-def _ended(store: LocalStore) -> str:
+def _ended(store: Store) -> str:
     with begun(store, IDENTITY) as run:
         assert not is_terminal(run)
         advance(store, "pipeline-run", run.id, "Completed")
     return run.id
 
 
-def test_a_run_that_did_not_end_is_continued(file_store: LocalStore):
+def test_a_run_that_did_not_end_is_continued(file_store: Store):
     with begun(file_store, IDENTITY) as first:
         pass
     with begun(file_store, IDENTITY) as second:
         assert second.id == first.id
 
 
-def test_after_an_end_the_next_run_begins(file_store: LocalStore):
+def test_after_an_end_the_next_run_begins(file_store: Store):
     assert len({_ended(file_store) for _ in range(9)}) == 9
     assert len(records(file_store, "pipeline-run")) == 9
 
 
-def test_another_document_is_another_run(file_store: LocalStore):
+def test_another_document_is_another_run(file_store: Store):
     with (
         begun(file_store, IDENTITY) as run,
         begun(file_store, {"flow": "pipeline", "spec": {"name": "weekly"}}) as other,
@@ -42,20 +43,20 @@ def test_another_document_is_another_run(file_store: LocalStore):
 
 
 def test_the_first_run_of_a_document_has_the_same_id_in_every_store(
-    file_store: LocalStore, tmp_path_factory: pytest.TempPathFactory
+    file_store: Store, tmp_path_factory: pytest.TempPathFactory
 ):
     other = open_store(tmp_path_factory.mktemp("other").as_uri())
     assert _ended(file_store) == _ended(other)
 
 
-def test_stages_of_one_run_have_tokens_that_robomaker_would_accept(file_store: LocalStore):
+def test_stages_of_one_run_have_tokens_that_robomaker_would_accept(file_store: Store):
     with begun(file_store, IDENTITY) as run:
         tokens = {stage_token(run, stage) for stage in ("worlds", "deployment")}
     assert len(tokens) == 2
     assert all(len(token) <= 64 and token.replace("-", "").isalnum() for token in tokens)
 
 
-def test_who_waited_for_another_process_finds_the_run_ended(file_store: LocalStore):
+def test_who_waited_for_another_process_finds_the_run_ended(file_store: Store):
     other = subprocess.Popen(
         [
             sys.executable,
