@@ -138,9 +138,9 @@ def _asked(record: JobRecord, plan: BatchPlan, request: EpisodeRequest) -> dict[
     entry = dict(document["createSimulationJobRequests"][_template_number(plan, request.index)])
     for kind, resolved in (("robotApplications", request.robot), ("simulationApplications", request.scenario)):
         (use,) = cast("list[dict[str, JsonValue]]", entry[kind])
-        launch = {
+        launch: dict[str, JsonValue] = {
             **cast("dict[str, JsonValue]", use["launchConfig"]),
-            "environmentVariables": dict(request.environment),
+            "environmentVariables": {**request.environment},
         }
         entry[kind] = [{**use, "applicationVersion": resolved.version, "launchConfig": launch}]
     (scenario,) = cast("list[dict[str, JsonValue]]", entry["simulationApplications"])

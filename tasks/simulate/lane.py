@@ -8,12 +8,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
-from mujoco import mjx
 
 from tasks.simulate.applications import Applications, Numbers
 from tasks.simulate.contract import FloorMap, Observation, State, Truth
 from tasks.simulate.lidar import Boxes, Cylinders, scan_ranges
 from tasks.simulate.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel
+from tasks.simulate.quiet_mjx import mjx
 from tasks.simulate.robot import CONTROL_S
 from tasks.simulate.window import distance_m, nearest_obstacles, with_window
 

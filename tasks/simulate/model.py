@@ -6,9 +6,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from jaxtyping import Int
-from mujoco import mjx
 
 from tasks.simulate.obstacles import PARKING_M
+from tasks.simulate.quiet_mjx import mjx
 from tasks.simulate.robot import CONTROL_S, Hull, RobotRefused, hull_of, read_robot
 
 # Against C MuJoCo with all hundred obstacles: median 1.5e-5 m after 10 s of bumping (physics.md).

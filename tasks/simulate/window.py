@@ -9,10 +9,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float
-from mujoco import mjx
 
 from tasks.simulate.lidar import Boxes, Cylinders
 from tasks.simulate.model import RobotModel
+from tasks.simulate.quiet_mjx import mjx
 
 
 class Window(NamedTuple):
