@@ -1,3 +1,4 @@
+# ruff: noqa: ANN401 - a stub for a package without types says Any where it does not know
 """The part of MJX that Simyard names in its types; the rest is Any."""
 
 from typing import Any
