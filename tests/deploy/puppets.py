@@ -1,6 +1,7 @@
 """Robots and stores that do as a test says, and a clock that moves only when the controller sleeps."""
 
 import time
+from collections import Counter
 from collections.abc import Callable
 
 from specs.deployment import CreateDeploymentJobRequest
@@ -99,6 +100,27 @@ class FailingStore:
             if fails:
                 raise StoreUnreachable(f"the answer to {name} was lost")
             return result
+
+        return request
+
+
+class CountingStore:
+    """A store that counts.
+
+    Attributes:
+        reads: How often each key was read.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self.url = store.url
+        self.reads: Counter[str] = Counter()
+        self._store = store
+
+    def __getattr__(self, name: str) -> Callable[..., object]:
+        def request(*arguments: object) -> object:
+            if name == "get":
+                self.reads[str(arguments[0])] += 1
+            return getattr(self._store, name)(*arguments)
 
         return request
 

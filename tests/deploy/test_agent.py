@@ -4,13 +4,19 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+from random import Random
 
 import pytest
 
 from specs.bundle import Version
 from specs.deployment import DeploymentLaunchConfig
+from specs.errors import DocumentError
+from tasks.deploy.agent import Poll, _alone, main
+from tasks.deploy.disk import Disk
 from tasks.deploy.robots import ask
 from tasks.deploy.states import Desired
+from tasks.deploy.stopping import Stop, StopRequested
 from tests.deploy.yard import STAYS_UP, Yard, eventually, kill, programs_of, wait_for_report
 
 pytestmark = pytest.mark.integration
@@ -126,6 +132,37 @@ def test_a_second_agent_on_a_folder_waits_until_the_first_is_gone(
     wait_for_report(yard, "r1", lambda reported: reported == first)
     eventually(lambda: programs_of(yard.root("r1")) == ["sleep 1000"])
     assert agents[1].poll() is None
+
+
+class _StopAfterOneWait(Stop):
+    def sleep(self, seconds: float) -> None:
+        self.request()
+        super().sleep(seconds)
+
+
+def test_a_folder_belongs_to_one_agent_until_it_lets_go(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    with _alone(disk, Stop()), pytest.raises(StopRequested), _alone(disk, _StopAfterOneWait()):
+        pass
+
+    with _alone(disk, _StopAfterOneWait()):
+        pass
+
+
+@pytest.mark.parametrize("robot", ["..", "a/b", ""])
+def test_an_agent_with_a_name_that_is_none_does_not_start(robot: str, tmp_path: Path) -> None:
+    with pytest.raises(DocumentError):
+        main([f"--robot={robot}", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}"])
+
+
+def test_an_agent_waits_longer_while_nothing_happens_and_never_in_step() -> None:
+    poll = Poll(1.0, 8.0, Random(7))  # noqa: S311 - jitter
+    idle = [poll.next_s(busy=False) for _ in range(20)]
+
+    assert idle[-1] > 4 * idle[0]
+    assert len(set(idle[-5:])) == 5
+    assert max(idle) <= 8.0 * 1.25
+    assert poll.next_s(busy=True) <= 1.25
 
 
 def test_an_agent_needs_none_of_the_heavy_packages() -> None:

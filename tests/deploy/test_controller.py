@@ -15,9 +15,10 @@ from specs.errors import (
 )
 from tasks.deploy.controller import recorded_progress
 from tasks.deploy.robots import create_robot, read_desired, read_reported, register_robot
+from tasks.storage.keys import reported_key
 from tasks.storage.records import records
 from tasks.storage.store import Store
-from tests.deploy.puppets import FailingStore, PuppetRobots, run
+from tests.deploy.puppets import CountingStore, FailingStore, PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill
 
 KIND = "deployment-job"
@@ -77,6 +78,16 @@ def test_a_controller_that_fails_at_any_request_is_continued_and_nobody_is_asked
 
     assert nth > 30, "every request of a whole deployment was tried"
     assert len(records(yard.store, KIND)) == nth
+
+
+def test_a_robot_that_has_ended_is_not_asked_about_again(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    robots = PuppetRobots(yard.store, 8)
+    counting = CountingStore(yard.store)
+
+    run(replace(yard, store=cast("Store", counting)), robots, yard.request(version, "one"), version.digest)
+
+    assert {counting.reads[reported_key(name)] for name in robots.names} <= {1, 2}
 
 
 def test_robots_that_join_while_a_deployment_is_interrupted_are_not_part_of_it(yard: Yard) -> None:

@@ -34,6 +34,13 @@ def test_an_ended_job_is_returned_as_it_ended_and_nothing_is_asked_again(yard: Y
     assert robots.asked() == asked
 
 
+def test_a_deployment_is_its_fleets_last_from_then_on(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    record = run(yard, PuppetRobots(yard.store, 1), yard.request(version, "one"), version.digest)
+
+    assert read_fleet(yard.store, FLEET)[0].deployment == record.id
+
+
 def test_the_next_deployment_has_the_next_sequence(yard: Yard) -> None:
     version = yard.publish({"run.sh": STAYS_UP})
     robots = PuppetRobots(yard.store, 2)
