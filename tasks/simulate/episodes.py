@@ -5,6 +5,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +30,21 @@ _PROGRAMS_KEPT = 8
 _NO_WORLD = "InvalidS3Resource"
 
 
+class ReadyChunk(NamedTuple):
+    """Episodes of one program, ready to run.
+
+    Attributes:
+        lanes: The episodes that can run, in the lanes' order.
+        inputs: On the devices; None when no episode can run.
+        rows: Of the episodes that cannot.
+    """
+
+    program: Program
+    lanes: list[Lane]
+    inputs: LaneInputs | None
+    rows: list[EpisodeResult]
+
+
 def run_chunk(
     chunk: Chunk,
     worlds: Mapping[str, World],
@@ -45,10 +61,32 @@ def run_chunk(
         if request.world not in worlds
     }
     try:
-        rows.update({row.index: row for row in _run(present, worlds, bundles, lanes, should_stop)} if present else {})
+        if present:
+            rows.update({row.index: row for row in _run(present, worlds, bundles, lanes, should_stop)})
     except BundleCrash as crash:
         rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
     return [rows[request.index] for request in chunk.requests]
+
+
+def ready_chunk(
+    requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], bundles: Mapping[str, Path], *, lanes: int
+) -> ReadyChunk:
+    """Returns episodes of one program made ready to run.
+
+    Raises:
+        BundleCrash: The applications do not import, or raise when they are traced.
+    """
+    program = _program_of(requests[0], bundles, lanes)
+    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
+    stages = stage_worlds(used, program.robot.hull, program.applications.lidar)
+    ready, rows = _place_all(program, requests, used, stages)
+    if not ready:
+        return ReadyChunk(program, ready, None, rows)
+    inputs = stack_lanes(ready, program.applications.names, program.lanes)
+    one = jax.tree.map(lambda array: array[0], inputs)
+    check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.robot.actuators)
+    check_scenario(program.applications, one.goals_m, one.numbers)
+    return ReadyChunk(program, ready, program.place(inputs), rows)
 
 
 def _run(
@@ -58,11 +96,16 @@ def _run(
     lanes: int,
     should_stop: Callable[[], bool],
 ) -> list[EpisodeResult]:
-    program = _program_of(requests[0], bundles, lanes)
-    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    stages = stage_worlds(used, program.robot.hull, program.applications.lidar)
-    ready, rows = _place_all(program, requests, used, stages)
-    return rows + _episodes(program, ready, should_stop) if ready else rows
+    started_s = time.monotonic()
+    chunk = ready_chunk(requests, worlds, bundles, lanes=lanes)
+    if chunk.inputs is None:
+        return chunk.rows
+    state, poses = _advance_until_done(chunk.program, chunk.inputs, should_stop)
+    logger.info("%d episodes in %.1f s", len(chunk.lanes), time.monotonic() - started_s)
+    return chunk.rows + [
+        finished_row(lane, position, state, poses) if state.done[position] else canceled_row(lane.request)
+        for position, lane in enumerate(chunk.lanes)
+    ]
 
 
 def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int) -> Program:
@@ -122,21 +165,6 @@ def _require_goals(placement: Placement, placed: Sequence[tuple[EpisodeRequest, 
             "SimulationApplicationCrash",
             f"scenario.place: {len(placement.goals_m)} goals, where other episodes have {len(placed[0][2].goals_m)}",
         )
-
-
-def _episodes(program: Program, lanes: Sequence[Lane], should_stop: Callable[[], bool]) -> list[EpisodeResult]:
-    """Returns the rows of episodes that can run."""
-    started_s = time.monotonic()
-    inputs = stack_lanes(lanes, program.applications.names, program.lanes)
-    one = jax.tree.map(lambda array: jnp.asarray(array[0]), inputs)
-    check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.robot.actuators)
-    check_scenario(program.applications, one.goals_m, one.numbers)
-    state, poses = _advance_until_done(program, program.place(inputs), should_stop)
-    logger.info("%d episodes in %.1f s", len(lanes), time.monotonic() - started_s)
-    return [
-        finished_row(lane, position, state, poses) if state.done[position] else canceled_row(lane.request)
-        for position, lane in enumerate(lanes)
-    ]
 
 
 def _advance_until_done(

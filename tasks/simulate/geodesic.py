@@ -11,6 +11,8 @@ from tasks.simulate.floor_map import cell_of
 _DIAGONAL = float(np.sqrt(2.0))
 # The grid rounds positions by up to half a cell's diagonal: a centre that touches nothing may lie in such a cell.
 _SLACK_CELLS = 0.71
+# However coarse the grid, a cell whose centre lies in a solid is closed.
+_INSIDE_M = 1e-6
 
 
 def shortest_paths_m(
@@ -39,13 +41,13 @@ def _distances(
 ) -> Float32[np.ndarray, "rows columns legs"]:
     """Returns the distance of every cell to its leg's goal, by sweeping until nothing changes (fast sweeping)."""
     cell_m = np.array([float(floor.cell_m) for floor in floors])
-    fits_m = hull_radius_m - _SLACK_CELLS * cell_m
+    fits_m = np.maximum(hull_radius_m - _SLACK_CELLS * cell_m, _INSIDE_M)
     # Legs last: a sweep then works on long stretches of neighbouring numbers, whichever way it goes.
     blocked = np.stack([floor.clearance_m for floor in floors], axis=-1) < fits_m
     distance = np.full(blocked.shape, np.inf, np.float32)
     for leg, (floor, goal) in enumerate(zip(floors, goals, strict=True)):
         distance[(*cell_of(floor, goal), leg)] = 0.0
-    free = ~blocked.all(axis=-1)
+    free = np.asarray(~blocked.all(axis=-1))
     rows, columns = _extent(free), _extent(free.T)
     open_distance, open_blocked = distance[rows, columns], blocked[rows, columns]
     before = np.empty_like(open_distance)

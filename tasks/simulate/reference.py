@@ -1,0 +1,67 @@
+"""The same episode on C MuJoCo with every solid of the world: what the fast path is measured against."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float64
+
+from specs.world import Solid, World, solids
+from tasks.simulate.contract import Lidar
+from tasks.simulate.model import add_obstacle, collision_bits
+from tasks.simulate.robot import CONTROL_S, read_robot
+
+
+def reference_model(robot: Path, world: World) -> mujoco.MjModel:
+    """Returns a robot among all solids of a world, with the solver that its ``robot.xml`` asks for.
+
+    Raises:
+        RobotRefused: The engine would refuse the robot too.
+    """
+    spec = read_robot(robot)
+    bits = collision_bits(spec)
+    for solid in solids(world):
+        _add_solid(spec, solid, bits)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    return spec.compile()
+
+
+def replay(
+    model: mujoco.MjModel, start: Float64[np.ndarray, "3"], controls: Float64[np.ndarray, "steps actuators"]
+) -> Float64[np.ndarray, "steps 3"]:
+    """Returns the poses at the ends of control steps when a robot gets these controls from that pose."""
+    data = mujoco.MjData(model)
+    data.qpos[:3] = start
+    poses = np.empty((len(controls), 3))
+    for step, control in enumerate(controls):
+        data.ctrl[:] = control
+        mujoco.mj_step(model, data, nstep=round(CONTROL_S / model.opt.timestep))
+        poses[step] = data.qpos[:3]
+    return poses
+
+
+def reference_ranges(
+    model: mujoco.MjModel, lidar: Lidar, pose: Float64[np.ndarray, "3"]
+) -> Float64[np.ndarray, "rays"]:
+    """Returns the distances that MuJoCo's own rays measure from a pose, the robot itself left out."""
+    data = mujoco.MjData(model)
+    data.qpos[:3] = pose
+    mujoco.mj_forward(model, data)
+    angles = pose[2] + 2 * np.pi * np.arange(lidar.rays) / lidar.rays
+    directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(lidar.rays)], axis=1)
+    geoms, ranges = np.empty(lidar.rays, np.int32), np.empty(lidar.rays)
+    eye = np.array([pose[0], pose[1], lidar.height_m])
+    base = int(model.jnt_bodyid[0])
+    mujoco.mj_multiRay(
+        model, data, eye, directions.ravel(), None, 1, base, geoms, ranges, None, lidar.rays, lidar.range_m
+    )
+    return np.where(ranges < 0.0, lidar.range_m, np.minimum(ranges, lidar.range_m))
+
+
+def _add_solid(spec: mujoco.MjSpec, solid: Solid, bits: tuple[int, int]) -> None:
+    kind = mujoco.mjtGeom.mjGEOM_BOX if solid.shape == "box" else mujoco.mjtGeom.mjGEOM_CYLINDER
+    geom = add_obstacle(spec, f"solid/{solid.name}", kind, bits)
+    x, y, z = solid.half_extents_m
+    geom.pos = solid.center_m
+    geom.size = [x, y, z] if solid.shape == "box" else [x, z, 0.0]
+    geom.quat = [np.cos(solid.yaw_rad / 2), 0.0, 0.0, np.sin(solid.yaw_rad / 2)]

@@ -1,0 +1,52 @@
+"""JAX's settings: made once, before it is imported, and never against the user's."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tasks.simulate.devices import JaxAlreadyImported, compilation_cache, device_count, prepare_devices
+
+ASK = """
+import sys
+from tasks.simulate.devices import prepare_devices
+prepare_devices()
+assert "jax" not in sys.modules
+import jax
+print(len(jax.devices()), jax.config.jax_compilation_cache_dir)
+"""
+
+
+def test_jax_gets_a_device_for_each_core_and_a_cache_in_the_named_folder(tmp_path: Path):
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith("JAX_") and k != "XLA_FLAGS"}
+    done = subprocess.run(
+        [sys.executable, "-c", ASK],
+        env={**inherited, "SIMYARD_CACHE": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == [str(device_count()), str(tmp_path / "programs")]
+
+
+def test_the_users_own_settings_are_left_alone(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=1")
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "/elsewhere")
+    prepare_devices()
+    assert os.environ["XLA_FLAGS"] == "--xla_force_host_platform_device_count=1"
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "/elsewhere"
+
+
+def test_settings_that_would_come_too_late_are_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "jax", sys)
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    with pytest.raises(JaxAlreadyImported, match="JAX_COMPILATION_CACHE_DIR"):
+        prepare_devices()
+
+
+def test_programs_are_kept_in_the_users_cache_folder(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("SIMYARD_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/home/somebody/.cache")
+    assert compilation_cache() == Path("/home/somebody/.cache/simyard/programs")

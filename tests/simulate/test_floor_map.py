@@ -1,0 +1,48 @@
+"""The clearance map says how far the nearest solid is."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from specs.world import Rectangle
+from tasks.simulate.floor_map import cell_of, floor_map, grid_cells
+from tasks.simulate.obstacles import obstacles
+from tests.worlds_factory import apartment
+
+WORLD = apartment()
+FLOOR = floor_map(WORLD, obstacles(WORLD, 0.02, 0.38), 128)
+
+
+@given(st.floats(-2.4, 2.4), st.floats(-1.0, 1.3))
+def test_clearance_is_the_distance_to_the_nearest_solid(x: float, y: float):
+    # In the living room: walls at x = -2.5 and 2.5 and y = 2, the sofa's front at y = -1.1, the lamp's foot.
+    sofa = np.hypot(max(abs(x) - 1.0, 0.0), y + 1.1)
+    doorway_posts = min(np.hypot(2.5 - x, y - 0.05), np.hypot(2.5 - x, 0.95 - y)) if 0.05 < y < 0.95 else 2.5 - x
+    lamp = np.hypot(x + 2.1, y - 1.6) - 0.2
+    expected = max(min(sofa, doorway_posts, x + 2.5, 2.0 - y, lamp), 0.0)
+    row, column = cell_of(FLOOR, np.array([x, y]))
+    assert FLOOR.clearance_m[row, column] == pytest.approx(expected, abs=float(FLOOR.cell_m) * 0.71)
+
+
+def test_nothing_is_free_outside_the_apartment():
+    row, column = cell_of(FLOOR, np.array([0.0, 3.0]))
+    assert FLOOR.clearance_m[row, column] == 0.0
+
+
+def test_the_cell_of_a_point_holds_it():
+    row, column = cell_of(FLOOR, np.array([1.23, -0.77]))
+    center = FLOOR.origin_m + FLOOR.cell_m * np.array([column, row])
+    assert np.abs(center - (1.23, -0.77)).max() <= float(FLOOR.cell_m) / 2 + 1e-6
+
+
+def test_apartments_up_to_12_8_m_share_a_grid_size():
+    wide = WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-7, y_min_m=-2, x_max_m=7, y_max_m=2)})
+    assert grid_cells(WORLD) == 128
+    assert grid_cells(wide) == 256
+
+
+def test_a_huge_apartment_gets_coarser_cells_and_not_more_of_them():
+    huge = WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-60, y_min_m=-2, x_max_m=60, y_max_m=2)})
+    assert grid_cells(huge) == 512
+    assert floor_map(huge, obstacles(huge, 0.02, 0.38), 512).cell_m == pytest.approx(120 / 512)

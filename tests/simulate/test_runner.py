@@ -1,0 +1,65 @@
+"""Whole episodes of the shipped courier and delivery, and what their rows say."""
+
+import logging
+
+import jax
+import numpy as np
+import pytest
+
+from specs.episode import EpisodeResult
+from specs.world import World
+from tests.simulate.conftest import LANES, Simulate
+from tests.simulate_factory import delivery
+
+ARRIVED_M, GOALS = 0.3, 2
+
+
+@pytest.fixture(scope="module")
+def rows(deliver: Simulate) -> list[EpisodeResult]:
+    return deliver([delivery(k, world=f"hand/apartment-{k % 4}", seed=100 + k) for k in range(LANES)])
+
+
+def test_the_courier_delivers_in_cluttered_apartments(rows: list[EpisodeResult]):
+    assert sum(row.outcome == "Passed" for row in rows) >= LANES - 1
+
+
+def test_rows_come_in_the_order_of_the_requests(rows: list[EpisodeResult]):
+    assert [row.index for row in rows] == list(range(LANES))
+
+
+def test_what_is_passed_reached_all_goals_and_hit_nothing(rows: list[EpisodeResult]):
+    for row in (row for row in rows if row.outcome == "Passed"):
+        assert (row.status, row.failure_code, row.outcome_reason) == ("Completed", "", "")
+        assert row.goals_reached == row.goals_total == GOALS
+        assert row.simulated_s < 60.0
+        assert row.min_clearance_m > 0.0
+        assert row.trajectory == ()
+
+
+def test_a_path_is_about_as_long_as_the_shortest_or_longer(rows: list[EpisodeResult]):
+    for row in (row for row in rows if row.outcome == "Passed"):
+        # The grid's ways are up to 8 % too long, and a goal is reached from 0.3 m away.
+        assert row.path_length_m > 0.92 * row.shortest_path_m - 2 * GOALS * ARRIVED_M
+        assert row.path_length_m < 1.5 * row.shortest_path_m
+        assert 0.5 < row.spl <= 1.0
+
+
+def test_driving_costs_energy(rows: list[EpisodeResult]):
+    # 2 kg brought to 0.6 m/s hold 0.36 J.
+    assert all(row.energy_j > 0.3 for row in rows)
+
+
+def test_another_world_compiles_nothing(
+    deliver: Simulate, apartments: dict[str, World], rows: list[EpisodeResult], caplog: pytest.LogCaptureFixture
+):
+    worlds = {**apartments, "hand/another": apartments["hand/apartment-0"]}
+    with jax.log_compiles(), caplog.at_level(logging.WARNING, logger="jax"):
+        again = deliver([delivery(0, world="hand/another", seed=100)], worlds=worlds)
+    assert again == rows[:1]
+    assert not [record for record in caplog.records if "Finished XLA compilation" in record.message]
+
+
+def test_numbers_of_rows_are_finite(rows: list[EpisodeResult]):
+    for row in rows:
+        numbers = [value for value in row.model_dump().values() if isinstance(value, float)]
+        assert np.isfinite(numbers).all()
