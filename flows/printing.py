@@ -78,6 +78,6 @@ def _fits(column: str, value: JsonValue) -> bool:
 def _cell(column: str, value: JsonValue) -> Text:
     if value is None:
         return Text("")
-    if column.endswith("At") and isinstance(value, float):
+    if column.endswith(("At", "Time")) and isinstance(value, float):
         return Text(datetime.fromtimestamp(value, tz=UTC).isoformat(sep=" ", timespec="seconds"))
     return _status(str(value)) if column == "status" else Text(str(value))
