@@ -17,8 +17,9 @@ from tasks.simulate.model import RobotModel
 # 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.
 SLICE_STEPS = 25
 _AXIS = "lanes"
-# A shard of one lane is compiled to other arithmetic, and its results differ in the last bits (physics.md).
-_LEAST_LANES_A_DEVICE = 2
+# Lanes fill whole vectors: three lanes a device, or one, are compiled to other arithmetic for what is left over, and
+# results differ in the last bits. With multiples of eight they are the same for any lane and device count.
+_LANES_A_VECTOR = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +46,9 @@ class Program:
 
 
 def padded_lanes(lanes: int, devices: int) -> int:
-    """Returns the lanes of a run: the same number on each device, and never one alone."""
-    return max(_LEAST_LANES_A_DEVICE, -(-lanes // devices)) * devices
+    """Returns the lanes of a run: at least as many as asked for, and the same whole vectors on each device."""
+    together = _LANES_A_VECTOR * devices
+    return -(-lanes // together) * together
 
 
 def make_program(robot: RobotModel, applications: Applications, lanes: int) -> Program:
