@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 import pytest
+from jaxtyping import install_import_hook
 
 from specs.episode import EpisodeRequest, EpisodeResult
 from specs.world import World
@@ -11,8 +12,10 @@ from tasks.simulate.devices import prepare_devices
 from tasks.simulate.runner import simulate_chunk
 from tests.simulate_factory import FOLDERS, cluttered, pen
 
-# Before any test module imports JAX.
+# Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported.
 prepare_devices()
+CHECKED = ["floor_map", "geodesic", "lane", "lidar", "obstacles", "robot", "window"]
+install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 LANES = 32
 PUSHER_LANES = 8
 Simulate = Callable[..., list[EpisodeResult]]

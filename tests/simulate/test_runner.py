@@ -8,8 +8,10 @@ import pytest
 
 from specs.episode import EpisodeResult
 from specs.world import World
-from tests.simulate.conftest import LANES, Simulate
-from tests.simulate_factory import delivery
+from tasks.simulate.chunks import Chunk
+from tasks.simulate.runner import simulate_chunk
+from tests.simulate.conftest import FOLDERS, LANES, PUSHER_LANES, Simulate
+from tests.simulate_factory import delivery, pushing
 
 ARRIVED_M, GOALS = 0.3, 2
 COMPILED = "Finished XLA compilation"
@@ -67,3 +69,11 @@ def test_numbers_of_rows_are_finite(rows: list[EpisodeResult]):
     for row in rows:
         numbers = [value for value in row.model_dump().values() if isinstance(value, float)]
         assert np.isfinite(numbers).all()
+
+
+def test_progress_counts_the_episodes_that_are_done(pens: dict[str, World]):
+    told: list[int] = []
+    chunk = Chunk(number=0, requests=(pushing(0, world="hand/pen-0", duration_s=1.0), pushing(1, world="hand/pen-0")))
+    simulate_chunk(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False, progress=told.append)
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (1, 2)
