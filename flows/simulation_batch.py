@@ -74,10 +74,14 @@ def _simulated(store: Store, batch: str, plan: BatchPlan) -> list[EpisodeResult]
     total = episode_count(plan)
     with watched("Episodes", "episodes-progress") as progress:
         for chunk in chunks_of(plan):
-            progress(len(results), total)
-            left_s = deadline_s - time.monotonic()
+            left_s, done = deadline_s - time.monotonic(), len(results)
+            progress(done, total)
+
+            def tell(finished: int, done: int = done) -> None:
+                progress(done + finished, total)
+
             if left_s > 0:
-                results += simulate_chunk(store.url, batch, chunk.number, folders, left_s)
+                results += simulate_chunk(store.url, batch, chunk.number, bundles=folders, left_s=left_s, progress=tell)
             else:
                 results += canceled_chunk(chunk, f"the batch's {plan.timeout_s:.0f} s were over")
         progress(len(results), total)

@@ -52,6 +52,7 @@ def run_chunk(
     *,
     lanes: int,
     should_stop: Callable[[], bool],
+    progress: Callable[[int], None],
 ) -> list[EpisodeResult]:
     """Returns a chunk's rows in request order; see ``tasks.simulate.runner.simulate_chunk``."""
     present = [request for request in chunk.requests if request.world in worlds]
@@ -62,7 +63,12 @@ def run_chunk(
     }
     try:
         if present:
-            rows.update({row.index: row for row in _run(present, worlds, bundles, lanes, should_stop)})
+            rows.update(
+                {
+                    row.index: row
+                    for row in _run(present, worlds, bundles, lanes=lanes, should_stop=should_stop, progress=progress)
+                }
+            )
     except BundleCrash as crash:
         rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
     return [rows[request.index] for request in chunk.requests]
@@ -93,14 +99,16 @@ def _run(
     requests: Sequence[EpisodeRequest],
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
+    *,
     lanes: int,
     should_stop: Callable[[], bool],
+    progress: Callable[[int], None],
 ) -> list[EpisodeResult]:
     started_s = time.monotonic()
     chunk = ready_chunk(requests, worlds, bundles, lanes=lanes)
     if chunk.inputs is None:
         return chunk.rows
-    state, poses = _advance_until_done(chunk.program, chunk.inputs, should_stop)
+    state, poses = _advance_until_done(chunk, chunk.inputs, should_stop, progress)
     logger.info("%d episodes in %.1f s", len(chunk.lanes), time.monotonic() - started_s)
     return chunk.rows + [
         finished_row(lane, position, state, poses) if state.done[position] else canceled_row(lane.request)
@@ -168,12 +176,13 @@ def _require_goals(placement: Placement, placed: Sequence[tuple[EpisodeRequest, 
 
 
 def _advance_until_done(
-    program: Program, inputs: LaneInputs, should_stop: Callable[[], bool]
+    chunk: ReadyChunk, inputs: LaneInputs, should_stop: Callable[[], bool], progress: Callable[[int], None]
 ) -> tuple[LaneState, list[Float32[np.ndarray, "lanes steps 3"]]]:
     """Returns the lanes' last state, without the applications' own, and the poses of each slice."""
-    state = program.begin(inputs)
+    state = chunk.program.begin(inputs)
     poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
     while not np.all(state.done) and not should_stop():
-        state, record = program.advance(inputs, state)
+        state, record = chunk.program.advance(inputs, state)
         poses.append(np.asarray(record.pose))
+        progress(len(chunk.rows) + int(np.count_nonzero(state.done[: len(chunk.lanes)])))
     return jax.device_get(state._replace(controller=None, scenario=None)), poses

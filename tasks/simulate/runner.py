@@ -14,6 +14,10 @@ from tasks.simulate.chunks import Chunk
 from tasks.simulate.devices import prepare_devices
 
 
+def _nobody(done: int) -> None:
+    """Drops what is told: nobody watches."""
+
+
 def simulate_chunk(
     chunk: Chunk,
     worlds: Mapping[str, World],
@@ -21,6 +25,7 @@ def simulate_chunk(
     *,
     lanes: int,
     should_stop: Callable[[], bool],
+    progress: Callable[[int], None] = _nobody,
 ) -> list[EpisodeResult]:
     """Returns the results of a chunk's episodes, in request order.
 
@@ -33,6 +38,7 @@ def simulate_chunk(
         bundles: Unpacked folders of the chunk's applications, by digest.
         lanes: How many lanes every chunk of the batch is padded to.
         should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
+        progress: Told as often how many of the chunk's episodes are done.
 
     Raises:
         JaxAlreadyImported: JAX was imported before its settings could be made.
@@ -41,4 +47,4 @@ def simulate_chunk(
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
         from tasks.simulate.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
 
-    return run_chunk(chunk, worlds, bundles, lanes=lanes, should_stop=should_stop)
+    return run_chunk(chunk, worlds, bundles, lanes=lanes, should_stop=should_stop, progress=progress)

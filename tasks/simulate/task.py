@@ -1,6 +1,7 @@
 """One chunk of a batch as a Prefect task."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from prefect import task
@@ -15,7 +16,13 @@ from tasks.storage.records import read
 
 @task(name="simulate-chunk", task_run_name="simulate-chunk-{number}", cache_policy=NO_CACHE, persist_result=False)
 def simulate_chunk(
-    store_url: str, batch: str, number: int, bundles: dict[str, Path], left_s: float
+    store_url: str,
+    batch: str,
+    number: int,
+    *,
+    bundles: dict[str, Path],
+    left_s: float,
+    progress: Callable[[int], None],
 ) -> list[EpisodeResult]:
     """Returns a chunk's results, having committed them; a chunk that was committed before is not simulated again.
 
@@ -25,6 +32,7 @@ def simulate_chunk(
         number: The chunk's.
         bundles: Folder of each application's files, by digest.
         left_s: Wall seconds that the batch has left; lanes that need longer are cancelled.
+        progress: Told how many of the chunk's episodes are done.
     """
     store = open_store(store_url)
     plan = plan_of(read(store, KIND, batch))
@@ -34,6 +42,11 @@ def simulate_chunk(
         batch,
         chunks_of(plan)[number],
         lambda chunk, worlds: simulate_lanes(
-            chunk, worlds, bundles, lanes=plan.lanes, should_stop=lambda: time.monotonic() > deadline_s
+            chunk,
+            worlds,
+            bundles,
+            lanes=plan.lanes,
+            should_stop=lambda: time.monotonic() > deadline_s,
+            progress=progress,
         ),
     )
