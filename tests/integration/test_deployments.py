@@ -66,7 +66,7 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
     every_minute = ("--name", "every-minute", "--pool", "local", "--cron", "* * * * *")
     _prefect("--no-prompt", "deploy", entrypoint, *every_minute, "--params", json.dumps(parameters))
     _prefect(*_readme_commands()[2])
-    assert tables(open_store(store_url))["results"].num_rows == 128
+    assert tables(open_store(store_url))["results"].num_rows == 384
     assert [job.status for job in records(open_store(store_url), "deployment-job")] == ["Succeeded"]
     run = _scheduled_run(prefect_server, timeout_s=120.0)
     assert run["state_type"] == "COMPLETED"
