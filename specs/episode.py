@@ -88,3 +88,35 @@ class EpisodeResult(Spec):
     final_y_m: float
     final_yaw_rad: float
     trajectory: tuple[tuple[float, float, float, float], ...]
+
+
+def unfinished(
+    index: int,
+    status: Literal["Failed", "Canceled"],
+    *,
+    failure_code: str,
+    failure_reason: str,
+    outcome_reason: OutcomeReason = "",
+) -> EpisodeResult:
+    """Returns the result of an episode that has nothing to measure: it never started, or was stopped."""
+    return EpisodeResult(
+        index=index,
+        status=status,
+        failure_code=failure_code,
+        failure_reason=failure_reason,
+        outcome="Failed",
+        outcome_reason=outcome_reason,
+        simulated_s=0.0,
+        goals_reached=0,
+        goals_total=0,
+        path_length_m=0.0,
+        shortest_path_m=0.0,
+        spl=0.0,
+        collisions=0,
+        min_clearance_m=0.0,
+        energy_j=0.0,
+        final_x_m=0.0,
+        final_y_m=0.0,
+        final_yaw_rad=0.0,
+        trajectory=(),
+    )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from pydantic import JsonValue
 
-from specs.episode import EpisodeRequest, EpisodeResult
+from specs.episode import EpisodeRequest, EpisodeResult, unfinished
 from specs.errors import ObjectExists, ObjectNotFound
 from specs.world import World
 from tasks.simulate.batch_plan import BatchPlan, episodes
@@ -81,27 +81,7 @@ def committed_chunk(store: Store, batch: str, number: int) -> list[EpisodeResult
 def canceled_chunk(chunk: Chunk, reason: str) -> Iterator[EpisodeResult]:
     """Yields a Canceled row for each episode of a chunk that was never started."""
     for request in chunk.requests:
-        yield EpisodeResult(
-            index=request.index,
-            status="Canceled",
-            failure_code="BatchTimedOut",
-            failure_reason=reason,
-            outcome="Failed",
-            outcome_reason="",
-            simulated_s=0.0,
-            goals_reached=0,
-            goals_total=0,
-            path_length_m=0.0,
-            shortest_path_m=0.0,
-            spl=0.0,
-            collisions=0,
-            min_clearance_m=0.0,
-            energy_j=0.0,
-            final_x_m=0.0,
-            final_y_m=0.0,
-            final_yaw_rad=0.0,
-            trajectory=(),
-        )
+        yield unfinished(request.index, "Canceled", failure_code="BatchTimedOut", failure_reason=reason)
 
 
 def close_batch(store: Store, batch: str, status: str, detail: Mapping[str, JsonValue]) -> JobRecord:

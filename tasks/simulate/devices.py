@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from specs.errors import SimyardError
+from tasks.storage.cache import cache_folder
 
 _DEVICES_FLAG = "--xla_force_host_platform_device_count"
 _CACHE_SETTINGS = {
@@ -24,12 +25,8 @@ def device_count() -> int:
 
 
 def compilation_cache() -> Path:
-    """Returns the folder of compiled programs: ``SIMYARD_CACHE``, else the user's cache folder."""
-    override = os.environ.get("SIMYARD_CACHE")
-    if override:
-        return Path(override) / "programs"
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "simyard" / "programs"
+    """Returns the folder of compiled programs."""
+    return cache_folder() / "programs"
 
 
 def prepare_devices() -> None:

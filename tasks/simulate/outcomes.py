@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float32
 
-from specs.episode import EpisodeRequest, EpisodeResult
+from specs.episode import EpisodeRequest, EpisodeResult, unfinished
 from tasks.simulate.bundles import CrashCode
 from tasks.simulate.contract import REASONS
 from tasks.simulate.lane import NO_CRASH, ROBOT_CRASH, LaneState
@@ -22,12 +22,12 @@ _CRASHES: dict[int, tuple[CrashCode, str]] = {
 
 def failed_row(request: EpisodeRequest, code: str, reason: str) -> EpisodeResult:
     """Returns the row of an episode that could not start."""
-    return _empty_row(request, code, reason).model_copy(update={"status": "Failed", "outcome_reason": "crash"})
+    return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
 
 
 def canceled_row(request: EpisodeRequest) -> EpisodeResult:
     """Returns the row of an episode that was stopped before its end; what it had done by then is not kept."""
-    return _empty_row(request, "", "stopped before its end").model_copy(update={"status": "Canceled"})
+    return unfinished(request.index, "Canceled", failure_code="", failure_reason="stopped before its end")
 
 
 def finished_row(
@@ -83,27 +83,3 @@ def _trajectory(
 
 def _finite(value: float) -> float:
     return value if np.isfinite(value) else 0.0
-
-
-def _empty_row(request: EpisodeRequest, code: str, reason: str) -> EpisodeResult:
-    return EpisodeResult(
-        index=request.index,
-        status="Canceled",
-        failure_code=code,
-        failure_reason=reason,
-        outcome="Failed",
-        outcome_reason="",
-        simulated_s=0.0,
-        goals_reached=0,
-        goals_total=0,
-        path_length_m=0.0,
-        shortest_path_m=0.0,
-        spl=0.0,
-        collisions=0,
-        min_clearance_m=0.0,
-        energy_j=0.0,
-        final_x_m=0.0,
-        final_y_m=0.0,
-        final_yaw_rad=0.0,
-        trajectory=(),
-    )
