@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -21,12 +22,13 @@ def blocks(language: str) -> list[str]:
 
 
 @pytest.fixture
-def checkout(small_run: Path) -> Path:
+def checkout(small_run: Path, tmp_path: Path) -> Path:
     """Returns a folder like a clone after `make run`: environment, examples, and a store with a run in it."""
+    folder = tmp_path / "checkout"
+    shutil.copytree(small_run / ".simyard", folder / ".simyard", symlinks=True)
     for name, target in ((".venv", Path(sys.prefix)), ("examples", ROOT / "examples")):
-        if not (small_run / name).exists():
-            (small_run / name).symlink_to(target)
-    return small_run
+        (folder / name).symlink_to(target)
+    return folder
 
 
 @pytest.mark.integration

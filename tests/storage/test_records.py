@@ -119,7 +119,11 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Store:
     return open_store((tmp_path_factory.mktemp("records") / "store").as_uri())
 
 
-@given(statuses=st.lists(st.tuples(st.sampled_from(_STATUSES), st.text(max_size=5)), max_size=8))
+# Reasons of one line are kept to the letter; what becomes of others has a test of its own.
+_ONE_LINE = st.text(max_size=5).map(lambda text: " ".join(text.split()))
+
+
+@given(statuses=st.lists(st.tuples(st.sampled_from(_STATUSES), _ONE_LINE), max_size=8))
 def test_a_job_that_has_ended_stays_as_it_ended(shared: Store, statuses: list[tuple[str, str]]) -> None:
     record = submit(shared, _KIND, {}, uuid4().hex)
     for status, reason in statuses:
