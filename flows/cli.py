@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from flows.fleet_cli import fleet_app
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 
 app = typer.Typer(
@@ -26,6 +27,7 @@ application_app = typer.Typer(help="Publish application bundles.", no_args_is_he
 world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
 app.add_typer(application_app, name="app")
 app.add_typer(world_app, name="world")
+app.add_typer(fleet_app, name="fleet")
 
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
 StoreUrl = Annotated[

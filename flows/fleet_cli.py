@@ -1,0 +1,55 @@
+"""`simyard fleet`: a fleet of real robots, made by hand. Thin; what it needs is imported when it runs."""
+# ruff: noqa: PLC0415 - see above
+
+from typing import Annotated
+
+import typer
+
+fleet_app = typer.Typer(help="Make fleets and put robots into them.", no_args_is_help=True)
+
+_Fleet = Annotated[str, typer.Argument(metavar="FLEET", help="The fleet's name or ARN.", show_default=False)]
+_StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+@fleet_app.command("create")
+def create(
+    name: Annotated[str, typer.Argument(help="The fleet's name.", show_default=False)], store: _StoreUrl = None
+) -> None:
+    """Make a fleet; one that is there stays as it is."""
+    from tasks.deploy.describe import describe_fleet
+    from tasks.deploy.fleets import create_fleet
+    from tasks.storage.opening import open_store
+
+    opened = open_store(store)
+    typer.echo(describe_fleet(opened, create_fleet(opened, name).name).arn)
+
+
+@fleet_app.command("register")
+def register(
+    fleet: _Fleet,
+    robot: Annotated[str, typer.Argument(help="The robot's name; made if there is none.", show_default=False)],
+    store: _StoreUrl = None,
+) -> None:
+    """Put a robot into a fleet; a robot has one. Prints the robot's ARN."""
+    from tasks.deploy.describe import describe_robot
+    from tasks.deploy.fleets import read_fleet
+    from tasks.deploy.robots import create_robot, register_robot
+    from tasks.storage.opening import open_store
+
+    opened = open_store(store)
+    found, _ = read_fleet(opened, fleet)  # before there is a robot that belongs nowhere
+    create_robot(opened, robot)
+    register_robot(opened, found.name, robot)
+    typer.echo(describe_robot(opened, robot).arn)
+
+
+@fleet_app.command("show")
+def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Print a fleet, its robots and its last deployment, as JSON."""
+    from tasks.deploy.describe import describe_fleet
+    from tasks.storage.opening import open_store
+
+    typer.echo(describe_fleet(open_store(store), fleet).model_dump_json(indent=2, exclude_none=True))

@@ -1,0 +1,66 @@
+"""A fleet of real robots, made on the command line."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from flows.cli import app
+from specs.arn import arn
+from specs.errors import DocumentError, ResourceNotFound
+from tasks.deploy.fleets import create_fleet, fleets
+from tasks.deploy.robots import members, robots
+from tasks.storage.opening import store_id
+from tasks.storage.store import Store
+
+
+def _simyard(store: Store, *arguments: str) -> Result:
+    return CliRunner().invoke(app, ["fleet", *arguments, "--store", store.url], catch_exceptions=False)
+
+
+def test_a_fleet_is_made_once_and_its_arn_is_told(file_store: Store) -> None:
+    told = {_simyard(file_store, "create", "couriers").output for _ in range(2)}
+
+    assert told == {arn("deployment-fleet", store_id(file_store), "couriers") + "\n"}
+    assert [fleet.name for fleet in fleets(file_store)] == ["couriers"]
+
+
+def test_a_registered_robot_is_made_and_is_no_demonstrations_robot(file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+
+    told = _simyard(file_store, "register", "couriers", "r1").output
+
+    assert told == arn("robot", store_id(file_store), "r1") + "\n"
+    assert [(robot.name, robot.local) for robot in members(file_store, "couriers")] == [("r1", False)]
+
+
+def test_a_robot_of_another_fleet_is_not_taken_from_it(file_store: Store) -> None:
+    for fleet in ("couriers", "cleaners"):
+        create_fleet(file_store, fleet)
+    _simyard(file_store, "register", "couriers", "r1")
+
+    with pytest.raises(DocumentError, match="it is in couriers"):
+        _simyard(file_store, "register", "cleaners", "r1")
+
+    assert [robot.name for robot in members(file_store, "couriers")] == ["r1"]
+
+
+def test_a_robot_is_not_made_for_a_fleet_that_does_not_exist(file_store: Store) -> None:
+    with pytest.raises(ResourceNotFound):
+        _simyard(file_store, "register", "nobody", "r1")
+
+    assert robots(file_store) == []
+
+
+def test_a_fleet_is_shown_with_its_robots(file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+    for robot in ("r1", "r2"):
+        _simyard(file_store, "register", "couriers", robot)
+
+    shown = json.loads(_simyard(file_store, "show", arn("deployment-fleet", store_id(file_store), "couriers")).output)
+
+    assert shown["name"] == "couriers"
+    assert [(robot["name"], robot["status"]) for robot in shown["robots"]] == [
+        ("r1", "Registered"),
+        ("r2", "Registered"),
+    ]
