@@ -7,11 +7,8 @@ from urllib.parse import unquote
 from prefect import flow
 
 from flows.ending import as_run
-from flows.resolving import deployed_version
-from specs.base import Fault
-from specs.bundle import Version
+from flows.resolving import deployed_version, numbered_finder
 from specs.digests import canonical_document
-from specs.errors import DocumentError
 from specs.pipeline_requests import deployment_request
 from specs.pipeline_simulation import Deployment, LocalFleet
 from tasks.deploy.local_agents import local_agents
@@ -27,6 +24,7 @@ def deployment_sync(
     spec: Deployment,
     store: str | None = None,
     tested: dict[str, str] | None = None,
+    versions: dict[str, str] | None = None,
     token: str | None = None,
 ) -> JobRecord:
     """Returns the deployment job, ended: Succeeded, Failed or Canceled.
@@ -35,14 +33,14 @@ def deployment_sync(
         spec: The pipeline's section ``deployment``.
         store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
         tested: Digest of each robot application that a batch tested, by name; another digest is refused.
+        versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
         token: Given by the pipeline; None makes this a run of its own.
 
     Raises:
         DocumentError: The fleet, application or version does not exist, or is not what was tested.
     """
     opened = open_store(store)
-    version = deployed_version(spec, opened)
-    _refuse_untested(version, tested or {})
+    version = deployed_version(spec, opened, numbered_finder(opened, versions), tested)
 
     def work(given: str) -> JobRecord:
         request = deployment_request(spec, store_id=store_id(opened), version=str(version.number), token=given)
@@ -65,14 +63,3 @@ def _agents(spec: Deployment, store: Store) -> AbstractContextManager[object]:
     if not isinstance(fleet, LocalFleet) or not fleet.localAgents:
         return nullcontext()
     return local_agents(store, fleet.name, fleet.localAgents, agents_folder(store))
-
-
-def _refuse_untested(version: Version, tested: dict[str, str]) -> None:
-    digest = tested.get(version.name)
-    if digest not in (None, version.digest):
-        fault = Fault(
-            path="deployment.deploymentApplicationConfigs[0].applicationVersion",
-            value=f"{version.number} ({version.digest[:12]})",
-            allowed=f"the bundle that was tested: {digest}",
-        )
-        raise DocumentError([fault])

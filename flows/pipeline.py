@@ -6,10 +6,10 @@ from prefect import flow
 from prefect.artifacts import create_table_artifact
 
 from flows.reporting import told
-from flows.resolving import pins
+from flows.resolving import Numbers, pins
 from flows.stages import deploy, export, generate, judge, simulate
 from specs.digests import canonical_document
-from specs.errors import DocumentError, PipelineNotPassed, StageFailed
+from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline import PipelineSpec
 from specs.report import PipelineReport
 from tasks.storage.opening import open_store
@@ -35,20 +35,23 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
     """
     opened = open_store(store)
-    found = pins(spec, opened, Path(base))
+    found, own = pins(spec, opened, Path(base))
+    versions = {key: str(version.number) for key, version in own.items()}
     with begun(opened, {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}) as run:
-        report = told(run) if is_terminal(run) else _ended(spec, opened, base, run)
+        report = told(run) if is_terminal(run) else _ended(spec, opened, base, versions, run)
     _show(report)
     if not report.passed:
         raise PipelineNotPassed(report)
     return report
 
 
-def _ended(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> PipelineReport:
+def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
     """Returns the report of the run, which is in its terminal state then; a crash leaves it open to be continued."""
     advance(store, "pipeline-run", run.id, "Running")
     try:
-        report = _stages(spec, store, base, run)
+        report = _stages(spec, store, base, versions, run)
+    except ConcurrentDeployment:
+        raise  # it passes: the same document continues this run when the fleet is free
     except (DocumentError, StageFailed) as exc:
         advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
         raise
@@ -57,13 +60,13 @@ def _ended(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> Pipel
     return report
 
 
-def _stages(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> PipelineReport:
+def _stages(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
     worlds, generation = generate(spec, store, base, run)
     exported = export(spec, worlds, store, run)
-    batch, simulated = simulate(spec, worlds, store, run)
+    batch, simulated = simulate(spec, worlds, store, versions, run)
     judged = judge(spec, batch, store)
     verdict = judged[0].status if judged else None
-    deployed = deploy(spec, batch, store, run) if verdict in (None, "PASS") else ()
+    deployed = deploy(spec, batch, store, versions, run) if verdict in (None, "PASS") else ()
     return PipelineReport.model_validate(
         {
             "run": run.id,

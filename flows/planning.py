@@ -3,16 +3,16 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from flows.resolving import pins
+from flows.resolving import finder, pins
 from specs.episode import EpisodeRequest
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
-from tasks.applications.publishing import resolve
+from tasks.applications.publishing import foresee
 from tasks.results.gate import episodes_needed
 from tasks.simulate.batch_plan import episodes as episodes_of
 from tasks.simulate.preview import engine_plan
-from tasks.simulate.resolving import plan_batch, worlds_named
+from tasks.simulate.resolving import FindVersion, matrix_worlds, plan_batch
 from tasks.storage.store import Store
 
 
@@ -22,7 +22,7 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     Raises:
         DocumentError: The document refers to what does not exist; all of it at once.
     """
-    found = pins(spec, store, base)
+    found, own = pins(spec, store, base, foresee, foresee)
     yield f"{spec.name}, on {store.url}"
     worlds = 0
     if spec.worldGeneration:
@@ -35,7 +35,7 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     episodes = 0
     if spec.simulationBatch:
-        requests, lanes = _requests(spec.simulationBatch, worlds, store)
+        requests, lanes = _requests(spec.simulationBatch, worlds, finder(store, own, foresee))
         episodes = len(requests)
         yield from _batch_lines(requests, lanes)
     if spec.gate:
@@ -46,11 +46,10 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"no effect         {field}"
 
 
-def _requests(section: SimulationBatch, worlds: int, store: Store) -> tuple[list[EpisodeRequest], int]:
+def _requests(section: SimulationBatch, worlds: int, find: FindVersion) -> tuple[list[EpisodeRequest], int]:
     """Returns the episodes, over stand-ins for worlds that are not made yet, and the lanes of a chunk."""
     names = [f"planned/world-{number}" for number in range(worlds)]
-    chosen = names if section.matrix.worlds == "all" else worlds_named(section)
-    plan = plan_batch(section, chosen, {}, lambda kind, name, version: resolve(store, kind, name, version))
+    plan = plan_batch(section, matrix_worlds(section, names), {}, find)
     return list(episodes_of(plan)), plan.lanes
 
 

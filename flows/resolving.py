@@ -1,116 +1,184 @@
 """What a document refers to, found before anything runs; all that is missing is told at once."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pydantic import JsonValue
 
+from specs.arn import parse_reference
 from specs.base import Fault
-from specs.bundle import ApplicationKind, Version
+from specs.bundle import LATEST, ApplicationKind, Version
 from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.pipeline import ApplicationSource, PipelineSpec
 from specs.pipeline_simulation import Deployment, SimulationBatch
 from specs.template import template_digest
-from tasks.applications.publishing import publish, resolve
+from tasks.applications.publishing import publish, publish_shipped, resolve, with_digest
 from tasks.documents.templates import find_template
 from tasks.simulate.batch_plan import BatchPlan
-from tasks.simulate.resolving import plan_batch, worlds_named
+from tasks.simulate.resolving import FindVersion, matrix_worlds, output_location, plan_batch, requested_worlds
+from tasks.storage.buckets import open_bucket
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 
+Publish = Callable[[Store, ApplicationKind, str, Path], Version]
 Pins = dict[str, JsonValue]
+Numbers = dict[str, str]
 
 
-def pins(spec: PipelineSpec, store: Store, base: Path) -> Pins:
-    """Returns the digests of all that the document refers to, having published the bundles that come with it.
+def pins(
+    spec: PipelineSpec,
+    store: Store,
+    base: Path,
+    publishing: Publish = publish,
+    shipping: Publish = publish_shipped,
+) -> tuple[Pins, dict[str, Version]]:
+    """Returns the digests of all that the document refers to, and the versions of the bundles that it brings along.
+
+    Args:
+        spec: The document.
+        store: Where references lead.
+        base: Folder that relative paths start from.
+        publishing: What is done with bundles that the document brings along; `foresee` only looks.
+        shipping: The same for those that come with Simyard.
 
     Raises:
         DocumentError: Something is missing or contradicts itself; carries every fault.
+        StoreUnreachable: An output bucket does not exist.
     """
     faults: list[Fault] = []
     found: Pins = {}
+    own: dict[str, Version] = {}
     for source in spec.applications:
-        _keep(faults, lambda source=source: found.update({source.name: published(source, store, base).digest}))
+        _keep(faults, lambda source=source: own.update(_published(source, store, base, publishing)))
+    find = finder(store, own, shipping)
     if spec.worldGeneration:
         template = spec.worldGeneration.template
         _keep(faults, lambda: found.update(template=template_digest(find_template(template, store, base))))
+    if spec.worldExport:
+        export = spec.worldExport
+        open_bucket(store, export.outputLocation.s3Bucket or "")
+        _keep(faults, lambda: found.update(export={**_digests(() if export.worlds == "all" else export.worlds, store)}))
     if spec.simulationBatch:
         batch = spec.simulationBatch
-        _keep(faults, lambda: found.update(batch=_batch_pins(batch, store)))
-    if spec.deployment:
+        _keep(faults, lambda: found.update(batch=_batch_pins(batch, store, find)))
+    if spec.deployment and not faults:
         deployment = spec.deployment
-        _keep(faults, lambda: found.update(deployment=_deployment_pin(deployment, spec.simulationBatch, store)))
+        tested = _tested(spec.simulationBatch, store, find)
+        _keep(faults, lambda: found.update(deployment=deployed_version(deployment, store, find, tested).digest))
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
-    return found
+    return found, own
 
 
-def published(source: ApplicationSource, store: Store, base: Path) -> Version:
-    """Returns the version of a bundle that the document brings along.
+def finder(store: Store, own: Mapping[str, Version], shipping: Publish = publish_shipped) -> FindVersion:
+    """Returns a function that finds versions; one that a document brings along stands for its own newest.
 
-    Raises:
-        DocumentError: The folder is no bundle.
+    Args:
+        store: Where versions are.
+        own: Versions of bundles that the document brings along, by ``<kind>/<name>``.
+        shipping: What is done with an application that comes with Simyard; `foresee` only looks.
     """
-    kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
-    return publish(store, kind, source.name, base / source.source)
+
+    def find(kind: ApplicationKind, reference: str, version: str | None) -> Version:
+        brought = own.get(_key(kind, parse_reference(reference).path))
+        if brought and version in {None, LATEST}:
+            return brought
+        return resolve(store, kind, reference, version, shipping)
+
+    return find
 
 
-def batch_plan(section: SimulationBatch, worlds: Sequence[str], store: Store) -> BatchPlan:
+def numbered_finder(store: Store, numbers: Numbers | None) -> FindVersion:
+    """Returns a finder for a stage of its own, given the numbers of the applications that its document brought."""
+    own: dict[str, Version] = {}
+    for key, number in (numbers or {}).items():
+        kind, _, name = key.partition("/")
+        own[key] = resolve(store, _kind(kind), name, number)
+    return finder(store, own)
+
+
+def batch_plan(section: SimulationBatch, worlds: Sequence[str], store: Store, find: FindVersion) -> BatchPlan:
     """Returns the plan of a batch over the worlds that ``worlds: all`` means, and those that the section names.
 
     Raises:
         ResourceNotFound: A world or an application is missing.
         DocumentError: A request cannot be run.
     """
-    named = worlds_named(section)
-    matrix = list(worlds) if section.matrix.worlds == "all" else named
-    digests = {reference: _world_digest(reference, store) for reference in dict.fromkeys([*matrix, *named])}
-    return plan_batch(section, matrix, digests, lambda kind, name, version: resolve(store, kind, name, version))
+    matrix = matrix_worlds(section, worlds)
+    return plan_batch(section, matrix, _digests([*matrix, *requested_worlds(section)], store), find)
 
 
-def deployed_version(section: Deployment, store: Store) -> Version:
-    """Returns the version that a deployment rolls out: the one it names, else the newest."""
-    application = section.deploymentApplicationConfigs[0]
-    return resolve(store, "robot-application", application.application, application.applicationVersion)
+def deployed_version(section: Deployment, store: Store, find: FindVersion, tested: Mapping[str, str] | None) -> Version:
+    """Returns the version that a deployment rolls out: the one it names, else the tested one, else the newest.
+
+    Args:
+        section: The document's section.
+        store: Where versions are.
+        find: Finds versions.
+        tested: Digests of the robot applications that a batch tested, by name; only they may be rolled out then.
+
+    Raises:
+        ResourceNotFound: There is no such version.
+        DocumentError: It is not what was tested.
+    """
+    use = section.deploymentApplicationConfigs[0]
+    name = parse_reference(use.application).path
+    version = find("robot-application", use.application, use.applicationVersion)
+    if use.applicationVersion is None and tested and tested.get(name, version.digest) != version.digest:
+        version = with_digest(store, "robot-application", use.application, tested[name])
+    if tested and version.digest not in tested.values():
+        path = "deployment.deploymentApplicationConfigs[0]"
+        seen = ", ".join(f"{other} ({digest[:12]})" for other, digest in tested.items())
+        value = f"{name} version {version.number} ({version.digest[:12]})"
+        raise DocumentError([Fault(path=path, value=value, allowed=f"the bundle that simulationBatch tests: {seen}")])
+    return version
 
 
-def _batch_pins(section: SimulationBatch, store: Store) -> Pins:
-    plan = batch_plan(section, (), store)
-    launches = [launch for template in plan.templates for launch in (template.robot, template.scenario)]
-    return {**{launch.name: launch.digest for launch in launches}, **plan.world_digests}
+def tested_bundles(plan: BatchPlan) -> dict[str, str]:
+    """Returns the digest of each robot application that a batch tests, by name."""
+    launches: list[ApplicationLaunch] = [template.robot for template in plan.templates]
+    return {launch.name: launch.digest for launch in launches}
 
 
-def _deployment_pin(section: Deployment, batch: SimulationBatch | None, store: Store) -> str:
-    version = deployed_version(section, store)
-    tested = {launch.name: launch for launch in _robots(batch, store)}
-    same = tested.get(version.name)
-    if same and same.digest != version.digest:
-        raise DocumentError(
-            [
-                Fault(
-                    path="deployment.deploymentApplicationConfigs[0].applicationVersion",
-                    value=f"{version.number} ({version.digest[:12]})",
-                    allowed=f"the version that simulationBatch tests: {same.version} ({same.digest[:12]})",
-                )
-            ]
-        )
-    return version.digest
+def _published(source: ApplicationSource, store: Store, base: Path, publishing: Publish) -> dict[str, Version]:
+    kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
+    return {_key(kind, source.name): publishing(store, kind, source.name, base / source.source)}
 
 
-def _robots(batch: SimulationBatch | None, store: Store) -> list[ApplicationLaunch]:
-    return [template.robot for template in batch_plan(batch, (), store).templates] if batch else []
+def _batch_pins(section: SimulationBatch, store: Store, find: FindVersion) -> Pins:
+    open_bucket(store, output_location(section).s3Bucket or "")
+    plan = batch_plan(section, (), store, find)
+    return {"bundles": [*plan.digests()], "worlds": {**plan.world_digests}}
 
 
-def _world_digest(reference: str, store: Store) -> str:
-    generation, _, name = reference.partition("/")
+def _tested(section: SimulationBatch | None, store: Store, find: FindVersion) -> dict[str, str] | None:
+    return tested_bundles(batch_plan(section, (), store, find)) if section else None
+
+
+def _digests(references: Sequence[str], store: Store) -> dict[str, str]:
+    """Returns the SHA-256 of each world's document, by ``<generation>/<world>``."""
+    paths = dict.fromkeys(parse_reference(reference).path for reference in references)
+    return {path: _world_digest(path, store) for path in paths}
+
+
+def _world_digest(path: str, store: Store) -> str:
+    generation, _, name = path.partition("/")
     try:
         body = store.get(world_key(generation, name)).body
     except ObjectNotFound as exc:
-        fault = Fault(path="worlds", value=repr(reference), allowed=f"a world in {store.url}; see simyard list worlds")
+        fault = Fault(path="worlds", value=repr(path), allowed=f"a world in {store.url}; see simyard list worlds")
         raise ResourceNotFound([fault]) from exc
     return hashlib.sha256(body).hexdigest()
+
+
+def _key(kind: ApplicationKind, name: str) -> str:
+    return f"{kind}/{name}"
+
+
+def _kind(text: str) -> ApplicationKind:
+    return "robot-application" if text == "robot-application" else "simulation-application"
 
 
 def _keep(faults: list[Fault], look: Callable[[], None]) -> None:

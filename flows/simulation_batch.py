@@ -5,10 +5,11 @@ import time
 from prefect import flow
 
 from flows.ending import as_run, ended_well
-from flows.resolving import batch_plan
+from flows.resolving import batch_plan, numbered_finder
 from specs.common import OutputLocation
 from specs.digests import canonical_document
 from specs.episode import EpisodeResult
+from specs.errors import DocumentError, StageFailed
 from specs.pipeline_requests import batch_request
 from specs.pipeline_simulation import SimulationBatch
 from tasks.applications.task import unpack_application
@@ -16,6 +17,7 @@ from tasks.results.task import write_tables
 from tasks.simulate.batch import canceled_chunk, chunks_of, close_batch, open_batch
 from tasks.simulate.batch_plan import BatchPlan, episode_count, episodes
 from tasks.simulate.preview import engine_plan
+from tasks.simulate.resolving import output_location
 from tasks.simulate.task import simulate_chunk
 from tasks.simulate.versions import batch_metadata
 from tasks.storage.opening import open_store, store_id
@@ -23,12 +25,14 @@ from tasks.storage.records import JobRecord, is_terminal
 from tasks.storage.store import Store
 from tasks.watching.task import watched
 
-_DEFAULT_OUTPUT = OutputLocation(s3Bucket="results")
-
 
 @flow(name="simulation-batch", persist_result=False)
 def simulation_batch(
-    spec: SimulationBatch, worlds: list[str] | None = None, store: str | None = None, token: str | None = None
+    spec: SimulationBatch,
+    worlds: list[str] | None = None,
+    store: str | None = None,
+    versions: dict[str, str] | None = None,
+    token: str | None = None,
 ) -> JobRecord:
     """Returns the batch, whose ``detail`` says where results and failures lie and what they add up to.
 
@@ -36,6 +40,7 @@ def simulation_batch(
         spec: The pipeline's section ``simulationBatch``.
         worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
         store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
         token: Given by the pipeline; None makes this a run of its own.
 
     Raises:
@@ -43,20 +48,29 @@ def simulation_batch(
         StageFailed: The batch timed out.
     """
     opened = open_store(store)
-    plan = batch_plan(spec, worlds or [], opened)
+    plan = batch_plan(spec, worlds or [], opened, numbered_finder(opened, versions))
+    location = output_location(spec)
 
     def work(given: str) -> JobRecord:
         request = batch_request(spec, store_id=store_id(opened), token=given)
         record = open_batch(opened, plan, canonical_document(request), request.clientRequestToken or given)
         if is_terminal(record):
             return ended_well(record)
-        return ended_well(_run(opened, record.id, plan, spec.outputLocation or _DEFAULT_OUTPUT))
+        return ended_well(_run(opened, record.id, plan, location))
 
     identity = {"spec": canonical_document(spec), "plan": plan.model_dump(mode="json")}
     return as_run(opened, "simulation-batch", identity, token, work)
 
 
 def _run(store: Store, batch: str, plan: BatchPlan, location: OutputLocation) -> JobRecord:
+    try:
+        return _closed(store, batch, plan, location)
+    except (DocumentError, StageFailed) as exc:
+        close_batch(store, batch, "Failed", {}, str(exc))
+        raise
+
+
+def _closed(store: Store, batch: str, plan: BatchPlan, location: OutputLocation) -> JobRecord:
     results = _simulated(store, batch, plan)
     requests = list(episodes(plan))
     metadata = batch_metadata(engine_plan(requests, plan.lanes).engine)

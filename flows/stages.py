@@ -6,6 +6,7 @@ from typing import TypeVar, cast
 
 from flows.deployment_sync import deployment_sync
 from flows.reporting import batch_report, deployment_report, export_report, gate_report, generation_report, texts
+from flows.resolving import Numbers, tested_bundles
 from flows.simulation_batch import simulation_batch
 from flows.world_export import world_export
 from flows.world_generation import world_generation
@@ -40,12 +41,14 @@ def export(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) 
     return (export_report(record, seconds),)
 
 
-def simulate(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) -> tuple[JobRecord | None, Reports]:
+def simulate(
+    spec: PipelineSpec, worlds: list[str], store: Store, versions: Numbers, run: JobRecord
+) -> tuple[JobRecord | None, Reports]:
     """Returns the batch, and the stage's report."""
     section = spec.simulationBatch
     if section is None:
         return None, ()
-    record, seconds = _timed(lambda: simulation_batch(section, worlds, store.url, stage_token(run, "batch")))
+    record, seconds = _timed(lambda: simulation_batch(section, worlds, store.url, versions, stage_token(run, "batch")))
     return record, (batch_report(record, seconds),)
 
 
@@ -69,13 +72,14 @@ def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store) -> Reports:
     return (gate_report(verdict.verdict, verdict.sentence, evidence, seconds),)
 
 
-def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
+def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: Numbers, run: JobRecord) -> Reports:
     """Returns the report of the roll-out of the application that the batch tested."""
     section = spec.deployment
     if section is None:
         return ()
-    tested = {template.robot.name: template.robot.digest for template in plan_of(batch).templates} if batch else {}
-    record, seconds = _timed(lambda: deployment_sync(section, store.url, tested, stage_token(run, "deployment")))
+    tested = tested_bundles(plan_of(batch)) if batch else None
+    token = stage_token(run, "deployment")
+    record, seconds = _timed(lambda: deployment_sync(section, store.url, tested, versions, token))
     return (deployment_report(record, seconds),)
 
 

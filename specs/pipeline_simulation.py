@@ -94,7 +94,10 @@ class SimulationBatch(Spec):
 class SuccessRate(Spec):
     """The share of episodes that must pass, and how sure that must be."""
 
-    atLeast: Annotated[Number, Field(ge=0, le=1)] = Field(title="At least", description="From 0 to 1.")
+    # No number of episodes shows a rate of exactly 1: its interval always reaches below.
+    atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        title="At least", description="From 0 to below 1, such as 0.99."
+    )
     confidence: Annotated[Number, Field(ge=0.5, le=0.9999)] = Field(default=0.95, title="Confidence")
 
 

@@ -227,7 +227,7 @@ def _batches() -> Documents:
 
 
 def _gates() -> Documents:
-    rate = optional({"atLeast": st.floats(0, 1)}, confidence=st.floats(0.5, 0.9999))
+    rate = optional({"atLeast": st.floats(0, 1, exclude_max=True)}, confidence=st.floats(0.5, 0.9999))
     return st.fixed_dictionaries({"successRate": rate})
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from specs.arn import parse_reference
@@ -24,7 +25,9 @@ from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import application_key, applications_prefix, bundle_key
 from tasks.storage.store import Store
 
-__all__ = ["applications", "pack", "publish", "resolve", "unpack"]
+__all__ = ["applications", "foresee", "pack", "publish", "resolve", "unpack", "with_digest"]
+
+Publish = Callable[[Store, ApplicationKind, str, Path], Version]
 
 
 def publish(store: Store, kind: ApplicationKind, name: str, folder: Path, *, shipped: bool = False) -> Version:
@@ -45,23 +48,13 @@ def publish(store: Store, kind: ApplicationKind, name: str, folder: Path, *, shi
     """
     key = application_key(kind, name)
     body = pack(folder)
-    digest = hashlib.sha256(body).hexdigest()
     while True:
         application, etag = _read(store, kind, name)
         versions = application.versions if application else ()
-        known = next((version for version in versions if version.digest == digest), None)
-        if known:
-            return known
-        new = Version(
-            kind=kind,
-            name=name,
-            number=_next_number(name, versions),
-            digest=digest,
-            size_bytes=len(body),
-            created_at_s=time.time(),
-            shipped=shipped,
-        )
-        store.put(bundle_key(digest), body)  # first the bytes, then the number that promises them
+        new = _version(kind, name, body, versions, shipped=shipped)
+        if new in versions:
+            return new
+        store.put(bundle_key(new.digest), body)  # first the bytes, then the number that promises them
         after = encoded(Application(kind=kind, name=name, versions=(*versions, new)))
         try:
             store.replace(key, after, etag) if application else store.create(key, after)
@@ -70,7 +63,43 @@ def publish(store: Store, kind: ApplicationKind, name: str, folder: Path, *, shi
         return new
 
 
-def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Version:
+def publish_shipped(store: Store, kind: ApplicationKind, name: str, folder: Path) -> Version:
+    """Returns the version of an application that comes with Simyard; see `publish`."""
+    return publish(store, kind, name, folder, shipped=True)
+
+
+def foresee(store: Store, kind: ApplicationKind, name: str, folder: Path) -> Version:
+    """Returns the version that publishing the folder would return now, and publishes nothing.
+
+    Raises:
+        DocumentError: The folder is no bundle, or the name is none.
+        LimitExceeded: It would be the 41st version.
+    """
+    application, _ = _read(store, kind, name)
+    return _version(kind, name, pack(folder), application.versions if application else (), shipped=False)
+
+
+def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str) -> Version:
+    """Returns the version of an application that stands for a bundle.
+
+    Raises:
+        ResourceNotFound: No such application, or none of its versions is that bundle.
+        DocumentError: The reference names another kind of resource, or the name is none.
+    """
+    application, _ = _read(store, kind, _name(kind, reference))
+    found = next((known for known in application.versions if known.digest == digest), None) if application else None
+    if found is None:
+        raise _missing("application", reference, f"a {kind} with the bundle {digest}")
+    return found
+
+
+def resolve(
+    store: Store,
+    kind: ApplicationKind,
+    reference: str,
+    version: str | None = None,
+    publishing: Publish = publish_shipped,
+) -> Version:
     """Returns the version that a document means.
 
     An application that comes with Simyard is published when it is first referred to; ``$LATEST`` follows what comes
@@ -81,6 +110,7 @@ def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | 
         kind: What the document expects.
         reference: A plain name, or an ARN of this store or RoboMaker.
         version: A number, or ``$LATEST`` or None for the newest.
+        publishing: What is done with an application that comes with Simyard; `foresee` only looks.
 
     Raises:
         ResourceNotFound: No such application or version.
@@ -91,8 +121,8 @@ def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | 
     application, _ = _read(store, kind, name)
     folder = shipped_application(name)
     if folder and (application is None or (newest and application.versions[-1].shipped)):
-        published = publish(store, kind, name, folder, shipped=True)
-        if newest:
+        published = publishing(store, kind, name, folder)
+        if newest or str(published.number) == version:
             return published
         application, _ = _read(store, kind, name)
     if application is None:
@@ -143,6 +173,21 @@ def _read(store: Store, kind: ApplicationKind, name: str) -> tuple[Application |
     except ObjectNotFound:
         return None, ""
     return decoded(Application, stored, store, key), stored.etag
+
+
+def _version(kind: ApplicationKind, name: str, body: bytes, versions: tuple[Version, ...], *, shipped: bool) -> Version:
+    """Returns the version that stands for a bundle's bytes: the one of ``versions`` that does, else the next."""
+    digest = hashlib.sha256(body).hexdigest()
+    known = next((version for version in versions if version.digest == digest), None)
+    return known or Version(
+        kind=kind,
+        name=name,
+        number=_next_number(name, versions),
+        digest=digest,
+        size_bytes=len(body),
+        created_at_s=time.time(),
+        shipped=shipped,
+    )
 
 
 def _next_number(name: str, versions: tuple[Version, ...]) -> int:

@@ -84,9 +84,12 @@ def canceled_chunk(chunk: Chunk, reason: str) -> Iterator[EpisodeResult]:
         yield unfinished(request.index, "Canceled", failure_code="BatchTimedOut", failure_reason=reason)
 
 
-def close_batch(store: Store, batch: str, status: str, detail: Mapping[str, JsonValue]) -> JobRecord:
+def close_batch(
+    store: Store, batch: str, status: str, detail: Mapping[str, JsonValue], failure_reason: str = ""
+) -> JobRecord:
     """Returns the batch's record in its terminal state (semantics 4): jobs that Failed do not fail the batch."""
-    return advance(store, KIND, batch, status, detail=dict(detail))
+    code = "InternalServiceError" if status == "Failed" else ""
+    return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))
 
 
 def _worlds(store: Store, requests: tuple[EpisodeRequest, ...]) -> dict[str, World]:

@@ -37,10 +37,12 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
     request = StartSimulationJobBatchRequest.model_validate(record.request["request"])
     return DescribeSimulationJobBatchResponse(
         arn=record.arn,
-        status=record.status,  # pyright: ignore[reportArgumentType] - a record's status, checked by pydantic
+        status=record.status,  # pyright: ignore[reportArgumentType] - checked by pydantic
         createdAt=record.created_at_s,
         lastUpdatedAt=record.updated_at_s,
         clientRequestToken=record.token,
+        failureCode=record.failure_code or None,  # pyright: ignore[reportArgumentType] - as above
+        failureReason=record.failure_reason or None,
         batchPolicy=request.batchPolicy,
         createdRequests=tuple(_summaries(store, record)),
         tags=request.tags,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.bundle import ApplicationKind, Version
+from specs.common import OutputLocation
 from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.pipeline_simulation import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
@@ -13,6 +14,7 @@ from tasks.simulate.batch_plan import BatchPlan, JobTemplate, episode_count, lan
 
 FindVersion = Callable[[ApplicationKind, str, str | None], Version]
 DEFAULT_TIMEOUT_S = 86_400.0
+DEFAULT_OUTPUT = OutputLocation(s3Bucket="results")
 
 
 def plan_batch(
@@ -56,11 +58,35 @@ def seed_list(section: SimulationBatch) -> tuple[int, ...]:
     return tuple(range(seeds)) if isinstance(seeds, int) else tuple(seeds)
 
 
-def worlds_named(section: SimulationBatch) -> list[str]:
-    """Returns ``<generation>/<world>`` of each world that the section itself names."""
-    chosen = [] if section.matrix.worlds == "all" else list(section.matrix.worlds)
+def matrix_worlds(section: SimulationBatch, worlds: Sequence[str]) -> list[str]:
+    """Returns ``<generation>/<world>`` of each world of the matrix; ``worlds`` are those that ``all`` means."""
+    chosen = worlds if section.matrix.worlds == "all" else section.matrix.worlds
+    return list(dict.fromkeys(parse_reference(world).path for world in chosen))
+
+
+def requested_worlds(section: SimulationBatch) -> list[str]:
+    """Returns ``<generation>/<world>`` of each world that a request brings for itself alone."""
     own = [world for request in section.createSimulationJobRequests for world in _own_worlds(request)]
-    return list(dict.fromkeys(parse_reference(world).path for world in [*chosen, *own]))
+    return list(dict.fromkeys(parse_reference(world).path for world in own))
+
+
+def output_location(section: SimulationBatch) -> OutputLocation:
+    """Returns where the batch's tables go: the section's place, else the one that its requests agree on.
+
+    RoboMaker has the location in each request; a batch here has one table, so they must be the same.
+
+    Raises:
+        DocumentError: The requests name different places, and the section none.
+    """
+    if section.outputLocation is not None:
+        return section.outputLocation
+    asked = [request.outputLocation for request in section.createSimulationJobRequests if request.outputLocation]
+    places = {f"{place.s3Bucket}/{place.s3Prefix or ''}": place for place in asked}
+    if len(places) > 1:
+        path = "simulationBatch.createSimulationJobRequests[*].outputLocation"
+        allowed = "one place for the whole batch, as simulationBatch.outputLocation"
+        raise DocumentError([Fault(path=path, value=", ".join(sorted(places)), allowed=allowed)])
+    return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
 def _template(request: PipelineJobRequest, worlds: Sequence[str], find_version: FindVersion) -> JobTemplate:

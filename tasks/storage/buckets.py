@@ -2,7 +2,8 @@
 
 import os
 
-from specs.errors import ObjectNotFound, StoreUnreachable
+from specs.base import Fault
+from specs.errors import DocumentError, ObjectNotFound, StoreUnreachable
 from tasks.storage.keys import STORE, checked_bucket
 from tasks.storage.opening import connect
 from tasks.storage.store import Store
@@ -12,9 +13,12 @@ def bucket_url(store: Store, bucket: str) -> str:
     """Returns the URL of a bucket: behind SIMYARD_BUCKETS (``s3://``, ``file:///data``), else under the store.
 
     Raises:
-        DocumentError: The name is no bucket's.
+        DocumentError: The name is no bucket's, or SIMYARD_BUCKETS no URL.
     """
     root = os.environ.get("SIMYARD_BUCKETS") or f"{store.url}/buckets"
+    if not root.startswith(("s3://", "file:///")):
+        fault = Fault(path="SIMYARD_BUCKETS", value=repr(root), allowed="s3://, s3://bucket/prefix or file:///folder")
+        raise DocumentError([fault], source="environment")
     return f"{root if root.endswith('://') else root.rstrip('/') + '/'}{checked_bucket(bucket)}"
 
 

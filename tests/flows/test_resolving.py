@@ -1,0 +1,154 @@
+"""What a document refers to: found before anything runs, and the same thing in every stage."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.planning import planned
+from flows.resolving import batch_plan, deployed_version, finder, numbered_finder, pins, tested_bundles
+from specs.digests import canonical_document, canonical_json
+from specs.errors import DocumentError, ResourceNotFound
+from specs.pipeline import PipelineSpec
+from tasks.applications.publishing import applications, publish
+from tasks.simulate.batch_plan import episodes
+from tasks.simulate.resolving import output_location
+from tasks.storage.keys import world_key
+from tasks.storage.store import Store
+from tests.worlds_factory import apartment
+
+ROOT = Path(__file__).parents[2]
+ROBOT = "robot-application"
+
+
+def _put_world(store: Store, name: str) -> str:
+    world = apartment(generation="hand", name=name)
+    store.create(world_key(world.generation, world.name), canonical_json(canonical_document(world)))
+    return f"hand/{name}"
+
+
+def _launch(package: str, file: str, application: str, **more: object) -> dict[str, Any]:
+    return {"application": application, "launchConfig": {"packageName": package, "launchFile": file}, **more}
+
+
+def _request(robot: str = "courier", **scenario: object) -> dict[str, Any]:
+    return {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [_launch("courier", "go_to_goal", robot)],
+        "simulationApplications": [_launch("delivery", "rooms", "delivery", **scenario)],
+    }
+
+
+def _spec(**sections: object) -> PipelineSpec:
+    return PipelineSpec.model_validate({"name": "resolved", **sections})
+
+
+def _generated(*requests: dict[str, Any], **sections: object) -> PipelineSpec:
+    generation = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}}
+    return _spec(worldGeneration=generation, simulationBatch={"createSimulationJobRequests": requests}, **sections)
+
+
+@pytest.fixture
+def bundle(tmp_path: Path) -> Path:
+    """Returns a copy of the courier that may be changed."""
+    shutil.copytree(ROOT / "applications/courier", tmp_path / "mine")
+    return tmp_path / "mine"
+
+
+def _with_own(bundle: Path, **sections: object) -> PipelineSpec:
+    source = {"name": "mine", "source": bundle.name}
+    return _generated(_request("mine"), applications=[source], **sections)
+
+
+def _deployment(application: str, **more: object) -> dict[str, Any]:
+    return {
+        "fleet": {"name": "team", "localAgents": 1},
+        "deploymentApplicationConfigs": [_launch("courier", "run.sh", application, **more)],
+    }
+
+
+def test_a_bundle_that_was_changed_back_is_what_is_tested_and_shipped(file_store: Store, bundle: Path):
+    spec = _with_own(bundle, deployment=_deployment("mine"))
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+    before = publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").write_text("changed")
+    publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").unlink()
+    found, own = pins(spec, file_store, bundle.parent)
+    assert own[f"{ROBOT}/mine"] == before
+    assert found["deployment"] == before.digest
+    find = numbered_finder(file_store, {f"{ROBOT}/mine": str(before.number)})
+    assert spec.simulationBatch is not None
+    assert tested_bundles(batch_plan(spec.simulationBatch, (), file_store, find)) == {"mine": before.digest}
+
+
+def test_a_plan_publishes_nothing(file_store: Store, bundle: Path):
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+    lines = list(planned(_with_own(bundle, deployment=_deployment("mine")), bundle.parent, file_store))
+    assert any("deployment" in line for line in lines)
+    assert applications(file_store, ROBOT) == []
+    assert file_store.keys("bundles") == []
+
+
+def test_a_request_with_its_own_world_keeps_it_to_itself(file_store: Store):
+    mine, theirs = _put_world(file_store, "a"), _put_world(file_store, "b")
+    batch = {
+        "matrix": {"worlds": [mine]},
+        "createSimulationJobRequests": [_request(), _request(worldConfigs=[{"world": theirs}])],
+    }
+    spec = _spec(simulationBatch=batch)
+    assert spec.simulationBatch is not None
+    plan = batch_plan(spec.simulationBatch, (), file_store, finder(file_store, {}))
+    assert [request.world for request in episodes(plan)] == [mine, theirs]
+    assert set(plan.world_digests) == {mine, theirs}
+
+
+def test_a_bundle_that_no_batch_tests_is_not_shipped(file_store: Store, bundle: Path):
+    publish(file_store, ROBOT, "other", bundle)
+    (bundle / "note.txt").write_text("another bundle")
+    publish(file_store, ROBOT, "other", bundle)
+    spec = _generated(_request(), deployment=_deployment("other"))
+    with pytest.raises(DocumentError, match=r"other version 2 .* the bundle that simulationBatch tests: courier"):
+        pins(spec, file_store, ROOT / "examples")
+
+
+def test_the_tested_version_is_shipped_when_the_deployment_names_none(file_store: Store, bundle: Path):
+    old = publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").write_text("newer")
+    publish(file_store, ROBOT, "mine", bundle)
+    spec = _spec(deployment=_deployment("mine"))
+    assert spec.deployment is not None
+    find = finder(file_store, {})
+    assert deployed_version(spec.deployment, file_store, find, {"mine": old.digest}) == old
+    assert deployed_version(spec.deployment, file_store, find, None).number == 2
+
+
+def test_all_that_is_missing_is_told_at_once(file_store: Store):
+    spec = _spec(
+        worldGeneration={"template": "nowhere", "worldCount": {"floorplanCount": 1}},
+        worldExport={"worlds": ["none/none"], "outputLocation": {"s3Bucket": "out"}},
+        simulationBatch={"createSimulationJobRequests": [_request("nobody")]},
+    )
+    with pytest.raises(DocumentError) as refused:
+        pins(spec, file_store, ROOT / "examples")
+    told = [fault.value for fault in refused.value.faults]
+    assert told == ["'nowhere'", "'none/none'", "'nobody'"]
+
+
+def test_tables_go_where_the_requests_agree(file_store: Store):
+    here, there = {"s3Bucket": "mybucket", "s3Prefix": "x"}, {"s3Bucket": "other"}
+    agreed = _generated({**_request(), "outputLocation": here}, _request()).simulationBatch
+    torn = _generated({**_request(), "outputLocation": here}, {**_request(), "outputLocation": there}).simulationBatch
+    assert agreed is not None
+    assert torn is not None
+    assert output_location(agreed).s3Bucket == "mybucket"
+    with pytest.raises(DocumentError, match="mybucket/x, other/"):
+        output_location(torn)
+
+
+def test_a_world_that_is_not_there_is_a_fault_of_the_document(file_store: Store):
+    spec = _spec(simulationBatch={"matrix": {"worlds": ["g/w"]}, "createSimulationJobRequests": [_request()]})
+    assert spec.simulationBatch is not None
+    with pytest.raises(ResourceNotFound, match="g/w"):
+        batch_plan(spec.simulationBatch, (), file_store, finder(file_store, {}))
