@@ -53,7 +53,9 @@ def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: 
     except ConcurrentDeployment:
         raise  # it passes: the same document continues this run when the fleet is free
     except (DocumentError, StageFailed) as exc:
-        advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
+        code = exc.code if isinstance(exc, StageFailed) else "InvalidInput"
+        refused = {"refused": isinstance(exc, DocumentError)}
+        advance(store, "pipeline-run", run.id, "Failed", failure_code=code, failure_reason=str(exc), detail=refused)
         raise
     status = "Completed" if report.passed else "Failed"
     advance(store, "pipeline-run", run.id, status, detail={"report": report.model_dump(mode="json")})

@@ -5,7 +5,8 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from specs.errors import StageFailed
+from specs.base import Fault
+from specs.errors import DocumentError, StageFailed
 from specs.report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from tasks.deploy.controller import recorded_progress
 from tasks.storage.records import JobRecord
@@ -16,11 +17,14 @@ def told(run: JobRecord) -> PipelineReport:
     """Returns the report of a run that another process ended.
 
     Raises:
+        DocumentError: It ended without one, because the document was refused.
         StageFailed: It ended without one, because a stage failed.
     """
     report = run.detail.get("report")
+    if report is None and run.detail.get("refused"):
+        raise DocumentError([Fault(path="run", value=run.id, allowed=run.failure_reason)])
     if report is None:
-        raise StageFailed("InternalServiceError", run.failure_reason, run.arn)
+        raise StageFailed(run.failure_code, run.failure_reason)
     return PipelineReport.model_validate(report)
 
 

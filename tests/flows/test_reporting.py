@@ -1,0 +1,85 @@
+"""What is told of a run, to the process that ran it and to one that waited for it."""
+
+import pytest
+from pydantic import JsonValue
+
+from flows.reporting import batch_report, deployment_report, generation_report, told
+from specs.errors import DocumentError, StageFailed
+from specs.report import PipelineReport, StageReport, Verdict
+from tasks.storage.records import JobKind, JobRecord, advance, submit
+from tasks.storage.store import Store
+
+
+def _ended(store: Store, kind: JobKind, status: str, detail: dict[str, JsonValue], **failure: str) -> JobRecord:
+    record = submit(store, kind, {}, "tok")
+    return advance(store, kind, record.id, status, detail=detail, **failure)
+
+
+def test_who_waited_is_told_the_report_of_the_run(file_store: Store):
+    stage = StageReport(name="gate", arn="", status="PASS", summary="PASS: 9 of 9", seconds=0.5)
+    report = PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="PASS")
+    run = _ended(file_store, "pipeline-run", "Completed", {"report": report.model_dump(mode="json")})
+    assert told(run) == report
+
+
+def test_who_waited_for_a_refused_document_is_refused_too(file_store: Store):
+    run = _ended(file_store, "pipeline-run", "Failed", {"refused": True}, failure_reason="no such fleet")
+    with pytest.raises(DocumentError, match="no such fleet"):
+        told(run)
+
+
+def test_who_waited_for_a_stage_that_failed_is_told_its_code(file_store: Store):
+    run = _ended(file_store, "pipeline-run", "Failed", {}, failure_code="AccessDenied", failure_reason="read-only")
+    with pytest.raises(StageFailed, match="AccessDenied: read-only"):
+        told(run)
+
+
+def test_a_partial_generation_says_how_many_worlds_failed(file_store: Store):
+    failures: dict[str, JsonValue] = {"InvalidInput": {"count": 2, "sample_reason": "too small"}}
+    record = _ended(file_store, "world-generation-job", "PartialFailed", {"worlds": ["g/a"], "failures": failures})
+    assert generation_report(record, file_store, 1.0).summary == "1 worlds, 2 failed"
+
+
+def test_a_batch_tells_passes_and_where_its_tables_lie(file_store: Store):
+    detail: dict[str, JsonValue] = {
+        "passed": 3,
+        "episodes": 4,
+        "simulated_s": 61.5,
+        "results_url": "file:///r",
+        "failures_url": "file:///f",
+    }
+    stage = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0)
+    assert stage.summary.startswith("3 of 4 episodes passed")
+    assert [artefact.url for artefact in stage.artefacts] == ["file:///r", "file:///f"]
+
+
+def test_a_deployment_counts_robots_in_sync_and_says_what_stopped_it(file_store: Store):
+    progress: dict[str, JsonValue] = {"r1": {"status": "InSync"}, "r2": {"status": "Failed"}}
+    record = _ended(
+        file_store,
+        "deployment-job",
+        "Failed",
+        {"progress": progress},
+        failure_code="FailureThresholdBreached",
+        failure_reason="1 of 2 robots failed",
+    )
+    summary = deployment_report(record, 1.0).summary
+    assert summary == "1 of 2 robots in sync; FailureThresholdBreached: 1 of 2 robots failed"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "shipped", "passed"),
+    [
+        ("PASS", True, True),
+        ("PASS", None, True),
+        (None, True, True),
+        ("FAIL", None, False),
+        ("INCONCLUSIVE", None, False),
+        ("PASS", False, False),
+    ],
+)
+def test_a_run_passed_when_nothing_that_was_asked_for_was_refused(
+    verdict: Verdict | None, shipped: bool | None, passed: bool
+):
+    report = PipelineReport(run="run-1", name="nightly", stages=(), verdict=verdict, shipped=shipped)
+    assert report.passed is passed
