@@ -79,7 +79,7 @@ def test_a_deployment_counts_robots_in_sync_and_says_what_stopped_it(file_store:
     ],
 )
 def test_a_run_passed_when_nothing_that_was_asked_for_was_refused(
-    verdict: Verdict | None, shipped: bool | None, passed: bool
+    *, verdict: Verdict | None, shipped: bool | None, passed: bool
 ):
     report = PipelineReport(run="run-1", name="nightly", stages=(), verdict=verdict, shipped=shipped)
     assert report.passed is passed
