@@ -127,33 +127,62 @@ def claimed(store: Store, key: str, *, ttl_s: float = 15.0) -> Generator[Claim]:
     mark = (store.url, key, threading.get_ident())
     if mark in _held:
         raise StoreError(f"{store.url}: {key} is held by this very thread, which would wait for itself")
+    while (claim := _take(store, key, ttl_s)) is None:
+        pass
+    with _holding(claim, mark):
+        yield claim
+
+
+@contextmanager
+def claimed_unless_alive(store: Store, key: str, *, ttl_s: float = 15.0) -> Generator[Claim | None]:
+    """Takes the claim, or yields None as soon as its holder is seen to renew it; releases it at the end.
+
+    Whether a holder elsewhere lives is found out by watching, so this takes up to the time without a heartbeat after
+    which the holder itself knows that it has lost.
+
+    Args:
+        store: Where the claim lies.
+        key: See ``tasks.storage.keys.claim_key``.
+        ttl_s: Seconds without a heartbeat after which other processes take the claim over.
+
+    Raises:
+        StoreError: The store fails.
+    """
     claim = _take(store, key, ttl_s)
+    if claim is None:
+        yield None
+        return
+    with _holding(claim, (store.url, key, threading.get_ident())):
+        yield claim
+
+
+@contextmanager
+def _holding(claim: Claim, mark: tuple[str, str, int]) -> Generator[None]:
     _held.add(mark)
     try:
-        yield claim
+        yield
     finally:
         _held.discard(mark)
         claim.release()
 
 
-def _take(store: Store, key: str, ttl_s: float) -> Claim:
+def _take(store: Store, key: str, ttl_s: float) -> Claim | None:
+    """Returns the claim, or None when somebody else was seen to write it: its holder, or who was faster."""
     watched, since_s = "", time.monotonic()
     while True:
         try:
             stored = store.get(key)
         except ObjectNotFound:
-            claim = _write_first(store, key, _new_record(1, ttl_s), None)
-        else:
-            found = decoded(ClaimRecord, stored, store, key)
-            if stored.etag != watched:
-                watched, since_s = stored.etag, time.monotonic()
-            if not _is_free(found, time.monotonic() - since_s):
-                time.sleep(min(_LONGEST_POLL_S, found.ttl_s / 10))
-                continue
+            return _write_first(store, key, _new_record(1, ttl_s), None)
+        found = decoded(ClaimRecord, stored, store, key)
+        if _is_free(found, time.monotonic() - since_s if stored.etag == watched else 0.0):
             _LOG.info("%s: process %d had it, released: %s", key, found.process.pid, found.released)
-            claim = _write_first(store, key, _new_record(found.epoch + 1, ttl_s), stored.etag)
-        if claim:
-            return claim
+            return _write_first(store, key, _new_record(found.epoch + 1, ttl_s), stored.etag)
+        if watched and stored.etag != watched:
+            return None
+        if not watched:
+            watched, since_s = stored.etag, time.monotonic()
+        time.sleep(min(_LONGEST_POLL_S, found.ttl_s / 10))
 
 
 def _is_free(found: ClaimRecord, unchanged_s: float) -> bool:

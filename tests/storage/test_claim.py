@@ -8,7 +8,7 @@ import pytest
 
 from specs.errors import ObjectConflict, StoreError, StoreUnreachable
 from tasks.storage import claim as claims
-from tasks.storage.claim import ClaimRecord, claimed
+from tasks.storage.claim import ClaimRecord, claimed, claimed_unless_alive
 from tasks.storage.keys import claim_key
 from tasks.storage.local import LocalStore
 from tasks.storage.process import ProcessIdentity, this_process
@@ -101,6 +101,31 @@ def test_a_silent_holder_elsewhere_is_replaced_after_its_time(store: Store) -> N
     store.create(_KEY, _held_elsewhere(ttl_s=0.3))
     with claimed(store, _KEY) as claim:
         assert claim.epoch == 5
+
+
+def test_a_holder_elsewhere_that_beats_is_not_waited_for(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(claims, "this_process", lambda: _ELSEWHERE)
+    with claimed(file_store, _KEY, ttl_s=0.6) as held, claimed_unless_alive(file_store, _KEY) as claim:
+        assert claim is None
+        assert not held.lost
+        assert _record(file_store).epoch == 1
+
+
+def test_the_claim_of_a_silent_holder_elsewhere_is_taken_after_its_time(store: Store) -> None:
+    store.create(_KEY, _held_elsewhere(ttl_s=0.3))
+    with claimed_unless_alive(store, _KEY) as claim:
+        assert claim is not None
+        assert claim.epoch == 5
+    assert _record(store).released
+
+
+@pytest.mark.parametrize("before", ["nobody", "released"])
+def test_a_claim_that_nobody_holds_is_taken_without_watching(before: str, file_store: Store) -> None:
+    if before == "released":
+        with claimed(file_store, _KEY, ttl_s=_FOREVER_S):
+            pass
+    with claimed_unless_alive(file_store, _KEY) as claim:
+        assert claim is not None
 
 
 def test_a_holder_that_was_replaced_knows_and_leaves_the_claim_alone(file_store: Store) -> None:
