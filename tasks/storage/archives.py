@@ -9,13 +9,16 @@ import hashlib
 import os
 import shutil
 import tarfile
+import tempfile
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from specs.errors import BundleRefused
 from tasks.storage.atomic import settle, settle_names
+from tasks.storage.keys import bundle_key
+from tasks.storage.store import Store
 
 _BLOCK_BYTES = 1 << 20
 _NAME_BYTES = 255
@@ -49,6 +52,35 @@ def digest_of(path: Path) -> str:
     """
     with path.open("rb") as source:
         return hashlib.file_digest(source, "sha256").hexdigest()
+
+
+def missing_files(store: Store, digest: str, names: Iterable[str]) -> list[str]:
+    """Returns those of the names that are no regular file in a bundle, such as ``courier/launch.sh``.
+
+    Raises:
+        ObjectNotFound: The store has no such bundle.
+        BundleRefused: It is not a plain tar.
+    """
+    found = bundled_files(store, digest)
+    return [name for name in names if name not in found]
+
+
+def bundled_files(store: Store, digest: str) -> dict[str, bool]:
+    """Returns the regular files of a bundle, and whether each can be executed; unpacks nothing.
+
+    Raises:
+        ObjectNotFound: The store has no such bundle.
+        BundleRefused: It is not a plain tar.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        archive = Path(folder) / "bundle"
+        store.download(bundle_key(digest), archive)
+        try:
+            with tarfile.open(archive, mode="r:") as tar:
+                found = {each.name: bool(each.mode & 0o111) for each in _members(tar, LIMITS) if each.type in _FILES}
+        except tarfile.TarError as exc:
+            raise BundleRefused(f"the bundle is not a plain tar archive: {exc}") from exc
+    return found
 
 
 def install(

@@ -7,8 +7,10 @@ from typing import Literal
 
 import pytest
 
-from specs.errors import BundleRefused
-from tasks.storage.archives import ArchiveLimits, digest_of, extract, install
+from specs.errors import BundleRefused, ObjectNotFound
+from tasks.storage.archives import ArchiveLimits, bundled_files, digest_of, extract, install, missing_files
+from tasks.storage.keys import bundle_key
+from tasks.storage.store import Store
 
 
 def _file(name: str, body: bytes = b"x", mode: int = 0o644) -> tuple[tarfile.TarInfo, bytes]:
@@ -137,3 +139,40 @@ def test_progress_ends_with_all_the_bytes_written(tmp_path: Path) -> None:
     extract(archive, tmp_path / "out", progress=lambda done, _total: seen.append(done))
 
     assert seen == [3, 5]
+
+
+def _stored(store: Store, archive: Path) -> str:
+    digest = digest_of(archive)
+    store.upload(bundle_key(digest), archive)
+    return digest
+
+
+def test_files_that_a_bundle_lacks_are_named_without_unpacking_it(store: Store, tmp_path: Path) -> None:
+    members = [
+        _special("courier", tarfile.DIRTYPE),
+        _file("courier/run.sh"),
+        _special("courier/link", tarfile.SYMTYPE, "x"),
+    ]
+    digest = _stored(store, _tar(tmp_path, *members))
+
+    names = ["courier/stop.sh", "courier/run.sh", "courier/link", "courier", "run.sh"]
+    assert missing_files(store, digest, names) == ["courier/stop.sh", "courier/link", "courier", "run.sh"]
+
+
+def test_files_of_a_bundle_are_told_with_whether_they_can_be_executed(file_store: Store, tmp_path: Path) -> None:
+    digest = _stored(file_store, _tar(tmp_path, _file("run.sh", mode=0o755), _file("data", mode=0o644)))
+
+    assert bundled_files(file_store, digest) == {"run.sh": True, "data": False}
+
+
+def test_a_bundle_that_is_no_archive_has_no_files_to_name(file_store: Store, tmp_path: Path) -> None:
+    noise = tmp_path / "noise"
+    noise.write_bytes(b"noise" * 1000)
+
+    with pytest.raises(BundleRefused, match="plain tar"):
+        missing_files(file_store, _stored(file_store, noise), [])
+
+
+def test_a_bundle_that_is_not_in_the_store_has_no_files_to_name(file_store: Store) -> None:
+    with pytest.raises(ObjectNotFound):
+        missing_files(file_store, "0" * 64, [])
