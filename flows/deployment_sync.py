@@ -1,6 +1,8 @@
 """A tested version to a fleet, in waves."""
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -11,6 +13,7 @@ from flows.resolving import deployed_version, numbered_finder
 from specs.digests import canonical_document
 from specs.pipeline_requests import deployment_request
 from specs.pipeline_simulation import Deployment, LocalFleet
+from tasks.deploy.fleets import create_fleet
 from tasks.deploy.local_agents import local_agents
 from tasks.deploy.task import roll_out
 from tasks.storage.cache import cache_folder
@@ -44,8 +47,8 @@ def deployment_sync(
 
     def work(given: str) -> JobRecord:
         request = deployment_request(spec, store_id=store_id(opened), version=str(version.number), token=given)
-        with _agents(spec, opened):
-            return roll_out(opened.url, request, digest=version.digest, token=request.clientRequestToken)
+        job_token, robots = request.clientRequestToken, _robots(spec, opened)
+        return roll_out(opened.url, request, digest=version.digest, token=job_token, robots=robots)
 
     identity = {"spec": canonical_document(spec), "digest": version.digest}
     return as_run(opened, "deployment-sync", identity, token, work)
@@ -58,8 +61,10 @@ def agents_folder(store: Store) -> Path:
     return cache_folder() / "agents" / store_id(store)
 
 
-def _agents(spec: Deployment, store: Store) -> AbstractContextManager[object]:
+def _robots(spec: Deployment, store: Store) -> Callable[[], AbstractContextManager[object]] | None:
+    """Returns what starts the robots of a demonstration once its fleet, made here, is taken; None for real ones."""
     fleet = spec.fleet
     if not isinstance(fleet, LocalFleet) or not fleet.localAgents:
-        return nullcontext()
-    return local_agents(store, fleet.name, fleet.localAgents, agents_folder(store))
+        return None
+    create_fleet(store, fleet.name)
+    return partial(local_agents, store, fleet.name, fleet.localAgents, agents_folder(store))

@@ -5,9 +5,7 @@ what Simyard needs. Ends at SIGTERM with exit code 0, and takes its application 
 """
 
 import argparse
-import fcntl
 import logging
-import os
 import random
 import sys
 from collections.abc import Generator, Sequence
@@ -17,6 +15,7 @@ from pathlib import Path
 from specs.errors import StoreError
 from tasks.deploy.disk import Disk
 from tasks.deploy.launch import Place
+from tasks.deploy.lock import locking
 from tasks.deploy.reporting import Reporter
 from tasks.deploy.robots import read_desired
 from tasks.deploy.states import Desired
@@ -105,22 +104,11 @@ def _look(store: Store, name: str) -> tuple[Desired | None, str]:
 
 @contextmanager
 def _alone(disk: Disk, stop: Stop) -> Generator[None]:
-    """Waits until no other agent works in the folder; the kernel frees the lock when its holder dies."""
-    descriptor = os.open(disk.lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        while not _locked(descriptor):
+    """Waits until no other agent works in the folder."""
+    with locking(disk.root) as locked:
+        while not locked():
             stop.sleep(_LOCK_POLL_S)
         yield
-    finally:
-        os.close(descriptor)
-
-
-def _locked(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -47,7 +47,6 @@ class Disk:
         self.versions = root / "versions"
         self.downloads = root / "downloads"
         self.logs = root / "logs"
-        self.lock = root / "agent.lock"
         self.current = root / "current"
         for folder in (self.versions, self.downloads, self.logs):
             make_folder(folder)

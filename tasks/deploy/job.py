@@ -2,18 +2,18 @@
 
 import logging
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 from specs.base import Fault
 from specs.deployment import CreateDeploymentJobRequest
 from specs.digests import canonical_document
-from specs.errors import ConcurrentDeployment, ObjectConflict, ObjectNotFound, ResourceNotFound
+from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
 from tasks.deploy.controller import Pace, Plan, roll_out
-from tasks.deploy.fleets import read_fleet
-from tasks.deploy.planning import plan_deployment
-from tasks.storage.claim import ClaimRecord, claimed
-from tasks.storage.encoding import decoded, encoded
+from tasks.deploy.fleets import fleet_name, read_fleet
+from tasks.deploy.planning import check_request, plan_deployment
+from tasks.storage.claim import claimed, claimed_unless_alive
+from tasks.storage.encoding import encoded
 from tasks.storage.keys import claim_key, fleet_key
-from tasks.storage.process import is_known_dead
 from tasks.storage.records import JobRecord, advance, is_terminal, job_id, read, submit
 from tasks.storage.store import Store
 
@@ -29,6 +29,7 @@ def run_deployment_job(
     token: str,
     progress: Callable[[int, int], None],
     pace: Pace | None = None,
+    robots: Callable[[], AbstractContextManager[object]] | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record, Succeeded or Failed; an ended job is returned as it ended.
 
@@ -39,6 +40,8 @@ def run_deployment_job(
         token: The client request token.
         progress: Called with robots that have ended and robots in all, whenever that changes.
         pace: Clock and poll interval.
+        robots: Makes the fleet's members, which answer inside its ``with`` block; entered only while the fleet is
+            this job's, so that a job which is refused touches no robot. None: the fleet has its members already.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
@@ -52,13 +55,20 @@ def run_deployment_job(
         known = _known(store, job)
         if known and is_terminal(known):
             return submit(store, _KIND, canonical_document(request), token)
-        plan = _recorded_plan(known) or plan_deployment(store, request, digest)
-        _free_fleet(store, plan.fleet, job)
+        fleet = fleet_name(request.fleet)
+        plan = _recorded_plan(known)
+        if plan is None and robots is None:
+            plan = plan_deployment(store, request, digest)
+        elif plan is None:
+            check_request(store, request, digest)
+        _free_fleet(store, fleet, job)
         record = submit(store, _KIND, canonical_document(request), token)
-        _take_fleet(store, plan.fleet, job)
-        detail = {"plan": plan.model_dump(mode="json")}
-        record = advance(store, _KIND, record.id, "Preparing" if known is None else "InProgress", detail=detail)
-        return roll_out(store, record, plan, claim, pace=pace or Pace(), progress=progress)
+        _take_fleet(store, fleet, job)
+        with robots() if robots else nullcontext():
+            plan = plan or plan_deployment(store, request, digest)
+            detail = {"plan": plan.model_dump(mode="json")}
+            record = advance(store, _KIND, record.id, "Preparing" if known is None else "InProgress", detail=detail)
+            return roll_out(store, record, plan, claim, pace=pace or Pace(), progress=progress)
 
 
 def _known(store: Store, job: str) -> JobRecord | None:
@@ -96,20 +106,12 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
     known = _known(store, other) if other and other != job else None
     if known is None or is_terminal(known):
         return
-    if not _is_abandoned(store, other):
-        fault = Fault(path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}")
-        raise ConcurrentDeployment([fault], source="deployment")
-    with claimed(store, claim_key(_KIND, other)):
+    with claimed_unless_alive(store, claim_key(_KIND, other)) as claim:
+        if claim is None:
+            fault = Fault(
+                path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}"
+            )
+            raise ConcurrentDeployment([fault], source="deployment")
         reason = f"nobody worked on it any more when {job} was asked for"
         ended = advance(store, _KIND, other, "Canceled", failure_reason=reason)
     _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)
-
-
-def _is_abandoned(store: Store, job: str) -> bool:
-    """Returns whether no process can be working on a job: its claim was given up, or its holder died on this host."""
-    key = claim_key(_KIND, job)
-    try:
-        claim = decoded(ClaimRecord, store.get(key), store, key)
-    except ObjectNotFound:
-        return True
-    return claim.released or is_known_dead(claim.process)

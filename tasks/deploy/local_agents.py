@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tasks.deploy.fleets import create_fleet
+from tasks.deploy.lock import locking
 from tasks.deploy.processes import end_all
 from tasks.deploy.robots import create_robot, deregister_robot, members, register_robot
 from tasks.storage.store import Store
@@ -27,7 +28,8 @@ def local_agents(
 
     The fleet and the robots are made where they are missing; robots that an earlier demonstration made beyond the count
     leave the fleet, because nobody would answer for them. Agents and applications end with the block, and by
-    themselves when this process is killed; agents of a later block on the same folder wait for that.
+    themselves when this process is killed; agents of a later block on the same folder wait for that. Whoever opens the
+    block must have the fleet for itself (`tasks.deploy.job.run_deployment_job`): it changes who is a member.
 
     Args:
         store: Where the fleet is.
@@ -49,12 +51,17 @@ def local_agents(
     finally:
         _end(agents)
         for root in roots:
-            end_all(root)
+            _sweep(root)
+
+
+def local_names(fleet: str, count: int) -> tuple[str, ...]:
+    """Returns what the robots of a demonstration are called."""
+    return tuple(f"{fleet}-{number}" for number in range(1, count + 1))
 
 
 def _robots(store: Store, fleet: str, count: int) -> tuple[str, ...]:
     create_fleet(store, fleet)
-    names = tuple(f"{fleet}-{number}" for number in range(1, count + 1))
+    names = local_names(fleet, count)
     for name in names:
         create_robot(store, name, local=True)
         register_robot(store, fleet, name)
@@ -79,6 +86,14 @@ def _start(store: Store, name: str, root: Path, grace_s: float) -> subprocess.Po
             stderr=log,
             start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone, which then ends its agents
         )
+
+
+def _sweep(root: Path) -> None:
+    """Ends what an agent that was killed has left, unless another agent works in the folder: then it is that one's."""
+    if root.is_dir():
+        with locking(root) as locked:
+            if locked():
+                end_all(root)
 
 
 def _end(agents: list[subprocess.Popen[bytes]]) -> None:

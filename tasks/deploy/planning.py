@@ -1,24 +1,31 @@
 """What a request for a deployment comes to: which bytes, to whom, how many at a time; or every reason why not."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.bundle import Application, Version
-from specs.deployment import CreateDeploymentJobRequest, DeploymentApplicationConfig, DeploymentConfig
+from specs.deployment import (
+    CreateDeploymentJobRequest,
+    DeploymentApplicationConfig,
+    DeploymentConfig,
+    DeploymentLaunchConfig,
+)
 from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceNotFound
 from tasks.deploy import environment
 from tasks.deploy.controller import Plan
 from tasks.deploy.fleets import read_fleet
-from tasks.deploy.robots import members
+from tasks.deploy.local_agents import local_names
+from tasks.deploy.robots import known_robot, members
 from tasks.deploy.rollout import limits
 from tasks.deploy.states import RobotRecord
-from tasks.storage.archives import safe_parts
+from tasks.storage.archives import bundled_files, safe_parts
 from tasks.storage.encoding import decoded
-from tasks.storage.keys import application_key
+from tasks.storage.keys import application_key, checked_name
 from tasks.storage.store import Store
 
 _PATH = "deploymentApplicationConfigs.0"
+_SECTION_PATH = "deployment.deploymentApplicationConfigs[0]"
 _TIMEOUT_S = 18_000  # semantics 8
 # RoboMaker states no defaults. With these a bad version reaches a fifth of a fleet, and stops before it reaches half.
 _CONCURRENT_PERCENT = 20
@@ -39,11 +46,8 @@ def plan_deployment(store: Store, request: CreateDeploymentJobRequest, digest: s
     """
     fleet, _ = read_fleet(store, request.fleet)
     robots = members(store, fleet.name)
+    version = _checked(store, request, digest, _fleet_faults(fleet.name, robots, "fleet"))
     config = request.deploymentApplicationConfigs[0]
-    version = _version(store, config)
-    faults = [*_faults(config, version, digest), *_fleet_faults(fleet.name, robots)]
-    if faults:
-        raise DocumentError(faults, source="deployment")
     rules = request.deploymentConfig or DeploymentConfig()
     bounds = limits(
         len(robots),
@@ -63,6 +67,85 @@ def plan_deployment(store: Store, request: CreateDeploymentJobRequest, digest: s
         failures=bounds.failures,
         timeout_s=rules.robotDeploymentTimeoutInSeconds or _TIMEOUT_S,
     )
+
+
+def preflight(
+    store: Store, *, fleet: str, local_agents: int, launch: DeploymentLaunchConfig, digest: str
+) -> list[Fault]:
+    """Returns what would fail at the end of a pipeline that deploys and can be told before its beginning.
+
+    Args:
+        store: Where fleet, robots and bundles are.
+        fleet: Its name or ARN.
+        local_agents: How many robots the run makes for itself; 0 for a fleet that has its own.
+        launch: What is run on a robot.
+        digest: Of the bundle that is deployed.
+    """
+    path = f"{_SECTION_PATH}.launchConfig"
+    return [
+        *(_local_faults(store, fleet, local_agents) if local_agents else _member_faults(store, fleet)),
+        *_file_faults(store, launch, digest, path),
+        *environment.faults(launch.environmentVariables or {}, f"{path}.environmentVariables"),
+    ]
+
+
+def _member_faults(store: Store, reference: str) -> list[Fault]:
+    path = "deployment.fleet"
+    try:
+        name = read_fleet(store, reference)[0].name
+    except DocumentError as exc:
+        return [fault.model_copy(update={"path": path}) for fault in exc.faults]
+    return list(_fleet_faults(name, members(store, name), path))
+
+
+def _local_faults(store: Store, fleet: str, count: int) -> list[Fault]:
+    path = "deployment.fleet.name"
+    try:
+        checked_name(fleet)
+        records = [known_robot(store, name) for name in local_names(fleet, count)]
+    except DocumentError as exc:
+        return [fault.model_copy(update={"path": path}) for fault in exc.faults]
+    taken = [record for record in records if record and record.fleet not in {"", fleet}]
+    return [
+        Fault(path=path, value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
+        for record in taken
+    ]
+
+
+def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path: str) -> Iterator[Fault]:
+    outside = list(outside_package(launch, path))
+    yield from outside
+    try:
+        found = bundled_files(store, digest)
+    except (ObjectNotFound, BundleRefused) as exc:
+        yield Fault(path=f"{_SECTION_PATH}.application", value=digest, allowed=f"a bundle that is whole: {exc}")
+        return
+    for field, name in launch_files(launch).items():
+        place = f"{path}.{field}"
+        if found.get(name) or place in {fault.path for fault in outside}:
+            continue
+        wrong = "is not executable: chmod +x it and publish again" if name in found else "is not in the bundle"
+        yield Fault(path=place, value=repr(getattr(launch, field)), allowed=f"an executable file; {name} {wrong}")
+
+
+def check_request(store: Store, request: CreateDeploymentJobRequest, digest: str) -> None:
+    """Does nothing for a request that can be planned as soon as its fleet has members.
+
+    Raises:
+        ResourceNotFound: No such fleet, application or version.
+        DocumentError: The version is another than was tested, or a variable or file is not allowed.
+    """
+    read_fleet(store, request.fleet)
+    _checked(store, request, digest, ())
+
+
+def _checked(store: Store, request: CreateDeploymentJobRequest, digest: str, fleet_faults: Iterable[Fault]) -> Version:
+    config = request.deploymentApplicationConfigs[0]
+    version = _version(store, config)
+    faults = [*_faults(config, version, digest), *fleet_faults]
+    if faults:
+        raise DocumentError(faults, source="deployment")
+    return version
 
 
 def _version(store: Store, config: DeploymentApplicationConfig) -> Version:
@@ -91,19 +174,30 @@ def _faults(config: DeploymentApplicationConfig, version: Version, digest: str) 
             value=f"{version.number}, with digest {version.digest}",
             allowed=f"the version that was tested, with digest {digest}",
         )
-    launch = config.launchConfig
-    for field in ("preLaunchFile", "launchFile", "postLaunchFile"):
-        name: str | None = getattr(launch, field)
+    yield from outside_package(config.launchConfig, f"{_PATH}.launchConfig")
+    names = config.launchConfig.environmentVariables or {}
+    yield from environment.faults(names, f"{_PATH}.launchConfig.environmentVariables")
+
+
+def launch_files(launch: DeploymentLaunchConfig) -> dict[str, str]:
+    """Returns what a launch configuration runs, ``<package>/<file>`` in the bundle, by the field that names it."""
+    named = {"preLaunchFile": launch.preLaunchFile, "launchFile": launch.launchFile}
+    named["postLaunchFile"] = launch.postLaunchFile
+    return {field: f"{launch.packageName}/{name}" for field, name in named.items() if name is not None}
+
+
+def outside_package(launch: DeploymentLaunchConfig, path: str) -> Iterator[Fault]:
+    """Yields a fault for each launch file that is no file of the package; ``path`` is where the document has them."""
+    for field, name in launch_files(launch).items():
         try:
-            safe_parts(f"{launch.packageName}/{name or launch.launchFile}")
+            safe_parts(name)
         except BundleRefused:
-            yield Fault(path=f"{_PATH}.launchConfig.{field}", value=repr(name), allowed="a file inside the package")
-    yield from environment.faults(launch.environmentVariables or {}, f"{_PATH}.launchConfig.environmentVariables")
+            yield Fault(path=f"{path}.{field}", value=repr(getattr(launch, field)), allowed="a file inside the package")
 
 
-def _fleet_faults(fleet: str, robots: list[RobotRecord]) -> Iterator[Fault]:
+def _fleet_faults(fleet: str, robots: list[RobotRecord], path: str) -> Iterator[Fault]:
     if not robots:
-        yield Fault(path="fleet", value=fleet, allowed="a fleet with at least one robot; register some")
+        yield Fault(path=path, value=fleet, allowed="a fleet with at least one robot; simyard fleet register adds one")
 
 
 def _missing(field: str, value: str, allowed: str) -> ResourceNotFound:

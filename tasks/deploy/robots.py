@@ -91,6 +91,19 @@ def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
     return decoded(RobotRecord, stored, store, key), stored.etag
 
 
+def known_robot(store: Store, name: str) -> RobotRecord | None:
+    """Returns the robot of that name, or None.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    key = robot_record_key(name)
+    try:
+        return decoded(RobotRecord, store.get(key), store, key)
+    except ObjectNotFound:
+        return None
+
+
 def robots(store: Store) -> list[RobotRecord]:
     """Returns all robots, oldest first."""
     names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]

@@ -1,5 +1,8 @@
 """A roll-out as a Prefect task."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
@@ -11,7 +14,15 @@ from tasks.watching.task import watched
 
 
 @task(name="roll-out", cache_policy=NO_CACHE, persist_result=False)
-def roll_out(store_url: str, request: CreateDeploymentJobRequest, *, digest: str, token: str) -> JobRecord:
-    """Returns the ended deployment job of the token."""
+def roll_out(
+    store_url: str,
+    request: CreateDeploymentJobRequest,
+    *,
+    digest: str,
+    token: str,
+    robots: Callable[[], AbstractContextManager[object]] | None = None,
+) -> JobRecord:
+    """Returns the ended deployment job of the token; ``robots`` as in `run_deployment_job`."""
+    store = open_store(store_url)
     with watched("Deployment", "deployment-progress") as progress:
-        return run_deployment_job(open_store(store_url), request, digest=digest, token=token, progress=progress)
+        return run_deployment_job(store, request, digest=digest, token=token, progress=progress, robots=robots)

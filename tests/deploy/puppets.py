@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 from specs.deployment import CreateDeploymentJobRequest
 from specs.errors import (
@@ -131,7 +132,11 @@ def run(
     request: CreateDeploymentJobRequest,
     digest: str,
     progress: Callable[[int, int], None] = lambda _ended, _all: None,
+    *,
+    made: Callable[[], AbstractContextManager[object]] | None = None,
 ) -> JobRecord:
     """Returns the ended job of the request; its token is the request's."""
     token = request.clientRequestToken
-    return run_deployment_job(yard.store, request, digest=digest, token=token, progress=progress, pace=robots.pace)
+    return run_deployment_job(
+        yard.store, request, digest=digest, token=token, progress=progress, pace=robots.pace, robots=made
+    )

@@ -1,5 +1,7 @@
 """Which deployment jobs are made, refused, continued and described."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -10,13 +12,17 @@ from specs.errors import (
     DocumentError,
     IdempotentParameterMismatch,
     ResourceNotFound,
+    StageFailed,
 )
+from tasks.deploy.controller import recorded_progress
 from tasks.deploy.describe import describe_deployment_job, list_deployment_jobs
 from tasks.deploy.fleets import read_fleet
-from tasks.storage.claim import claimed
+from tasks.deploy.robots import create_robot, members, register_robot
+from tasks.storage.claim import ClaimRecord, claimed
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import claim_key, fleet_key
 from tasks.storage.opening import open_store
+from tasks.storage.process import ProcessIdentity
 from tasks.storage.records import job_id, read, records, submit
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
@@ -122,10 +128,109 @@ def test_a_fleet_takes_one_deployment_at_a_time(yard: Yard) -> None:
     robots = PuppetRobots(yard.store, 1)
     other = _interrupted(yard, "other")
 
-    with claimed(yard.store, claim_key(KIND, other)), pytest.raises(ConcurrentDeployment, match="wait for"):
+    with claimed(yard.store, claim_key(KIND, other), ttl_s=0.6), pytest.raises(ConcurrentDeployment, match="wait for"):
         run(yard, robots, yard.request(version, "one"), version.digest)
 
     assert [record.id for record in records(yard.store, KIND)] == [other]
+
+
+class Made:
+    """The members of a fleet, made when they are entered; tells how often, and whose the fleet was then."""
+
+    def __init__(self, yard: Yard) -> None:
+        self.owners: list[str] = []
+        self.open = False
+        self._yard = yard
+
+    @contextmanager
+    def __call__(self) -> Generator[None]:
+        self.owners.append(read_fleet(self._yard.store, FLEET)[0].deployment)
+        self.open = True
+        for name in ("r0", "r1"):
+            create_robot(self._yard.store, name)
+            register_robot(self._yard.store, FLEET, name)
+        yield
+        self.open = False
+
+
+def _puppets(yard: Yard, names: list[str]) -> PuppetRobots:
+    robots = PuppetRobots(yard.store, 0)
+    robots.names = names
+    return robots
+
+
+def test_a_deployment_that_is_refused_makes_no_robots(yard: Yard) -> None:
+    version, made = yard.publish({"run.sh": STAYS_UP}), Made(yard)
+    other = _interrupted(yard, "other")
+
+    with claimed(yard.store, claim_key(KIND, other), ttl_s=0.6), pytest.raises(ConcurrentDeployment):
+        run(yard, _puppets(yard, []), yard.request(version, "one"), version.digest, made=made)
+
+    assert (made.owners, members(yard.store, FLEET)) == ([], [])
+
+
+def test_robots_are_made_while_the_fleet_is_the_jobs_and_are_deployed_to(yard: Yard) -> None:
+    version, made = yard.publish({"run.sh": STAYS_UP}), Made(yard)
+    robots = _puppets(yard, ["r0", "r1"])
+    open_at_progress: list[bool] = []
+
+    record = run(
+        yard,
+        robots,
+        yard.request(version, "one"),
+        version.digest,
+        lambda _ended, _all: open_at_progress.append(made.open),
+        made=made,
+    )
+
+    assert (made.owners, made.open) == ([record.id], False)
+    assert set(open_at_progress) == {True}
+    assert {robot: each.status for robot, each in recorded_progress(record).items()} == {"r0": "InSync", "r1": "InSync"}
+
+
+def test_an_ended_job_makes_no_robots_again(yard: Yard) -> None:
+    version, made = yard.publish({"run.sh": STAYS_UP}), Made(yard)
+    for _ in range(2):
+        run(yard, _puppets(yard, ["r0", "r1"]), yard.request(version, "one"), version.digest, made=made)
+
+    assert len(made.owners) == 1
+
+
+def test_faults_are_told_before_robots_are_made_and_there_is_a_job(yard: Yard) -> None:
+    version, made = yard.publish({"run.sh": STAYS_UP}), Made(yard)
+    request = yard.request(version, "one", environmentVariables={"PATH": "x"})
+
+    with pytest.raises(DocumentError, match=r"environmentVariables\.PATH"):
+        run(yard, _puppets(yard, []), request, version.digest, made=made)
+
+    assert (made.owners, records(yard.store, KIND)) == ([], [])
+
+
+def test_a_job_that_died_while_its_robots_were_made_is_continued(yard: Yard) -> None:
+    version, made = yard.publish({"run.sh": STAYS_UP}), Made(yard)
+
+    @contextmanager
+    def dies() -> Generator[None]:
+        yield from ()
+        raise StageFailed("killed", "as by kill -9")
+
+    with pytest.raises(StageFailed):
+        run(yard, _puppets(yard, []), yard.request(version, "one"), version.digest, made=dies)
+
+    record = run(yard, _puppets(yard, ["r0", "r1"]), yard.request(version, "one"), version.digest, made=made)
+    assert record.status == "Succeeded"
+
+
+def test_a_deployment_whose_host_died_gives_way_once_its_claim_was_silent(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    robots = PuppetRobots(yard.store, 1)
+    other = _interrupted(yard, "other")
+    elsewhere = ProcessIdentity(host="elsewhere", pid=1, started="1")
+    silent = ClaimRecord(owner="other", process=elsewhere, epoch=1, beat=7, ttl_s=0.3, released=False)
+    yard.store.create(claim_key(KIND, other), encoded(silent))
+
+    assert run(yard, robots, yard.request(version, "one"), version.digest).status == "Succeeded"
+    assert read(yard.store, KIND, other).status == "Canceled"
 
 
 def test_a_deployment_that_nobody_works_on_gives_way(yard: Yard) -> None:

@@ -2,18 +2,22 @@
 
 import hashlib
 import io
+import os
+import signal
 import subprocess
 import sys
 import tarfile
 import time
 from collections import Counter
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from specs.bundle import Application, Version
-from specs.errors import BundleRefused
+from specs.errors import BundleRefused, ConcurrentDeployment
 from tasks.deploy.controller import recorded_progress
 from tasks.deploy.describe import describe_deployment_job, describe_fleet, describe_robot
 from tasks.deploy.local_agents import local_agents
@@ -22,7 +26,7 @@ from tasks.storage.encoding import encoded
 from tasks.storage.keys import application_key, bundle_key
 from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
-from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, eventually, kill, programs_of
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, eventually, kill, programs_of, wait_for_report
 
 pytestmark = pytest.mark.integration
 PARENT = """
@@ -48,7 +52,7 @@ def test_five_robots_get_the_version_and_keep_it_running(yard: Yard) -> None:
     }
     version = yard.publish(scripts)
     with local_agents(yard.store, FLEET, 5, yard.folder / "robots", grace_s=0.3) as robots:
-        launch = {
+        launch: dict[str, Any] = {
             "preLaunchFile": "before.sh",
             "postLaunchFile": "after.sh",
             "environmentVariables": {"MAX_SPEED": "1"},
@@ -155,14 +159,14 @@ def test_agents_end_with_the_block_also_when_it_raises(yard: Yard) -> None:
     def fail() -> None:
         with local_agents(yard.store, FLEET, 1, yard.folder / "robots", grace_s=0.2):
             yard.deploy(version, "one")
-            assert _agents(yard.folder) == 1
+            assert len(_agents(yard.folder)) == 1
             raise BundleRefused("any error")
 
     with pytest.raises(BundleRefused, match="any error"):
         fail()
 
     assert programs_of(yard.root("couriers-1")) == []
-    assert _agents(yard.folder) == 0
+    assert _agents(yard.folder) == []
 
 
 def test_agents_of_a_killed_process_end_by_themselves_and_the_next_take_over(yard: Yard) -> None:
@@ -177,12 +181,57 @@ def test_agents_of_a_killed_process_end_by_themselves_and_the_next_take_over(yar
     with local_agents(yard.store, FLEET, 2, yard.folder / "robots", grace_s=0.2) as robots:
         for robot in robots:
             eventually(lambda robot=robot: programs_of(yard.root(robot)) == ["sleep 1000"])
-        eventually(lambda: _agents(yard.folder) == 2)
+        eventually(lambda: len(_agents(yard.folder)) == 2)
 
 
-def _agents(folder: Path) -> int:
-    lines = [line for process in Path("/proc").glob("[0-9]*") if (line := command_line(process))]
-    return sum("tasks.deploy.agent" in line and f"--root={folder}" in line for line in lines)
+def test_a_second_deployment_is_refused_and_the_robots_of_the_first_go_on(yard: Yard) -> None:
+    wait = '#!/bin/sh\nuntil test -e "$RELEASE"; do sleep 0.05; done\n'
+    version = yard.publish({"run.sh": STAYS_UP, "before.sh": wait})
+    release = yard.folder / "release"
+    launch: dict[str, Any] = {"preLaunchFile": "before.sh", "environmentVariables": {"RELEASE": str(release)}}
+
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(yard.deploy, version, "one", agents=2, **launch)
+        try:
+            wait_for_report(yard, "couriers-1", lambda reported: reported.step == "ExecutingPreLaunch")
+            with pytest.raises(ConcurrentDeployment):
+                yard.deploy(version, "two", agents=1)
+            joined = [robot.name for robot in members(yard.store, FLEET)]
+        finally:
+            release.touch()
+
+    assert joined == ["couriers-1", "couriers-2"]
+    assert _codes(first.result()) == {"InSync": 2}
+
+
+def test_what_the_next_agent_launched_outlives_the_end_of_a_block(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    root = yard.root("couriers-1")
+    with local_agents(yard.store, FLEET, 1, yard.folder / "robots", grace_s=0.2):
+        yard.deploy(version, "one")
+        os.kill(_agents(yard.folder)[0], signal.SIGTERM)
+        next_ = yard.start_agent("couriers-1")
+        eventually(lambda: (root / "launches").read_text() == "up\nup\n")
+
+    try:
+        assert programs_of(root) == ["sleep 1000"]
+    finally:
+        kill(next_)
+
+
+def test_what_an_agent_that_was_killed_has_left_ends_with_the_block(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    with local_agents(yard.store, FLEET, 1, yard.folder / "robots", grace_s=0.2):
+        yard.deploy(version, "one")
+        os.kill(_agents(yard.folder)[0], signal.SIGKILL)
+        assert programs_of(yard.root("couriers-1")) == ["sleep 1000"]
+
+    assert programs_of(yard.root("couriers-1")) == []
+
+
+def _agents(folder: Path) -> list[int]:
+    lines = {int(process.name): command_line(process) for process in Path("/proc").glob("[0-9]*")}
+    return [pid for pid, line in lines.items() if "tasks.deploy.agent" in line and f"--root={folder}" in line]
 
 
 def _published_raw(yard: Yard, name: str) -> Version:

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from specs.arn import arn
@@ -14,6 +15,7 @@ from specs.bundle import Version
 from specs.deployment import CreateDeploymentJobRequest
 from tasks.applications.publishing import publish
 from tasks.deploy.job import run_deployment_job
+from tasks.deploy.local_agents import local_agents
 from tasks.deploy.robots import read_reported
 from tasks.deploy.states import Reported
 from tasks.storage.opening import store_id
@@ -61,13 +63,16 @@ class Yard:
             }
         )
 
-    def deploy(self, version: Version, token: str, **launch: object) -> JobRecord:
+    def deploy(self, version: Version, token: str, *, agents: int = 0, **launch: object) -> JobRecord:
+        """Returns the ended job; with agents, they are started for it and end with it."""
+        folder = self.folder / "robots"
         return run_deployment_job(
             self.store,
             self.request(version, token, **launch),
             digest=version.digest,
             token=token,
             progress=lambda ended, robots: self.calls.append((ended, robots)),
+            robots=partial(local_agents, self.store, FLEET, agents, folder, grace_s=0.2) if agents else None,
         )
 
     def start_agent(self, robot: str) -> subprocess.Popen[bytes]:
