@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from prefect.runtime import flow_run
 from pydantic import JsonValue
 
 from specs.errors import DocumentError, StageFailed
@@ -36,6 +37,12 @@ def as_run(
             raise
         advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
         return record
+
+
+def run_name() -> str:
+    """Returns what Prefect's pages call a stage: the pipeline's token for it, or the flow's name when it runs alone."""
+    token = flow_run.parameters.get("token")
+    return str(token or flow_run.flow_name)
 
 
 def ended_well(record: JobRecord) -> JobRecord:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from specs.arn import KINDS, Reference, ResourceKind, parse_reference
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
+from specs.report import RunSummary
 from tasks.applications.describe import (
     describe_robot_application,
     describe_simulation_application,
@@ -21,7 +22,7 @@ from tasks.deploy.describe import (
 )
 from tasks.export.describe import describe_export_job, summarise_export_job
 from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
-from tasks.storage.records import read, records
+from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
 from tasks.worlds.describe import describe_generation_job, summarise_generation_job
 from tasks.worlds.inspection import describe_stored_world, describe_template, list_templates, list_worlds
@@ -53,16 +54,19 @@ _LIST: Mapping[str, Callable[[Store], Sequence[Spec]]] = {
     "fleets": list_fleets,
     "robots": list_robots,
     "deployment-jobs": list_deployment_jobs,
+    "pipeline-runs": lambda store: [_run_line(run) for run in records(store, "pipeline-run")],
 }
 
 
 def described(store: Store, text: str) -> Spec:
-    """Returns what the Describe call for an ARN answers.
+    """Returns what the Describe call for an ARN answers; a run of a document, which RoboMaker had not, as it is kept.
 
     Raises:
         ResourceNotFound: The store has no such resource.
         DocumentError: The text is no ARN.
     """
+    if text.startswith("arn:simyard:pipeline-run:"):
+        return read(store, "pipeline-run", text.rpartition(":")[2])
     reference = _reference(text)
     if reference.kind is None:
         raise _refused("arn", text, f"an ARN, arn:simyard:<kind>:...; kinds are {', '.join(KINDS)}")
@@ -78,6 +82,17 @@ def listed(store: Store, kind: str) -> Sequence[Spec]:
     if kind not in _LIST:
         raise _refused("kind", kind, f"one of {', '.join(_LIST)}")
     return _LIST[kind](store)
+
+
+def _run_line(run: JobRecord) -> RunSummary:
+    name = run.request.get("spec", {})
+    return RunSummary(
+        arn=run.arn,
+        name=str(name.get("name", run.request.get("flow"))) if isinstance(name, dict) else run.id,
+        status=run.status,
+        createdAt=run.created_at_s,
+        failureReason=run.failure_reason or None,
+    )
 
 
 def _reference(text: str) -> Reference:

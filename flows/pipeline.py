@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from prefect import flow
+from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
 
 from flows.reporting import told
 from flows.resolving import Numbers, pins
-from flows.stages import deploy, export, generate, judge, simulate
+from flows.stages import deploy, export, generate, judge, simulate, skipped
 from specs.digests import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline import PipelineSpec
@@ -18,7 +18,7 @@ from tasks.storage.runs import begun
 from tasks.storage.store import Store
 
 
-@flow(name="pipeline", persist_result=False)
+@flow(name="pipeline", flow_run_name="{spec.name}", persist_result=False)
 def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
@@ -63,19 +63,25 @@ def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: 
 
 
 def _stages(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
+    with tags(run.id):  # so that Prefect's pages find all of a run's flows and tasks by its id
+        return _report(spec, store, base, versions, run)
+
+
+def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
     worlds, generation = generate(spec, store, base, run)
     exported = export(spec, worlds, store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
     judged = judge(spec, batch, store)
     verdict = judged[0].status if judged else None
-    deployed = deploy(spec, batch, store, versions, run) if verdict in (None, "PASS") else ()
+    passed = verdict in (None, "PASS")
+    deployed = deploy(spec, batch, store, versions, run) if passed else skipped(spec)
     return PipelineReport.model_validate(
         {
             "run": run.id,
             "name": spec.name,
             "stages": (*generation, *exported, *simulated, *judged, *deployed),
             "verdict": verdict,
-            "shipped": deployed[0].status == "Succeeded" if deployed else None,
+            "shipped": deployed[0].status == "Succeeded" if deployed and passed else None,
         }
     )
 

@@ -8,11 +8,11 @@ from specs.episode import EpisodeRequest
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
-from tasks.applications.publishing import foresee
 from tasks.results.gate import episodes_needed
 from tasks.simulate.batch_plan import episodes as episodes_of
 from tasks.simulate.preview import engine_plan
 from tasks.simulate.resolving import FindVersion, matrix_worlds, plan_batch
+from tasks.storage.overlay import OverlayStore
 from tasks.storage.store import Store
 
 
@@ -22,7 +22,8 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     Raises:
         DocumentError: The document refers to what does not exist; all of it at once.
     """
-    found, own = pins(spec, store, base, foresee, foresee)
+    trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
+    found, own = pins(spec, trial, base)
     yield f"{spec.name}, on {store.url}"
     worlds = 0
     if spec.worldGeneration:
@@ -35,7 +36,7 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     episodes = 0
     if spec.simulationBatch:
-        requests, lanes = _requests(spec.simulationBatch, worlds, finder(store, own, foresee))
+        requests, lanes = _requests(spec.simulationBatch, worlds, finder(trial, own))
         episodes = len(requests)
         yield from _batch_lines(requests, lanes)
     if spec.gate:

@@ -12,6 +12,9 @@ from tasks.deploy.controller import recorded_progress
 from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
 
+_REASONS_SHOWN = 2
+_SAMPLE_CHARACTERS = 200
+
 
 def told(run: JobRecord) -> PipelineReport:
     """Returns the report of a run that another process ended.
@@ -52,6 +55,9 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     summary = (
         f"{detail['passed']} of {detail['episodes']} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
     )
+    for entry in cast("list[dict[str, JsonValue]]", detail.get("why_not", []))[:_REASONS_SHOWN]:
+        sample = str(entry["sample"])[:_SAMPLE_CHARACTERS]
+        summary += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
     artefacts = (
         Artefact(label="results", url=str(detail["results_url"])),
         Artefact(label="failures", url=str(detail["failures_url"])),

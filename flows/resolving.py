@@ -12,36 +12,31 @@ from specs.bundle import LATEST, ApplicationKind, Version
 from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.pipeline import ApplicationSource, PipelineSpec
-from specs.pipeline_simulation import Deployment, SimulationBatch
+from specs.pipeline_requests import fleet_reference
+from specs.pipeline_simulation import Deployment, LocalFleet, SimulationBatch
 from specs.template import template_digest
-from tasks.applications.publishing import publish, publish_shipped, resolve, with_digest
+from tasks.applications.publishing import publish, resolve, with_digest
+from tasks.deploy.planning import preflight
 from tasks.documents.templates import find_template
 from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.resolving import FindVersion, matrix_worlds, output_location, plan_batch, requested_worlds
+from tasks.storage.archives import missing_files
 from tasks.storage.buckets import open_bucket
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 
-Publish = Callable[[Store, ApplicationKind, str, Path], Version]
 Pins = dict[str, JsonValue]
 Numbers = dict[str, str]
+_TESTED = "the bundle that simulationBatch tests; leave applicationVersion out to deploy it:"
 
 
-def pins(
-    spec: PipelineSpec,
-    store: Store,
-    base: Path,
-    publishing: Publish = publish,
-    shipping: Publish = publish_shipped,
-) -> tuple[Pins, dict[str, Version]]:
+def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, Version]]:
     """Returns the digests of all that the document refers to, and the versions of the bundles that it brings along.
 
     Args:
         spec: The document.
         store: Where references lead.
         base: Folder that relative paths start from.
-        publishing: What is done with bundles that the document brings along; `foresee` only looks.
-        shipping: The same for those that come with Simyard.
 
     Raises:
         DocumentError: Something is missing or contradicts itself; carries every fault.
@@ -51,8 +46,8 @@ def pins(
     found: Pins = {}
     own: dict[str, Version] = {}
     for source in spec.applications:
-        _keep(faults, lambda source=source: own.update(_published(source, store, base, publishing)))
-    find = finder(store, own, shipping)
+        _keep(faults, lambda source=source: own.update(_published(source, store, base)))
+    find = finder(store, own)
     if spec.worldGeneration:
         template = spec.worldGeneration.template
         _keep(faults, lambda: found.update(template=template_digest(find_template(template, store, base))))
@@ -65,27 +60,25 @@ def pins(
         _keep(faults, lambda: found.update(batch=_batch_pins(batch, store, find)))
     if spec.deployment and not faults:
         deployment = spec.deployment
-        tested = _tested(spec.simulationBatch, store, find)
-        _keep(faults, lambda: found.update(deployment=deployed_version(deployment, store, find, tested).digest))
+        _keep(faults, lambda: found.update(deployment=_deployment_pin(deployment, spec.simulationBatch, store, find)))
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
     return found, own
 
 
-def finder(store: Store, own: Mapping[str, Version], shipping: Publish = publish_shipped) -> FindVersion:
+def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
     """Returns a function that finds versions; one that a document brings along stands for its own newest.
 
     Args:
         store: Where versions are.
         own: Versions of bundles that the document brings along, by ``<kind>/<name>``.
-        shipping: What is done with an application that comes with Simyard; `foresee` only looks.
     """
 
     def find(kind: ApplicationKind, reference: str, version: str | None) -> Version:
         brought = own.get(_key(kind, parse_reference(reference).path))
         if brought and version in {None, LATEST}:
             return brought
-        return resolve(store, kind, reference, version, shipping)
+        return resolve(store, kind, reference, version)
 
     return find
 
@@ -132,7 +125,7 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
         path = "deployment.deploymentApplicationConfigs[0]"
         seen = ", ".join(f"{other} ({digest[:12]})" for other, digest in tested.items())
         value = f"{name} version {version.number} ({version.digest[:12]})"
-        raise DocumentError([Fault(path=path, value=value, allowed=f"the bundle that simulationBatch tests: {seen}")])
+        raise DocumentError([Fault(path=path, value=value, allowed=f"{_TESTED} {seen}")])
     return version
 
 
@@ -142,19 +135,43 @@ def tested_bundles(plan: BatchPlan) -> dict[str, str]:
     return {launch.name: launch.digest for launch in launches}
 
 
-def _published(source: ApplicationSource, store: Store, base: Path, publishing: Publish) -> dict[str, Version]:
+def _published(source: ApplicationSource, store: Store, base: Path) -> dict[str, Version]:
     kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
-    return {_key(kind, source.name): publishing(store, kind, source.name, base / source.source)}
+    return {_key(kind, source.name): publish(store, kind, source.name, base / source.source)}
 
 
 def _batch_pins(section: SimulationBatch, store: Store, find: FindVersion) -> Pins:
     open_bucket(store, output_location(section).s3Bucket or "")
     plan = batch_plan(section, (), store, find)
+    if faults := _launch_faults(plan, store):
+        raise DocumentError(faults)
     return {"bundles": [*plan.digests()], "worlds": {**plan.world_digests}}
 
 
-def _tested(section: SimulationBatch | None, store: Store, find: FindVersion) -> dict[str, str] | None:
-    return tested_bundles(batch_plan(section, (), store, find)) if section else None
+def _deployment_pin(section: Deployment, batch: SimulationBatch | None, store: Store, find: FindVersion) -> str:
+    tested = tested_bundles(batch_plan(batch, (), store, find)) if batch else None
+    digest = deployed_version(section, store, find, tested).digest
+    fleet = section.fleet
+    agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
+    launch = section.deploymentApplicationConfigs[0].launchConfig
+    faults = preflight(store, fleet=fleet_reference(section), local_agents=agents, launch=launch, digest=digest)
+    if faults:
+        raise DocumentError(faults)
+    return digest
+
+
+def _launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
+    """Returns a fault for each launch file that is not in its bundle, told once however many requests launch it."""
+    launches = dict.fromkeys(launch for each in plan.templates for launch in (each.robot, each.scenario))
+    return [
+        Fault(
+            path="simulationBatch.createSimulationJobRequests[*].launchConfig.launchFile",
+            value=repr(launch.launch_file),
+            allowed=f"a module in {launch.name}'s bundle; it has no {missing}",
+        )
+        for launch in launches
+        for missing in missing_files(store, launch.digest, [f"{launch.package}/{launch.launch_file}.py"])
+    ]
 
 
 def _digests(references: Sequence[str], store: Store) -> dict[str, str]:

@@ -4,7 +4,7 @@ import time
 
 from prefect import flow
 
-from flows.ending import as_run, ended_well
+from flows.ending import as_run, ended_well, run_name
 from flows.resolving import batch_plan, numbered_finder
 from specs.common import OutputLocation
 from specs.digests import canonical_document
@@ -26,7 +26,7 @@ from tasks.storage.store import Store
 from tasks.watching.task import watched
 
 
-@flow(name="simulation-batch", persist_result=False)
+@flow(name="simulation-batch", flow_run_name=run_name, persist_result=False)
 def simulation_batch(
     spec: SimulationBatch,
     worlds: list[str] | None = None,

@@ -83,6 +83,14 @@ def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: 
     return (deployment_report(record, seconds),)
 
 
+def skipped(spec: PipelineSpec) -> Reports:
+    """Returns the report of a deployment that the gate stopped."""
+    if spec.deployment is None:
+        return ()
+    summary = "nothing was deployed: the gate did not pass"
+    return (StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0),)
+
+
 def _timed(work: Callable[[], T]) -> tuple[T, float]:
     start_s = time.perf_counter()
     return work(), time.perf_counter() - start_s

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from prefect import flow
 
-from flows.ending import as_run, ended_well
+from flows.ending import as_run, ended_well, run_name
 from specs.arn import arn
 from specs.digests import canonical_document
 from specs.pipeline_requests import generation_request
@@ -16,7 +16,7 @@ from tasks.storage.records import JobRecord
 from tasks.worlds.task import generate_worlds
 
 
-@flow(name="world-generation", persist_result=False)
+@flow(name="world-generation", flow_run_name=run_name, persist_result=False)
 def world_generation(
     spec: WorldGeneration, store: str | None = None, base: str = ".", token: str | None = None
 ) -> JobRecord:

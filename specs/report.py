@@ -58,3 +58,13 @@ class PipelineReport(Spec):
     def passed(self) -> bool:
         """Whether nothing that was asked for was refused: the run's red or green."""
         return self.verdict in (None, "PASS") and self.shipped in (None, True)
+
+
+class RunSummary(Spec):
+    """A run of a document in a list; a kind that RoboMaker did not have, named as it would have named it."""
+
+    arn: str
+    name: str
+    status: str
+    createdAt: float
+    failureReason: str | None = None

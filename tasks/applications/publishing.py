@@ -3,7 +3,6 @@
 import hashlib
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from specs.arn import parse_reference
@@ -25,9 +24,7 @@ from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import application_key, applications_prefix, bundle_key
 from tasks.storage.store import Store
 
-__all__ = ["applications", "foresee", "pack", "publish", "resolve", "unpack", "with_digest"]
-
-Publish = Callable[[Store, ApplicationKind, str, Path], Version]
+__all__ = ["applications", "pack", "publish", "resolve", "unpack", "with_digest"]
 
 
 def publish(store: Store, kind: ApplicationKind, name: str, folder: Path, *, shipped: bool = False) -> Version:
@@ -63,22 +60,6 @@ def publish(store: Store, kind: ApplicationKind, name: str, folder: Path, *, shi
         return new
 
 
-def publish_shipped(store: Store, kind: ApplicationKind, name: str, folder: Path) -> Version:
-    """Returns the version of an application that comes with Simyard; see `publish`."""
-    return publish(store, kind, name, folder, shipped=True)
-
-
-def foresee(store: Store, kind: ApplicationKind, name: str, folder: Path) -> Version:
-    """Returns the version that publishing the folder would return now, and publishes nothing.
-
-    Raises:
-        DocumentError: The folder is no bundle, or the name is none.
-        LimitExceeded: It would be the 41st version.
-    """
-    application, _ = _read(store, kind, name)
-    return _version(kind, name, pack(folder), application.versions if application else (), shipped=False)
-
-
 def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str) -> Version:
     """Returns the version of an application that stands for a bundle.
 
@@ -93,13 +74,7 @@ def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str
     return found
 
 
-def resolve(
-    store: Store,
-    kind: ApplicationKind,
-    reference: str,
-    version: str | None = None,
-    publishing: Publish = publish_shipped,
-) -> Version:
+def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Version:
     """Returns the version that a document means.
 
     An application that comes with Simyard is published when it is first referred to; ``$LATEST`` follows what comes
@@ -110,7 +85,6 @@ def resolve(
         kind: What the document expects.
         reference: A plain name, or an ARN of this store or RoboMaker.
         version: A number, or ``$LATEST`` or None for the newest.
-        publishing: What is done with an application that comes with Simyard; `foresee` only looks.
 
     Raises:
         ResourceNotFound: No such application or version.
@@ -121,7 +95,7 @@ def resolve(
     application, _ = _read(store, kind, name)
     folder = shipped_application(name)
     if folder and (application is None or (newest and application.versions[-1].shipped)):
-        published = publishing(store, kind, name, folder)
+        published = publish(store, kind, name, folder, shipped=True)
         if newest or str(published.number) == version:
             return published
         application, _ = _read(store, kind, name)

@@ -12,6 +12,13 @@ from specs.template import TemplateBody
 from tasks.documents.parsing import parse
 from tasks.documents.reading import read_document
 
+_BARE_REQUESTS = {
+    "createSimulationJobRequests": "simulationBatch",
+    "deploymentApplicationConfigs": "deployment",
+    "worldCount": "worldGeneration",
+    "outputLocation": "worldExport",
+}
+
 
 def read_pipeline(path: Path) -> PipelineSpec:
     """Returns the pipeline in a file; paths in it stay as they stand, relative to the file's folder.
@@ -22,6 +29,7 @@ def read_pipeline(path: Path) -> PipelineSpec:
         DocumentError: With every fault of the document, of its template, and of the paths that it names.
     """
     data = read_document(path)
+    _refuse_bare_request(data, path)
     beside = [*_template_faults(data, path.parent), *_missing_sources(data, path.parent)]
     try:
         spec = parse(PipelineSpec, data, str(path))
@@ -35,6 +43,20 @@ def read_pipeline(path: Path) -> PipelineSpec:
 def names_a_file(template: str) -> bool:
     """Returns whether a template is named by a path, and not by an ARN, a URL or a name in the store."""
     return not template.startswith(("arn:", "{")) and "://" not in template and ("/" in template or "." in template)
+
+
+def _refuse_bare_request(data: JsonValue, path: Path) -> None:
+    """Refuses one of RoboMaker's requests on its own with the one fault that matters: where it belongs.
+
+    Raises:
+        DocumentError: It is one.
+    """
+    section = next((section for key, section in _BARE_REQUESTS.items() if part(data, key) is not None), None)
+    if section and part(data, "name") is None:
+        allowed = f"`name: ...` at the top, and this request as it stands below `{section}:`"
+        raise DocumentError(
+            [Fault(path="document", value="a request of RoboMaker's alone", allowed=allowed)], str(path)
+        )
 
 
 def _template_faults(data: JsonValue, folder: Path) -> list[Fault]:

@@ -76,6 +76,16 @@ def summary_rows(summary: BatchSummary) -> list[tuple[str, str, str, str, str]]:
     return [_row(prefix, group) for prefix, group in groups]
 
 
+def why_not(results: Sequence[EpisodeResult]) -> list[tuple[str, int, str]]:
+    """Returns why episodes did not pass, most frequent first: the reason, how many, and what one of them says."""
+    failed = [result for result in results if success(result) is False]
+    counts = Counter(reason(result) for result in failed)
+    samples = {reason(result): result.failure_reason for result in reversed(failed)}
+    return [
+        (name, count, samples[name]) for name, count in sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
+    ]
+
+
 def summary_text(summary: BatchSummary) -> str:
     """Returns the rows of `summary_rows` under headings, aligned, for a terminal without colours or for a log."""
     rows = [("episodes", "passed", "rate", "interval", "why not"), *summary_rows(summary)]

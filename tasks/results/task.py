@@ -15,7 +15,7 @@ from specs.report import Verdict as Answer
 from tasks.results.evidence import gather, write_evidence
 from tasks.results.gate import Verdict, judge
 from tasks.results.job import write_results
-from tasks.results.summary import summarise, summary_rows
+from tasks.results.summary import summarise, summary_rows, why_not
 from tasks.storage.buckets import open_bucket
 from tasks.storage.opening import open_store
 
@@ -43,7 +43,11 @@ def write_tables(
     passed = sum(result.status == "Completed" and result.outcome == "Passed" for result in results)
     simulated_s = round(sum(result.simulated_s for result in results), 3)
     groups: list[JsonValue] = [dict(row) for row in rows]
-    return {**written, "episodes": len(results), "passed": passed, "simulated_s": simulated_s, "groups": groups}
+    reasons: list[JsonValue] = [
+        {"reason": name, "episodes": count, "sample": sample} for name, count, sample in why_not(results)
+    ]
+    sums: dict[str, JsonValue] = {"episodes": len(results), "passed": passed, "simulated_s": simulated_s}
+    return {**written, **sums, "groups": groups, "why_not": reasons}
 
 
 @task(name="judge", cache_policy=NO_CACHE, persist_result=False)

@@ -5,6 +5,7 @@ one process and neither can shadow a library. Modules of a bundle import each ot
 """
 
 import importlib
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from specs.errors import SimyardError
 
 CrashCode = Literal["RobotApplicationCrash", "SimulationApplicationCrash"]
 _REASON_LENGTH = 1000
+_NAMESPACE = re.compile(r"simyard_bundle_[0-9a-f]{64}\.")
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -25,12 +27,13 @@ class BundleCrash(SimyardError):  # noqa: N818 - RoboMaker's name
 
     Attributes:
         code: RoboMaker's failure code.
-        reason: The exception, for a person.
+        reason: The exception, for a person, as one line.
     """
 
     def __init__(self, code: CrashCode, reason: str) -> None:
         self.code: CrashCode = code
-        self.reason = reason[:_REASON_LENGTH]
+        # One line, as RoboMaker's reasons are, and with the author's module names instead of the bundle's namespace.
+        self.reason = " ".join(_NAMESPACE.sub("", reason).split())[:_REASON_LENGTH]
         super().__init__(f"{code}: {self.reason}")
 
 

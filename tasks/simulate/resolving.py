@@ -13,6 +13,7 @@ from specs.pipeline_simulation import PipelineSimulationApplication as ScenarioU
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate, episode_count, lane_count
 
 FindVersion = Callable[[ApplicationKind, str, str | None], Version]
+_REQUESTS = "simulationBatch.createSimulationJobRequests"
 DEFAULT_TIMEOUT_S = 86_400.0
 DEFAULT_OUTPUT = OutputLocation(s3Bucket="results")
 
@@ -38,7 +39,10 @@ def plan_batch(
     ]
     if faults:
         raise DocumentError(faults)
-    templates = tuple(_template(request, worlds, find_version) for request in section.createSimulationJobRequests)
+    templates = tuple(
+        _template(f"{_REQUESTS}[{number}]", request, worlds, find_version)
+        for number, request in enumerate(section.createSimulationJobRequests)
+    )
     policy = section.batchPolicy
     plan = BatchPlan(
         templates=templates,
@@ -89,13 +93,13 @@ def output_location(section: SimulationBatch) -> OutputLocation:
     return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
-def _template(request: PipelineJobRequest, worlds: Sequence[str], find_version: FindVersion) -> JobTemplate:
+def _template(where: str, request: PipelineJobRequest, worlds: Sequence[str], find_version: FindVersion) -> JobTemplate:
     robot = next(iter(request.robotApplications or ()))
     scenario = next(iter(request.simulationApplications or ()))
     own = [parse_reference(world).path for world in _own_worlds(request)]
     return JobTemplate(
-        robot=_launch("robot-application", robot, find_version),
-        scenario=_launch("simulation-application", scenario, find_version),
+        robot=_launch(f"{where}.robotApplications[0]", "robot-application", robot, find_version),
+        scenario=_launch(f"{where}.simulationApplications[0]", "simulation-application", scenario, find_version),
         environment={
             **(scenario.launchConfig.environmentVariables or {}),
             **(robot.launchConfig.environmentVariables or {}),
@@ -107,9 +111,13 @@ def _template(request: PipelineJobRequest, worlds: Sequence[str], find_version: 
 
 
 def _launch(
-    kind: ApplicationKind, use: PipelineRobotApplication | ScenarioUse, find_version: FindVersion
+    where: str, kind: ApplicationKind, use: PipelineRobotApplication | ScenarioUse, find_version: FindVersion
 ) -> ApplicationLaunch:
-    version = find_version(kind, use.application, use.applicationVersion)
+    try:
+        version = find_version(kind, use.application, use.applicationVersion)
+    except DocumentError as exc:
+        placed = [fault.model_copy(update={"path": f"{where}.{fault.path}"}) for fault in exc.faults]
+        raise type(exc)(placed, exc.source) from exc
     launch_file = use.launchConfig.launchFile or ""
     return ApplicationLaunch(
         name=version.name,
@@ -126,7 +134,7 @@ def _own_worlds(request: PipelineJobRequest) -> list[str]:
 
 
 def _faults(number: int, request: PipelineJobRequest) -> list[Fault]:
-    where = f"simulationBatch.createSimulationJobRequests[{number}]"
+    where = f"{_REQUESTS}[{number}]"
     faults: list[Fault] = []
     for field, uses in (
         ("robotApplications", request.robotApplications),

@@ -1,0 +1,77 @@
+"""A store to try things on: reads go through, writes stay in memory and are gone with it.
+
+`simyard plan` publishes bundles and checks them exactly as `run` will, and leaves no trace.
+"""
+
+import hashlib
+from pathlib import Path
+
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
+from tasks.storage.atomic import whole_file
+from tasks.storage.store import Store, Stored
+
+
+class OverlayStore:
+    """Writes in memory above a store that is only read; for one process, and for small objects."""
+
+    def __init__(self, below: Store) -> None:
+        self.url = below.url
+        self._below = below
+        self._written: dict[str, bytes | None] = {}  # None: deleted here
+
+    def create(self, key: str, body: bytes) -> str:
+        """Returns the new object's ETag; see Store."""
+        if self.exists(key):
+            raise ObjectExists(f"{self.url}: {key} is taken")
+        return self.put(key, body)
+
+    def replace(self, key: str, body: bytes, etag: str) -> str:
+        """Returns the ETag of what replaces exactly what was read; see Store."""
+        if not self.exists(key) or self.get(key).etag != etag:
+            raise ObjectConflict(f"{self.url}: {key} is not what it was when it was read")
+        return self.put(key, body)
+
+    def put(self, key: str, body: bytes) -> str:
+        """Returns the ETag of what was written; see Store."""
+        self._written[key] = body
+        return _etag(body)
+
+    def get(self, key: str) -> Stored:
+        """Returns an object from memory, else from below; see Store."""
+        if key not in self._written:
+            return self._below.get(key)
+        body = self._written[key]
+        if body is None:
+            raise ObjectNotFound(f"{self.url}: there is no {key}")
+        return Stored(body=body, etag=_etag(body))
+
+    def exists(self, key: str) -> bool:
+        """Returns whether there is an object; see Store."""
+        return self._written[key] is not None if key in self._written else self._below.exists(key)
+
+    def keys(self, prefix: str) -> list[str]:
+        """Returns the keys below a folder; see Store."""
+        folder = f"{prefix.rstrip('/')}/" if prefix else ""
+        own = {key for key in self._written if key.startswith(folder)}
+        return sorted(key for key in own.union(self._below.keys(prefix)) if self.exists(key))
+
+    def delete(self, key: str) -> None:
+        """Hides an object; see Store."""
+        self._written[key] = None
+
+    def upload(self, key: str, source: Path) -> None:
+        """Takes a file into memory; see Store."""
+        self.put(key, source.read_bytes())
+
+    def download(self, key: str, target: Path) -> None:
+        """Writes an object to a file; see Store."""
+        if key not in self._written:
+            self._below.download(key, target)
+            return
+        body = self.get(key).body
+        with whole_file(target) as file:
+            file.write(body)
+
+
+def _etag(body: bytes) -> str:
+    return hashlib.md5(body, usedforsecurity=False).hexdigest()
