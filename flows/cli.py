@@ -1,21 +1,21 @@
 """The command line, `simyard`.
 
-Exit codes: 0 done and passed, 1 the gate or the deployment failed, 2 a bad document or command, 3 a stage failed.
+Exit codes: see flows.leaving.
 What a command needs is imported when it runs, so that `--help`, `validate` and `describe` load neither JAX nor Prefect.
 """
 # ruff: noqa: PLC0415 - see above
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
 from flows.fleet_cli import fleet_app
-from specs.errors import DocumentError, PipelineNotPassed, SimyardError
+from flows.leaving import leave_after
+from specs.base import Fault
+from specs.errors import DocumentError, PipelineNotPassed
 
 app = typer.Typer(
     help="From a world template to a tested fleet.",
@@ -38,29 +38,15 @@ StoreUrl = Annotated[
 
 def main() -> None:
     """Runs the command line and exits with Simyard's codes."""
-    try:
-        app()
-    except PipelineNotPassed as exc:
-        _complain(exc)
-        sys.exit(1)
-    except DocumentError as exc:
-        _complain(exc)
-        sys.exit(2)
-    except SimyardError as exc:
-        _complain(exc)
-        sys.exit(3)
-    except KeyboardInterrupt:
-        _complain("interrupted; the same command continues this run")
-        sys.exit(130)
+    leave_after(app)
 
 
 @app.command()
 def run(file: Document, store: StoreUrl = None) -> None:
     """Run a document from its first section to its last; continues a run that was killed."""
-    from tasks.documents.pipelines import read_pipeline
-
     from flows.printing import show_report
     from flows.running import run_document
+    from tasks.documents.pipelines import read_pipeline
 
     console = Console()
     try:
@@ -74,9 +60,8 @@ def run(file: Document, store: StoreUrl = None) -> None:
 @app.command()
 def plan(file: Document, store: StoreUrl = None) -> None:
     """Tell what a run of the document would do, and what in it has no effect."""
-    from tasks.documents.pipelines import read_pipeline
-
     from flows.planning import planned
+    from tasks.documents.pipelines import read_pipeline
     from tasks.storage.opening import open_store
 
     for line in planned(read_pipeline(file), file.resolve().parent, open_store(store)):
@@ -99,9 +84,9 @@ def describe(
 ) -> None:
     """Print what RoboMaker's Describe call answers, as JSON."""
     from flows.inspecting import described
-    from tasks.storage.opening import open_store
+    from tasks.storage.opening import open_existing_store
 
-    typer.echo(described(open_store(store), arn).model_dump_json(indent=2, exclude_none=True))
+    typer.echo(described(open_existing_store(store), arn).model_dump_json(indent=2, exclude_none=True))
 
 
 @app.command("list")
@@ -113,9 +98,9 @@ def list_(
     """List what a store holds of one kind."""
     from flows.inspecting import listed
     from flows.printing import json_lines, show_rows
-    from tasks.storage.opening import open_store
+    from tasks.storage.opening import open_existing_store
 
-    documents = listed(open_store(store), kind)
+    documents = listed(open_existing_store(store), kind)
     if as_json:
         for line in json_lines(documents):
             typer.echo(line)
@@ -127,7 +112,7 @@ def list_(
 def up() -> None:
     """Start a Prefect server that stays; `simyard run` uses it."""
     from flows.running import prefect_home
-    from tasks.server.process import keep
+    from tasks.server.keeping import keep
 
     server = keep(prefect_home())
     typer.echo(f"Prefect: {server.api_url.removesuffix('/api')}  (log: {server.log})")
@@ -138,7 +123,7 @@ def up() -> None:
 def down() -> None:
     """End the server that `simyard up` started."""
     from flows.running import prefect_home
-    from tasks.server.process import end_kept
+    from tasks.server.keeping import end_kept
 
     server = end_kept(prefect_home())
     typer.echo(f"ended {server.api_url}" if server else "no server was running")
@@ -173,7 +158,7 @@ def publish_application(
 def preview_world(
     template: Annotated[str, typer.Argument(help="A template: path, ARN, or name.")],
     output: Annotated[Path, typer.Option(help="The SVG to write.")],
-    seed: Annotated[int, typer.Option(help="The same seed draws the same world.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed draws the same world.")] = 0,
     store: StoreUrl = None,
 ) -> None:
     """Draw the first world that a template gives."""
@@ -184,12 +169,13 @@ def preview_world(
 
     body = find_template(template, open_store(store), Path.cwd())
     world = generate_world(body, seed=seed, generation="preview", floorplan_index=1, interior_index=1)
-    output.write_text(floor_plan_svg(world))
+    drawing = floor_plan_svg(world)
+    try:
+        output.write_text(drawing)
+    except OSError as exc:
+        allowed = f"a file that can be written ({exc.strerror})"
+        raise DocumentError([Fault(path="--output", value=repr(str(output)), allowed=allowed)], "simyard") from exc
     typer.echo(str(output))
-
-
-def _complain(about: object) -> None:
-    Console(stderr=True).print(Text(str(about), style="red"), soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ The server starts while JAX and Prefect are imported, so most of its start costs
 """
 
 import os
+import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
@@ -12,9 +13,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from specs.errors import StageFailed
 from specs.pipeline import PipelineSpec
 from specs.report import PipelineReport
 from tasks.server import process
+from tasks.server.health import asked_often, is_answering, is_local, shown, unproxied
+from tasks.server.keeping import kept_server
+from tasks.server.watchdog import Watch, guarded
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.cache import cache_folder
 from tasks.storage.opening import open_store
@@ -35,33 +40,74 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     """
     store = open_store(store_url)
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
-    with prefect_server(), _bars(console) as listener, listening(listener):
+    with (
+        prefect_server() as server,
+        _bars(console) as listener,
+        listening(listener),
+        _watched(server, console) as watch,
+    ):
         from flows.pipeline import pipeline  # noqa: PLC0415 - JAX and Prefect load while the server starts
 
         try:
             return pipeline(spec, store=store.url, base=str(base))
         finally:
-            flush_prefect()
+            if not watch.gone.is_set():
+                flush_prefect()
 
 
 @contextmanager
 def prefect_server() -> Generator[str, None, None]:
-    """Yields the API URL of the server to use: the user's, the kept one's, or a new one's for this block."""
+    """Yields the API URL of the server to use: the user's, the kept one's, or a new one's for this block.
+
+    Raises:
+        StageFailed: The server that the user chose, or the kept one, does not answer; or a new one does not come up.
+    """
     home = prefect_home()
     chosen = process.configured_api_url(os.environ)
-    kept = None if chosen else process.kept_server(home)
+    if chosen:
+        _require(chosen)
+    kept = None if chosen else kept_server(home)
     if chosen or kept:
         url = chosen or (kept.api_url if kept else "")
-        with _environment(PREFECT_API_URL=url):
+        with _environment(PREFECT_API_URL=url, **_past_proxies(url)):
             yield url
         return
     with (
         process.serving(home) as (server, child),
-        _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home)),
+        _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home), **_past_proxies(server.api_url)),
     ):
         _import_engine()
         process.wait_until_healthy(server, child)
         yield server.api_url
+
+
+def _require(api_url: str) -> None:
+    if not asked_often(lambda: is_answering(api_url)):
+        remedy = "unset it, or simyard up and export what that prints"
+        raise StageFailed(
+            "InternalServiceError", f"no Prefect server answers at PREFECT_API_URL={shown(api_url)}; {remedy}"
+        )
+
+
+def _past_proxies(api_url: str) -> dict[str, str]:
+    return unproxied(os.environ) if is_local(api_url) else {}
+
+
+@contextmanager
+def _watched(api_url: str, console: Console) -> Generator[Watch, None, None]:
+    """Ends the run with one message and exit code 3 when the server goes away during the block."""
+
+    def leave(failure: StageFailed) -> None:
+        # Prefect holds the main thread, which cannot end the progress bars; the store is never left half written.
+        console.show_cursor()
+        sys.stderr.write(f"\n{failure}\n")
+        sys.stderr.flush()
+        os._exit(3)
+
+    reason = f"the Prefect server at {shown(api_url)} went away; the same command continues this run"
+    # Long enough for a server on a busy machine: what is gone refuses at once.
+    with guarded(lambda: is_answering(api_url, timeout_s=10.0), reason, leave) as watch:
+        yield watch
 
 
 def prefect_home() -> Path:

@@ -9,7 +9,15 @@ from urllib.parse import unquote, urlsplit
 from uuid import uuid4
 
 from specs.base import Fault, Spec
-from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, StoreError, StoreUnsafe
+from specs.errors import (
+    DocumentError,
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    StoreError,
+    StoreUnreachable,
+    StoreUnsafe,
+)
 from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import STORE, checked_bucket, checked_key
 from tasks.storage.local import LocalStore
@@ -42,10 +50,27 @@ def open_store(url: str | None = None) -> Store:
         StoreAccessDenied: The credentials or permissions do not suffice.
         StoreUnsafe: It ignores conditions on writes.
     """
-    store = connect(url or os.environ.get("SIMYARD_STORE") or (Path.cwd() / ".simyard").as_uri())
+    store = connect(_chosen(url))
     if _record(store) is None:
         _probe(store)
         _introduce(store)
+    return store
+
+
+def open_existing_store(url: str | None = None) -> Store:
+    """Returns the store at the URL for reading; unlike ``open_store`` it makes none.
+
+    Args:
+        url: As for ``open_store``.
+
+    Raises:
+        DocumentError: The URL is not one of a store.
+        StoreUnreachable: There is no store, or nothing answers there.
+        StoreAccessDenied: The credentials or permissions do not suffice.
+    """
+    store = connect(_chosen(url))
+    if _record(store) is None:
+        raise StoreUnreachable(f"no store there: {store.url}; simyard run makes one, --store names another")
     return store
 
 
@@ -72,6 +97,10 @@ def connect(url: str) -> Store:
     return S3Store(checked_bucket(bucket), checked_key(prefix) if prefix else "")
 
 
+def _chosen(url: str | None) -> str:
+    return url or os.environ.get("SIMYARD_STORE") or (Path.cwd() / ".simyard").as_uri()
+
+
 def _folder(url: str) -> Path:
     parts = urlsplit(url)
     path = Path(unquote(url.removeprefix("file://")))
@@ -82,7 +111,7 @@ def _folder(url: str) -> Path:
 
 def _not_a_store(url: str) -> DocumentError:
     shown = _CREDENTIALS.sub("//***@", url)
-    allowed = _URL_RULE if "://" in url else f"{_URL_RULE}; perhaps {Path(shown).absolute().as_uri()}"
+    allowed = _URL_RULE if "://" in url else f"{_URL_RULE}; perhaps {Path(shown).resolve().as_uri()}"
     return DocumentError([Fault(path="store", value=repr(shown), allowed=allowed)], source="--store or SIMYARD_STORE")
 
 

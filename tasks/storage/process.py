@@ -26,8 +26,13 @@ class ProcessIdentity(Spec):
 
 def this_process() -> ProcessIdentity:
     """Returns the identity of the calling process."""
-    state = _state_and_start(os.getpid())
-    return ProcessIdentity(host=_host(), pid=os.getpid(), started=state[1] if state else "")
+    return process_of(os.getpid())
+
+
+def process_of(pid: int) -> ProcessIdentity:
+    """Returns the identity of the process that has the number now; one that has ended has no start."""
+    state = _state_and_start(pid)
+    return ProcessIdentity(host=_host(), pid=pid, started=state[1] if state else "")
 
 
 def is_known_dead(process: ProcessIdentity) -> bool:

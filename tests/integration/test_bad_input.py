@@ -106,6 +106,38 @@ def test_an_unreachable_store_is_told_within_seconds(tmp_path: Path):
     assert "127.0.0.1:9" in result.stderr or "nowhere" in result.stderr
 
 
+def test_a_prefect_server_that_is_not_there_is_told_and_is_no_verdict(tmp_path: Path):
+    file = write_document(tmp_path, small_document())
+    api_url = "http://127.0.0.1:9/api"
+    result = finished("run", str(file), "--store", (tmp_path / "store").as_uri(), PREFECT_API_URL=api_url)
+    assert result.returncode == 3
+    assert result.stderr.count("\n") == 1
+    assert f"no Prefect server answers at PREFECT_API_URL={api_url}; unset it, or simyard up" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "word"), [("--output", "/nonexistent/x.svg", "No such file"), ("--seed", "-1", "equal to 0")]
+)
+def test_a_preview_refuses_a_bad_option(tmp_path: Path, option: str, value: str, word: str):
+    write_document(tmp_path, {})
+    options = {"--output": str(tmp_path / "x.svg"), "--store": (tmp_path / "store").as_uri(), option: value}
+    template = str(tmp_path / "templates/two-rooms.json")
+    result = finished("world", "preview", template, *(f"{name}={given}" for name, given in options.items()))
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    assert option in result.stderr
+    assert word in result.stderr
+
+
+@pytest.mark.parametrize("command", [("list", "worlds"), ("describe", "arn:simyard:world:a:b/c")])
+def test_looking_into_a_store_that_is_not_there_makes_none(tmp_path: Path, command: tuple[str, ...]):
+    store = tmp_path / "store"
+    result = finished(*command, "--store", store.as_uri())
+    assert result.returncode == 3
+    assert f"no store there: {store.as_uri()}" in result.stderr
+    assert not store.exists()
+
+
 @pytest.mark.integration
 @pytest.mark.timeout(250)
 def test_after_a_read_only_output_folder_is_opened_the_same_command_succeeds(tmp_path: Path, prefect_server: str):

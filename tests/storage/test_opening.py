@@ -7,10 +7,10 @@ from threading import Barrier
 
 import pytest
 
-from specs.errors import DocumentError, ObjectConflict, ObjectExists, StoreError, StoreUnsafe
+from specs.errors import DocumentError, ObjectConflict, ObjectExists, StoreError, StoreUnreachable, StoreUnsafe
 from tasks.storage import opening
 from tasks.storage.local import LocalStore
-from tasks.storage.opening import open_store, store_id
+from tasks.storage.opening import open_existing_store, open_store, store_id
 from tasks.storage.store import Store, Stored
 
 
@@ -142,6 +142,24 @@ def test_what_is_no_store_is_a_fault_of_the_document(url: str) -> None:
 def test_a_plain_path_is_answered_with_its_url(tmp_path: Path) -> None:
     with pytest.raises(DocumentError, match=(tmp_path / "store").as_uri()):
         open_store(str(tmp_path / "store"))
+
+
+def test_a_relative_path_is_answered_with_a_url_that_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(DocumentError) as refused:
+        open_store("../store")
+    hint = str(refused.value).rpartition("perhaps ")[2]
+    assert open_store(hint).url == (tmp_path / "store").as_uri()
+
+
+def test_opening_an_existing_store_makes_none(tmp_path: Path) -> None:
+    url = (tmp_path / "store").as_uri()
+    with pytest.raises(StoreUnreachable, match="no store there"):
+        open_existing_store(url)
+    assert not (tmp_path / "store").exists()
+    made = open_store(url)
+    assert store_id(open_existing_store(url)) == store_id(made)
 
 
 @pytest.mark.parametrize("url", ["s3://key:canary@bucket/a", "https://key:canary@host/a", "x::s3://key:canary@b/a"])

@@ -1,0 +1,65 @@
+"""Whether a Prefect server answers, asked without importing Prefect."""
+
+import re
+import ssl
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Mapping
+from http.client import HTTPException
+from urllib.parse import urlsplit
+
+_HERE = ("127.0.0.1", "localhost")
+_SILENT = 0
+# What web servers say of a bad certificate; Prefect may well be configured to trust this one.
+_UNTRUSTED = 495
+
+
+def is_healthy(api_url: str, timeout_s: float = 1.0) -> bool:
+    """Returns whether a healthy Prefect server answers at the URL."""
+    return _status(api_url, timeout_s) == 200
+
+
+def is_answering(api_url: str, timeout_s: float = 5.0) -> bool:
+    """Returns whether anything answers at the URL: a server that wants a key first refuses, and is there."""
+    return _SILENT < _status(api_url, timeout_s) < 500
+
+
+def asked_often(question: Callable[[], bool], for_s: float = 3.0, pause_s: float = 0.5) -> bool:
+    """Returns whether one of several tries within so many seconds succeeds: a busy server may miss a few."""
+    until_s = time.monotonic() + for_s
+    while not (answer := question()) and time.monotonic() < until_s:
+        time.sleep(pause_s)
+    return answer
+
+
+def is_local(api_url: str) -> bool:
+    """Returns whether the URL names this machine."""
+    host = urlsplit(api_url).hostname or ""
+    return host in {*_HERE, "::1"} or host.startswith("127.")
+
+
+def unproxied(environment: Mapping[str, str]) -> dict[str, str]:
+    """Returns the variables by which programs reach this machine's own servers past a configured proxy."""
+    kept = environment.get("no_proxy") or environment.get("NO_PROXY") or ""
+    hosts = ",".join(filter(None, [kept, *(host for host in _HERE if host not in kept.split(","))]))
+    return {"no_proxy": hosts, "NO_PROXY": hosts}
+
+
+def shown(api_url: str) -> str:
+    """Returns the URL as it may be printed: without a password."""
+    return re.sub(r"//[^/]*@", "//***@", api_url)
+
+
+def _status(api_url: str, timeout_s: float) -> int:
+    """Returns the HTTP status of the server's health, or 0 when nothing answers."""
+    handlers = [urllib.request.ProxyHandler({})] if is_local(api_url) else []
+    try:
+        with urllib.request.build_opener(*handlers).open(f"{api_url}/health", timeout=timeout_s) as reply:
+            return int(reply.status)
+    except urllib.error.HTTPError as exc:
+        return exc.code
+    except urllib.error.URLError as exc:
+        return _UNTRUSTED if isinstance(exc.reason, ssl.SSLError) else _SILENT
+    except (OSError, HTTPException, ValueError):
+        return _SILENT

@@ -1,0 +1,101 @@
+"""How `simyard` ends: exit code 1 is a verdict, and nothing else."""
+
+import signal
+from collections.abc import Callable, Generator
+
+import pytest
+
+from flows.cli import app
+from flows.leaving import leave_after
+from specs.base import Fault
+from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed
+from specs.report import PipelineReport
+
+
+@pytest.fixture(autouse=True)
+def _handlers() -> Generator[None, None, None]:  # pyright: ignore[reportUnusedFunction] - used by every test
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def _raises(exc: BaseException) -> Callable[[], None]:
+    def command() -> None:
+        raise exc
+
+    return command
+
+
+def _code(command: Callable[[], object]) -> object:
+    with pytest.raises(SystemExit) as left:
+        leave_after(command)
+    return left.value.code
+
+
+@pytest.mark.parametrize(
+    ("exc", "code"),
+    [
+        (PipelineNotPassed(PipelineReport(run="run-1", name="nightly", stages=(), verdict="FAIL", shipped=None)), 1),
+        (DocumentError([Fault(path="a", value="1", allowed="2")]), 2),
+        (StageFailed("InternalServiceError", "why"), 3),
+        (SimyardError("why"), 3),
+        (RuntimeError("why"), 3),
+        (OSError("why"), 3),
+    ],
+)
+def test_only_a_verdict_exits_with_1(exc: Exception, code: int, capsys: pytest.CaptureFixture[str]):
+    assert _code(_raises(exc)) == code
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_defect_is_one_line(capsys: pytest.CaptureFixture[str]):
+    assert _code(_raises(RuntimeError("over\ntwo lines"))) == 3
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "defect of Simyard: RuntimeError: over two lines" in told
+
+
+def test_a_defect_shows_where_when_it_is_asked_to(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SIMYARD_DEBUG", "1")
+    assert _code(_raises(RuntimeError("why"))) == 3
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupted_command_says_how_to_go_on(
+    number: signal.Signals, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("sys.argv", ["simyard", "down"])
+    monkeypatch.setattr("tasks.server.keeping.end_kept", lambda _: signal.raise_signal(number))
+    assert _code(app) == code
+    assert capsys.readouterr().err == "interrupted; the same command continues this run\n"
+
+
+def test_a_signal_that_the_parent_ignores_stays_ignored():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    assert _code(lambda: signal.raise_signal(signal.SIGINT)) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "word"),
+    [(["--help"], 0, "From a world template"), (["nonsense"], 2, "nonsense"), (["list"], 2, "KIND")],
+)
+def test_the_parser_keeps_its_say(
+    arguments: list[str],
+    code: int,
+    word: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.setattr("sys.argv", ["simyard", *arguments])
+    assert _code(app) == code
+    out, err = capsys.readouterr()
+    assert word.lower() in (out + err).lower()
+
+
+@pytest.mark.parametrize("code", [0, 5])
+def test_a_command_that_chose_its_exit_code_keeps_it(code: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("sys.argv", ["simyard", "agent"])
+    monkeypatch.setattr("tasks.deploy.agent.main", lambda _: code)
+    assert _code(app) == code

@@ -1,0 +1,44 @@
+"""The server of a run: checked before the run begins, and reached past proxies."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from flows import running
+from flows.running import prefect_server
+from specs.errors import StageFailed
+from tasks.server.health import asked_often
+from tests.answering import NOBODY, answering
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction] - used by every test
+    monkeypatch.setattr(running, "asked_often", lambda question: asked_often(question, for_s=0.0))
+
+
+def test_a_server_that_does_not_answer_is_told_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("PREFECT_API_URL", NOBODY)
+    with pytest.raises(StageFailed, match=f"no Prefect server answers at PREFECT_API_URL={NOBODY}; unset it"):
+        prefect_server().__enter__()
+
+
+def test_a_local_server_is_reached_past_the_proxy(monkeypatch: pytest.MonkeyPatch):
+    for name in ("no_proxy", "NO_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("http_proxy", NOBODY)
+    with answering() as api_url:
+        monkeypatch.setenv("PREFECT_API_URL", api_url)
+        with prefect_server() as used:
+            assert used == api_url
+            assert os.environ["no_proxy"] == os.environ["NO_PROXY"] == "127.0.0.1,localhost"
+    assert "no_proxy" not in os.environ
+
+
+def test_a_chosen_server_wins_over_the_kept_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
+    monkeypatch.setattr(running, "kept_server", pytest.fail)
+    with answering() as api_url:
+        monkeypatch.setenv("PREFECT_API_URL", api_url)
+        with prefect_server() as used:
+            assert used == api_url

@@ -1,0 +1,72 @@
+"""Whether a Prefect server answers: past proxies, behind keys, and when it is busy."""
+
+import urllib.request
+
+import pytest
+
+from tasks.server.health import asked_often, is_answering, is_healthy, is_local, shown, unproxied
+from tests.answering import NOBODY, answering
+
+
+def test_nothing_listening_is_not_healthy():
+    assert not is_healthy(NOBODY)
+    assert not is_answering(NOBODY)
+
+
+def test_a_url_that_is_none_is_not_healthy():
+    assert not is_healthy("prefect")
+
+
+@pytest.mark.parametrize("variable", ["http_proxy", "HTTP_PROXY"])
+def test_a_local_server_is_asked_past_the_proxy(monkeypatch: pytest.MonkeyPatch, variable: str):
+    monkeypatch.setenv(variable, "http://127.0.0.1:9")
+    with answering() as api_url:
+        assert is_healthy(api_url)
+
+
+@pytest.mark.parametrize(("status", "there"), [(200, True), (401, True), (404, True), (500, False), (503, False)])
+def test_a_server_that_wants_a_key_is_there_and_a_gateway_without_one_is_not(status: int, there: bool):  # noqa: FBT001
+    with answering(status) as api_url:
+        assert is_answering(api_url) == there
+        assert is_healthy(api_url) == (status == 200)
+
+
+def test_programs_are_told_to_reach_this_machine_past_the_proxy(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
+    for name, value in unproxied({"NO_PROXY": "example.org,localhost"}).items():
+        monkeypatch.setenv(name, value)
+    assert urllib.request.proxy_bypass("127.0.0.1:4200")
+    assert urllib.request.proxy_bypass("localhost:4200")
+    assert urllib.request.proxy_bypass("example.org")
+    assert not urllib.request.proxy_bypass("elsewhere.org")
+
+
+def test_exceptions_from_the_proxy_are_kept_once():
+    assert unproxied({"no_proxy": "a.org,127.0.0.1"})["no_proxy"] == "a.org,127.0.0.1,localhost"
+
+
+@pytest.mark.parametrize(
+    ("api_url", "local"),
+    [
+        ("http://127.0.0.1:4200/api", True),
+        ("http://localhost:4200/api", True),
+        ("http://[::1]:4200/api", True),
+        ("https://api.example.org/api", False),
+        ("http://10.0.0.1:4200/api", False),
+    ],
+)
+def test_only_this_machine_is_local(api_url: str, local: bool):  # noqa: FBT001
+    assert is_local(api_url) == local
+
+
+def test_a_busy_server_is_asked_again():
+    answers = iter([False, False, True])
+    assert asked_often(lambda: next(answers), for_s=60.0, pause_s=0.0)
+
+
+def test_asking_often_comes_to_an_end():
+    assert not asked_often(lambda: False, for_s=0.0)
+
+
+def test_a_password_is_not_shown():
+    assert shown("https://me:canary@host/api") == "https://***@host/api"
