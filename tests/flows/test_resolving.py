@@ -152,3 +152,26 @@ def test_a_world_that_is_not_there_is_a_fault_of_the_document(file_store: Store)
     assert spec.simulationBatch is not None
     with pytest.raises(ResourceNotFound, match="g/w"):
         batch_plan(spec.simulationBatch, (), file_store, finder(file_store, {}))
+
+
+def test_a_launch_file_that_no_bundle_holds_is_told_before_anything_runs(file_store: Store):
+    request = _request()
+    request["robotApplications"][0]["launchConfig"]["launchFile"] = "go_to_gaol"
+    with pytest.raises(DocumentError, match=r"'go_to_gaol'.*courier/go_to_gaol"):
+        pins(_generated(request), file_store, ROOT / "examples")
+    deployment = _deployment("courier")
+    deployment["deploymentApplicationConfigs"][0]["launchConfig"]["launchFile"] = "nope.sh"
+    with pytest.raises(DocumentError, match=r"nope\.sh"):
+        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+
+
+def test_a_fleet_that_nobody_made_is_told_before_anything_runs(file_store: Store):
+    deployment = {**_deployment("courier"), "fleet": "strangers"}
+    with pytest.raises(DocumentError, match=r"deployment\.fleet.*strangers"):
+        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+
+
+def test_a_missing_application_is_told_with_its_place_in_the_document(file_store: Store):
+    place = r"createSimulationJobRequests\[1\]\.robotApplications\[0\]\.application"
+    with pytest.raises(DocumentError, match=place):
+        pins(_generated(_request(), _request("nobody")), file_store, ROOT / "examples")

@@ -98,7 +98,7 @@ def _scheduled_run(api_url: str, timeout_s: float) -> dict[str, Any]:
 
 
 def _readme_commands() -> list[list[str]]:
-    """Returns what the README says to type, without the word `prefect`."""
+    """Returns what the README says to type, without the program."""
     (block,) = blocks("deployments")
     return [line.split()[1:] for line in block.splitlines()]
 

@@ -26,7 +26,11 @@ def checkout(small_run: Path, tmp_path: Path) -> Path:
     """Returns a folder like a clone after `make run`: environment, examples, and a store with a run in it."""
     folder = tmp_path / "checkout"
     shutil.copytree(small_run / ".simyard", folder / ".simyard", symlinks=True)
-    for name, target in ((".venv", Path(sys.prefix)), ("examples", ROOT / "examples")):
+    for name, target in (
+        (".venv", Path(sys.prefix)),
+        ("examples", ROOT / "examples"),
+        ("applications", ROOT / "applications"),
+    ):
         (folder / name).symlink_to(target)
     return folder
 
@@ -80,4 +84,4 @@ def test_every_block_has_a_test():
 def test_the_picture_is_what_the_preview_draws(checkout: Path):
     command = next(line for block in blocks("sh") for line in block.splitlines() if "world preview" in line)
     subprocess.run(["bash", "-c", command], cwd=checkout, check=True)
-    assert (checkout / "plan.svg").read_bytes() == (ROOT / "docs/pictures/world.svg").read_bytes()
+    assert (checkout / ".simyard/plan.svg").read_bytes() == (ROOT / "docs/pictures/world.svg").read_bytes()
