@@ -6,6 +6,8 @@ What a command needs is imported when it runs, so that `--help`, `validate` and 
 # ruff: noqa: PLC0415 - see above
 
 import json
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -29,6 +31,10 @@ app.add_typer(application_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
 
+_KINDS = (
+    "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "
+    "simulation-jobs, simulation-job-batches, fleets, robots, deployment-jobs, or pipeline-runs."
+)
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
 StoreUrl = Annotated[
     str | None,
@@ -48,12 +54,13 @@ def run(file: Document, store: StoreUrl = None) -> None:
     from flows.running import run_document
     from tasks.documents.pipelines import read_pipeline
 
-    console = Console()
+    console, spec = Console(), read_pipeline(file)
     try:
-        report = run_document(read_pipeline(file), file.resolve().parent, store, console)
+        with _about(file):
+            report = run_document(spec, file.resolve().parent, store, console)
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
-        raise
+        raise typer.Exit(1) from exc
     show_report(report, console)
 
 
@@ -64,8 +71,10 @@ def plan(file: Document, store: StoreUrl = None) -> None:
     from tasks.documents.pipelines import read_pipeline
     from tasks.storage.opening import open_store
 
-    for line in planned(read_pipeline(file), file.resolve().parent, open_store(store)):
-        typer.echo(line)
+    spec = read_pipeline(file)
+    with _about(file):
+        for line in planned(spec, file.resolve().parent, open_store(store)):
+            typer.echo(line)
 
 
 @app.command()
@@ -91,7 +100,7 @@ def describe(
 
 @app.command("list")
 def list_(
-    kind: Annotated[str, typer.Argument(help="worlds, simulation-job-batches, robots, ...")],
+    kind: Annotated[str, typer.Argument(help=_KINDS)],
     store: StoreUrl = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document a line.")] = False,  # noqa: FBT002 - a switch
 ) -> None:
@@ -176,6 +185,15 @@ def preview_world(
         allowed = f"a file that can be written ({exc.strerror})"
         raise DocumentError([Fault(path="--output", value=repr(str(output)), allowed=allowed)], "simyard") from exc
     typer.echo(str(output))
+
+
+@contextmanager
+def _about(file: Path) -> Generator[None, None, None]:
+    """Names the file in the faults of what its document refers to."""
+    try:
+        yield
+    except DocumentError as exc:
+        raise type(exc)(exc.faults, str(file)) from exc
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from flows.resolving import pins
 from specs.errors import StageFailed
 from specs.pipeline import PipelineSpec
 from specs.report import PipelineReport
@@ -23,6 +24,7 @@ from tasks.server.watchdog import Watch, guarded
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.cache import cache_folder
 from tasks.storage.opening import open_store
+from tasks.storage.overlay import OverlayStore
 from tasks.watching.listening import Listener, listening
 
 
@@ -39,6 +41,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         SimyardError: The document, the store or a stage is at fault.
     """
     store = open_store(store_url)
+    pins(spec, OverlayStore(store), base)  # a document that cannot be run is told so before a server starts
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
         prefect_server() as server,
