@@ -75,7 +75,7 @@ def run_once(cache: Path) -> dict[str, float]:
         environment = {
             key: value for key, value in os.environ.items() if key not in {"PREFECT_API_URL", "PREFECT_HOME"}
         }
-        environment["SIMYARD_CACHE"] = str(cache)
+        environment |= {"SIMYARD_CACHE": str(cache), "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
         command = [
             sys.executable,
             __file__,

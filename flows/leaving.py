@@ -7,7 +7,10 @@ defect, 130 and 143 interrupted. Never 1 for anything else: whoever ships on 0 m
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from select import select
+from threading import Event, Thread
 from types import FrameType
 from typing import NoReturn
 
@@ -18,44 +21,103 @@ from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
+_GO_ON = "interrupted; the same command continues this run"
+# Agents, the server and Prefect's last messages may take this long to come to their end.
+_GRACE_S = 30.0
 
 
-def leave_after(command: Callable[[], object]) -> NoReturn:
+def leave_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
     """Runs a command and ends the process with Simyard's exit code; tells on stderr what went wrong, in one message.
 
     Args:
         command: May end the process itself, as the parser does after a usage error.
+        grace_s: How long an interrupted command may take to leave before the process is ended under it.
     """
     for number in _SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in `nohup` and for jobs in a script's background
             signal.signal(number, _interrupted)
-    sys.exit(_code(command))
+    with _heard(grace_s) as heard:
+        code = _code(command, heard)
+    sys.exit(code)
 
 
-def _code(command: Callable[[], object]) -> int:
+def _code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:
     try:
         command()
-    except SystemExit as exc:
-        if exc.code in _INTERRUPTED:
-            _complain("interrupted; the same command continues this run")
-        raise
     except PipelineNotPassed as exc:
         return _told(exc, 1)
     except DocumentError as exc:
         return _told(exc, 2)
     except SimyardError as exc:
         return _told(exc, 3)
-    except Exception as exc:  # noqa: BLE001 - the outermost frame: Python would exit with 1, which means a failed gate
-        if os.environ.get("SIMYARD_DEBUG") == "1":
-            Console(stderr=True).print_exception()
-        what = " ".join(f"{type(exc).__name__}: {exc}".split())
-        return _told(f"this is a defect of Simyard: {what} (SIMYARD_DEBUG=1 shows where)", 3)
+    except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
+        if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
+            raise
+        number = heard()
+        if number is not None:  # Prefect answers signals with exceptions of its own
+            return _told(_GO_ON, 128 + number)
+        if not isinstance(exc, Exception):
+            raise
+        return _told(_defect(exc), 3)
     return 0
+
+
+def _defect(exc: Exception) -> str:
+    if os.environ.get("SIMYARD_DEBUG") == "1":
+        Console(stderr=True).print_exception()
+    what = " ".join(f"{type(exc).__name__}: {exc}".split())
+    return f"this is a defect of Simyard: {what} (SIMYARD_DEBUG=1 shows where)"
 
 
 def _interrupted(number: int, _frame: FrameType | None) -> NoReturn:
     # Not KeyboardInterrupt: the parser takes that for itself and says nothing.
     raise SystemExit(128 + number)
+
+
+@contextmanager
+def _heard(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
+    """Yields a function that returns the last signal of ours that came; ends the process if the block goes on for long.
+
+    Whatever becomes of the exception that a handler raises, and whoever put another handler in place of ours, as
+    Prefect does, Python writes the number of each signal to a pipe.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(reading, False)
+    os.set_blocking(writing, False)
+    left = Event()
+
+    def heard() -> int | None:
+        with suppress(BlockingIOError):
+            numbers = [number for number in os.read(reading, 1 << 12) if number in _SIGNALS]
+            return numbers[-1] if numbers else None
+        return None
+
+    def watch() -> None:
+        while not left.is_set():
+            if select([reading], [], [])[0] and not left.wait(grace_s):
+                number = heard()
+                if number is not None:
+                    _end_now(number)
+
+    watching = Thread(target=watch, name="simyard signals", daemon=True)
+    before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    watching.start()
+    try:
+        yield heard
+    finally:
+        left.set()
+        signal.set_wakeup_fd(before)
+        with suppress(BlockingIOError):
+            os.write(writing, b"\0")  # wakes the thread, so that it ends
+        watching.join()
+        os.close(reading)
+        os.close(writing)
+
+
+def _end_now(number: int) -> None:
+    sys.stderr.write(f"\n{_GO_ON}\n")
+    sys.stderr.flush()
+    os._exit(128 + number)
 
 
 def _told(about: object, code: int) -> int:

@@ -1,6 +1,8 @@
 """How `simyard` ends: exit code 1 is a verdict, and nothing else."""
 
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Generator
 
 import pytest
@@ -70,6 +72,33 @@ def test_an_interrupted_command_says_how_to_go_on(
     monkeypatch.setattr("tasks.server.keeping.end_kept", lambda _: signal.raise_signal(number))
     assert _code(app) == code
     assert capsys.readouterr().err == "interrupted; the same command continues this run\n"
+
+
+def test_an_interrupt_that_became_another_exception_is_still_one(capsys: pytest.CaptureFixture[str]):
+    def command() -> None:
+        signal.signal(signal.SIGTERM, lambda *_: None)  # as Prefect does inside a flow
+        signal.raise_signal(signal.SIGTERM)
+        raise RuntimeError("the flow run crashed")
+
+    assert _code(command) == 143
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_an_interrupt_that_is_swallowed_ends_the_process_later():
+    script = """
+import signal, threading
+from flows.leaving import leave_after
+
+def command():
+    try:
+        signal.raise_signal(signal.SIGTERM)
+    except SystemExit:
+        threading.Event().wait(250)
+
+leave_after(command, grace_s=0.0)
+"""
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr.strip()) == (143, "interrupted; the same command continues this run")
 
 
 def test_a_signal_that_the_parent_ignores_stays_ignored():
