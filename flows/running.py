@@ -18,7 +18,7 @@ from specs.errors import StageFailed
 from specs.pipeline import PipelineSpec
 from specs.report import PipelineReport
 from tasks.server import process
-from tasks.server.health import asked_often, is_answering, is_local, shown, unproxied
+from tasks.server.health import asked_often, is_answering, is_listening, is_local, shown, unproxied
 from tasks.server.keeping import kept_server
 from tasks.server.watchdog import Watch, guarded
 from tasks.simulate.devices import prepare_devices
@@ -108,8 +108,8 @@ def _watched(api_url: str, console: Console) -> Generator[Watch, None, None]:
         os._exit(3)
 
     reason = f"the Prefect server at {shown(api_url)} went away; the same command continues this run"
-    # Long enough for a server on a busy machine: what is gone refuses at once.
-    with guarded(lambda: is_answering(api_url, timeout_s=10.0), reason, leave) as watch:
+    # Whether it listens, not how soon it answers: on a busy machine a server that is there may be silent for long.
+    with guarded(lambda: is_listening(api_url), reason, leave) as watch:
         yield watch
 
 

@@ -1,6 +1,7 @@
 """Whether a Prefect server answers, asked without importing Prefect."""
 
 import re
+import socket
 import ssl
 import time
 import urllib.error
@@ -23,6 +24,19 @@ def is_healthy(api_url: str, timeout_s: float = 1.0) -> bool:
 def is_answering(api_url: str, timeout_s: float = 5.0) -> bool:
     """Returns whether anything answers at the URL: a server that wants a key first refuses, and is there."""
     return _SILENT < _status(api_url, timeout_s) < 500
+
+
+def is_listening(api_url: str, timeout_s: float = 10.0) -> bool:
+    """Returns False only if this moment nothing listens at the URL's address; a server that is busy listens still."""
+    parts = urlsplit(api_url)
+    port = parts.port or (443 if parts.scheme == "https" else 80)
+    try:
+        with socket.create_connection((parts.hostname or "", port), timeout=timeout_s):
+            return True
+    except TimeoutError:
+        return True
+    except OSError:
+        return False
 
 
 def asked_often(question: Callable[[], bool], for_s: float = 3.0, pause_s: float = 0.5) -> bool:

@@ -1,10 +1,11 @@
 """Whether a Prefect server answers: past proxies, behind keys, and when it is busy."""
 
+import socket
 import urllib.request
 
 import pytest
 
-from tasks.server.health import asked_often, is_answering, is_healthy, is_local, shown, unproxied
+from tasks.server.health import asked_often, is_answering, is_healthy, is_listening, is_local, shown, unproxied
 from tests.answering import NOBODY, answering
 
 
@@ -70,3 +71,13 @@ def test_asking_often_comes_to_an_end():
 
 def test_a_password_is_not_shown():
     assert shown("https://me:canary@host/api") == "https://***@host/api"
+
+
+def test_a_server_that_is_silent_is_still_listening_and_one_that_ended_is_not():
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}/api"
+        assert is_listening(url)
+        assert not is_answering(url, timeout_s=0.2)
+    assert not is_listening(url)
