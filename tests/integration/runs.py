@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 
-from specs.digests import canonical_json
 from tasks.storage.records import JobRecord, records
 from tasks.storage.store import Store
 
@@ -94,8 +93,3 @@ def tables(store: Store) -> dict[str, pa.Table]:
 def worlds(store: Store) -> dict[str, bytes]:
     """Returns all worlds of the store."""
     return {key: store.get(key).body for key in store.keys("worlds")}
-
-
-def digest_of_document(document: Mapping[str, object]) -> bytes:
-    """Returns a document in canonical form, for comparing two."""
-    return canonical_json(dict(document))  # pyright: ignore[reportArgumentType]

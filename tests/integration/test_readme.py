@@ -61,7 +61,12 @@ def test_the_first_screen_has_two_commands_and_they_do_what_it_says():
     environment = {**os.environ, "MAKEFLAGS": ""}
     plans = [
         subprocess.run(
-            ["make", "--no-print-directory", "-n", command[1]], cwd=ROOT, capture_output=True, text=True, check=True, env=environment
+            ["make", "--no-print-directory", "-n", command[1]],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+            env=environment,
         )
         for command in commands
     ]
