@@ -83,3 +83,20 @@ def test_a_run_passed_when_nothing_that_was_asked_for_was_refused(
 ):
     report = PipelineReport(run="run-1", name="nightly", stages=(), verdict=verdict, shipped=shipped)
     assert report.passed is passed
+
+
+def test_a_batch_tells_its_most_frequent_reasons_and_a_sample(file_store: Store):
+    why: list[JsonValue] = [
+        {"reason": "RobotApplicationCrash", "episodes": 8, "sample": "no module go_to_gaol"},
+        {"reason": "timeout", "episodes": 2, "sample": ""},
+    ]
+    detail: dict[str, JsonValue] = {
+        "passed": 0,
+        "episodes": 10,
+        "simulated_s": 0.0,
+        "results_url": "file:///r",
+        "failures_url": "file:///f",
+        "why_not": why,
+    }
+    summary = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0).summary
+    assert summary.endswith("; 8 x RobotApplicationCrash: no module go_to_gaol; 2 x timeout")

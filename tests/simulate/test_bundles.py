@@ -50,3 +50,11 @@ def test_a_missing_launch_file_is_named(tmp_path: Path):
 def test_a_module_without_the_function_says_which(tmp_path: Path):
     with pytest.raises(BundleCrash, match=r"defines no function scenario\(environment\)"):
         load_factory(bundle(tmp_path / "app", 1), launch("4" * 64), "scenario", "SimulationApplicationCrash")
+
+
+def test_a_crash_is_told_in_one_line_with_the_authors_own_module_names(tmp_path: Path):
+    folder = bundle(tmp_path / "torn", 1)
+    (folder / "pack" / "drive.py").write_text("raise ValueError('first line\\n  ' + __name__)\n")
+    with pytest.raises(BundleCrash) as crash:
+        load_factory(folder, launch("7" * 64), "controller", "RobotApplicationCrash")
+    assert crash.value.reason.endswith("ValueError: first line pack.drive")
