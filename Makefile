@@ -4,11 +4,12 @@ READY := $(VENV)/.ready
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check format lint types layers bench lock
+.PHONY: help run test explore check format lint types layers bench lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
 	@echo "make test   set up, then run the tests"
+	@echo "make explore  run the tests with new random examples, many more of them"
 	@echo "make check  format, lint, types, import layers, tests"
 	@echo "make bench  print the benchmark tables"
 	@echo "make lock   pin every version in constraints.txt"
@@ -25,6 +26,10 @@ run: $(READY)
 
 test: $(READY)
 	$(BIN)/pytest
+
+# Not part of the tests: it may find what nobody knew, in code that nobody touched.
+explore: $(READY)
+	SIMYARD_HYPOTHESIS=explore $(BIN)/pytest --ignore tests/integration
 
 check: format lint types layers test
 

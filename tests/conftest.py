@@ -1,5 +1,6 @@
 """Stores for every test: a folder, and a bucket on a real S3 server that is started when first asked for."""
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from uuid import uuid4
@@ -12,9 +13,11 @@ from tasks.storage.store import Store
 from tests.seaweed import Seaweed, running_seaweed
 
 _BUCKET = "tests"
-# How long an example takes says how busy the machine is, not whether the code is right.
-settings.register_profile("simyard", deadline=None)
-settings.load_profile("simyard")
+# How long an example takes says how busy the machine is, not whether the code is right. The same commit is tried with the
+# same examples, so that a red run is about the change; `make explore` looks for new ones.
+settings.register_profile("simyard", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None, max_examples=1000)
+settings.load_profile(os.environ.get("SIMYARD_HYPOTHESIS", "simyard"))
 
 
 @pytest.fixture(scope="session")

@@ -117,7 +117,7 @@ def _construct_object(loader: Any, node: yaml.MappingNode) -> dict[str, JsonValu
             raise YamlRefusedError(_place(key_node.start_mark), f"the key {key}", "keys of text; quote it")
         if key in found:
             raise YamlRefusedError(_place(key_node.start_mark), f"the key {key} for the second time", "each key once")
-        if key == _MERGE_KEY:
+        if key == _MERGE_KEY and not key_node.style:  # quoted, it is a key like any other
             raise YamlRefusedError(_place(key_node.start_mark), "a merge key", "values written out")
         found[key] = loader.construct_object(value_node, deep=True)
     return found

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from specs.errors import DocumentError
@@ -35,6 +35,8 @@ def test_json_is_read_as_it_was_written(data: object):
 
 
 @given(st.dictionaries(st.text(), st.text()))
+@example({"<<": ""})
+@example({"=": "", "": "~"})
 def test_quoted_yaml_is_read_as_it_was_written(data: dict[str, str]):
     assert decode_document(yaml.dump(data, default_style='"').encode(), "a.yaml") == data
 
