@@ -5,7 +5,21 @@ The apartment: a living room (west, with the origin) and a kitchen (east), a doo
 
 from hypothesis import strategies as st
 
-from specs.world import Certificate, Furniture, Light, Passage, Rectangle, Room, Solid, World
+from specs.world import (
+    Certificate,
+    Color,
+    Finish,
+    Furniture,
+    Light,
+    OccupancyMap,
+    Passage,
+    Pattern,
+    Rectangle,
+    Room,
+    Solid,
+    Wish,
+    World,
+)
 
 WALL_M = 0.1
 CEILING_M = 2.6
@@ -48,8 +62,21 @@ def apartment(
             free_floor_share=0.86,
             area_error_mean=0.012,
             overlaps=0,
-            unmet=unmet,
+            guaranteed_robot_radius_m=0.25,
+            doors_as_set_robot_radius_m=0.41,
+            wishes=tuple(
+                Wish(kind="walls", subject=subject, wished="Brick", found="Tiles", met=False) for subject in unmet
+            ),
         ),
+        map=OccupancyMap(resolution_m=4.2, origin_m=(-2.6, -2.1), columns=3, rows=1, runs=(2, 1)),
+    )
+
+
+def finish(material: str, pattern: Pattern, color: Color) -> Finish:
+    """Returns a covering whose joints are a little darker."""
+    darker = tuple(round(0.8 * channel, 6) for channel in color)
+    return Finish(
+        material=material, pattern=pattern, color=color, accent=(darker[0], darker[1], darker[2]), repeat_m=(0.4, 0.2)
     )
 
 
@@ -61,17 +88,15 @@ def rooms(room_names: tuple[str, str]) -> tuple[Room, ...]:
             name=living,
             type="Living",
             floor=Rectangle(x_min_m=-2.5, y_min_m=-2.0, x_max_m=2.5, y_max_m=2.0),
-            floor_material="Floorboards",
-            floor_color=(0.72, 0.53, 0.34),
-            wall_material="Wall paint",
+            flooring=finish("Floorboards", "planks", (0.72, 0.53, 0.34)),
+            walls=finish("Wall paint", "plain", (0.9, 0.9, 0.88)),
         ),
         Room(
             name=kitchen,
             type="Kitchen",
             floor=Rectangle(x_min_m=2.6, y_min_m=-2.0, x_max_m=6.6, y_max_m=2.0),
-            floor_material="Tiles",
-            floor_color=(0.82, 0.84, 0.86),
-            wall_material="Tiles",
+            flooring=finish("Tiles", "tiles", (0.82, 0.84, 0.86)),
+            walls=finish("Tiles", "tiles", (0.9, 0.93, 0.94)),
         ),
     )
 
@@ -145,6 +170,8 @@ def apartments(draw: st.DrawFn) -> World:
     """Draws the apartment with any names that JSON can hold and any floor colours."""
     living, kitchen = draw(st.lists(names, min_size=2, max_size=2, unique=True))
     world = apartment(room_names=(living, kitchen), unmet=tuple(draw(st.lists(names, max_size=3))))
-    painted = tuple(room.model_copy(update={"floor_color": draw(colors)}) for room in world.rooms)
+    painted = tuple(
+        room.model_copy(update={"flooring": finish("Tiles", "tiles", draw(colors))}) for room in world.rooms
+    )
     pieces = tuple(piece.model_copy(update={"name": draw(names)}) for piece in world.furniture)
     return world.model_copy(update={"rooms": painted, "furniture": pieces})

@@ -78,7 +78,7 @@ def _look(spec: mujoco.MjSpec, world: World) -> None:
 def _floors(spec: mujoco.MjSpec, world: World) -> None:
     _plane(spec, GROUND, world.footprint, 0.0, _THRESHOLD_RGBA, margin_m=_GROUND_MARGIN_M)
     for room in world.rooms:
-        floor = _plane(spec, FLOOR_PREFIX + room.name, room.floor, FLOOR_LIFT_M, (*room.floor_color, 1.0))
+        floor = _plane(spec, FLOOR_PREFIX + room.name, room.floor, FLOOR_LIFT_M, (*room.flooring.color, 1.0))
         floor.contype = 0
         floor.conaffinity = 0
 

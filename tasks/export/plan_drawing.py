@@ -24,7 +24,7 @@ _PATTERNS: dict[str, tuple[float | None, float | None]] = {
 
 def draw_patterns(definitions: ET.Element, world: World, sheet: Sheet) -> None:
     """Adds a pattern of lines for each floor material of the world that has one."""
-    for material in sorted({_pattern_key(room.floor_material) for room in world.rooms} & _PATTERNS.keys()):
+    for material in sorted({_pattern_key(room.flooring.material) for room in world.rooms} & _PATTERNS.keys()):
         x_m, y_m = _PATTERNS[material]
         width, height = (x_m or 1.0) * sheet.units_per_m, (y_m or 1.0) * sheet.units_per_m
         pattern = element(
@@ -46,8 +46,8 @@ def draw_floors(parent: ET.Element, world: World, sheet: Sheet) -> None:
         group = element(parent, "g", class_="room")
         element(group, "title", _room_facts(room))
         box = sheet.box(room.floor)
-        rectangle(group, box, fill=css_color(room.floor_color, _FLOOR_TOWARDS_WHITE))
-        if (key := _pattern_key(room.floor_material)) in _PATTERNS:
+        rectangle(group, box, fill=css_color(room.flooring.color, _FLOOR_TOWARDS_WHITE))
+        if (key := _pattern_key(room.flooring.material)) in _PATTERNS:
             rectangle(group, box, fill=f"url(#floor-{key})")
 
 
@@ -199,7 +199,7 @@ def _size(area: Rectangle) -> str:
 
 
 def _room_facts(room: Room) -> str:
-    materials = f"floor {room.floor_material}, walls {room.wall_material}"
+    materials = f"floor {room.flooring.material}, walls {room.walls.material}"
     return f"{room.name}: {room.type}, {_area_m2(room):.1f} m², {_size(room.floor)}, {materials}"
 
 

@@ -19,7 +19,10 @@ from specs.template_interior import (
     RoomTypeList,
 )
 from specs.world import RoomType
+from tasks.worlds.door_wishes import DoorWishes, door_wishes
 
+ROBOT_RADIUS_M = 0.25
+"""Radius of a common indoor robot (TurtleBot 4: 0.17 m, Fetch: 0.28 m, with a hand's breadth of room)."""
 PassageKind = Literal["Doorway", "Opening"]
 AnySet = TypeVar("AnySet", FurnitureArrangementSet, InteriorMaterialSet)
 
@@ -33,6 +36,8 @@ class RoomWish:
         floorings: Material types to draw the floor from; empty leaves it to the generator.
         walls: Material types to draw the walls from; empty leaves it to the generator.
         furniture: Model types to draw from; None leaves it to the room's type, empty leaves the room empty.
+        density: How full of furniture.
+        density_wished: Whether the template says so; rooms that no arrangement targets are moderately full.
     """
 
     name: str
@@ -43,6 +48,7 @@ class RoomWish:
     walls: tuple[str, ...]
     furniture: tuple[str, ...] | None
     density: Density
+    density_wished: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,18 +65,25 @@ class Brief:
 
     Attributes:
         footprint_aspect: Extent along x over extent along y.
-        unsupported: What the template asks for that no world can have yet, one sentence each.
+        doors: What hangs in the doorways; None when doorways have no doors (version 1).
+        robot_radius_m: Every room shall be reachable with a robot of this radius.
     """
 
     footprint_aspect: float
     ceiling_height_m: float
     rooms: tuple[RoomWish, ...]
     connections: tuple[ConnectionWish, ...]
-    unsupported: tuple[str, ...] = ()
+    doors: DoorWishes | None = None
+    robot_radius_m: float = ROBOT_RADIUS_M
 
 
-def brief_of(template: TemplateBody) -> Brief:
-    """Returns the generator's view of a template, whose own rules TemplateBody has checked."""
+def brief_of(template: TemplateBody, robot_radius_m: float = ROBOT_RADIUS_M) -> Brief:
+    """Returns the generator's view of a template, whose own rules TemplateBody has checked.
+
+    Args:
+        template: Any valid template.
+        robot_radius_m: Radius of the robot that shall get into every room.
+    """
     floor = template.Buildings[0].Floors[0]
     plan, interior = floor.Floorplan, floor.Interior
     return Brief(
@@ -78,7 +91,8 @@ def brief_of(template: TemplateBody) -> Brief:
         ceiling_height_m=plan.Ceiling.Height,
         rooms=tuple(_room_wish(room, interior) for room in plan.Rooms),
         connections=_connections(plan.DesiredConnections, [room.Name for room in plan.Rooms]),
-        unsupported=_unsupported(interior),
+        doors=door_wishes(interior.Doorways, plan.Rooms),
+        robot_radius_m=robot_radius_m,
     )
 
 
@@ -98,6 +112,7 @@ def _room_wish(room: FloorplanRoom, interior: InteriorTemplate) -> RoomWish:
         walls=_materials(interior.Walls.MaterialSets, room),
         furniture=None if sample is None else sample.ModelTypes,
         density="Moderate" if furnishing is None else furnishing.DesiredSpatialDensity,
+        density_wished=furnishing is not None,
     )
 
 
@@ -123,9 +138,3 @@ def _connections(wishes: Sequence[FloorplanConnection], names: Sequence[str]) ->
     return tuple(
         ConnectionWish((low, high), wish.ConnectionType) for (low, high), wish in zip(pairs, wishes, strict=True)
     )
-
-
-def _unsupported(interior: InteriorTemplate) -> tuple[str, ...]:
-    if interior.Doorways is None or not interior.Doorways.DoorwaySets:
-        return ()
-    return ("hinged doors are wished, but doorways have no doors yet",)

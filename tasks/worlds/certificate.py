@@ -1,32 +1,62 @@
 """What a world guarantees, measured on its finished geometry."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from specs.world import Certificate, Furniture, Passage, Room, Solid
+from specs.world import Certificate, Door, Furniture, Passage, Room, RoomFigures, Solid
 from tasks.worlds.brief import Brief
-from tasks.worlds.clearance import HEADROOM_M, Clearance, measure_clearance, reaches_room
+from tasks.worlds.clearance import HEADROOM_M, Clearance, connected_share, measure_clearance, reaches_room
+from tasks.worlds.doors import LEAF_PLAY_M, LEAF_THICKNESS_M, opened
 from tasks.worlds.geometry import Box, rounded
 from tasks.worlds.overlaps import count_overlaps
 from tasks.worlds.scoring import WALL_M
+from tasks.worlds.wishes import weigh_wishes
 
-ROBOT_RADIUS_M = 0.25
 START_RADIUS_M = 1.0
 _RADIUS_STEP_M = 0.01
 _RADIUS_MAX_M = 1.0
-_AREA_TOLERANCE = 0.03
-_ASPECT_TOLERANCE = 0.25
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Where a robot can drive.
+
+    Attributes:
+        opened: With all doors fully open.
+        as_set: With the doors as they stand.
+    """
+
+    opened: Clearance
+    as_set: Clearance
+
+
+def survey(
+    rooms: Sequence[Room],
+    passages: Sequence[Passage],
+    walls: Sequence[Solid],
+    furniture: Sequence[Furniture],
+    doors: Sequence[Door] = (),
+) -> Survey:
+    """Returns the clearances of a finished world."""
+    fixed = [*walls, *(solid for piece in furniture for solid in piece.solids)]
+    area = _around([_box(room) for room in rooms]).grown(WALL_M)
+    as_set = measure_clearance(area, [*fixed, *(door.leaf for door in doors)])
+    if all(door.open_percent == 100.0 for door in doors):
+        return Survey(as_set, as_set)
+    return Survey(measure_clearance(area, [*fixed, *opened(doors, passages)]), as_set)
 
 
 def certify(
     brief: Brief,
     rooms: Sequence[Room],
     passages: Sequence[Passage],
+    *,
     walls: Sequence[Solid],
     furniture: Sequence[Furniture],
-    *,
-    unmet: Sequence[str] = (),
+    doors: Sequence[Door] = (),
+    surveyed: Survey | None = None,
 ) -> Certificate:
     """Returns a world's certificate.
 
@@ -36,21 +66,54 @@ def certify(
         passages: The ways between them.
         walls: All walls.
         furniture: All furniture.
-        unmet: Wishes that are known to be unmet; those that can be measured are added.
+        doors: All doors.
+        surveyed: The clearances, where they are known already.
     """
-    solids = [*walls, *(solid for piece in furniture for solid in piece.solids)]
+    clear = surveyed or survey(rooms, passages, walls, furniture, doors)
     floors = [_box(room) for room in rooms]
-    clearance = measure_clearance(_around(floors).grown(WALL_M), solids)
-    areas = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
+    figures = tuple(_figures(brief, clear.opened, rooms))
+    outline = _around(floors).grown(WALL_M)
+    errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
+    in_the_way = [*walls, *(door.leaf for door in doors), *(solid for piece in furniture for solid in piece.solids)]
+    reachable = reachable_radius(clear.opened, floors)
+    same = clear.as_set is clear.opened
     return Certificate(
-        origin_clear_radius_m=rounded(distance_to_origin(solids)),
-        reachable_robot_radius_m=rounded(reachable_radius(clearance, floors)),
-        narrowest_passage_m=rounded(min((passage.width_m for passage in passages), default=0.0)),
-        free_floor_share=rounded(_free_share(clearance, floors)),
-        area_error_mean=rounded(float(np.mean(areas))),
-        overlaps=count_overlaps(furniture, walls),
-        unmet=(*unmet, *brief.unsupported, *_unmet_shapes(brief, floors)),
+        origin_clear_radius_m=rounded(distance_to_origin(in_the_way)),
+        guaranteed_robot_radius_m=rounded(brief.robot_radius_m),
+        reachable_robot_radius_m=rounded(reachable),
+        doors_as_set_robot_radius_m=rounded(reachable if same else reachable_radius(clear.as_set, floors)),
+        narrowest_passage_m=rounded(narrowest_passage(passages, doors)),
+        free_floor_share=rounded(_free_share(clear.opened, floors)),
+        area_error_mean=rounded(float(np.mean(errors))),
+        overlaps=count_overlaps(furniture, walls, [door.leaf for door in doors]),
+        rooms=figures,
+        wishes=weigh_wishes(
+            brief, rooms, passages, furniture, doors, figures=figures, outline_m=(outline.width, outline.height)
+        ),
     )
+
+
+def narrowest_passage(passages: Sequence[Passage], doors: Sequence[Door]) -> float:
+    """Returns the clear width of the narrowest passage with all doors fully open (metres), 0 for no passage.
+
+    An open leaf stands in its doorway's width with its thickness, a hinge's play away from the jamb.
+    """
+    hung = {door.passage for door in doors}
+    leaf = LEAF_THICKNESS_M + LEAF_PLAY_M
+    widths = (passage.width_m - (leaf if number in hung else 0.0) for number, passage in enumerate(passages))
+    return min(widths, default=0.0)
+
+
+def _figures(brief: Brief, clear: Clearance, rooms: Sequence[Room]) -> Iterator[RoomFigures]:
+    reached = clear.reached(brief.robot_radius_m)
+    for room in rooms:
+        floor = _box(room)
+        yield RoomFigures(
+            room=room.name,
+            area_m2=rounded(floor.area),
+            free_floor_share=rounded(_free_share(clear, [floor])),
+            reached_share=rounded(connected_share(reached, clear, floor, brief.robot_radius_m)),
+        )
 
 
 def distance_to_origin(solids: Sequence[Solid]) -> float:
@@ -83,9 +146,9 @@ def broken_guarantees(certificate: Certificate) -> tuple[str, ...]:
     found: list[str] = []
     if certificate.origin_clear_radius_m < START_RADIUS_M:
         found.append(f"only {certificate.origin_clear_radius_m} m around the start are clear, not {START_RADIUS_M}")
-    if certificate.reachable_robot_radius_m < ROBOT_RADIUS_M:
-        radius = certificate.reachable_robot_radius_m
-        found.append(f"a robot of {ROBOT_RADIUS_M} m radius does not reach every room, only one of {radius} m")
+    asked, radius = certificate.guaranteed_robot_radius_m, certificate.reachable_robot_radius_m
+    if radius < asked:
+        found.append(f"a robot of {asked} m radius does not reach every room, only one of {radius} m")
     if certificate.overlaps:
         found.append(f"{certificate.overlaps} pairs of things overlap")
     return tuple(found)
@@ -94,26 +157,6 @@ def broken_guarantees(certificate: Certificate) -> tuple[str, ...]:
 def _free_share(clearance: Clearance, floors: Sequence[Box]) -> float:
     covered = [clearance.covered[clearance.cells(floor)] for floor in floors]
     return 1.0 - sum(int(cells.sum()) for cells in covered) / sum(cells.size for cells in covered)
-
-
-def _unmet_shapes(brief: Brief, floors: Sequence[Box]) -> Iterator[str]:
-    for wish, floor in zip(brief.rooms, floors, strict=True):
-        if abs(floor.area - wish.area_m2) > _AREA_TOLERANCE * wish.area_m2:
-            yield f"{wish.name}: {floor.area:.1f} m2, wished {wish.area_m2:g} m2"
-        if _misses(floor.width / floor.height, wish.aspect):
-            yield f"{wish.name}: {floor.width:.2f} x {floor.height:.2f} m, wished {_proportions(wish.aspect)}"
-    outline = _around(floors).grown(WALL_M)
-    if _misses(outline.width / outline.height, brief.footprint_aspect):
-        wished = _proportions(brief.footprint_aspect)
-        yield f"footprint: {outline.width:.2f} x {outline.height:.2f} m, wished {wished}"
-
-
-def _misses(found: float, wished: float) -> bool:
-    return max(found / wished, wished / found) > 1 + _ASPECT_TOLERANCE
-
-
-def _proportions(aspect: float) -> str:
-    return f"{aspect:.3g}:1" if aspect >= 1 else f"1:{1 / aspect:.3g}"
 
 
 def _box(room: Room) -> Box:

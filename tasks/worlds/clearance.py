@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from specs.world import Solid
-from tasks.worlds.geometry import Box
+from specs.world import OccupancyMap, Solid
+from tasks.worlds.geometry import Box, rounded
 from tasks.worlds.overlaps import bounds
 
 CELL_M = 0.05
@@ -29,11 +29,13 @@ class Clearance:
 
     Attributes:
         origin: Lower left corner of the first cell (metres).
+        touched: Cells that a solid in a robot's way touches.
         distance_m: For each cell (x, y), how large a robot's radius may be there.
         covered: Cells whose centre is under or in a solid.
     """
 
     origin: tuple[float, float]
+    touched: Bool[np.ndarray, "x y"]
     distance_m: Float[np.ndarray, "x y"]
     covered: Bool[np.ndarray, "x y"]
 
@@ -61,6 +63,7 @@ class Clearance:
 
 def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
     """Returns the distances inside a footprint, to solids that are in a robot's way."""
+    footprint = Box(*(rounded(side) for side in footprint))
     size = (int(np.ceil(footprint.width / CELL_M)), int(np.ceil(footprint.height / CELL_M)))
     touched, covered = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
     low = [solid for solid in solids if solid.center_m[2] - solid.half_extents_m[2] < HEADROOM_M]
@@ -70,12 +73,27 @@ def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
         rows = slice(max(int((x_min - x) / CELL_M), 0), int(np.ceil((x_max - x) / CELL_M)))
         columns = slice(max(int((y_min - y) / CELL_M), 0), int(np.ceil((y_max - y) / CELL_M)))
         touched[rows, columns] = True
-    clear = Clearance((x, y), touched, covered)
+    clear = Clearance((x, y), touched, touched, covered)
     for solid in low:
         x_min, y_min, _, x_max, y_max, _ = bounds(solid)
         covered[clear.cells(Box(x_min, y_min, x_max, y_max))] = True
     distance = ndimage.distance_transform_edt(~touched, sampling=CELL_M)
-    return Clearance((x, y), np.asarray(distance) - _GRID_SLACK_M, covered)
+    return Clearance((x, y), touched, np.asarray(distance) - _GRID_SLACK_M, covered)
+
+
+def occupancy(clearance: Clearance) -> OccupancyMap:
+    """Returns the touched cells as the world's map."""
+    flat = clearance.touched.T.ravel()
+    changes = np.flatnonzero(np.diff(flat)) + 1
+    borders = np.concatenate([[0] * (2 if flat[0] else 1), changes, [flat.size]])
+    columns, rows = clearance.touched.shape
+    return OccupancyMap(
+        resolution_m=CELL_M,
+        origin_m=(rounded(clearance.origin[0]), rounded(clearance.origin[1])),
+        columns=columns,
+        rows=rows,
+        runs=tuple(np.diff(borders).tolist()),
+    )
 
 
 def reaches_room(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floor: Box, radius_m: float) -> bool:

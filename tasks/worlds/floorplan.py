@@ -13,6 +13,7 @@ from tasks.worlds.scoring import WALL_M
 from tasks.worlds.search import search_layout
 from tasks.worlds.slicing import Layouts
 from tasks.worlds.streams import floor_plan_stream
+from tasks.worlds.windows import Pane
 
 START_CLEAR_M = 1.02
 _START_TRIES = 6
@@ -35,13 +36,13 @@ class FloorPlan:
     Attributes:
         cells: Each room's rectangle between wall centre lines, in the brief's order.
         gaps: The passages.
-        unmet: Connections wished in vain, one sentence each.
+        windows: The windows.
     """
 
     cells: tuple[Box, ...]
     cuts: tuple[Cut, ...]
     gaps: tuple[Gap, ...]
-    unmet: tuple[str, ...]
+    windows: tuple[Pane, ...] = ()
 
     @property
     def floors(self) -> tuple[Box, ...]:
@@ -70,13 +71,12 @@ def plan_floor(brief: Brief, seed: int, floorplan_index: int) -> FloorPlan:
     rng = floor_plan_stream(seed, floorplan_index)
     layout = search_layout(rng, brief)
     cells = [Box(*corners) for corners in layout.cells[0].tolist()]
-    gaps, unmet = place_passages(rng, brief, cells)
+    gaps = place_passages(rng, brief, cells)
     start_x, start_y = _start(rng, cells, gaps)
     return FloorPlan(
         cells=tuple(_moved(cell, start_x, start_y) for cell in cells),
         cuts=_cuts(layout, start_x, start_y),
         gaps=tuple(gap.shifted(-start_x, -start_y) for gap in gaps),
-        unmet=unmet,
     )
 
 

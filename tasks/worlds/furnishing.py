@@ -5,15 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from specs.world import RoomType
-from tasks.worlds.brief import Density, RoomWish
+from tasks.worlds.brief import RoomWish
 from tasks.worlds.catalogue import CATALOGUE, ModelType
 from tasks.worlds.compositions import COMPOSITIONS
 from tasks.worlds.geometry import Box
 from tasks.worlds.parts import Part, Size, Tints
 from tasks.worlds.placing import Piece, Scene, place, place_companion
 
-# Share of the floor that furniture covers.
-DENSITIES: dict[Density, float] = {"Sparse": 0.1, "Moderate": 0.19, "Dense": 0.3}
 _OVERSHOOT = 1.2
 _FEW_TRIES = 40
 

@@ -3,20 +3,26 @@
 from collections.abc import Sequence
 
 from specs.template import TemplateBody, template_digest
-from specs.world import Light, Passage, Rectangle, Room, World
-from tasks.worlds.brief import Brief, brief_of
-from tasks.worlds.certificate import broken_guarantees, certify
+from specs.world import Light, Passage, Rectangle, Room, Window, World
+from tasks.worlds.brief import ROBOT_RADIUS_M, Brief, brief_of
+from tasks.worlds.certificate import Survey, broken_guarantees, certify, survey
+from tasks.worlds.clearance import occupancy
+from tasks.worlds.door_wishes import FULLY_OPEN
+from tasks.worlds.doors import build_doors, opened
 from tasks.worlds.floorplan import FloorPlan, plan_floor
 from tasks.worlds.geometry import Box, rounded
-from tasks.worlds.interior import Draw, furnish_interior, unfurnished_wishes
+from tasks.worlds.interior import Draw, furnish_interior
 from tasks.worlds.materials import Surfaces, draw_surfaces
 from tasks.worlds.rejection import WorldRejected
 from tasks.worlds.scoring import WALL_M
+from tasks.worlds.streams import doors_stream, materials_stream
 from tasks.worlds.walls import build_walls
 
-GENERATOR = "simyard-slicing-1"
+GENERATOR = "simyard-2"
 """Changes whenever the same template, seed and indices would give another world."""
 _LIGHT_DROP_M = 0.1
+# A world that breaks a guarantee is drawn again, with the next sub-seed.
+_SUB_SEEDS = 5
 
 
 def world_name(floorplan_index: int, interior_index: int) -> str:
@@ -25,7 +31,13 @@ def world_name(floorplan_index: int, interior_index: int) -> str:
 
 
 def generate_world(
-    template: TemplateBody, *, seed: int, generation: str, floorplan_index: int, interior_index: int
+    template: TemplateBody,
+    *,
+    seed: int,
+    generation: str,
+    floorplan_index: int,
+    interior_index: int,
+    robot_radius_m: float = ROBOT_RADIUS_M,
 ) -> World:
     """Returns one world; all interiors of a floor plan share its rooms, passages and start.
 
@@ -35,47 +47,59 @@ def generate_world(
         generation: Name of the generation job, which goes into the world and nowhere else.
         floorplan_index: From 1.
         interior_index: From 1.
+        robot_radius_m: Every room is reachable for a robot of this radius; doorways are made wide enough for it.
 
     Raises:
         WorldRejected: InvalidInput when the template's rooms cannot be laid out, InternalServiceError when the
-            finished world breaks a guarantee.
+            finished world breaks a guarantee with every sub-seed.
     """
-    brief = brief_of(template)
-    draw = Draw(seed, floorplan_index, interior_index)
-    plan = plan_floor(brief, seed, floorplan_index)
-    surfaces, unknown_materials = draw_surfaces(
-        brief, seed=seed, floorplan_index=floorplan_index, interior_index=interior_index
-    )
-    walls = build_walls(plan, brief.ceiling_height_m, [each.wall_color for each in surfaces])
-    furniture = furnish_interior(brief, plan, walls, draw)
+    brief = brief_of(template, robot_radius_m)
+    broken: tuple[str, ...] = ()
+    for sub_seed in range(_SUB_SEEDS):
+        draw = Draw(seed, floorplan_index, interior_index, sub_seed)
+        world = _draw_world(brief, draw, generation, template_digest(template))
+        broken = broken_guarantees(world.certificate)
+        if not broken:
+            return world
+    name = world_name(floorplan_index, interior_index)
+    raise WorldRejected("InternalServiceError", f"{name}, tried {_SUB_SEEDS} times: {'; '.join(broken)}")
+
+
+def _draw_world(brief: Brief, draw: Draw, generation: str, digest: str) -> World:
+    """Returns the world of one sub-seed, whatever it keeps of its guarantees."""
+    indices = (draw.seed, draw.floorplan_index, draw.interior_index)
+    plan = plan_floor(brief, draw.seed, draw.floorplan_index)
+    surfaces = draw_surfaces(brief, materials_stream(*indices))
+    walls = build_walls(plan, brief.ceiling_height_m, [each.walls.color for each in surfaces])
+    doors = build_doors(brief, plan, doors_stream(*indices, draw.sub_seed))
     rooms, passages = _rooms(brief, plan, surfaces), _passages(brief, plan)
-    unmet = (*plan.unmet, *unknown_materials, *unfurnished_wishes(brief, furniture))
-    world = World(
+    interior = furnish_interior(brief, plan, [*walls, *opened(doors, passages)], draw)
+    furniture = interior.furniture
+    shut = any(door.open_percent < FULLY_OPEN for door in doors)
+    as_set = survey(rooms, passages, walls, furniture, doors).as_set if shut else interior.clearance
+    surveyed = Survey(interior.clearance, as_set)
+    return World(
         generator=GENERATOR,
-        template_digest=template_digest(template),
-        seed=seed,
+        template_digest=digest,
+        seed=draw.seed,
+        sub_seed=draw.sub_seed,
         generation=generation,
-        name=world_name(floorplan_index, interior_index),
-        floorplan_index=floorplan_index,
-        interior_index=interior_index,
+        name=world_name(draw.floorplan_index, draw.interior_index),
+        floorplan_index=draw.floorplan_index,
+        interior_index=draw.interior_index,
         ceiling_height_m=rounded(brief.ceiling_height_m),
         wall_thickness_m=WALL_M,
         footprint=_rectangle(plan.footprint),
         rooms=rooms,
         passages=passages,
         walls=walls,
+        doors=doors,
+        windows=_windows(brief, plan),
         furniture=furniture,
         lights=_lights(plan, brief.ceiling_height_m),
-        certificate=certify(brief, rooms, passages, walls, furniture, unmet=unmet),
+        map=occupancy(surveyed.as_set),
+        certificate=certify(brief, rooms, passages, walls=walls, furniture=furniture, doors=doors, surveyed=surveyed),
     )
-    return _guaranteed(world)
-
-
-def _guaranteed(world: World) -> World:
-    broken = broken_guarantees(world.certificate)
-    if broken:
-        raise WorldRejected("InternalServiceError", f"{world.name}: {'; '.join(broken)}")
-    return world
 
 
 def _rooms(brief: Brief, plan: FloorPlan, surfaces: Sequence[Surfaces]) -> tuple[Room, ...]:
@@ -84,9 +108,8 @@ def _rooms(brief: Brief, plan: FloorPlan, surfaces: Sequence[Surfaces]) -> tuple
             name=wish.name,
             type=wish.type,
             floor=_rectangle(floor),
-            floor_material=surface.floor,
-            floor_color=surface.floor_color,
-            wall_material=surface.wall,
+            flooring=surface.flooring,
+            walls=surface.walls,
         )
         for wish, floor, surface in zip(brief.rooms, plan.floors, surfaces, strict=True)
     )
@@ -103,6 +126,20 @@ def _passages(brief: Brief, plan: FloorPlan) -> tuple[Passage, ...]:
             desired=gap.desired,
         )
         for gap in plan.gaps
+    )
+
+
+def _windows(brief: Brief, plan: FloorPlan) -> tuple[Window, ...]:
+    return tuple(
+        Window(
+            room=brief.rooms[pane.room].name,
+            center_m=(rounded(pane.center[0]), rounded(pane.center[1])),
+            width_m=rounded(pane.width),
+            along=pane.along,
+            bottom_m=rounded(pane.bottom),
+            top_m=rounded(pane.top),
+        )
+        for pane in plan.windows
     )
 
 

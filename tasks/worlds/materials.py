@@ -1,36 +1,136 @@
-"""Floorings and wall coverings: RoboMaker's names, and a colour for each.
+"""Floorings and wall coverings: RoboMaker's names, and what each looks like.
 
 Names are matched ignoring case and spaces, because the guide and its samples spell them both ways (semantics 6).
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from specs.world import RoomType
+from specs.world import Color, Finish, Pattern, RoomType
 from tasks.worlds.brief import Brief
-from tasks.worlds.streams import materials_stream
 
-Color = tuple[float, float, float]
+Scheme = tuple[Color, Color]
+"""The colour of a surface, and of its joints, grain or print."""
 
-FLOORINGS: dict[str, Color] = {
-    "Carpet": (0.72, 0.68, 0.62),
-    "Concrete": (0.66, 0.66, 0.65),
-    "Floorboards": (0.73, 0.56, 0.38),
-    "Linoleum": (0.78, 0.76, 0.66),
-    "Parquetry": (0.64, 0.44, 0.27),
-    "Tiles": (0.83, 0.84, 0.83),
+
+@dataclass(frozen=True)
+class Material:
+    """What a flooring or a wall covering looks like.
+
+    Attributes:
+        pattern: How its surface is divided.
+        repeat_m: One unit of the pattern (along, then across or up).
+        schemes: Colours that it comes in.
+    """
+
+    pattern: Pattern
+    repeat_m: tuple[float, float]
+    schemes: tuple[Scheme, ...]
+
+
+# Planks, tiles and bricks are as shops sell them (laminate 1.2 x 0.19 m; brick courses 0.25 x 0.075 m with the joint,
+# DIN 105 normal format 240 x 115 x 71 mm).
+FLOORINGS: dict[str, Material] = {
+    "Carpet": Material(
+        "fibres",
+        (0.02, 0.02),
+        (
+            ((0.72, 0.68, 0.62), (0.65, 0.61, 0.55)),
+            ((0.55, 0.58, 0.6), (0.48, 0.51, 0.53)),
+            ((0.6, 0.5, 0.44), (0.52, 0.43, 0.37)),
+            ((0.46, 0.5, 0.44), (0.4, 0.44, 0.38)),
+        ),
+    ),
+    "Concrete": Material(
+        "plain",
+        (1.0, 1.0),
+        (((0.66, 0.66, 0.65), (0.6, 0.6, 0.59)), ((0.56, 0.56, 0.56), (0.5, 0.5, 0.5))),
+    ),
+    "Floorboards": Material(
+        "planks",
+        (1.2, 0.19),
+        (
+            ((0.73, 0.56, 0.38), (0.6, 0.44, 0.29)),
+            ((0.82, 0.69, 0.52), (0.7, 0.57, 0.41)),
+            ((0.52, 0.37, 0.25), (0.41, 0.28, 0.18)),
+            ((0.78, 0.74, 0.68), (0.67, 0.63, 0.57)),
+        ),
+    ),
+    "Linoleum": Material(
+        "plain",
+        (1.0, 1.0),
+        (
+            ((0.78, 0.76, 0.66), (0.72, 0.7, 0.6)),
+            ((0.62, 0.7, 0.68), (0.56, 0.64, 0.62)),
+            ((0.7, 0.55, 0.46), (0.63, 0.48, 0.4)),
+        ),
+    ),
+    "Parquetry": Material(
+        "parquet",
+        (0.4, 0.1),
+        (((0.64, 0.44, 0.27), (0.54, 0.35, 0.2)), ((0.76, 0.58, 0.38), (0.66, 0.48, 0.3))),
+    ),
+    "Tiles": Material(
+        "tiles",
+        (0.3, 0.3),
+        (
+            ((0.83, 0.84, 0.83), (0.66, 0.67, 0.66)),
+            ((0.72, 0.76, 0.78), (0.86, 0.88, 0.88)),
+            ((0.78, 0.68, 0.58), (0.64, 0.56, 0.48)),
+            ((0.45, 0.48, 0.5), (0.62, 0.64, 0.65)),
+        ),
+    ),
 }
-WALLS: dict[str, Color] = {
-    "Brick": (0.66, 0.36, 0.28),
-    "Concrete": (0.72, 0.72, 0.71),
-    "Stone": (0.62, 0.6, 0.55),
-    "Tiles": (0.85, 0.9, 0.91),
-    "Wood panels": (0.7, 0.54, 0.38),
-    "Wall paint": (0.93, 0.91, 0.86),
-    "Wallpaper": (0.84, 0.82, 0.88),
+WALLS: dict[str, Material] = {
+    "Brick": Material(
+        "bricks",
+        (0.25, 0.083),
+        (((0.66, 0.36, 0.28), (0.8, 0.76, 0.7)), ((0.82, 0.8, 0.77), (0.7, 0.68, 0.65))),
+    ),
+    "Concrete": Material("plain", (1.0, 1.0), (((0.72, 0.72, 0.71), (0.66, 0.66, 0.65)),)),
+    "Stone": Material(
+        "stones",
+        (0.5, 0.25),
+        (((0.62, 0.6, 0.55), (0.5, 0.48, 0.44)), ((0.74, 0.7, 0.62), (0.62, 0.58, 0.5))),
+    ),
+    "Tiles": Material(
+        "tiles",
+        (0.2, 0.2),
+        (
+            ((0.92, 0.94, 0.94), (0.78, 0.81, 0.82)),
+            ((0.72, 0.84, 0.86), (0.9, 0.94, 0.95)),
+            ((0.6, 0.74, 0.68), (0.86, 0.9, 0.88)),
+            ((0.9, 0.86, 0.78), (0.76, 0.72, 0.65)),
+        ),
+    ),
+    "Wood panels": Material(
+        "panels",
+        (0.15, 2.4),
+        (((0.7, 0.54, 0.38), (0.58, 0.43, 0.29)), ((0.86, 0.85, 0.81), (0.75, 0.74, 0.7))),
+    ),
+    "Wall paint": Material(
+        "plain",
+        (1.0, 1.0),
+        (
+            ((0.94, 0.92, 0.87), (0.94, 0.92, 0.87)),
+            ((0.95, 0.95, 0.94), (0.95, 0.95, 0.94)),
+            ((0.82, 0.87, 0.84), (0.82, 0.87, 0.84)),
+            ((0.8, 0.85, 0.91), (0.8, 0.85, 0.91)),
+            ((0.93, 0.85, 0.77), (0.93, 0.85, 0.77)),
+            ((0.88, 0.82, 0.83), (0.88, 0.82, 0.83)),
+        ),
+    ),
+    "Wallpaper": Material(
+        "stripes",
+        (0.12, 2.4),
+        (
+            ((0.84, 0.82, 0.88), (0.77, 0.74, 0.83)),
+            ((0.88, 0.86, 0.78), (0.82, 0.79, 0.68)),
+            ((0.78, 0.86, 0.85), (0.7, 0.8, 0.79)),
+        ),
+    ),
 }
 _USUAL_FLOORS: dict[RoomType, tuple[str, ...]] = {
     "Bedroom": ("Carpet", "Floorboards", "Parquetry"),
@@ -54,47 +154,36 @@ _USUAL_WALLS: dict[RoomType, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Surfaces:
-    """What one room's floor and walls are made of."""
+    """What one room's floor and walls are covered with."""
 
-    floor: str
-    wall: str
-
-    @property
-    def floor_color(self) -> Color:
-        """Colour of the floor."""
-        return FLOORINGS[self.floor]
-
-    @property
-    def wall_color(self) -> Color:
-        """Colour of the walls."""
-        return WALLS[self.wall]
+    flooring: Finish
+    walls: Finish
 
 
-def draw_surfaces(
-    brief: Brief, *, seed: int, floorplan_index: int, interior_index: int
-) -> tuple[tuple[Surfaces, ...], tuple[str, ...]]:
-    """Returns each room's surfaces, and one sentence for each wished material that nobody knows."""
-    rng = materials_stream(seed, floorplan_index, interior_index)
-    drawn: list[Surfaces] = []
-    for room in brief.rooms:
-        floor = _draw(rng, room.floorings, FLOORINGS, _USUAL_FLOORS[room.type])
-        drawn.append(Surfaces(floor, _draw(rng, room.walls, WALLS, _USUAL_WALLS[room.type])))
-    return tuple(drawn), (*_unknown(brief, "floorings"), *_unknown(brief, "walls"))
+def draw_surfaces(brief: Brief, rng: np.random.Generator) -> tuple[Surfaces, ...]:
+    """Returns each room's surfaces; a wish for materials that nobody knows leaves them to the room's type."""
+    return tuple(
+        Surfaces(
+            _draw(rng, room.floorings, FLOORINGS, _USUAL_FLOORS[room.type]),
+            _draw(rng, room.walls, WALLS, _USUAL_WALLS[room.type]),
+        )
+        for room in brief.rooms
+    )
 
 
-def _draw(rng: np.random.Generator, wished: tuple[str, ...], known: dict[str, Color], usual: tuple[str, ...]) -> str:
-    names = {_plain(name): name for name in known}
-    choice = [names[_plain(wish)] for wish in wished if _plain(wish) in names] or usual
-    return choice[int(rng.integers(len(choice)))]
+def known_name(wished: str, known: Mapping[str, Material]) -> str | None:
+    """Returns the material that a template means, None for none."""
+    return {_plain(name): name for name in known}.get(_plain(wished))
 
 
-def _unknown(brief: Brief, where: Literal["floorings", "walls"]) -> Iterator[str]:
-    known = FLOORINGS if where == "floorings" else WALLS
-    plain = {_plain(name) for name in known}
-    for room in brief.rooms:
-        for wish in room.floorings if where == "floorings" else room.walls:
-            if _plain(wish) not in plain:
-                yield f"{room.name}: no material {wish!r} for {where}; there are {', '.join(known)}"
+def _draw(
+    rng: np.random.Generator, wished: tuple[str, ...], known: dict[str, Material], usual: tuple[str, ...]
+) -> Finish:
+    choice = [name for wish in wished if (name := known_name(wish, known))] or list(usual)
+    name = choice[int(rng.integers(len(choice)))]
+    material = known[name]
+    color, accent = material.schemes[int(rng.integers(len(material.schemes)))]
+    return Finish(material=name, pattern=material.pattern, color=color, accent=accent, repeat_m=material.repeat_m)
 
 
 def _plain(name: str) -> str:

@@ -11,17 +11,18 @@ _TOUCH_M = 1e-4
 """Things that touch, or are rounded into each other by less than this, do not overlap."""
 
 
-def count_overlaps(furniture: Sequence[Furniture], walls: Sequence[Solid]) -> int:
-    """Returns how many pairs of pieces, or of a piece and a wall, intersect.
+def count_overlaps(furniture: Sequence[Furniture], walls: Sequence[Solid], leaves: Sequence[Solid] = ()) -> int:
+    """Returns how many pairs of pieces or door leaves, or of one of these and a wall, intersect.
 
     A cylinder counts as the square around it, which can only find more.
     """
-    solids = [*(solid for piece in furniture for solid in piece.solids), *walls]
+    solids = [*(solid for piece in furniture for solid in piece.solids), *leaves, *walls]
     owner = [number for number, piece in enumerate(furniture) for _ in piece.solids]
-    owner += range(len(furniture), len(furniture) + len(walls))
+    things = len(furniture) + len(leaves)
+    owner += range(len(furniture), things + len(walls))
     pairs = {
         (owner[a], owner[b])
-        for a, b in np.argwhere(_near(solids, owner, len(furniture))).tolist()
+        for a, b in np.argwhere(_near(solids, owner, things)).tolist()
         if _overlap(solids[a], solids[b])
     }
     return len(pairs)

@@ -14,7 +14,7 @@ from tasks.worlds.scoring import DOORWAY_M, JAMB_M, OPENING_MIN_M, WALL_M
 _OPENING_MAX_M = 4.0
 _OPENING_SHARE = 0.85
 # How unlike people's homes a doorway between two types is; the cheapest spanning tree is built.
-_HUBS: dict[RoomType, int] = {
+HUBS: dict[RoomType, int] = {
     "Hallway": 0,
     "Living": 1,
     "Dining": 2,
@@ -67,8 +67,8 @@ class _SharedWall:
         return Gap(rooms, kind, center, round(width, 2), self.along, desired)
 
 
-def place_passages(rng: np.random.Generator, brief: Brief, cells: list[Box]) -> tuple[tuple[Gap, ...], tuple[str, ...]]:
-    """Returns the passages of a plan, and one sentence for each wished connection that its walls cannot hold."""
+def place_passages(rng: np.random.Generator, brief: Brief, cells: list[Box]) -> tuple[Gap, ...]:
+    """Returns the passages of a plan; a wished one that its walls cannot hold is narrower, or left out."""
     walls = {
         (a, b): wall
         for a in range(len(cells))
@@ -76,14 +76,10 @@ def place_passages(rng: np.random.Generator, brief: Brief, cells: list[Box]) -> 
         if (wall := _shared_wall(cells[a], cells[b])) and wall.length >= DOORWAY_M + 2 * JAMB_M - EPSILON_M
     }
     gaps: list[Gap] = []
-    unmet: list[str] = []
     for wish, count in Counter(brief.connections).items():
-        built = _wished(rng, walls.get(wish.rooms), wish.rooms, wish.kind, count)
-        gaps += built
-        if len(built) < count or any(gap.kind != wish.kind for gap in built):
-            unmet.append(_unmet(brief, wish.rooms, wish.kind, count, built))
+        gaps += _wished(rng, walls.get(wish.rooms), wish.rooms, wish.kind, count)
     gaps += _joining(rng, brief, walls, gaps)
-    return tuple(gaps), tuple(unmet)
+    return tuple(gaps)
 
 
 def _shared_wall(a: Box, b: Box) -> _SharedWall | None:
@@ -132,7 +128,7 @@ def _joining(
     group = list(range(len(brief.rooms)))
     for gap in built:
         _unite(group, gap.rooms)
-    hubs = [_HUBS[room.type] for room in brief.rooms]
+    hubs = [HUBS[room.type] for room in brief.rooms]
     costs = {
         pair: hubs[pair[0]] * hubs[pair[1]] + min(hubs[pair[0]], hubs[pair[1]]) + 2 * rng.random() for pair in walls
     }
@@ -149,11 +145,3 @@ def _joining(
 def _unite(group: list[int], pair: tuple[int, int]) -> None:
     kept, gone = group[pair[0]], group[pair[1]]
     group[:] = [kept if each == gone else each for each in group]
-
-
-def _unmet(brief: Brief, rooms: tuple[int, int], kind: PassageKind, count: int, built: list[Gap]) -> str:
-    first, second = (brief.rooms[room].name for room in rooms)
-    wish = f"{count} doorways" if count > 1 else f"{'an opening' if kind == 'Opening' else 'a doorway'}"
-    if not built:
-        return f"{first} and {second} are wished with {wish}, but share no wall that holds it"
-    return f"{first} and {second} are wished with {wish}, but their wall holds only {len(built)} of a doorway's width"

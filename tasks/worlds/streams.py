@@ -2,12 +2,12 @@
 
 import numpy as np
 
-_FLOOR_PLAN, _MATERIALS, _ROOM = 1, 2, 3
+_FLOOR_PLAN, _MATERIALS, _ROOM, _DOORS = 1, 2, 3, 4
 
 
-def floor_plan_stream(seed: int, floorplan_index: int) -> np.random.Generator:
-    """Returns the stream that draws a floor plan."""
-    return _stream(seed, _FLOOR_PLAN, floorplan_index)
+def floor_plan_stream(seed: int, floorplan_index: int, attempt: int = 0) -> np.random.Generator:
+    """Returns the stream that draws a floor plan; each attempt has its own."""
+    return _stream(seed, _FLOOR_PLAN, floorplan_index, attempt)
 
 
 def materials_stream(seed: int, floorplan_index: int, interior_index: int) -> np.random.Generator:
@@ -15,9 +15,16 @@ def materials_stream(seed: int, floorplan_index: int, interior_index: int) -> np
     return _stream(seed, _MATERIALS, floorplan_index, interior_index)
 
 
-def room_stream(seed: int, floorplan_index: int, interior_index: int, room: int, attempt: int) -> np.random.Generator:
+def doors_stream(seed: int, floorplan_index: int, interior_index: int, sub_seed: int) -> np.random.Generator:
+    """Returns the stream that draws how an interior's doors look and stand."""
+    return _stream(seed, _DOORS, floorplan_index, interior_index, sub_seed)
+
+
+def room_stream(
+    seed: int, floorplan_index: int, interior_index: int, sub_seed: int, *, room: int, attempt: int
+) -> np.random.Generator:
     """Returns the stream that furnishes one room of an interior; each attempt has its own."""
-    return _stream(seed, _ROOM, floorplan_index, interior_index, room, attempt)
+    return _stream(seed, _ROOM, floorplan_index, interior_index, sub_seed, room, attempt)
 
 
 def _stream(seed: int, *key: int) -> np.random.Generator:

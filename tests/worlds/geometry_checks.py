@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from specs.world import Furniture, Solid, World, solids
+from specs.world import Door, Furniture, Solid, World, solids
 
 HEAD_M = 2.0
 _ROUNDING_M = 1e-5
@@ -74,9 +74,29 @@ def intersect(first: Solid, second: Solid) -> bool:
 
 
 def intersecting(world: World) -> list[tuple[str, str]]:
-    """Returns the pieces of furniture that intersect another, or a wall."""
-    found = [(a.name, b.name) for a, b in combinations(world.furniture, 2) if _any_intersect(a.solids, b.solids)]
-    return found + [(each.name, "walls") for each in world.furniture if _any_intersect(each.solids, world.walls)]
+    """Returns the pieces of furniture and door leaves that intersect another, or a wall."""
+    things = [(piece.name, piece.solids) for piece in world.furniture]
+    things += [(door.name, (door.leaf,)) for door in world.doors]
+    found = [(a[0], b[0]) for a, b in combinations(things, 2) if _any_intersect(a[1], b[1])]
+    return found + [(name, "walls") for name, parts in things if _any_intersect(parts, world.walls)]
+
+
+def with_doors_open(world: World) -> World:
+    """Returns the world with every leaf turned about its hinge to where it is fully open."""
+    doors: list[Door] = []
+    for door in world.doors:
+        passage = world.passages[door.passage]
+        length, thickness = passage.width_m - 0.02, 0.04
+        yaw = door.open_yaw_rad
+        # Seen from the hinge, the leaf's thickness lies towards where the leaf was when it was shut.
+        x, y = (
+            door.hinge_m[0] + math.cos(yaw) * length / 2 + math.cos(door.closed_yaw_rad) * thickness / 2,
+            door.hinge_m[1] + math.sin(yaw) * length / 2 + math.sin(door.closed_yaw_rad) * thickness / 2,
+        )
+        half = (length / 2, thickness / 2, door.leaf.half_extents_m[2])
+        fields = {"center_m": (x, y, door.leaf.center_m[2]), "half_extents_m": half, "yaw_rad": yaw}
+        doors.append(door.model_copy(update={"leaf": door.leaf.model_copy(update=fields)}))
+    return world.model_copy(update={"doors": tuple(doors)})
 
 
 def _any_intersect(first: Sequence[Solid], second: Sequence[Solid]) -> bool:

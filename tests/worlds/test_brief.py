@@ -42,8 +42,15 @@ def test_connections_name_rooms_by_place_lower_first() -> None:
     assert brief.connections == (ConnectionWish((0, 1), "Opening"),)
 
 
-def test_hinged_doors_are_named_as_unsupported() -> None:
-    body = template(room("A"), room("B"), version="2").model_dump()
-    interior = body["Buildings"][0]["Floors"][0]["Interior"]
-    interior["Doorways"] = {"DoorwaySets": [{"Name": "all", "TargetSet": "Target.All"}]}
-    assert len(brief_of(TemplateBody.model_validate(body)).unsupported) == 1
+def test_doorways_of_version_1_have_no_doors() -> None:
+    assert brief_of(template(room("A"), room("B"))).doors is None
+
+
+def test_doorways_of_version_2_have_open_doors_unless_it_says_otherwise() -> None:
+    doors = brief_of(template(room("A"), room("B"), version="2")).doors
+    assert doors is not None
+    assert doors.opening((0, 1)) == 100.0
+
+
+def test_the_robot_that_a_world_is_made_for_is_part_of_the_brief() -> None:
+    assert brief_of(template(room("A")), 0.4).robot_radius_m == 0.4

@@ -21,7 +21,9 @@ def certificate(made: World, *more: Solid, brief: Brief = BRIEF) -> Certificate:
         Furniture(name=each.name, model_type="Ottomans", room="A", center_m=(0.0, 0.0), yaw_rad=0.0, solids=(each,))
         for each in more
     ]
-    return certify(brief, made.rooms, made.passages, made.walls, (*made.furniture, *extra))
+    return certify(
+        brief, made.rooms, made.passages, walls=made.walls, furniture=(*made.furniture, *extra), doors=made.doors
+    )
 
 
 def post(x: float, y: float, radius: float, bottom: float = 0.0) -> Solid:
