@@ -30,7 +30,10 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         count = spec.worldGeneration.worldCount
         worlds = count.floorplanCount * count.interiorCountPerFloorplan
         product = f"{count.floorplanCount} floor plans x {count.interiorCountPerFloorplan} interiors"
-        yield f"worldGeneration   {worlds} worlds ({product}), seed {spec.worldGeneration.seed}"
+        yield (
+            f"worldGeneration   {worlds} worlds ({product}), seed {spec.worldGeneration.seed}, "
+            f"for a robot of {spec.worldGeneration.robotRadius:g} m radius"
+        )
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"

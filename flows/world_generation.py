@@ -40,7 +40,11 @@ def world_generation(
         reference = arn("world-template", store_id(opened), digest)
         request = generation_request(spec, template=reference, token=given)
         job_token = request.clientRequestToken or given
-        return ended_well(generate_worlds(opened.url, request, template, seed=spec.seed, token=job_token))
+        return ended_well(
+            generate_worlds(
+                opened.url, request, template, seed=spec.seed, robot_radius_m=spec.robotRadius, token=job_token
+            )
+        )
 
     identity = {"spec": canonical_document(spec), "template": digest}
     return as_run(opened, "world-generation", identity, token, work)

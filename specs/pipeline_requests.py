@@ -45,7 +45,7 @@ def generation_request(section: WorldGeneration, *, template: str, token: str) -
         template: ARN of the template, which the section may give as a path or a body.
         token: Used where the section has no token of its own.
     """
-    document = _without(section, "seed", "template")
+    document = _without(section, "seed", "template", "robotRadius")
     return CreateWorldGenerationJobRequest.model_validate(
         {"clientRequestToken": token, **document, "template": template}
     )

@@ -12,15 +12,17 @@ from specs.common import (
     ClientRequestToken,
     IamRole,
     Integer,
+    Number,
     OutputLocation,
     TagMap,
     WorldReference,
     text,
 )
 from specs.rules import Finding, Ruled, broken, distinct, part
+from specs.settings import MAX_WORLDS, max_worlds_of_job
 from specs.template import TemplateBody
 from specs.unions import member, told_apart
-from specs.world_jobs import MAX_WORLDS_OF_JOB
+from specs.world import ROBOT_RADIUS_M
 
 MAX_SEED = 2**32 - 1
 MAX_WORLDS_OF_EXPORT = 100
@@ -86,17 +88,23 @@ class PipelineWorldCount(Ruled):
         counts = [part(data, "floorplanCount"), part(data, "interiorCountPerFloorplan")]
         plans, interiors = (count if type(count) is int else 1 for count in counts)
         worlds = plans * interiors
-        if plans > 0 and worlds > MAX_WORLDS_OF_JOB:
+        most = max_worlds_of_job()
+        if plans > 0 and worlds > most:
             found = f"{plans} floor plans x {interiors} interiors are {worlds}"
-            yield Finding((), data, f"at most {MAX_WORLDS_OF_JOB} worlds; {found}")
+            yield Finding((), data, f"at most {most} worlds; {found} ({MAX_WORLDS} raises the limit)")
 
 
 class WorldGeneration(Spec):
     """Makes worlds from a template; takes a CreateWorldGenerationJob request as it stands."""
 
     template: Template = Field(title="Template", description="Path, URL in a bucket, name, ARN, or the body itself.")
-    worldCount: PipelineWorldCount = Field(title="How many worlds", description=f"At most {MAX_WORLDS_OF_JOB}.")
+    worldCount: PipelineWorldCount = Field(title="How many worlds", description=f"At most 50, or {MAX_WORLDS}.")
     seed: Seed = Field(default=0, title="Seed", description="The same seed makes the same worlds.")
+    robotRadius: Annotated[Number, Field(ge=0.05, le=0.6)] = Field(
+        default=ROBOT_RADIUS_M,
+        title="Robot radius (m)",
+        description="Every room is reachable for a robot of this radius.",
+    )
     tags: TagMap | None = Field(default=None, title="Tags of the job")
     worldTags: TagMap | None = Field(default=None, title="Tags of each world")
     clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")

@@ -10,6 +10,9 @@ from specs.base import Spec
 
 WORLD_VERSION = "1"
 
+ROBOT_RADIUS_M = 0.25
+"""Radius of the robot that worlds are passable for unless somebody asks for another: common indoor bases have less."""
+
 RoomType = Literal["Bedroom", "Bathroom", "Living", "Dining", "Kitchen", "Hallway", "Closet"]
 Color = tuple[float, float, float]
 """sRGB, each 0-1."""

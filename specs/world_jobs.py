@@ -24,9 +24,6 @@ from specs.common import (
 from specs.digests import canonical_json
 from specs.template import TemplateBody
 
-MAX_WORLDS_OF_JOB = 50
-"""Worlds of one generation job. More fail the job, not the call (semantics 5); a pipeline refuses them beforehand."""
-
 WorldGenerationJobStatus = Literal[
     "Pending", "Running", "Completed", "Failed", "PartialFailed", "Canceling", "Canceled"
 ]

@@ -18,11 +18,9 @@ from specs.template_interior import (
     RoomNameList,
     RoomTypeList,
 )
-from specs.world import RoomType
+from specs.world import ROBOT_RADIUS_M, RoomType
 from tasks.worlds.door_wishes import DoorWishes, door_wishes
 
-ROBOT_RADIUS_M = 0.25
-"""Radius of a common indoor robot (TurtleBot 4: 0.17 m, Fetch: 0.28 m, with a hand's breadth of room)."""
 PassageKind = Literal["Doorway", "Opening"]
 AnySet = TypeVar("AnySet", FurnitureArrangementSet, InteriorMaterialSet)
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from specs.template import TemplateBody, template_digest
-from specs.world import Light, Passage, Rectangle, Room, Window, World
-from tasks.worlds.brief import ROBOT_RADIUS_M, Brief, brief_of
+from specs.world import ROBOT_RADIUS_M, Light, Passage, Rectangle, Room, Window, World
+from tasks.worlds.brief import Brief, brief_of
 from tasks.worlds.certificate import Survey, broken_guarantees, certify, survey
 from tasks.worlds.clearance import occupancy
 from tasks.worlds.door_wishes import FULLY_OPEN

@@ -1,36 +1,30 @@
 """A world generation job: submitted once, resumed after any death, its worlds immutable objects in the store."""
 
 import logging
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 
 from pydantic import JsonValue
 
 from specs.digests import canonical_document, canonical_json
 from specs.errors import ObjectExists, StoreError
+from specs.settings import max_worlds_of_job
 from specs.template import TemplateBody, template_digest
-from specs.world_jobs import MAX_WORLDS_OF_JOB, CreateWorldGenerationJobRequest
+from specs.world import ROBOT_RADIUS_M
+from specs.world_jobs import CreateWorldGenerationJobRequest
 from tasks.storage.claim import Claim, claimed
-from tasks.storage.keys import claim_key, template_key, world_key
+from tasks.storage.keys import claim_key, template_key, world_key, worlds_prefix
 from tasks.storage.records import JobKind, JobRecord, advance, is_terminal, read, submit
 from tasks.storage.store import Store
-from tasks.worlds.canonical import encode_world
-from tasks.worlds.generate import generate_world, world_name
-from tasks.worlds.rejection import WorldRejected
+from tasks.worlds.generate import world_name
+from tasks.worlds.production import Indices, Order, produce
 
 KIND: JobKind = "world-generation-job"
 _REASON_LENGTH = 1024
+_LOOK_EVERY_S = 1.0
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class _Job:
-    """What one run of a job works with."""
-
-    store: Store
-    record: JobRecord
-    template: TemplateBody
-    seed: int
 
 
 @dataclass
@@ -39,11 +33,12 @@ class _Finished:
 
     worlds: list[str] = field(default_factory=list[str])
     failures: dict[str, tuple[int, str]] = field(default_factory=dict[str, tuple[int, str]])
+    canceled: bool = False
 
-    def failed(self, rejected: WorldRejected) -> None:
+    def failed(self, code: str, reason: str) -> None:
         """Counts one world that could not be generated."""
-        count, sample = self.failures.get(rejected.code, (0, rejected.reason))
-        self.failures[rejected.code] = (count + 1, sample)
+        count, sample = self.failures.get(code, (0, reason))
+        self.failures[code] = (count + 1, sample)
 
     def detail(self) -> dict[str, JsonValue]:
         """Returns the record's view of it."""
@@ -62,6 +57,8 @@ def run_generation_job(
     seed: int,
     token: str,
     progress: Callable[[int, int], None],
+    robot_radius_m: float = ROBOT_RADIUS_M,
+    workers: int | None = None,
 ) -> JobRecord:
     """Returns the job's terminal record, having generated the worlds that were missing.
 
@@ -69,17 +66,22 @@ def run_generation_job(
         store: Where worlds and records lie.
         request: What is asked for; its counts default to 1.
         template: The template that the request names.
-        seed: At least 0; together with the template it belongs to the request.
+        seed: At least 0; together with template and robot radius it belongs to the request.
         token: The client request token.
         progress: Called with worlds finished and worlds in all.
+        robot_radius_m: Radius of the robot that every room shall be reachable for.
+        workers: Processes that make worlds; None for as many as pay. The worlds do not depend on it.
 
     Raises:
-        IdempotentParameterMismatch: The token was used with another request, template or seed.
+        IdempotentParameterMismatch: The token was used with another request, template, seed or radius.
         StoreError: Another process took the job over, or a world in the store is not what this job generates.
+        WorkerDied: A process that made worlds was killed; running the job again goes on.
     """
     digest = template_digest(template)
-    asked: dict[str, JsonValue] = {**canonical_document(request), "seed": seed, "templateDigest": digest}
-    record = submit(store, KIND, asked, token)
+    own: dict[str, JsonValue] = {"seed": seed, "templateDigest": digest}
+    if robot_radius_m != ROBOT_RADIUS_M:
+        own["robotRadius"] = robot_radius_m
+    record = submit(store, KIND, {**canonical_document(request), **own}, token)
     if is_terminal(record):
         return record
     with claimed(store, claim_key(KIND, record.id)) as claim:
@@ -87,28 +89,65 @@ def run_generation_job(
         if is_terminal(record):
             return record
         floorplans, interiors = _counts(request)
-        if min(floorplans, interiors) < 1 or floorplans * interiors > MAX_WORLDS_OF_JOB:
+        if min(floorplans, interiors) < 1 or floorplans * interiors > max_worlds_of_job():
             return _refuse(store, record, floorplans, interiors)
         _keep_template(store, template, digest)
-        advance(store, KIND, record.id, "Running", detail={"template_digest": digest, "seed": seed})
-        job = _Job(store, record, template, seed)
-        return _end(store, record, _make_all(job, claim, floorplans, interiors, progress))
+        if record.status != "Canceling":
+            advance(store, KIND, record.id, "Running", detail={"template_digest": digest, "seed": seed})
+        order = Order(template=template, seed=seed, generation=record.id, robot_radius_m=robot_radius_m)
+        indices = [(plan, interior) for plan in range(1, floorplans + 1) for interior in range(1, interiors + 1)]
+        return _end(store, record, _make_all(_Watch(store, record, claim), order, indices, progress, workers))
+
+
+@dataclass
+class _Watch:
+    """Whether a job may go on: it is still this process's, and nobody cancels it."""
+
+    store: Store
+    record: JobRecord
+    claim: Claim
+    next_look_s: float = 0.0
+
+    def canceled(self) -> bool:
+        """Returns whether the job is to be canceled, looking at its record at most once a second.
+
+        Raises:
+            StoreError: Another process took the job over.
+        """
+        if self.claim.lost:
+            raise StoreError(f"{self.record.arn}: another process took this job over; it will finish it")
+        if time.monotonic() < self.next_look_s:
+            return False
+        self.next_look_s = time.monotonic() + _LOOK_EVERY_S
+        return read(self.store, KIND, self.record.id).status == "Canceling"
 
 
 def _make_all(
-    job: _Job, claim: Claim, floorplans: int, interiors: int, progress: Callable[[int, int], None]
+    watch: _Watch,
+    order: Order,
+    indices: Sequence[Indices],
+    progress: Callable[[int, int], None],
+    workers: int | None,
 ) -> _Finished:
-    """Returns what came of all worlds of the job, one after the other."""
-    finished, total = _Finished(), floorplans * interiors
-    for done, (floorplan_index, interior_index) in enumerate(_indices(floorplans, interiors)):
-        progress(done, total)
-        if claim.lost:
-            raise StoreError(f"{job.record.arn}: another process took this job over; it will finish it")
-        try:
-            finished.worlds.append(_make(job, floorplan_index, interior_index))
-        except WorldRejected as rejected:
-            _log.warning("%s: %s", job.record.id, rejected)
-            finished.failed(rejected)
+    """Returns what came of all worlds of the job, in order; those in the store were created whole, by this job."""
+    finished, total = _Finished(), len(indices)
+    there = set(watch.store.keys(worlds_prefix(order.generation)))
+    missing = [each for each in indices if world_key(order.generation, world_name(*each)) not in there]
+    with closing(produce(order, missing, workers)) as products:
+        for done, each in enumerate(indices):
+            progress(done, total)
+            if watch.canceled():
+                finished.canceled = True
+                return finished
+            key = world_key(order.generation, world_name(*each))
+            made = None if key in there else next(products)
+            if made is not None and made.code is not None:
+                _log.warning("%s: %s: %s", order.generation, made.code, made.reason)
+                finished.failed(made.code, made.reason)
+                continue
+            if made is not None:
+                _create_once(watch.store, key, made.document.encode())
+            finished.worlds.append(f"{order.generation}/{world_name(*each)}")
     progress(total, total)
     return finished
 
@@ -118,15 +157,11 @@ def _counts(request: CreateWorldGenerationJobRequest) -> tuple[int, int]:
     return 1 if wanted[0] is None else wanted[0], 1 if wanted[1] is None else wanted[1]
 
 
-def _indices(floorplans: int, interiors: int) -> Iterator[tuple[int, int]]:
-    return ((plan, interior) for plan in range(1, floorplans + 1) for interior in range(1, interiors + 1))
-
-
 def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int) -> JobRecord:
     """Fails the job rather than the call for a count that is out of range (semantics 5)."""
     reason = (
         f"{floorplans} floor plans x {interiors} interiors are {floorplans * interiors} worlds; "
-        f"a job makes 1 to {MAX_WORLDS_OF_JOB}"
+        f"a job makes 1 to {max_worlds_of_job()} (SIMYARD_MAX_WORLDS raises it)"
     )
     detail = _Finished().detail()
     code = "AllWorldGenerationFailed"
@@ -136,26 +171,6 @@ def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int) ->
 def _keep_template(store: Store, template: TemplateBody, digest: str) -> None:
     """Keeps the body under its digest, so that what a job used can be read however the template changes."""
     _create_once(store, template_key(digest), canonical_json(canonical_document(template)))
-
-
-def _make(job: _Job, floorplan_index: int, interior_index: int) -> str:
-    """Returns a world's reference, the world being in the store; one that is there was created whole, by this job.
-
-    Raises:
-        WorldRejected: It cannot be generated.
-    """
-    generation, name = job.record.id, world_name(floorplan_index, interior_index)
-    key = world_key(generation, name)
-    if not job.store.exists(key):
-        world = generate_world(
-            job.template,
-            seed=job.seed,
-            generation=generation,
-            floorplan_index=floorplan_index,
-            interior_index=interior_index,
-        )
-        _create_once(job.store, key, encode_world(world))
-    return f"{generation}/{name}"
 
 
 def _create_once(store: Store, key: str, body: bytes) -> None:
@@ -173,6 +188,8 @@ def _create_once(store: Store, key: str, body: bytes) -> None:
 
 def _end(store: Store, record: JobRecord, finished: _Finished) -> JobRecord:
     detail = finished.detail()
+    if finished.canceled:
+        return advance(store, KIND, record.id, "Canceled", detail=detail)
     if not finished.failures:
         return advance(store, KIND, record.id, "Completed", detail=detail)
     if finished.worlds:

@@ -14,8 +14,22 @@ from tasks.worlds.job import run_generation_job
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
 @task(name="generate-worlds", cache_policy=NO_CACHE, persist_result=False)
 def generate_worlds(
-    store_url: str, request: CreateWorldGenerationJobRequest, template: TemplateBody, *, seed: int, token: str
+    store_url: str,
+    request: CreateWorldGenerationJobRequest,
+    template: TemplateBody,
+    *,
+    seed: int,
+    token: str,
+    robot_radius_m: float,
 ) -> JobRecord:
     """Returns the ended generation job of the token, having made the worlds that were missing."""
     with watched("Worlds", "worlds-progress") as progress:
-        return run_generation_job(open_store(store_url), request, template, seed=seed, token=token, progress=progress)
+        return run_generation_job(
+            open_store(store_url),
+            request,
+            template,
+            seed=seed,
+            token=token,
+            progress=progress,
+            robot_radius_m=robot_radius_m,
+        )

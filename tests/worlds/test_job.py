@@ -8,9 +8,9 @@ from specs.errors import IdempotentParameterMismatch, StoreError
 from specs.template import TemplateBody, template_digest
 from specs.world_jobs import CreateWorldGenerationJobRequest
 from tasks.storage.keys import template_key, world_key
-from tasks.storage.records import JobRecord
+from tasks.storage.records import JobRecord, advance, job_id
 from tasks.storage.store import Store
-from tasks.worlds import job
+from tasks.worlds import job, production
 from tasks.worlds.canonical import decode_world
 from tasks.worlds.job import run_generation_job
 from tasks.worlds.rejection import WorldRejected
@@ -91,13 +91,13 @@ def test_a_resumed_job_leaves_finished_worlds_alone(file_store: Store, monkeypat
     with pytest.raises(KeyboardInterrupt):
         run(file_store, progress=Progress(dies_after=3))
     made: list[tuple[int, int]] = []
-    original = job.generate_world
+    original = production.generate_world
 
     def counting(template: TemplateBody, **which: object) -> object:
         made.append((int(str(which["floorplan_index"])), int(str(which["interior_index"]))))
         return original(template, **which)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(job, "generate_world", counting)
+    monkeypatch.setattr(production, "generate_world", counting)
     run(file_store)
     assert made == [(2, 2)]
 
@@ -150,14 +150,14 @@ def test_the_template_used_is_kept_by_its_digest(file_store: Store) -> None:
 def test_worlds_that_cannot_be_made_are_counted_and_the_rest_kept(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    original = job.generate_world
+    original = production.generate_world
 
     def failing(template: TemplateBody, **which: object) -> object:
         if which["interior_index"] == 2:
             raise WorldRejected("InternalServiceError", f"no {which['floorplan_index']}")
         return original(template, **which)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(job, "generate_world", failing)
+    monkeypatch.setattr(production, "generate_world", failing)
     record = run(file_store, 2, 2)
     assert (record.status, record.failure_code) == ("PartialFailed", "")
     assert list(worlds_of(file_store, record)) == ["world-1-1", "world-2-1"]
@@ -168,19 +168,79 @@ def test_a_job_without_a_single_world_has_failed(file_store: Store, monkeypatch:
     def failing(template: TemplateBody, **which: object) -> object:
         raise WorldRejected("InvalidInput", "make a room larger")
 
-    monkeypatch.setattr(job, "generate_world", failing)
+    monkeypatch.setattr(production, "generate_world", failing)
     record = run(file_store, 1, 2)
     assert (record.status, record.failure_code) == ("Failed", "AllWorldGenerationFailed")
     assert record.failure_reason == "make a room larger"
 
 
 def test_a_world_that_somebody_else_put_there_is_an_error(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    original = job.generate_world
+    original = production.generate_world
 
     def slow(template: TemplateBody, **which: object) -> object:
         file_store.create(world_key(str(which["generation"]), "world-1-1"), b"{}")
         return original(template, **which)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(job, "generate_world", slow)
+    monkeypatch.setattr(production, "generate_world", slow)
     with pytest.raises(StoreError, match="something else"):
         run(file_store, 1, 1)
+
+
+def test_a_team_may_raise_the_number_of_worlds(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SIMYARD_MAX_WORLDS", "52")
+    record = run(file_store, 52, 1)
+    assert record.status == "Completed"
+    assert len(worlds_of(file_store, record)) == 52
+
+
+def test_a_job_that_is_canceled_keeps_the_worlds_it_made(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "_LOOK_EVERY_S", 0.0)
+    id_of_job = job_id(job.KIND, "t")
+
+    @dataclass
+    class Canceling(Progress):
+        def __call__(self, done: int, total: int) -> None:
+            super().__call__(done, total)
+            if done == 2:
+                advance(file_store, job.KIND, id_of_job, "Canceling")
+
+    record = run(file_store, progress=Canceling())
+    assert record.status == "Canceled"
+    assert list(worlds_of(file_store, record)) == ["world-1-1", "world-1-2"]
+
+
+def test_a_job_that_was_canceled_before_it_ran_makes_nothing(file_store: Store) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run(file_store, progress=Progress(dies_after=0))
+    advance(file_store, job.KIND, job_id(job.KIND, "t"), "Canceling")
+    record = run(file_store)
+    assert (record.status, record.detail["worlds"]) == ("Canceled", [])
+
+
+def test_another_robot_under_the_same_token_is_refused(file_store: Store) -> None:
+    run(file_store)
+    with pytest.raises(IdempotentParameterMismatch):
+        run_generation_job(
+            file_store,
+            request(2, 2),
+            BODY,
+            seed=7,
+            token="t",  # noqa: S106
+            progress=Progress(),
+            robot_radius_m=0.3,
+        )
+
+
+def test_the_robot_asked_for_is_the_one_that_is_guaranteed(file_store: Store) -> None:
+    record = run_generation_job(
+        file_store,
+        request(1, 1),
+        BODY,
+        seed=7,
+        token="t",  # noqa: S106
+        progress=Progress(),
+        robot_radius_m=0.35,
+    )
+    certificate = decode_world(worlds_of(file_store, record)["world-1-1"]).certificate
+    assert certificate.guaranteed_robot_radius_m == 0.35
+    assert certificate.reachable_robot_radius_m >= 0.35
