@@ -4,6 +4,7 @@ from pydantic import JsonValue, TypeAdapter
 
 from specs.arn import arn
 from specs.base import Spec
+from specs.digests import canonical_json
 from specs.world import World
 from specs.world_descriptions import (
     DescribeWorldGenerationJobResponse,
@@ -54,10 +55,37 @@ def summarise_generation_job(record: JobRecord) -> WorldGenerationJobSummary:
 def describe_world(world: World, record: JobRecord) -> DescribeWorldResponse:
     """Returns the answer of DescribeWorld, given the world and the job that generated it.
 
-    The description body is left out: it lists hinged doors (version 2), which worlds do not have yet.
+    The description body is left out for a world without doors, as it is for templates of version 1.
     """
-    tags = {"tags": record.request["worldTags"]} if "worldTags" in record.request else {}
-    return DescribeWorldResponse.model_validate({**_identity(f"{world.generation}/{world.name}", record), **tags})
+    fields = _identity(f"{world.generation}/{world.name}", record)
+    if "worldTags" in record.request:
+        fields["tags"] = record.request["worldTags"]
+    if world.doors:
+        fields["worldDescriptionBody"] = canonical_json(world_description(world)).decode()
+    return DescribeWorldResponse.model_validate(fields)
+
+
+def world_description(world: World) -> dict[str, JsonValue]:
+    """Returns what RoboMaker's ``world_description.json`` is for: the doors, by the names that exports use.
+
+    The guide says that doors are listed and prints no example, so the keys are Simyard's own.
+    """
+    doors: list[JsonValue] = []
+    for door in world.doors:
+        passage = world.passages[door.passage]
+        doors.append(
+            {
+                "name": door.name,
+                "rooms": list(passage.rooms),
+                "opensInto": door.opens_into,
+                "hinge": {"x": door.hinge_m[0], "y": door.hinge_m[1]},
+                "width": passage.width_m,
+                "closedYaw": door.closed_yaw_rad,
+                "openYaw": door.open_yaw_rad,
+                "openPercent": door.open_percent,
+            }
+        )
+    return {"world": world.name, "doors": doors}
 
 
 def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:

@@ -1,5 +1,6 @@
 """Jobs and worlds are described in RoboMaker's words."""
 
+import json
 from typing import Any
 
 from pydantic import JsonValue
@@ -12,6 +13,8 @@ from tasks.worlds.describe import (
     summarise_generation_job,
     summarise_worlds,
 )
+from tasks.worlds.generate import generate_world
+from tests.worlds.templates import doorway, room, template
 from tests.worlds_factory import apartment
 
 JOB = "wgj-0000000000000001"
@@ -94,6 +97,16 @@ def test_a_world_is_described_with_its_job_and_its_own_tags() -> None:
         "createdAt": 12.5,
         "tags": {"kind": "test"},
     }
+
+
+def test_a_world_with_doors_is_described_with_them() -> None:
+    body = template(room("A"), room("B"), version="2", doorways=(doorway("Target.All", 25),))
+    world = generate_world(body, seed=1, generation=JOB, floorplan_index=1, interior_index=1)
+    text = describe_world(world, record("Completed", [f"{JOB}/world-1-1"], {})).worldDescriptionBody
+    assert text is not None
+    (door,) = json.loads(text)["doors"]
+    assert (door["name"], sorted(door["rooms"]), door["openPercent"]) == ("door_1", ["A", "B"], 25)
+    assert door["hinge"] == {"x": world.doors[0].hinge_m[0], "y": world.doors[0].hinge_m[1]}
 
 
 def test_worlds_of_a_job_are_summarised_in_order() -> None:
