@@ -10,7 +10,7 @@ from specs.common import Path as SourcePath
 from specs.common import PlainName
 from specs.digests import digest
 from specs.pipeline_simulation import Deployment, Gate, SimulationBatch
-from specs.pipeline_worlds import WorldExport, WorldGeneration
+from specs.pipeline_worlds import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
 from specs.rules import Finding, Location, Ruled, items, part
 
 SECTIONS = ("applications", "worldGeneration", "worldExport", "simulationBatch", "deployment")
@@ -64,6 +64,7 @@ class PipelineSpec(Ruled):
             yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
         if part(data, "worldGeneration") is None:
             yield from _worlds_from_nowhere(data)
+        yield from _too_many_to_export(data)
         yield from _published_twice(items(part(data, "applications")))
 
 
@@ -105,6 +106,16 @@ def _worlds_from_nowhere(data: object) -> Iterator[Finding]:
         return
     loc: Location = ("simulationBatch", "matrix", "worlds")
     yield Finding(loc, "all", allowed)
+
+
+def _too_many_to_export(data: object) -> Iterator[Finding]:
+    """Yields an export of more worlds than one job writes, which only SIMYARD_MAX_WORLDS makes possible."""
+    export, count = part(data, "worldExport"), part(part(data, "worldGeneration"), "worldCount")
+    counts = [part(count, "floorplanCount"), part(count, "interiorCountPerFloorplan")]
+    plans, interiors = (each if type(each) is int else 1 for each in counts)
+    if export is not None and not _names_worlds(export) and plans * interiors > MAX_WORLDS_OF_EXPORT:
+        allowed = f"at most {MAX_WORLDS_OF_EXPORT} worlds, by name; {plans * interiors} are generated"
+        yield Finding(("worldExport", "worlds"), "all", allowed)
 
 
 def _names_worlds(section: object) -> bool:

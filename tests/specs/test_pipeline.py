@@ -72,6 +72,16 @@ def test_more_than_50_worlds_are_refused_before_anything_runs(plans: int, interi
     assert allowed.startswith("at most 50 worlds; ")
 
 
+def test_an_export_of_more_worlds_than_a_job_writes_is_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SIMYARD_MAX_WORLDS", "500")
+    generation = {**GENERATION, "worldCount": {"floorplanCount": 101}}
+
+    ((place, allowed),) = faults(worldGeneration=generation, worldExport={"outputLocation": PLACE})
+
+    assert (place, allowed) == ("worldExport.worlds", "at most 100 worlds, by name; 101 are generated")
+    spec(worldGeneration=generation)
+
+
 def test_50_worlds_are_allowed():
     spec(worldGeneration={**GENERATION, "worldCount": {"floorplanCount": 10, "interiorCountPerFloorplan": 5}})
 
