@@ -18,7 +18,7 @@ from tasks.simulate.applications import Applications, check_robot, check_scenari
 from tasks.simulate.bundles import BundleCrash, load_factory
 from tasks.simulate.chunks import Chunk, split_environment
 from tasks.simulate.contract import Placement
-from tasks.simulate.lane import LaneInputs, LaneState
+from tasks.simulate.lane_state import LaneInputs, LaneState
 from tasks.simulate.model import load_robot
 from tasks.simulate.outcomes import canceled_row, failed_row, finished_row
 from tasks.simulate.program import Program, make_program

@@ -8,7 +8,7 @@ from jaxtyping import Float32
 from specs.episode import EpisodeRequest, EpisodeResult, unfinished
 from tasks.simulate.bundles import CrashCode
 from tasks.simulate.contract import REASONS
-from tasks.simulate.lane import NO_CRASH, ROBOT_CRASH, LaneState
+from tasks.simulate.lane_state import NO_CRASH, ROBOT_CRASH, LaneState
 from tasks.simulate.robot import CONTROL_S
 from tasks.simulate.staging import Lane
 

@@ -11,7 +11,8 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
 from tasks.simulate.applications import Applications
-from tasks.simulate.lane import LaneInputs, LaneState, Record, advance_lane, begin_lane
+from tasks.simulate.lane import advance_lane
+from tasks.simulate.lane_state import LaneInputs, LaneState, Record, begin_lane
 from tasks.simulate.model import RobotModel
 
 # 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.

@@ -15,7 +15,7 @@ from tasks.simulate.chunks import split_environment
 from tasks.simulate.contract import FloorMap, HostMap, Lidar, Placement, Scenario
 from tasks.simulate.floor_map import floor_map, grid_cells
 from tasks.simulate.geodesic import shortest_paths_m
-from tasks.simulate.lane import LaneInputs
+from tasks.simulate.lane_state import LaneInputs
 from tasks.simulate.obstacles import Obstacles, obstacles, padded
 from tasks.simulate.robot import CONTROL_S, Hull
 

@@ -1,0 +1,92 @@
+"""What a control step came to: the scenario's verdict, sums, and whether the lane is done."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from tasks.simulate.applications import Applications
+from tasks.simulate.contract import State, Truth
+from tasks.simulate.lane_state import (
+    NO_CRASH,
+    ROBOT_CRASH,
+    SIMULATION_CRASH,
+    Body,
+    LaneInputs,
+    LaneState,
+    Motion,
+    Record,
+    Tally,
+    Work,
+)
+from tasks.simulate.robot import CONTROL_S
+
+TIMEOUT = 2  # index in contract.REASONS
+CRASH = 5
+
+
+def settle(
+    applications: Applications,
+    inputs: LaneInputs,
+    state: LaneState,
+    decided: tuple[State, Float[jax.Array, "actuators"]],
+    motion: Motion,
+) -> tuple[LaneState, Record]:
+    """Returns a lane after a control step that a controller decided and an engine drove.
+
+    A lane that is done stays as it is, bit for bit.
+    """
+    controller_state, control = decided
+    body, work, clearance_m = motion
+    finite_control = jnp.isfinite(control).all()
+    finite_body = jnp.isfinite(body.qpos).all() & jnp.isfinite(body.qvel).all()
+    step = state.step + 1
+    truth = _truth(inputs, body, work, clearance_m, step)
+    scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
+    crash = jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~finite_body, SIMULATION_CRASH, NO_CRASH))
+    timeout = ~verdict.done & (step >= inputs.last_step)
+    reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, verdict.reason))
+    moved = LaneState(
+        body=body,
+        controller=controller_state,
+        scenario=scenario_state,
+        tally=_tally(state, body, work, clearance_m),
+        step=step,
+        goal_index=verdict.goal_index,
+        done=verdict.done | timeout,
+        reason=reason,
+        crash=crash,
+    )
+    # A lane that crashes keeps its last sound state, and says only that it crashed.
+    crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
+    chosen = _select(crash > 0, crashed, moved)
+    final = _select(state.done, state, chosen)
+    return final, Record(final.body.qpos, control)
+
+
+def _truth(
+    inputs: LaneInputs, body: Body, work: Work, clearance_m: Float[jax.Array, ""], step: Int[jax.Array, ""]
+) -> Truth:
+    bounds, place = inputs.floor.bounds_m, body.qpos[:2]
+    inside = jnp.all((place >= bounds[:2]) & (place <= bounds[2:]))
+    return Truth(step * CONTROL_S, body.qpos, body.qvel, clearance_m, work.impulse_ns, inside)
+
+
+def _tally(state: LaneState, body: Body, work: Work, clearance_m: Float[jax.Array, ""]) -> Tally:
+    tally, touching = state.tally, work.impulse_ns > 0.0
+    way = body.qpos[:2] - state.body.qpos[:2]
+    return Tally(
+        path_length_m=tally.path_length_m + jnp.sqrt(jnp.sum(way**2)),
+        collisions=tally.collisions + (touching & ~tally.touching),
+        touching=touching,
+        min_clearance_m=jnp.minimum(tally.min_clearance_m, clearance_m),
+        energy_j=tally.energy_j + work.energy_j,
+    )
+
+
+def _select(choose: Bool[jax.Array, ""], yes: LaneState, no: LaneState) -> LaneState:
+    """Returns one of two states; what is the same array in both, such as a plan, is not touched at all."""
+
+    def pick(a: jax.Array, b: jax.Array) -> jax.Array:
+        return a if a is b else jnp.where(choose, a, jnp.asarray(b).astype(jnp.asarray(a).dtype))
+
+    return jax.tree.map(pick, yes, no)
