@@ -10,7 +10,7 @@ import pytest
 from specs.template import TemplateBody
 from specs.world import World, solids
 from tasks.export.bundle import WORLD_FILE, world_files
-from tasks.export.mjcf import world_xml
+from tasks.export.mjcf import MJCF_FILE, mjcf_files, world_spec
 from tasks.export.svg import floor_plan_svg
 from tasks.results.trajectory_svg import failure_map_svg
 from tasks.worlds.canonical import encode_world
@@ -31,12 +31,13 @@ def test_the_zip_holds_the_very_bytes_of_the_store(world: World):
 
 
 def test_mujoco_sees_every_solid(world: World):
-    model = mujoco.MjModel.from_xml_string(world_xml(world))
+    files = mjcf_files(world)
+    model = mujoco.MjModel.from_xml_string(files.pop(MJCF_FILE).decode(), files)
     assert {model.geom(number).name for number in range(model.ngeom)} >= {solid.name for solid in solids(world)}
 
 
 def test_nothing_in_the_model_touches_the_certified_start(world: World):
-    spec = mujoco.MjSpec.from_string(world_xml(world))
+    spec = world_spec(world)
     body = spec.worldbody.add_body(name="start", pos=[0.0, 0.0, 0.251])
     body.add_freejoint()
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.999, 0.25, 0.0])

@@ -3,11 +3,12 @@
 manifest.json                               SHA-256 and size of every other file
 worlds/<generation>/<world>/world.json      the world itself, as the store has it
 worlds/<generation>/<world>/world.xml       MJCF, with format mjcf
+worlds/<generation>/<world>/textures/*.png  what its floors and walls look like
 worlds/<generation>/<world>/floorplan.svg   with format svg
 """
 
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
@@ -16,17 +17,14 @@ from pydantic import JsonValue
 from specs.digests import canonical_document, canonical_json
 from specs.pipeline_worlds import WorldFormat
 from specs.world import World
-from tasks.export.mjcf import world_xml
+from tasks.export.mjcf import mjcf_files
 from tasks.export.svg import floor_plan_svg
 from tasks.storage.keys import checked_name
 
 MANIFEST = "manifest.json"
 WORLD_FILE = "world.json"
+PLAN_FILE = "floorplan.svg"
 
-_FILES: Mapping[WorldFormat, tuple[str, Callable[[World], str]]] = {
-    "mjcf": ("world.xml", world_xml),
-    "svg": ("floorplan.svg", floor_plan_svg),
-}
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can say
 _UNIX = 3
 _READ_WRITE = 0o100644 << 16
@@ -35,9 +33,10 @@ _READ_WRITE = 0o100644 << 16
 def world_files(world: World, formats: Collection[WorldFormat]) -> dict[str, bytes]:
     """Returns the files of one world by their names: the world itself, then the formats asked for."""
     files = {WORLD_FILE: canonical_json(canonical_document(world))}
-    for wanted, (name, written) in _FILES.items():
-        if wanted in formats:
-            files[name] = written(world).encode()
+    if "mjcf" in formats:
+        files |= mjcf_files(world)
+    if "svg" in formats:
+        files[PLAN_FILE] = floor_plan_svg(world).encode()
     return files
 
 

@@ -1,33 +1,32 @@
 """A world as MJCF: loads in MuJoCo as it is, with every solid a geom of the solid's name.
 
-Collision is what the world says and nothing else: one ground plane and the solids. The floors of the rooms are sheets
-one millimetre above it that are seen, by cameras and by rays, but touch nothing.
+Collision is what the world says and nothing else: one ground plane and the solids. What shows floorings, wall coverings
+and windows are sheets a millimetre in front of them (mjcf_finishes).
 """
 
 import math
 
 import mujoco
 
-from specs.world import Rectangle, Solid, World, solids
+from specs.world import Rectangle, World
+from tasks.export.mjcf_doors import add_door
+from tasks.export.mjcf_finishes import add_floor, add_walls, add_windows
+from tasks.export.mjcf_solids import CEILING_GROUP, FURNITURE_GROUP, WALL_GROUP, add_plane, add_solid
 
+MJCF_FILE = "world.xml"
 GROUND = "ground"
-FLOOR_PREFIX = "floor/"
 CEILING = "ceiling"
 OVERVIEW_CAMERA = "overview"
 
-FLOOR_LIFT_M = 0.001
 _THRESHOLD_RGBA = (0.55, 0.53, 0.50, 1.0)
 _CEILING_RGBA = (0.95, 0.95, 0.95, 1.0)
 _CEILING_HALF_THICKNESS_M = 0.05
 _GROUND_MARGIN_M = 0.5
-_GRID_SPACING_M = 0.05  # of a plane's drawing only
 _OVERVIEW_FOVY_DEG = 45.0
-# Groups 0 to 2 are drawn by default: the walls and the ceiling can be switched off one by one.
-_GROUND_GROUP, _WALL_GROUP, _FURNITURE_GROUP, _CEILING_GROUP = 0, 1, 2, 3
 
 
 def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
-    """Returns the editable model of a world: static geoms in the world body, lights and an overview camera.
+    """Returns the editable model of a world: static geoms in the world body, hinged doors, lights, an overview camera.
 
     Args:
         world: Any world.
@@ -35,11 +34,21 @@ def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
     """
     spec = mujoco.MjSpec()
     spec.modelname = f"{world.generation}/{world.name}"
+    spec.compiler.degree = False
     _look(spec, world)
-    _floors(spec, world)
-    walls = len(world.walls)
-    for number, solid in enumerate(solids(world)):
-        _solid(spec, solid, _WALL_GROUP if number < walls else _FURNITURE_GROUP)
+    ground = add_plane(spec, GROUND, world.footprint, 0.0, margin_m=_GROUND_MARGIN_M)
+    ground.rgba = list(_THRESHOLD_RGBA)
+    for number, room in enumerate(world.rooms, start=1):
+        add_floor(spec, room)
+        add_walls(spec, world, room, number)
+        add_windows(spec, world, room)
+    for wall in world.walls:
+        add_solid(spec.worldbody, wall, WALL_GROUP)
+    for door in world.doors:
+        add_door(spec, door)
+    for piece in world.furniture:
+        for solid in piece.solids:
+            add_solid(spec.worldbody, solid, FURNITURE_GROUP)
     if ceiling:
         _ceiling(spec, world)
     _lights(spec, world)
@@ -47,11 +56,12 @@ def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
     return spec
 
 
-def world_xml(world: World) -> str:
-    """Returns the world as an MJCF document, the same text for the same world."""
+def mjcf_files(world: World) -> dict[str, bytes]:
+    """Returns the world as an MJCF document and the textures that it names, the same bytes for the same world."""
     spec = world_spec(world)
     spec.compile()
-    return spec.to_xml()
+    textures: dict[str, bytes] = spec.assets
+    return {MJCF_FILE: spec.to_xml().encode(), **textures}
 
 
 def _look(spec: mujoco.MjSpec, world: World) -> None:
@@ -75,50 +85,6 @@ def _look(spec: mujoco.MjSpec, world: World) -> None:
     )
 
 
-def _floors(spec: mujoco.MjSpec, world: World) -> None:
-    _plane(spec, GROUND, world.footprint, 0.0, _THRESHOLD_RGBA, margin_m=_GROUND_MARGIN_M)
-    for room in world.rooms:
-        floor = _plane(spec, FLOOR_PREFIX + room.name, room.floor, FLOOR_LIFT_M, (*room.flooring.color, 1.0))
-        floor.contype = 0
-        floor.conaffinity = 0
-
-
-def _plane(
-    spec: mujoco.MjSpec,
-    name: str,
-    area: Rectangle,
-    z_m: float,
-    rgba: tuple[float, float, float, float],
-    *,
-    margin_m: float = 0.0,
-) -> mujoco.MjsGeom:
-    half_x_m = (area.x_max_m - area.x_min_m) / 2 + margin_m
-    half_y_m = (area.y_max_m - area.y_min_m) / 2 + margin_m
-    return spec.worldbody.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        pos=[*_center(area), z_m],
-        size=[half_x_m, half_y_m, _GRID_SPACING_M],
-        rgba=list(rgba),
-        group=_GROUND_GROUP,
-    )
-
-
-def _solid(spec: mujoco.MjSpec, solid: Solid, group: int) -> None:
-    x_m, y_m, z_m = solid.half_extents_m
-    cylinder = solid.shape == "cylinder"
-    half_yaw_rad = solid.yaw_rad / 2
-    spec.worldbody.add_geom(
-        name=solid.name,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_BOX,
-        pos=list(solid.center_m),
-        size=[x_m, z_m, 0.0] if cylinder else [x_m, y_m, z_m],
-        quat=[math.cos(half_yaw_rad), 0.0, 0.0, math.sin(half_yaw_rad)],
-        rgba=[*solid.color, 1.0],
-        group=group,
-    )
-
-
 def _ceiling(spec: mujoco.MjSpec, world: World) -> None:
     area = world.footprint
     half_x_m, half_y_m = (area.x_max_m - area.x_min_m) / 2, (area.y_max_m - area.y_min_m) / 2
@@ -128,7 +94,7 @@ def _ceiling(spec: mujoco.MjSpec, world: World) -> None:
         pos=[*_center(area), world.ceiling_height_m + _CEILING_HALF_THICKNESS_M],
         size=[half_x_m, half_y_m, _CEILING_HALF_THICKNESS_M],
         rgba=list(_CEILING_RGBA),
-        group=_CEILING_GROUP,
+        group=CEILING_GROUP,
     )
 
 

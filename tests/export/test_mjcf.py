@@ -3,6 +3,7 @@
 import io
 import math
 import zipfile
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,7 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.world import Solid, World, solids
-from tasks.export.mjcf import CEILING, FLOOR_LIFT_M, GROUND, OVERVIEW_CAMERA, world_spec, world_xml
+from tasks.export.mjcf import CEILING, GROUND, MJCF_FILE, OVERVIEW_CAMERA, mjcf_files, world_spec
+from tasks.export.mjcf_finishes import FLOOR_LIFT_M, FLOOR_PREFIX, WALLS_PREFIX
+from tasks.export.skins import SKIN_LIFT_M
+from tasks.export.textures import draw_texture
+from tests.export.variants import DOOR, with_door, with_windows
 from tests.worlds_factory import apartment
 
 
@@ -20,15 +25,21 @@ def world() -> World:
     return apartment()
 
 
+def loaded(world: World) -> mujoco.MjModel:
+    """Returns the model as it is read from the exported files."""
+    files = mjcf_files(world)
+    return mujoco.MjModel.from_xml_string(files.pop(MJCF_FILE).decode(), files)
+
+
 def ray_m(world: World, start_m: tuple[float, float, float], direction: tuple[float, float, float]) -> float:
-    model = mujoco.MjModel.from_xml_string(world_xml(world))
+    model = loaded(world)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return mujoco.mj_ray(model, data, np.array(start_m), np.array(direction), None, 1, -1, np.zeros(1, np.int32), None)
 
 
 def test_every_solid_is_a_geom_of_its_name_and_size(world: World):
-    model = mujoco.MjModel.from_xml_string(world_xml(world))
+    model = loaded(world)
     for solid in solids(world):
         geom = model.geom(solid.name)
         x_m, y_m, z_m = solid.half_extents_m
@@ -39,9 +50,10 @@ def test_every_solid_is_a_geom_of_its_name_and_size(world: World):
 
 
 def test_only_the_ground_and_the_solids_can_be_touched(world: World):
-    model = mujoco.MjModel.from_xml_string(world_xml(world))
+    model = loaded(with_door(70.0, with_windows(world)))
+    solid_names = {solid.name for solid in solids(world)} | {DOOR}
     touchable = {model.geom(number).name for number in range(model.ngeom) if model.geom_contype[number]}
-    assert touchable == {GROUND, *(solid.name for solid in solids(world))}
+    assert touchable == {GROUND, *solid_names}
 
 
 def test_a_turned_table_is_hit_where_it_turned(world: World):
@@ -51,7 +63,8 @@ def test_a_turned_table_is_hit_where_it_turned(world: World):
 
 
 def test_a_ray_through_the_doorway_crosses_both_rooms(world: World):
-    assert ray_m(world, (-1.0, 0.5, 0.3), (1.0, 0.0, 0.0)) == pytest.approx(7.6, abs=1e-6)
+    through_m = ray_m(world, (-1.0, 0.5, 0.3), (1.0, 0.0, 0.0))
+    assert through_m == pytest.approx(7.6 - SKIN_LIFT_M, abs=1e-6)
 
 
 def test_a_ray_downwards_meets_the_floor_of_the_room(world: World):
@@ -65,20 +78,92 @@ def test_rooms_are_open_at_the_top_unless_a_ceiling_is_asked_for(world: World):
 
 
 def test_there_is_a_light_for_each_light_and_a_camera_above(world: World):
-    model = mujoco.MjModel.from_xml_string(world_xml(world))
+    model = loaded(world)
     assert model.nlight == len(world.lights)
     assert model.camera(OVERVIEW_CAMERA).pos[2] > world.ceiling_height_m
 
 
-def test_a_zip_with_the_document_loads_as_a_spec(world: World):
+def test_the_document_loads_from_its_unpacked_folder(world: World, tmp_path: Path):
+    files = mjcf_files(world)
+    for name, body in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(body)
+    # The sky is no file, the document is no texture.
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / MJCF_FILE)).ntex == len(files)
+
+
+def test_a_zip_with_the_files_loads_as_a_spec(world: World):
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as bundle:
-        bundle.writestr("worlds/g/w/world.xml", world_xml(world))
-    assert mujoco.MjSpec.from_zip(packed).compile().ngeom == len(solids(world)) + len(world.rooms) + 1
+        for name, body in mjcf_files(world).items():
+            bundle.writestr(f"worlds/g/w/{name}", body)
+    sheets = 2 * len(world.rooms)  # a floor and the walls of each
+    assert mujoco.MjSpec.from_zip(packed).compile().ngeom == len(solids(world)) + sheets + 1
 
 
-def test_the_same_world_gives_the_same_text(world: World):
-    assert world_xml(world) == world_xml(apartment())
+def test_the_same_world_gives_the_same_files(world: World):
+    first = mjcf_files(world)
+    draw_texture.cache_clear()
+    assert mjcf_files(apartment()) == first
+
+
+def test_either_face_of_a_wall_shows_its_own_room(world: World):
+    model = loaded(world)
+    wall_m = (2.55, -1.0)
+    for room, from_m, towards in zip(world.rooms, (0.0, 4.0), (1.0, -1.0), strict=True):
+        name, material = hit(model, (from_m, wall_m[1], 1.5), (towards, 0.0, 0.0))
+        assert name == WALLS_PREFIX + room.name
+        assert room.walls.pattern in material
+
+
+def test_a_floor_shows_its_flooring_with_units_as_large_as_they_are(world: World):
+    model = loaded(world)
+    name, material = hit(model, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+    assert name == FLOOR_PREFIX + "Living room"
+    # The picture holds 2 planks along and 8 across, of 0.4 x 0.2 m; MuJoCo counts repetitions in two metres.
+    np.testing.assert_allclose(model.mat(material).texrepeat, [2 / 0.8, 2 / 1.6], rtol=1e-6)
+
+
+def test_rooms_with_one_flooring_share_its_texture(world: World):
+    living, kitchen = world.rooms
+    same = world.model_copy(update={"rooms": (living, kitchen.model_copy(update={"flooring": living.flooring}))})
+    assert len(mjcf_files(same)) == len(mjcf_files(world)) - 1
+
+
+def test_what_is_pushed_into_a_wall_touches_the_wall_alone(world: World):
+    def contacts(spec: mujoco.MjSpec) -> int:
+        body = spec.worldbody.add_body(name="robot", pos=[2.4, -1.0, 0.3])
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.2, 0.2, 0.2])
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        return data.ncon
+
+    bare = world_spec(world)
+    for room in world.rooms:
+        bare.delete(bare.geom(WALLS_PREFIX + room.name))
+        bare.delete(bare.geom(FLOOR_PREFIX + room.name))
+    assert contacts(world_spec(with_windows(world))) == contacts(bare) > 0
+
+
+def test_a_window_shows_on_either_face_and_leaves_its_wall_whole(world: World):
+    model = loaded(with_windows(world))
+    assert "pane" in hit(model, (0.0, 0.3, 1.5), (-1.0, 0.0, 0.0))[0]
+    assert "pane" in hit(model, (-5.0, 0.3, 1.5), (1.0, 0.0, 0.0))[0]
+    np.testing.assert_allclose(model.geom("wall-3").size, world.walls[2].half_extents_m, atol=1e-6)
+
+
+def hit(
+    model: mujoco.MjModel, start_m: tuple[float, float, float], direction: tuple[float, float, float]
+) -> tuple[str, str]:
+    """Returns the names of the geom that a ray meets first and of its material."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    found = np.zeros(1, np.int32)
+    mujoco.mj_ray(model, data, np.array(start_m), np.array(direction), None, 1, -1, found, None)
+    material = int(model.geom_matid[found[0]])
+    return model.geom(int(found[0])).name, model.mat(material).name if material >= 0 else ""
 
 
 printed = st.text(st.characters(codec="ascii", exclude_categories=("Cc",)), min_size=1, max_size=30)
@@ -89,7 +174,7 @@ def test_names_with_quotes_and_brackets_survive(names: list[str]):
     world = apartment()
     walls = tuple(wall.model_copy(update={"name": name}) for wall, name in zip(world.walls, names, strict=False))
     named = world.model_copy(update={"walls": walls})
-    model = mujoco.MjModel.from_xml_string(world_xml(named))
+    model = loaded(named)
     assert {model.geom(number).name for number in range(model.ngeom)} >= set(names)
 
 

@@ -1,0 +1,154 @@
+"""Floors and walls of an MJCF as they look: materials from finishes, sheets in front of the walls, windows.
+
+Everything here is seen by cameras and hit by rays, and touches nothing.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+
+from specs.digests import digest
+from specs.world import Finish, Room, Window, World
+from tasks.export.mjcf_solids import GRID_SPACING_M, WALL_GROUP, add_plane
+from tasks.export.skins import SKIN_LIFT_M, Panel, Side, wall_panels, windows_of
+from tasks.export.textures import texture_of
+
+FLOOR_PREFIX = "floor/"
+WALLS_PREFIX = "walls/"
+WINDOW_PREFIX = "window/"
+TEXTURE_FOLDER = "textures"
+
+FLOOR_LIFT_M = 0.001
+_FRAME_M, _FRAME_DEPTH_M = 0.05, 0.02
+_PANE_RGBA, _FRAME_RGBA = (0.72, 0.84, 0.93, 1.0), (0.95, 0.95, 0.94, 1.0)
+
+
+def add_floor(spec: mujoco.MjSpec, room: Room) -> None:
+    """Adds the sheet that shows a room's flooring, a millimetre above the ground."""
+    geom = add_plane(spec, FLOOR_PREFIX + room.name, room.floor, FLOOR_LIFT_M)
+    geom.material = name = f"floor-{_key(room.flooring)}"
+    _untouchable(geom)
+    if spec.material(name) is not None:
+        return
+    material = _add_material(spec, name, room.flooring)
+    texture = texture_of(room.flooring)
+    if texture is not None:
+        # Measured on MuJoCo 3.17: on a plane, "repetitions per unit" counts units of two metres.
+        material.texuniform = True
+        material.texrepeat = [2.0 / texture.extent_m[0], 2.0 / texture.extent_m[1]]
+
+
+def add_walls(spec: mujoco.MjSpec, world: World, room: Room, number: int) -> None:
+    """Adds one mesh with all that one sees of the walls in a room; seen from behind it is not there."""
+    panels = wall_panels(world, room)
+    if not panels:
+        return
+    texture = texture_of(room.walls)
+    grids = [_grid(panel, texture.extent_m if texture else (1.0, 1.0)) for panel in panels]
+    offsets = np.cumsum([0, *(len(vertices) for vertices, _, _ in grids[:-1])])
+    mesh = spec.add_mesh(name=f"walls-{number}", inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    mesh.uservert = np.concatenate([vertices for vertices, _, _ in grids]).ravel()
+    mesh.usertexcoord = np.concatenate([coordinates for _, coordinates, _ in grids]).ravel()
+    mesh.userface = np.concatenate(
+        [faces + offset for (_, _, faces), offset in zip(grids, offsets, strict=True)]
+    ).ravel()
+    geom = spec.worldbody.add_geom(
+        name=WALLS_PREFIX + room.name,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=mesh.name,
+        group=WALL_GROUP,
+    )
+    _untouchable(geom)
+    geom.material = name = f"walls-{_key(room.walls)}"
+    if spec.material(name) is None:
+        _add_material(spec, name, room.walls)
+
+
+def add_windows(spec: mujoco.MjSpec, world: World, room: Room) -> None:
+    """Adds a room's windows: a pane and its frame, on either face of the wall."""
+    for number, (side, window) in enumerate(windows_of(world, room), start=1):
+        outside = Side(side.along, side.at_m - side.inwards * world.wall_thickness_m, _opposite(side), 0.0, 0.0)
+        for face, where in ((side, "in"), (outside, "out")):
+            _window(spec, face, window, f"{WINDOW_PREFIX}{room.name}/{number}/{where}")
+
+
+def _key(finish: Finish) -> str:
+    return f"{finish.pattern}-{digest(finish)[:12]}"
+
+
+def _add_material(spec: mujoco.MjSpec, name: str, finish: Finish) -> mujoco.MjsMaterial:
+    """Returns a new material; its texture's file is in ``spec.assets`` under the name that the model says."""
+    material = spec.add_material(name=name, specular=0.1, shininess=0.1)
+    texture = texture_of(finish)
+    if texture is None:
+        material.rgba = [*finish.color, 1.0]
+        return material
+    key = _key(finish)
+    if spec.texture(key) is None:
+        file = f"{TEXTURE_FOLDER}/{key}.png"
+        spec.assets = {**spec.assets, file: texture.png}
+        spec.add_texture(name=key, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = key
+    return material
+
+
+def _opposite(side: Side) -> Literal[1, -1]:
+    return -1 if side.inwards == 1 else 1
+
+
+def _window(spec: mujoco.MjSpec, face: Side, window: Window, name: str) -> None:
+    middle_m = window.center_m[0] if face.along == "x" else window.center_m[1]
+    half_m, height_m = window.width_m / 2, (window.top_m + window.bottom_m) / 2
+    tall_m, bar_m = (window.top_m - window.bottom_m) / 2, _FRAME_M / 2
+    parts = [
+        ("pane", middle_m, height_m, half_m, tall_m, SKIN_LIFT_M, _PANE_RGBA),
+        ("sill", middle_m, window.bottom_m + bar_m, half_m, bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
+        ("head", middle_m, window.top_m - bar_m, half_m, bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
+        ("first", middle_m - half_m + bar_m, height_m, bar_m, tall_m - 2 * bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
+        ("last", middle_m + half_m - bar_m, height_m, bar_m, tall_m - 2 * bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
+        ("mullion", middle_m, height_m, bar_m, tall_m - 2 * bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
+    ]
+    for part, along_m, z_m, half_along_m, half_up_m, depth_m, rgba in parts:
+        x_m, y_m = face.point_m(along_m, depth_m / 2)
+        flat = [half_along_m, depth_m / 2] if face.along == "x" else [depth_m / 2, half_along_m]
+        geom = spec.worldbody.add_geom(
+            name=f"{name}/{part}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[x_m, y_m, z_m],
+            size=[*flat, half_up_m],
+            rgba=list(rgba),
+            group=WALL_GROUP,
+        )
+        _untouchable(geom)
+
+
+def _untouchable(geom: mujoco.MjsGeom) -> None:
+    geom.contype = 0
+    geom.conaffinity = 0
+
+
+def _grid(
+    panel: Panel, extent_m: tuple[float, float]
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 2"], Int[np.ndarray, "faces 3"]]:
+    """Returns a panel as vertices, texture coordinates and triangles that face the room."""
+    along_m, up_m = _steps(panel.start_m, panel.end_m), _steps(panel.bottom_m, panel.top_m)
+    points = [(a_m, z_m) for z_m in up_m for a_m in along_m]
+    vertices = np.array([(*panel.side.point_m(a_m, SKIN_LIFT_M), z_m) for a_m, z_m in points])
+    coordinates = np.array(points) / np.array(extent_m)
+    columns = len(along_m)
+    first = np.array([row * columns + column for row in range(len(up_m) - 1) for column in range(columns - 1)])
+    second, above = first + 1, first + columns
+    lower, upper = np.stack([first, second, above], axis=1), np.stack([second, above + 1, above], axis=1)
+    faces = np.concatenate([lower, upper])
+    # Anticlockwise from within: x runs to the left of one who looks north to south, y to the right from east to west.
+    turned = (panel.side.along == "x") == (panel.side.inwards == 1)
+    return vertices, coordinates, faces[:, ::-1] if turned else faces
+
+
+def _steps(start_m: float, end_m: float) -> Sequence[float]:
+    count = max(1, math.ceil((end_m - start_m) / (2 * GRID_SPACING_M)))
+    return [start_m + (end_m - start_m) * number / count for number in range(count + 1)]
