@@ -1,0 +1,96 @@
+"""Worlds in three dimensions, where a GL is there; the rendering is done by a process of its own (`rendering`)."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from typing import BinaryIO
+
+import numpy as np
+from jaxtyping import UInt8
+
+from specs.world import World
+from tasks.export.png import encode_rgb
+
+NO_GL = "no 3-D picture: no GL is there (Debian: apt-get install libosmesa6, or libegl1 with a GPU)"
+READY = b"GL\n"
+"""What the process says when its GL works."""
+Pixels = UInt8[np.ndarray, "rows columns 3"]
+Render = Callable[[World], Pixels]
+_GL = "MUJOCO_GL"
+_BACKENDS = ("egl", "osmesa")
+_SAMPLES = 40
+
+
+@contextmanager
+def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Render | None, None, None]:
+    """Yields a function that renders a world cut open, or None where no GL is.
+
+    Args:
+        width: Columns of a picture.
+        height: Rows of a picture.
+        samples: Renderings that a picture is the mean of; shadows have about half as many steps.
+    """
+    with tempfile.TemporaryFile() as complaints:
+        process = _started([str(width), str(height), str(samples)], complaints)
+        if process is None:
+            yield None
+            return
+        try:
+            yield lambda world: _picture(process, world, (height, width, 3), complaints)
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def render_png(world: World, width: int, height: int) -> bytes | None:
+    """Returns a picture of the world, cut open, as a PNG file; None where no GL is."""
+    with rendering(width, height) as render:
+        return None if render is None else encode_rgb(render(world))
+
+
+def _started(arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
+    """Returns the process, ready to render with the first GL that works: MUJOCO_GL's, else any."""
+    wanted = os.environ.get(_GL)
+    for backend in (wanted,) if wanted else _BACKENDS:
+        process = subprocess.Popen(  # noqa: S603 - our own module, and numbers
+            [sys.executable, "-m", "tasks.export.rendering", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=complaints,
+            env={**os.environ, _GL: backend},
+        )
+        if process.stdout is not None and process.stdout.read(len(READY)) == READY:
+            return process
+        process.communicate()
+    return None
+
+
+def _picture(
+    process: subprocess.Popen[bytes], world: World, shape: tuple[int, int, int], complaints: BinaryIO
+) -> Pixels:
+    """Returns the answer of the process to a world.
+
+    Raises:
+        RuntimeError: It ended, which a GL that works is no reason for.
+    """
+    rows, columns, channels = shape
+    answer = _asked(process, world.model_dump_json().encode() + b"\n", rows * columns * channels)
+    if len(answer) < rows * columns * channels:
+        complaints.seek(0)
+        raise RuntimeError(f"rendering {world.name} failed: {complaints.read().decode(errors='replace')[-2000:]}")
+    return np.frombuffer(answer, np.uint8).reshape(shape)
+
+
+def _asked(process: subprocess.Popen[bytes], question: bytes, length: int) -> bytes:
+    """Returns the answer, shorter than ``length`` when the process has ended."""
+    if process.stdin is None or process.stdout is None:
+        return b""
+    try:
+        process.stdin.write(question)
+        process.stdin.flush()
+    except BrokenPipeError:
+        return b""
+    return process.stdout.read(length)
