@@ -1,26 +1,23 @@
-"""What stands around the plan: title, dimensions, scale bar, north, certificate."""
+"""What stands around the plan: title, dimensions, scale bar, floorings, north."""
 
 from xml.etree import ElementTree as ET
 
-from specs.world import Certificate, World
-from tasks.export.plan_page import Box, Sheet, element, fitted, rectangle
+from specs.world import World
+from tasks.export.plan_floors import area_m2, floor_color, pattern_key
+from tasks.export.plan_page import Box, Sheet, element, fitted, rectangle, text_width
 
-_TITLE_SIZE, _SUBTITLE_SIZE, _SMALL_SIZE = 26.0, 14.0, 12.0
-_VALUE_SIZE = 17.0
+_TITLE_SIZE, _SUBTITLE_SIZE, _SMALL_SIZE, _SWATCH_SIZE = 26.0, 14.0, 12.0, 11.0
 _TICK = 5.0
-_WISH_LINE = 17.0
 _SCALE_STEPS_M = (0.5, 1.0, 2.0, 5.0, 10.0)
-MAX_WISHES = 6
+_SWATCH = Box(0.0, 0.0, 22.0, 14.0)
 
 
 def draw_title(parent: ET.Element, world: World, box: Box) -> None:
     """Adds the world's name and, below it, where it comes from."""
-    area_m2 = sum(
-        (room.floor.x_max_m - room.floor.x_min_m) * (room.floor.y_max_m - room.floor.y_min_m) for room in world.rooms
-    )
+    total_m2 = sum(area_m2(room.floor) for room in world.rooms)
     plural = "" if len(world.rooms) == 1 else "s"
     facts = (
-        f"{len(world.rooms)} room{plural}, {area_m2:.1f} m² · ceiling {world.ceiling_height_m:.2f} m · "
+        f"{len(world.rooms)} room{plural}, {total_m2:.1f} m² · ceiling {world.ceiling_height_m:.2f} m · "
         f"seed {world.seed} · {world.generation}"
     )
     name = fitted(world.name, _TITLE_SIZE, box.width)
@@ -46,8 +43,8 @@ def draw_dimensions(parent: ET.Element, world: World, sheet: Sheet, offset: floa
     element(group, "text", f"{height_m:.2f} m", x=left - 6, y=y, font_size=_SMALL_SIZE, transform=turn)
 
 
-def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, longest: float) -> None:
-    """Adds a bar of four equal parts, as long as fits into ``longest`` page units."""
+def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, longest: float) -> float:
+    """Adds a bar of four equal parts, as long as fits into ``longest`` page units; returns where it ends."""
     fitting = [step_m for step_m in _SCALE_STEPS_M if 4 * step_m * sheet.units_per_m <= longest]
     part_m = max(fitting, default=_SCALE_STEPS_M[0])
     part = part_m * sheet.units_per_m
@@ -59,48 +56,34 @@ def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, lo
         unit = " m" if number == 4 else ""
         text = f"{number * part_m:g}{unit}"
         element(group, "text", text, x=left + number * part, y=top + 22, font_size=_SMALL_SIZE, class_="tick")
+    return left + 4 * part
+
+
+def draw_floorings(parent: ET.Element, world: World, sheet: Sheet, box: Box) -> None:
+    """Adds a swatch of every flooring with its name, as many as fit into a row that ends at the box's right."""
+    group = element(parent, "g", class_="floorings")
+    seen: list[tuple[str, str, str]] = []
+    for room in world.rooms:
+        entry = (room.flooring.material, floor_color(room.flooring), pattern_key(room.flooring, sheet))
+        if entry not in seen:
+            seen.append(entry)
+    right = box.right
+    for material, color, key in reversed(seen):
+        left = right - text_width(material, _SWATCH_SIZE) - _SWATCH.width - 6
+        if left < box.left:
+            return
+        swatch = Box(left, box.top - 2, left + _SWATCH.width, box.top - 2 + _SWATCH.height)
+        rectangle(group, swatch, fill=color, class_="swatch")
+        if key:
+            rectangle(group, swatch, fill=f"url(#{key})")
+        element(group, "text", material, x=swatch.right + 6, y=swatch.bottom - 3, font_size=_SWATCH_SIZE)
+        right = left - 16
 
 
 def draw_north(parent: ET.Element, x: float, top: float) -> None:
     """Adds the north arrow: y is north and x is east, as ROS has it (REP 103)."""
     group = element(parent, "g", class_="north")
     element(group, "title", "North is +y, east is +x (REP 103)")
-    element(group, "path", d=f"M{x:.2f} {top:.2f}l8 26l-8 -6l-8 6z")
-    element(group, "text", "N, +y", x=x - 14, y=top + 18, font_size=_SMALL_SIZE, text_anchor="end")
-
-
-def draw_certificate(parent: ET.Element, world: World, box: Box) -> None:
-    """Adds what is guaranteed about the world, in one row, and below it the wishes that are not fulfilled."""
-    certificate = world.certificate
-    narrowest = f"{certificate.narrowest_passage_m:.2f} m" if world.passages else "none"
-    facts = (
-        (f"{certificate.origin_clear_radius_m:.2f} m", "clear around start"),
-        (f"{certificate.reachable_robot_radius_m:.2f} m", "largest robot radius"),
-        (narrowest, "narrowest passage"),
-        (f"{100 * certificate.free_floor_share:.0f} %", "free floor"),
-        (f"{100 * certificate.area_error_mean:.1f} %", "mean area error"),
-        (f"{certificate.overlaps}", "overlaps"),
-    )
-    group = element(parent, "g", class_="certificate")
-    element(group, "title", "Certificate: measured on the finished geometry")
-    column = box.width / len(facts)
-    for number, (value, meaning) in enumerate(facts):
-        x = box.left + number * column
-        element(group, "text", value, x=x, y=box.top + _VALUE_SIZE, font_size=_VALUE_SIZE, class_="name")
-        element(group, "text", meaning, x=x, y=box.top + 34, font_size=_SMALL_SIZE, class_="quiet")
-    for number, line in enumerate(wishes(certificate)):
-        y = box.top + 62 + number * _WISH_LINE
-        element(group, "text", fitted(line, _SMALL_SIZE, box.width), x=box.left, y=y, font_size=_SMALL_SIZE)
-
-
-def certificate_height(certificate: Certificate) -> float:
-    """Returns the page units that `draw_certificate` needs."""
-    lines = len(wishes(certificate))
-    return 36.0 + (lines * _WISH_LINE + 12.0 if lines else 0.0)
-
-
-def wishes(certificate: Certificate) -> list[str]:
-    """Returns the unmet wishes as lines, at most `MAX_WISHES` and then how many more."""
-    lines = [f"Not fulfilled: {wish}" for wish in certificate.unmet[:MAX_WISHES]]
-    more = len(certificate.unmet) - len(lines)
-    return [*lines, f"and {more} more wishes not fulfilled"] if more else lines
+    element(group, "circle", cx=x, cy=top + 15, r=15.0, class_="ring")
+    element(group, "path", d=f"M{x:.2f} {top + 2:.2f}l6 22l-6 -5l-6 5z")
+    element(group, "text", "N", x=x, y=top - 5, font_size=_SMALL_SIZE, class_="tick name")

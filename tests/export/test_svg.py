@@ -1,15 +1,21 @@
 """The floor plan is valid, complete, to scale and the right way up."""
 
+import re
+from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
 from specs.world import World
+from tasks.export.plan_page import Box, text_width
 from tasks.export.svg import floor_plan_svg
+from tests.export.variants import HINGE_M, LEAF_LENGTH_M, LEAF_THICKNESS_M, with_door, with_windows
 from tests.worlds_factory import apartment, apartments
 
 SVG = "{http://www.w3.org/2000/svg}"
+ARC = r"M([\d.]+) ([\d.]+)A[\d.]+ [\d.]+ 0 0 [01] ([\d.]+) ([\d.]+)L"
 
 
 def drawn(world: World) -> ET.Element:
@@ -26,6 +32,23 @@ def number(found: ET.Element, attribute: str) -> float:
 
 def texts(root: ET.Element) -> str:
     return "\n".join(found.text or "" for found in root.iter() if found.tag != f"{SVG}style")
+
+
+def placed(parent: ET.Element) -> Iterator[Box]:
+    """Yields about what each text of a group covers: its letters, without the space above and below them."""
+    for holder in parent.iter():
+        for text in holder.findall(f"{SVG}text"):
+            size, x, y = number(text, "font-size"), number(text, "x"), number(text, "y")
+            half = 0.45 * text_width(text.text or "", size)
+            x -= half if text.get("text-anchor") == "end" else 0.0
+            box = Box(x - half, y - 0.7 * size, x + half, y)
+            turn = re.match(r"rotate\(-90 (\S+) (\S+)\)", text.get("transform") or holder.get("transform") or "")
+            yield upright(box, float(turn[1]), float(turn[2])) if turn else box
+
+
+def upright(box: Box, x: float, y: float) -> Box:
+    """Returns a box turned by a quarter about a point, against the clock."""
+    return Box(x + box.top - y, y - (box.right - x), x + box.bottom - y, y - (box.left - x))
 
 
 @given(apartments())
@@ -76,16 +99,57 @@ def test_a_lintel_does_not_close_its_doorway():
     assert classes.count("wall") == 6
 
 
-def test_the_certificate_is_told():
-    shown = texts(drawn(apartment())).split("\n")
-    for wanted in ("1.05 m", "0.41 m", "0.90 m", "86 %", "1.2 %"):
-        assert wanted in shown
+@given(apartments(), st.sampled_from([0.0, 30.0, 100.0]))
+def test_no_text_covers_another_in_the_rooms(world: World, percent: float):
+    root = drawn(with_door(percent, with_windows(world)))
+    boxes = [box for name in ("start", "labels", "piece-labels") for box in placed(group(root, name))]
+    for number, box in enumerate(boxes):
+        assert not any(box.overlap(other) > 1.0 for other in boxes[:number])
 
 
-def test_unmet_wishes_are_told_and_many_are_counted():
-    shown = texts(drawn(apartment(unmet=tuple(f"wish {number}" for number in range(9)))))
-    assert "Not fulfilled: wish 0" in shown
-    assert "and 3 more wishes not fulfilled" in shown
+@pytest.mark.parametrize(("percent", "tip"), [(0.0, (0.0, -1.0)), (100.0, (1.0, 0.0))])
+def test_a_door_is_drawn_from_its_hinge_to_where_its_leaf_points(percent: float, tip: tuple[float, float]):
+    root = drawn(with_door(percent))
+    scale, origin = (
+        float(root.get("data-units-per-m", "")),
+        [float(root.get(f"data-origin-{axis}", "")) for axis in "xy"],
+    )
+    leaf = next(found for found in group(root, "doors").iter(f"{SVG}rect") if found.get("class") == "leaf")
+    middle = number(leaf, "x") + number(leaf, "width") / 2, number(leaf, "y") + number(leaf, "height") / 2
+    hinge = origin[0] + HINGE_M[0] * scale, origin[1] - HINGE_M[1] * scale
+    wanted = [at + LEAF_LENGTH_M / 2 * scale * step for at, step in zip(hinge, tip, strict=True)]
+    assert middle == pytest.approx(wanted, abs=LEAF_THICKNESS_M * scale)
+
+
+def test_a_door_shows_the_arc_of_its_swing():
+    swing = next(found for found in group(drawn(with_door(30.0)), "doors").iter(f"{SVG}path"))
+    from_x, from_y, to_x, to_y = (float(part) for part in re.match(ARC, swing.get("d", "")).groups())  # type: ignore[union-attr]
+    root = drawn(with_door(30.0))
+    length = LEAF_LENGTH_M * float(root.get("data-units-per-m", ""))
+    # Shut it points north, open east: the quarter of a circle between.
+    assert (to_x - from_x, to_y - from_y) == pytest.approx((length, length), abs=0.1)
+
+
+def test_every_window_is_drawn_in_its_wall():
+    root = drawn(with_windows())
+    panes = list(group(root, "windows").iter(f"{SVG}rect"))
+    scale = float(root.get("data-units-per-m", ""))
+    sizes = sorted((number(pane, "width") / scale, number(pane, "height") / scale) for pane in panes)
+    assert sizes == [pytest.approx((0.1, 1.2), abs=1e-3), pytest.approx((1.6, 0.1), abs=1e-3)]
+
+
+def test_a_flooring_is_divided_to_scale():
+    root = drawn(apartment())
+    scale = float(root.get("data-units-per-m", ""))
+    sizes = {
+        (round(number(each, "width") / scale, 2), round(number(each, "height") / scale, 2))
+        for each in root.iter(f"{SVG}pattern")
+    }
+    assert sizes == {(0.4, 0.8), (0.4, 0.2)}  # four rows of planks, one tile
+
+
+def test_the_floorings_are_named_beside_the_scale():
+    assert {"Floorboards", "Tiles"} <= set(texts(drawn(apartment())).split("\n"))
 
 
 @given(apartments())
