@@ -7,6 +7,7 @@ claims/<kind>/<id>.json                     which live process works on a job
 templates/<name>.json                       world templates
 worlds/<generation>/<world>.json            worlds, immutable
 chunks/<batch>/<number>.json                results of one chunk of lanes, immutable
+chunks/<batch>/<number>.started.json        when it was last begun, and how often
 results/<batch>/<name>                      tables and evidence of a batch
 bundles/<digest>                            application bundles, named by their SHA-256
 applications/<kind>/<name>.json             the versions of an application
@@ -107,6 +108,11 @@ def worlds_prefix(generation: str) -> str:
 def chunk_key(batch: str, number: int) -> str:
     """Returns the key of the results of a batch's chunk."""
     return f"{chunks_prefix(batch)}/{number:06d}.json"
+
+
+def chunk_start_key(batch: str, number: int) -> str:
+    """Returns the key of when a batch's chunk was begun."""
+    return f"{chunks_prefix(batch)}/{number:06d}.started.json"
 
 
 def chunks_prefix(batch: str) -> str:

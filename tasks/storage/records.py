@@ -7,7 +7,7 @@ the two leaves nothing that the next one does not complete.
 import hashlib
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Literal
 
 from pydantic import JsonValue
@@ -120,10 +120,12 @@ def advance(
     failure_code: str = "",
     failure_reason: str = "",
     detail: Mapping[str, JsonValue] | None = None,
+    only_from: Collection[str] = _STATUSES,
 ) -> JobRecord:
     """Returns the record after the change, written over exactly what was read; an ended job stays as it is.
 
-    The status is one of RoboMaker's; the detail is merged into the record's, key by key.
+    The status is one of RoboMaker's; the detail is merged into the record's, key by key. A job whose status is none of
+    ``only_from`` stays as it is, too: one that is being cancelled does not go on because its next step begins.
 
     Raises:
         ResourceNotFound: No such job.
@@ -136,7 +138,7 @@ def advance(
     change = {"status": status, "failure_code": failure_code, "failure_reason": _one_line(failure_reason)}
     for attempt in range(_ATTEMPTS):
         before, etag = _read(store, kind, id)
-        if is_terminal(before):
+        if is_terminal(before) or before.status not in only_from:
             return before
         after = before.model_copy(
             update={**change, "updated_at_s": max(time.time(), before.updated_at_s), "detail": before.detail | added}

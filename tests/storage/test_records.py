@@ -165,6 +165,14 @@ def test_a_status_that_is_none_is_refused(file_store: Store) -> None:
         advance(file_store, _KIND, job, "Cancelled")
 
 
+def test_a_change_that_comes_too_late_for_the_jobs_status_changes_nothing(store: Store) -> None:
+    job = submit(store, _KIND, _REQUEST, "tok").id
+    canceling = advance(store, _KIND, job, "Canceling")
+    assert advance(store, _KIND, job, "Running", detail={"step": 1}, only_from={"Pending"}) == canceling
+    assert read(store, _KIND, job) == canceling
+    assert advance(store, _KIND, job, "Canceled", only_from={"Canceling"}).status == "Canceled"
+
+
 def test_a_job_that_does_not_exist_is_named(store: Store) -> None:
     with pytest.raises(ResourceNotFound, match="world-generation-job: 'wgj-0'"):
         read(store, _KIND, "wgj-0")
