@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from benchmarks.tables import markdown
 from benchmarks.world_quality import DENSITIES, ROOM_TYPES, TEMPLATES, Ask, Sampled, WorldFigures
 from specs.world import RoomType
 
@@ -23,20 +24,15 @@ NONE = "-"
 
 
 def quality_tables(quality: Quality) -> str:
-    """Returns the tables, each under its heading."""
+    """Returns the tables, each under its name."""
     as_is = {name: quality[name, None] for name in TEMPLATES}
     tables = {
-        "Rooms and connections": _table(SHAPES, [_shapes(name, each.worlds) for name, each in as_is.items()]),
-        "Guarantees": _table(GUARANTEES, [_guarantees(name, each) for name, each in as_is.items()]),
-        "Wishes": _table(WISHES, [_wishes(name, each.worlds) for name, each in as_is.items()]),
-        "Free floor by density": _table(FREE_FLOOR, _free_floor(quality)),
+        "Rooms and connections": markdown([SHAPES, *(_shapes(name, each.worlds) for name, each in as_is.items())]),
+        "Guarantees": markdown([GUARANTEES, *(_guarantees(name, each) for name, each in as_is.items())]),
+        "Wishes": markdown([WISHES, *(_wishes(name, each.worlds) for name, each in as_is.items())]),
+        "Free floor by density": markdown([FREE_FLOOR, *_free_floor(quality)]),
     }
-    return "\n\n".join(f"### {heading}\n\n{table}" for heading, table in tables.items())
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return "\n\n".join(f"{heading}:\n\n{table}" for heading, table in tables.items())
 
 
 def _shapes(name: str, worlds: Sequence[WorldFigures]) -> tuple[str, ...]:

@@ -1,10 +1,10 @@
 """World generation: worlds a second, where the time goes, memory by the size of a job, and how good the worlds are.
 
-    .venv/bin/python benchmarks/worlds.py [--quick] [--json FILE]
-    .venv/bin/python benchmarks/worlds.py --quality [--seeds N] [--json FILE]
+    .venv/bin/python benchmarks/worlds.py [--quick] [--json FILE] [--document docs/worlds.md]
+    .venv/bin/python benchmarks/worlds.py --quality [--seeds N] [--json FILE] [--document docs/worlds.md]
 
-A world counts with its certificate and its canonical JSON, as the job gets it. `per s` is measured once all processes
-run and are warm; `start` is what comes before. `--quality` prints the Markdown tables of docs/worlds.md.
+A world counts with its certificate and its canonical JSON, as the job gets it. Worlds a second are measured once all
+processes run and are warm; `start s` is what comes before. `--document` puts the tables into the document, too.
 """
 
 import argparse
@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from benchmarks.tables import markdown, with_tables
 from benchmarks.world_memory import JobFigures, measure_memory
 from benchmarks.world_quality import measure_quality
 from benchmarks.world_quality_tables import quality_tables
@@ -48,7 +49,7 @@ def speed_table(rates: Mapping[Case, Sequence[Rate]]) -> str:
                     f"{AIMS_PER_S[template]}",
                 )
             )
-    return _aligned(rows)
+    return markdown(rows)
 
 
 def stage_table(stages: Stages) -> str:
@@ -58,7 +59,7 @@ def stage_table(stages: Stages) -> str:
     for (template, interiors), spent_ms in stages.items():
         cells = [f"{ms:.1f} ({100 * ms / spent_ms['all']:.0f} %)" for ms in spent_ms.values()]
         rows.append((template, f"{interiors}", *cells[:-1], f"{spent_ms['all']:.1f}"))
-    return _aligned(rows)
+    return markdown(rows)
 
 
 def memory_table(jobs: Sequence[JobFigures]) -> str:
@@ -68,13 +69,7 @@ def memory_table(jobs: Sequence[JobFigures]) -> str:
         (f"{job.worlds}", f"{job.seconds:.1f}", f"{job.job_mb:.0f}", f"{job.worker_mb:.0f}", f"{job.stored_mb:.1f}")
         for job in jobs
     ]
-    return _aligned(rows)
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = [[cell.rjust(width) for cell, width in zip(row, widths, strict=True)] for row in rows]
-    return "\n".join("  ".join([row[0].ljust(widths[0]), *line[1:]]) for row, line in zip(rows, lines, strict=True))
+    return markdown(rows)
 
 
 def main() -> None:
@@ -84,31 +79,38 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="three short repeats, and no job of 10,000 worlds")
     parser.add_argument("--quality", action="store_true", help="the quality tables instead")
     parser.add_argument("--seeds", type=int, default=200, help="worlds of each template and density (--quality)")
+    parser.add_argument("--document", type=Path, help="a document to put the tables into")
     options = parser.parse_args()
-    found = _quality(options.seeds) if options.quality else _speed(quick=options.quick)
+    tables, found = _quality(options.seeds) if options.quality else _speed(quick=options.quick)
+    print(tables)
     if options.json:
         options.json.write_text(json.dumps(found, indent=2))
+    if options.document:
+        name = "quality" if options.quality else "speed"
+        options.document.write_text(with_tables(options.document.read_text(), name, tables))
 
 
-def _speed(*, quick: bool) -> object:
+def _speed(*, quick: bool) -> tuple[str, object]:
     jobs = [measure_memory(worlds) for worlds in (_JOBS[:2] if quick else _JOBS)]
     stages = {(name, each): measure_stages(name, each, _STAGE_WORLDS) for name in SPEED_TEMPLATES for each in INTERIORS}
-    repeats, seconds = (_QUICK_REPEATS, _QUICK_SECONDS) if quick else (_REPEATS, _SECONDS)
-    rates = measure_rates(repeats, seconds)
-    print(f"Worlds a second, medians of {repeats}\n{speed_table(rates)}\n")
-    print(f"Milliseconds a world on one core\n{stage_table(stages)}\n")
-    print(f"A job in a folder, 2 processes, 10 interiors a plan\n{memory_table(jobs)}")
-    return {
+    rates = measure_rates(*((_QUICK_REPEATS, _QUICK_SECONDS) if quick else (_REPEATS, _SECONDS)))
+    tables = {
+        "Worlds a second, certificate included": speed_table(rates),
+        "Milliseconds a world on one core": stage_table(stages),
+        "A job in a folder, two processes, ten interiors a plan": memory_table(jobs),
+    }
+    found = {
         "rates": [{**asdict(case), "rates": [asdict(rate) for rate in each]} for case, each in rates.items()],
         "stages": [{"template": name, "interiors": each, **spent} for (name, each), spent in stages.items()],
         "jobs": [asdict(job) for job in jobs],
     }
+    return "\n\n".join(f"{heading}:\n\n{table}" for heading, table in tables.items()), found
 
 
-def _quality(seeds: int) -> object:
+def _quality(seeds: int) -> tuple[str, object]:
     quality = measure_quality(seeds)
-    print(quality_tables(quality))
-    return [{"template": name, "density": density, **asdict(each)} for (name, density), each in quality.items()]
+    found = [{"template": name, "density": density, **asdict(each)} for (name, density), each in quality.items()]
+    return quality_tables(quality), found
 
 
 if __name__ == "__main__":
