@@ -1,5 +1,6 @@
 """The two applications of a chunk as the program calls them, checked before anything is compiled."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import cast
@@ -9,11 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from tasks.simulate.bundles import BundleCrash, CrashCode, guarded
-from tasks.simulate.contract import Controller, FloorMap, Lidar, Observation, Scenario, State, Truth, Verdict
+from tasks.simulate.contract import Controller, FloorMap, Observation, Scenario, State, Truth, Verdict
+from tasks.simulate.sensors import Lidar, Sensors, read_sensors, require_shared, sensors_of
 
 Numbers = Float[jax.Array, "variables"]
 _ROBOT: CrashCode = "RobotApplicationCrash"
 _SCENARIO: CrashCode = "SimulationApplicationCrash"
+_METRIC = re.compile("[a-z][a-z0-9_]{0,62}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,14 +26,31 @@ class Applications:
     Attributes:
         texts: Environment variables that are no numbers.
         names: Names of the numeric ones; their values come with each lane.
-        lidar: As the robot application defines it.
+        sensors: As the robot application defines them; ``lane_sensors`` has a lane's own.
     """
 
     make_controller: Callable[..., object]
     make_scenario: Callable[..., object]
     texts: Mapping[str, str]
     names: tuple[str, ...]
-    lidar: Lidar
+    sensors: Sensors
+
+    @property
+    def lidar(self) -> Lidar:
+        """Returns the lidar: its rays, range, height and field of view, which all lanes share."""
+        return self.sensors.lidar
+
+    def lane_sensors(self, numbers: Numbers) -> Sensors:
+        """Returns the sensors for one lane's numeric variables; their numbers may be traced."""
+        return sensors_of(self.controller(numbers))
+
+    def require_sensors(self, environment: Mapping[str, object]) -> None:
+        """Checks the sensors of one episode.
+
+        Raises:
+            BundleCrash: They cannot be, or differ from its program's in what must be shared.
+        """
+        require_shared(self.sensors, read_sensors(self.make_controller, environment))
 
     def controller(self, numbers: Numbers) -> Controller:
         """Returns the controller for one lane's numeric variables, which may be traced."""
@@ -40,6 +60,11 @@ class Applications:
         """Returns the scenario for one lane's numeric variables, which may be traced."""
         return cast("Scenario", self.make_scenario({**self.texts, **dict(zip(self.names, numbers, strict=True))}))
 
+    def metrics(self, numbers: Numbers, state: State) -> dict[str, Float[jax.Array, ""]]:
+        """Returns what a lane's scenario measures by itself, by name; nothing for a scenario without ``metrics``."""
+        measure = getattr(self.scenario(numbers), "metrics", None)
+        return {} if measure is None else {name: jnp.asarray(value) for name, value in dict(measure(state)).items()}
+
     def placing_scenario(self, environment: Mapping[str, object]) -> Scenario:
         """Returns the scenario for one episode's variables, to draw its start and goals.
 
@@ -47,23 +72,6 @@ class Applications:
             BundleCrash: It cannot be made.
         """
         return cast("Scenario", guarded(_SCENARIO, "scenario(environment)", self.make_scenario, environment))
-
-
-def read_lidar(make_controller: Callable[..., object], environment: Mapping[str, object]) -> Lidar:
-    """Returns the lidar of a robot application.
-
-    Raises:
-        BundleCrash: The controller cannot be made, or has no usable ``lidar``.
-    """
-    made = guarded(_ROBOT, "controller(environment)", make_controller, environment)
-    lidar = getattr(made, "lidar", None)
-    try:
-        rays, range_m, height_m = int(lidar.rays), float(lidar.range_m), float(lidar.height_m)  # pyright: ignore[reportOptionalMemberAccess] - None has no such attribute, which is caught
-    except (AttributeError, TypeError, ValueError) as exc:
-        raise BundleCrash(_ROBOT, f"controller.lidar: needs rays, range_m and height_m as numbers: {exc}") from exc
-    if rays < 1 or range_m <= 0.0 or height_m < 0.0:
-        raise BundleCrash(_ROBOT, f"controller.lidar: {rays} rays, {range_m} m range at {height_m} m: must be positive")
-    return cast("Lidar", lidar)
 
 
 def check_robot(applications: Applications, floor: FloorMap, goals_m: jax.Array, numbers: Numbers, nu: int) -> None:
@@ -79,6 +87,8 @@ def check_robot(applications: Applications, floor: FloorMap, goals_m: jax.Array,
         ranges_m=jnp.zeros(applications.lidar.rays),
         goal_index=jnp.zeros((), jnp.int32),
         goal_m=jnp.zeros(2),
+        goal_robot_m=jnp.zeros(2),
+        bumper=jnp.zeros(applications.sensors.bumper.sectors, bool),
     )
 
     def begin() -> State:
@@ -94,17 +104,19 @@ def check_robot(applications: Applications, floor: FloorMap, goals_m: jax.Array,
         raise BundleCrash(_ROBOT, f"controller.step: control of shape {getattr(control, 'shape', None)}, not ({nu},)")
 
 
-def check_scenario(applications: Applications, goals_m: jax.Array, numbers: Numbers) -> None:
+def check_scenario(
+    applications: Applications, goals_m: jax.Array, numbers: Numbers, given: tuple[jax.Array, ...]
+) -> None:
     """Traces one lane's scenario.
 
     Raises:
-        BundleCrash: It raises, or changes the form of its state.
+        BundleCrash: It raises, changes the form of its state, or has metrics that are no scalars by name.
     """
     zero, no = jnp.zeros(()), jnp.zeros((), bool)
     truth = Truth(zero, jnp.zeros(3), jnp.zeros(3), zero, zero, no)
 
     def begin() -> State:
-        return applications.scenario(numbers).init(jnp.zeros(3), goals_m)
+        return applications.scenario(numbers).init(jnp.zeros(3), goals_m, *given)
 
     def advance(state: State) -> tuple[State, Verdict]:
         return applications.scenario(numbers).step(state, truth)
@@ -112,6 +124,14 @@ def check_scenario(applications: Applications, goals_m: jax.Array, numbers: Numb
     before = guarded(_SCENARIO, "scenario.init", jax.eval_shape, begin)
     after, _ = guarded(_SCENARIO, "scenario.step", jax.eval_shape, advance, before)
     _require_same_form(_SCENARIO, "scenario", before, after)
+    metrics = guarded(_SCENARIO, "scenario.metrics", jax.eval_shape, applications.metrics, numbers, before)
+    for name, value in metrics.items():
+        if not _METRIC.fullmatch(name) or getattr(value, "shape", None) != ():
+            raise BundleCrash(
+                _SCENARIO,
+                f"scenario.metrics: {name!r} of shape {getattr(value, 'shape', None)}: must be scalars with names of "
+                "lower-case letters, digits and underscores",
+            )
 
 
 def _require_same_form(code: CrashCode, name: str, before: State, after: State) -> None:

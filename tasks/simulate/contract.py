@@ -49,11 +49,13 @@ class Observation(NamedTuple):
 
     Attributes:
         time_s: Since the episode began.
-        pose: Where the robot is: (x m, y m, yaw rad).
-        velocity: How it moves: (m/s, m/s, rad/s) along the world's axes.
-        ranges_m: Lidar, counter-clockwise from straight ahead; the lidar's range where nothing is seen.
+        pose: Where the robot is: (x m, y m, yaw rad); where it believes to be when it has odometry.
+        velocity: How it moves: (m/s, m/s, rad/s) along the world's axes, as its yaw has them.
+        ranges_m: Lidar, counter-clockwise; the lidar's range where nothing is seen.
         goal_index: Which goal it should go to now.
         goal_m: Where that is: (x, y).
+        goal_robot_m: The same seen from ``pose``: (ahead, to the left).
+        bumper: Which sectors were touched during the last control step, counter-clockwise from straight ahead.
     """
 
     time_s: Float[jax.Array, ""]
@@ -62,34 +64,15 @@ class Observation(NamedTuple):
     ranges_m: Float[jax.Array, "rays"]
     goal_index: Int[jax.Array, ""]
     goal_m: Float[jax.Array, "2"]
-
-
-class Lidar(Protocol):
-    """A planar lidar: number of rays, how far they reach, height above the floor."""
-
-    @property
-    def rays(self) -> int:
-        """Returns how many rays, evenly spread over the full turn."""
-        ...
-
-    @property
-    def range_m(self) -> float:
-        """Returns what it reports where nothing is nearer."""
-        ...
-
-    @property
-    def height_m(self) -> float:
-        """Returns its plane's height above the floor."""
-        ...
+    goal_robot_m: Float[jax.Array, "2"]
+    bumper: Bool[jax.Array, "sectors"]
 
 
 class Controller(Protocol):
-    """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot."""
+    """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
 
-    @property
-    def lidar(self) -> Lidar:
-        """Returns the robot's lidar."""
-        ...
+    Beside these functions it may have sensors, as in ``tasks.simulate.sensors``: ``lidar``, ``odometry``, ``bumper``.
+    """
 
     def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:
         """Returns what the controller keeps, before the first step; the place to plan."""
@@ -135,25 +118,32 @@ class Verdict(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """Where an episode starts (x m, y m, yaw rad) and which goals the robot shall visit, in order."""
+    """How an episode begins.
+
+    Attributes:
+        start: (x m, y m, yaw rad).
+        goals_m: Which places the robot shall visit, in order.
+        given: Whatever arrays the scenario's ``init`` needs of the world.
+    """
 
     start: Float64[np.ndarray, "3"]
     goals_m: Float64[np.ndarray, "goals 2"]
+    given: tuple[np.ndarray, ...] = ()
 
 
 class Scenario(Protocol):
     """What ``scenario(environment)`` in a simulation application returns.
 
     ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX. All episodes of a scenario have the
-    same number of goals.
+    same number of goals. It may also have ``arrived_m`` (how near to a goal is there) and ``metrics(state)``.
     """
 
     def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:
         """Returns the start, and at least one goal."""
         ...
 
-    def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"]) -> State:
-        """Returns what the scenario keeps, before the first step."""
+    def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"], *given: jax.Array) -> State:
+        """Returns what the scenario keeps, before the first step; it gets what its ``place`` gave."""
         ...
 
     def step(self, state: State, truth: Truth) -> tuple[State, Verdict]:

@@ -14,7 +14,7 @@ from jaxtyping import Float32
 
 from specs.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.world import World
-from tasks.simulate.applications import Applications, check_robot, check_scenario, read_lidar
+from tasks.simulate.applications import Applications, check_robot, check_scenario
 from tasks.simulate.bundles import BundleCrash, load_factory
 from tasks.simulate.chunks import Chunk, split_environment
 from tasks.simulate.contract import Placement
@@ -23,6 +23,7 @@ from tasks.simulate.model import load_robot
 from tasks.simulate.outcomes import canceled_row, failed_row, finished_row
 from tasks.simulate.program import Program, make_program
 from tasks.simulate.robot import RobotRefused
+from tasks.simulate.sensors import read_sensors
 from tasks.simulate.staging import Lane, Stage, place, stack_lanes, stage_worlds, with_shortest_paths
 
 logger = logging.getLogger(__name__)
@@ -91,7 +92,7 @@ def ready_chunk(
     inputs = stack_lanes(ready, program.applications.names, program.lanes)
     one = jax.tree.map(lambda array: array[0], inputs)
     check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.robot.actuators)
-    check_scenario(program.applications, one.goals_m, one.numbers)
+    check_scenario(program.applications, one.goals_m, one.numbers, one.given)
     return ReadyChunk(program, ready, program.place(inputs), rows)
 
 
@@ -138,12 +139,12 @@ def _program(
     (robot, scenario), (names, texts) = launches, environment
     make_controller = load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
     make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
-    lidar = read_lidar(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
+    sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
     try:
         model = load_robot(folders[0] / "robot.xml")
     except RobotRefused as refused:
         raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
-    return make_program(model, Applications(make_controller, make_scenario, dict(texts), names, lidar), lanes)
+    return make_program(model, Applications(make_controller, make_scenario, dict(texts), names, sensors), lanes)
 
 
 def _place_all(
@@ -156,10 +157,11 @@ def _place_all(
         numbers, texts = split_environment(request.environment)
         environment = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
         try:
+            program.applications.require_sensors(environment)
             scenario = program.applications.placing_scenario(environment)
             stage = stages[request.world]
             placement = place(scenario, request, worlds[request.world], stage, program.robot.hull)
-            _require_goals(placement, placed)
+            _require_same_shapes(placement, placed)
         except BundleCrash as crash:
             rows.append(failed_row(request, crash.code, crash.reason))
         else:
@@ -167,12 +169,15 @@ def _place_all(
     return with_shortest_paths(placed, program.robot.hull), rows
 
 
-def _require_goals(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:
-    if placed and len(placement.goals_m) != len(placed[0][2].goals_m):
-        raise BundleCrash(
-            "SimulationApplicationCrash",
-            f"scenario.place: {len(placement.goals_m)} goals, where other episodes have {len(placed[0][2].goals_m)}",
-        )
+def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:
+    code = "SimulationApplicationCrash"
+    first = placed[0][2] if placed else placement
+    if len(placement.goals_m) != len(first.goals_m):
+        goals = f"{len(placement.goals_m)} goals, where other episodes have {len(first.goals_m)}"
+        raise BundleCrash(code, f"scenario.place: {goals}")
+    shapes, others = ([(each.shape, each.dtype.name) for each in one.given] for one in (placement, first))
+    if shapes != others:
+        raise BundleCrash(code, f"scenario.place: given of {shapes}, where other episodes have {others}")
 
 
 def _advance_until_done(

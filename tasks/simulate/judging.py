@@ -19,6 +19,7 @@ from tasks.simulate.lane_state import (
     Work,
 )
 from tasks.simulate.robot import CONTROL_S
+from tasks.simulate.sensing import feel
 
 TIMEOUT = 2  # index in contract.REASONS
 CRASH = 5
@@ -47,11 +48,14 @@ def settle(
     reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, verdict.reason))
     moved = LaneState(
         body=body,
+        sensed=feel(applications, inputs, state, motion),
         controller=controller_state,
         scenario=scenario_state,
+        metrics=applications.metrics(inputs.numbers, scenario_state),
         tally=_tally(state, body, work, clearance_m),
         step=step,
         goal_index=verdict.goal_index,
+        goal_steps=_goal_steps(state, verdict.goal_index, step),
         done=verdict.done | timeout,
         reason=reason,
         crash=crash,
@@ -78,9 +82,17 @@ def _tally(state: LaneState, body: Body, work: Work, clearance_m: Float[jax.Arra
         path_length_m=tally.path_length_m + jnp.sqrt(jnp.sum(way**2)),
         collisions=tally.collisions + (touching & ~tally.touching),
         touching=touching,
+        impulse_ns=tally.impulse_ns + work.impulse_ns,
+        max_impulse_ns=jnp.maximum(tally.max_impulse_ns, work.impulse_ns),
         min_clearance_m=jnp.minimum(tally.min_clearance_m, clearance_m),
         energy_j=tally.energy_j + work.energy_j,
     )
+
+
+def _goal_steps(state: LaneState, reached: Int[jax.Array, ""], step: Int[jax.Array, ""]) -> Int[jax.Array, "goals"]:
+    """Returns after how many steps each goal was reached, those reached in this step filled in."""
+    goals = jnp.arange(state.goal_steps.shape[0])
+    return jnp.where((goals < reached) & (state.goal_steps == 0), step, state.goal_steps)
 
 
 def _select(choose: Bool[jax.Array, ""], yes: LaneState, no: LaneState) -> LaneState:

@@ -10,6 +10,7 @@ from tasks.simulate.applications import Applications, Numbers
 from tasks.simulate.contract import FloorMap, State
 from tasks.simulate.lidar import Boxes, Cylinders
 from tasks.simulate.model import RobotModel
+from tasks.simulate.noise import Seed
 
 NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH = 0, 1, 2
 
@@ -20,6 +21,8 @@ class LaneInputs(NamedTuple):
     Attributes:
         boxes, cylinders: Obstacles in the hull's band of heights.
         seen_boxes, seen_cylinders: Those that cross the lidar's plane.
+        given: What the scenario's ``place`` gave besides start and goals.
+        seed: The episode's, as ``noise.seed_words``.
         last_step: Control steps until time is up.
         alive: False for a lane that only fills the chunk.
     """
@@ -31,6 +34,8 @@ class LaneInputs(NamedTuple):
     floor: FloorMap
     start: Float[jax.Array, "3"]
     goals_m: Float[jax.Array, "goals 2"]
+    given: tuple[jax.Array, ...]
+    seed: Seed
     numbers: Numbers
     last_step: Int[jax.Array, ""]
     alive: Bool[jax.Array, ""]
@@ -51,28 +56,57 @@ class Tally(NamedTuple):
     path_length_m: Float[jax.Array, ""]
     collisions: Int[jax.Array, ""]
     touching: Bool[jax.Array, ""]
+    impulse_ns: Float[jax.Array, ""]
+    max_impulse_ns: Float[jax.Array, ""]
     min_clearance_m: Float[jax.Array, ""]
     energy_j: Float[jax.Array, ""]
 
 
+class Sensed(NamedTuple):
+    """What the sensors made of the last control step.
+
+    Attributes:
+        pose: Where the robot believes to be: its true pose when it has no odometry.
+        bumper: Which sectors were touched.
+    """
+
+    pose: Float[jax.Array, "3"]
+    bumper: Bool[jax.Array, "sectors"]
+
+
 class LaneState(NamedTuple):
-    """What changes: the robot, both applications' states, and how the episode stands."""
+    """What changes: the robot, both applications' states, and how the episode stands.
+
+    Attributes:
+        goal_steps: After how many control steps each goal was reached; 0 for one that was not.
+        metrics: What the scenario measures by itself, by name.
+    """
 
     body: Body
+    sensed: Sensed
     controller: State
     scenario: State
+    metrics: dict[str, Float[jax.Array, ""]]
     tally: Tally
     step: Int[jax.Array, ""]
     goal_index: Int[jax.Array, ""]
+    goal_steps: Int[jax.Array, "goals"]
     done: Bool[jax.Array, ""]
     reason: Int[jax.Array, ""]
     crash: Int[jax.Array, ""]
 
 
 class Work(NamedTuple):
-    """What a control step's physics did: contact impulse in the plane (N s) and the actuators' energy (J)."""
+    """What a control step's physics did.
+
+    Attributes:
+        impulse_ns: How much contacts pushed the robot in the plane, whichever way.
+        push_ns: The same as a vector along the world's axes: where it was pushed to, pushes against each other apart.
+        energy_j: What its actuators spent.
+    """
 
     impulse_ns: Float[jax.Array, ""]
+    push_ns: Float[jax.Array, "2"]
     energy_j: Float[jax.Array, ""]
 
 
@@ -100,13 +134,17 @@ def begin_lane(robot: RobotModel, applications: Applications, inputs: LaneInputs
     """Returns a lane's state before its first control step."""
     zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
     rest = jnp.zeros(3)
+    scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
     return LaneState(
         body=Body(inputs.start, rest, jnp.zeros(robot.host.na), rest),
+        sensed=Sensed(inputs.start, jnp.zeros(applications.sensors.bumper.sectors, bool)),
         controller=applications.controller(inputs.numbers).init(inputs.floor, inputs.goals_m),
-        scenario=applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m),
-        tally=Tally(zero, none, jnp.zeros((), bool), jnp.full((), jnp.inf), zero),
+        scenario=scenario,
+        metrics=applications.metrics(inputs.numbers, scenario),
+        tally=Tally(zero, none, jnp.zeros((), bool), zero, zero, jnp.full((), jnp.inf), zero),
         step=none,
         goal_index=none,
+        goal_steps=jnp.zeros(inputs.goals_m.shape[0], jnp.int32),
         done=~inputs.alive,
         reason=none,
         crash=none,

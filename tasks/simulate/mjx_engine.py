@@ -22,11 +22,15 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Float[jax.
             qpos=before.qpos, qvel=before.qvel, act=before.act, qacc_warmstart=before.warmstart, ctrl=control
         )
         data = mjx.step(model, data)
-        push_n = jnp.sqrt(jnp.sum(data.qfrc_constraint[:2] ** 2))
+        push_n = data.qfrc_constraint[:2]
+        force_n = jnp.sqrt(jnp.sum(push_n**2))
         power_w = jnp.sum(jnp.abs(data.qfrc_actuator * before.qvel))
         after = Body(data.qpos, data.qvel, data.act, data.qacc_warmstart)
-        return (after, Work(work.impulse_ns + push_n * step_s, work.energy_j + power_w * step_s)), None
+        worked = Work(
+            work.impulse_ns + force_n * step_s, work.push_ns + push_n * step_s, work.energy_j + power_w * step_s
+        )
+        return (after, worked), None
 
-    nothing = Work(jnp.zeros(()), jnp.zeros(()))
+    nothing = Work(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
     (after, work), _ = jax.lax.scan(physics_step, (body, nothing), None, length=robot.physics_steps)
     return Motion(after, work, distance_m(window, after.qpos[:2]) - robot.hull.radius_m)

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from specs.world import Solid, World, solids
-from tasks.simulate.contract import Lidar
 from tasks.simulate.model import add_obstacle, collision_bits
 from tasks.simulate.robot import CONTROL_S, read_robot
+from tasks.simulate.sensors import Lidar, ray_angles
 
 
 def reference_model(robot: Path, world: World) -> mujoco.MjModel:
@@ -47,7 +47,7 @@ def reference_ranges(
     data = mujoco.MjData(model)
     data.qpos[:3] = pose
     mujoco.mj_forward(model, data)
-    angles = pose[2] + 2 * np.pi * np.arange(lidar.rays) / lidar.rays
+    angles = pose[2] + ray_angles(lidar).astype(np.float64)
     directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(lidar.rays)], axis=1)
     geoms, ranges = np.empty(lidar.rays, np.int32), np.empty(lidar.rays)
     eye = np.array([pose[0], pose[1], lidar.height_m])

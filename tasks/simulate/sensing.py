@@ -2,12 +2,14 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+import numpy as np
+from jaxtyping import Bool, Float
 
 from tasks.simulate.applications import Applications
 from tasks.simulate.contract import Observation, State
-from tasks.simulate.lane_state import LaneInputs, LaneState
+from tasks.simulate.lane_state import LaneInputs, LaneState, Motion, Sensed
 from tasks.simulate.lidar import scan_ranges
+from tasks.simulate.noise import drifted, noisy_ranges
 from tasks.simulate.robot import CONTROL_S
 
 
@@ -15,15 +17,60 @@ def decide(
     applications: Applications, inputs: LaneInputs, state: LaneState
 ) -> tuple[State, Float[jax.Array, "actuators"]]:
     """Returns what the controller keeps, and its control for the step to come."""
-    lidar, pose = applications.lidar, state.body.qpos
-    ranges = scan_ranges(inputs.seen_boxes, inputs.seen_cylinders, pose, lidar.rays, lidar.range_m)
+    controller = applications.controller(inputs.numbers)
+    return controller.step(state.controller, observe(applications, inputs, state))
+
+
+def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
+    """Returns what the robot senses before a control step."""
+    sensors, pose = applications.lane_sensors(inputs.numbers), state.sensed.pose
     goal = jnp.clip(state.goal_index, 0, inputs.goals_m.shape[0] - 1)
-    observation = Observation(
+    velocity = state.body.qvel
+    if sensors.odometry is not None:
+        velocity = _turned(velocity, pose[2] - state.body.qpos[2])
+    return Observation(
         time_s=state.step * CONTROL_S,
         pose=pose,
-        velocity=state.body.qvel,
-        ranges_m=ranges,
+        velocity=velocity,
+        ranges_m=_scan(applications, inputs, state),
         goal_index=goal,
         goal_m=inputs.goals_m[goal],
+        goal_robot_m=_turned(inputs.goals_m[goal] - pose[:2], -pose[2]),
+        bumper=state.sensed.bumper,
     )
-    return applications.controller(inputs.numbers).step(state.controller, observation)
+
+
+def feel(applications: Applications, inputs: LaneInputs, state: LaneState, motion: Motion) -> Sensed:
+    """Returns what odometry and bumper make of a control step that an engine drove."""
+    before, after = state.body.qpos, motion.body.qpos
+    odometry = applications.lane_sensors(inputs.numbers).odometry
+    pose = after
+    if odometry is not None:
+        pose = drifted(state.sensed.pose, before, after, odometry, seed=inputs.seed, step=state.step)
+    return Sensed(pose, _touched(motion.work.push_ns, after[2], applications.sensors.bumper.sectors))
+
+
+def _scan(applications: Applications, inputs: LaneInputs, state: LaneState) -> Float[jax.Array, "rays"]:
+    shared, own = applications.lidar, applications.lane_sensors(inputs.numbers).lidar
+    if shared.rays == 0:
+        return jnp.zeros(0)
+    pose = state.body.qpos
+    if not all(isinstance(value, float) and value == 0.0 for value in (own.x_m, own.y_m, own.yaw_rad)):
+        offset = jnp.stack([jnp.asarray(value, pose.dtype) for value in (own.x_m, own.y_m, own.yaw_rad)])
+        pose = pose + _turned(offset, pose[2])
+    ranges = scan_ranges(inputs.seen_boxes, inputs.seen_cylinders, pose, shared.rays, shared.range_m)
+    return noisy_ranges(ranges, own, inputs.seed, state.step)
+
+
+def _turned(vector: Float[jax.Array, "axes"], yaw_rad: Float[jax.Array, ""]) -> Float[jax.Array, "axes"]:
+    """Returns a vector with its first two parts turned counter-clockwise."""
+    cos, sin = jnp.cos(yaw_rad), jnp.sin(yaw_rad)
+    turned = jnp.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
+    return jnp.concatenate([turned, vector[2:]])
+
+
+def _touched(push_ns: Float[jax.Array, "2"], yaw_rad: Float[jax.Array, ""], sectors: int) -> Bool[jax.Array, "sectors"]:
+    """Returns which sector of the hull the robot was pushed on: the one opposite to where it was pushed to."""
+    bearing = jnp.arctan2(-push_ns[1], -push_ns[0]) - yaw_rad
+    pressed = jnp.round(bearing * (max(sectors, 1) / (2 * np.pi))) % max(sectors, 1)
+    return (jnp.arange(sectors) == pressed) & jnp.any(push_ns != 0.0)

@@ -12,12 +12,14 @@ from specs.episode import EpisodeRequest
 from specs.world import World
 from tasks.simulate.bundles import BundleCrash, guarded
 from tasks.simulate.chunks import split_environment
-from tasks.simulate.contract import FloorMap, HostMap, Lidar, Placement, Scenario
+from tasks.simulate.contract import FloorMap, HostMap, Placement, Scenario
 from tasks.simulate.floor_map import floor_map, grid_cells
 from tasks.simulate.geodesic import shortest_paths_m
 from tasks.simulate.lane_state import LaneInputs
+from tasks.simulate.noise import seed_words
 from tasks.simulate.obstacles import Obstacles, obstacles, padded
 from tasks.simulate.robot import CONTROL_S, Hull
+from tasks.simulate.sensors import Lidar
 
 _SEEN_M = 1e-3  # half the thickness of the lidar's plane
 
@@ -60,11 +62,12 @@ def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stag
     drawn = guarded(code, "scenario.place", scenario.place, world, stage.floor, hull.radius_m, rng)
     start = guarded(code, "scenario.place", np.asarray, drawn.start, np.float64)
     goals = guarded(code, "scenario.place", np.asarray, drawn.goals_m, np.float64)
+    given = guarded(code, "scenario.place", lambda: tuple(np.asarray(each) for each in getattr(drawn, "given", ())))
     if start.shape != (3,) or goals.ndim != 2 or goals.shape[1] != 2 or not len(goals):
         raise BundleCrash(code, f"scenario.place: start {start.shape} and goals {goals.shape}, not (3,) and (1+, 2)")
     if not (np.isfinite(start).all() and np.isfinite(goals).all()):
         raise BundleCrash(code, "scenario.place: start or goals are not finite")
-    return Placement(start, goals)
+    return Placement(start, goals, given)
 
 
 def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]], hull: Hull) -> list[Lane]:
@@ -95,6 +98,10 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
         start=_stacked([lane.placement.start for lane in filled]),
         goals_m=_stacked([lane.placement.goals_m for lane in filled]),
+        given=tuple(
+            jnp.asarray(np.stack(arrays)) for arrays in zip(*(lane.placement.given for lane in filled), strict=True)
+        ),
+        seed=jnp.asarray(np.stack([seed_words(lane.request.seed) for lane in filled])),
         numbers=jnp.asarray(numbers, jnp.float32).reshape(count, len(names)),
         last_step=jnp.asarray([last_step(lane.request) for lane in filled], jnp.int32),
         alive=jnp.arange(count) < len(lanes),

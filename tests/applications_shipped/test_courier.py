@@ -28,7 +28,8 @@ STATE = Plan(FLOOR, COST[None])
 
 
 def seen(ranges: jax.Array, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Observation:
-    return Observation(jnp.zeros(()), jnp.array(pose), jnp.zeros(3), ranges, jnp.int32(0), GOAL)
+    nothing, no = jnp.zeros(3), jnp.zeros(0, bool)
+    return Observation(jnp.zeros(()), jnp.array(pose), nothing, ranges, jnp.int32(0), GOAL, nothing[:2], no)
 
 
 def test_its_radius_is_its_hulls():

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tasks.simulate.lidar import scan_ranges
 from tasks.simulate.obstacles import obstacles, padded
 from tasks.simulate.reference import reference_model, reference_ranges
+from tasks.simulate.sensors import Lidar
 from tests.simulate_factory import COURIER, FAULTY, FOLDERS, pen
 
 WORLD = pen(6.0, 1)
@@ -18,8 +19,7 @@ SEEN = padded([obstacles(WORLD, 0.199, 0.201)])[0]
 SCAN = jax.jit(lambda pose: scan_ranges(jnp.asarray(SEEN.boxes), jnp.asarray(SEEN.cylinders), pose, 32, 10.0))
 
 
-class Lidar:
-    rays, range_m, height_m = 32, 10.0, 0.2
+LIDAR = Lidar(rays=32, range_m=10.0, height_m=0.2)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def test_ranges_agree_with_mujocos_within_a_millimetre(model: mujoco.MjModel):
     rng = np.random.default_rng(0)
     poses = np.column_stack([rng.uniform(-1.2, 1.2, (100, 2)), rng.uniform(-np.pi, np.pi, 100)])
     ours = np.stack([np.asarray(SCAN(jnp.asarray(pose, jnp.float32))) for pose in poses])
-    theirs = np.stack([reference_ranges(model, Lidar(), pose) for pose in poses])
+    theirs = np.stack([reference_ranges(model, LIDAR, pose) for pose in poses])
     # A ray that passes an edge by a hair's breadth may hit it in one precision and miss it in the other.
     assert np.quantile(np.abs(ours - theirs), 0.999) < 1e-3
     assert (theirs < 6.0).all()  # walls all around: every ray hits
@@ -54,4 +54,4 @@ def test_nothing_near_gives_the_range():
 
 def test_the_reference_sees_no_part_of_the_robot(model: mujoco.MjModel):
     alone = reference_model(FOLDERS[FAULTY] / "robot.xml", WORLD.model_copy(update={"walls": (), "furniture": ()}))
-    assert (reference_ranges(alone, Lidar(), np.zeros(3)) == 10.0).all()
+    assert (reference_ranges(alone, LIDAR, np.zeros(3)) == 10.0).all()
