@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 from specs.world import Furniture, Solid
 from tasks.export.plan_page import Attributes, Box, Sheet, css_color, element, text_width
-from tasks.export.plan_solids import corners_m, covers, draw_solid, page_box, top_m
+from tasks.export.plan_solids import corners_m, covers, draw_solid, from_above, page_box, top_m
 
 _LABEL_SIZES = (10.5, 9.0)
 _TOWARDS_WHITE, _OUTLINE_SHARE = 0.22, 0.42
@@ -26,11 +26,16 @@ class _Fit:
 
 def draw_furniture(parent: ET.Element, pieces: Sequence[Furniture], sheet: Sheet) -> None:
     """Adds every piece, lower ones first, with its name as tooltip."""
-    for piece in sorted(pieces, key=_height_m):
+    for piece in lowest_first(pieces):
         group = element(parent, "g", class_="furniture")
         element(group, "title", f"{piece.name}: {piece.model_type}, in {piece.room}")
-        for solid in sorted(piece.solids, key=top_m):
+        for solid in from_above(piece.solids):
             draw_solid(group, solid, sheet, solid_style(solid))
+
+
+def lowest_first(pieces: Sequence[Furniture]) -> list[Furniture]:
+    """Returns the pieces in the order in which they are drawn: what is higher covers what is lower."""
+    return sorted(pieces, key=_height_m)
 
 
 def solid_style(solid: Solid) -> Attributes:
@@ -51,7 +56,7 @@ def draw_piece_labels(
         occupied: Boxes of texts that are there already.
     """
     taken = list(occupied)
-    for piece in sorted(pieces, key=_height_m, reverse=True):
+    for piece in reversed(lowest_first(pieces)):
         fit = _fitting(in_words(piece.model_type), piece_box(piece, sheet), taken)
         if fit is not None:
             taken.append(fit.place)

@@ -51,6 +51,16 @@ def covers(solid: Solid, x_m: float, y_m: float) -> bool:
     return abs(cos * dx_m + sin * dy_m) <= half_x_m and abs(cos * dy_m - sin * dx_m) <= half_y_m
 
 
+def from_above(solids: Iterable[Solid]) -> list[Solid]:
+    """Returns the solids that one sees from above, lowest first: those not wholly below a higher one."""
+    ordered = sorted(solids, key=top_m)
+    return [
+        solid
+        for number, solid in enumerate(ordered)
+        if not any(all(covers(higher, *corner) for corner in corners_m(solid)) for higher in ordered[number + 1 :])
+    ]
+
+
 def top_m(solid: Solid) -> float:
     """Returns the height of a solid's upper face."""
     return solid.center_m[2] + solid.half_extents_m[2]

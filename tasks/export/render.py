@@ -10,6 +10,7 @@ from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import UInt8
+from pydantic import TypeAdapter
 
 from specs.world import World
 from tasks.export.png import encode_rgb
@@ -18,7 +19,10 @@ NO_GL = "no 3-D picture: no GL is there (Debian: apt-get install libosmesa6, or 
 READY = b"GL\n"
 """What the process says when its GL works."""
 Pixels = UInt8[np.ndarray, "rows columns 3"]
-Render = Callable[[World], Pixels]
+Render = Callable[[World, Sequence[str]], Pixels]
+"""Takes a world and the lines of a caption, each of which takes CAPTION_LINE rows of the picture that it returns."""
+REQUEST: TypeAdapter[tuple[tuple[str, ...], World]] = TypeAdapter(tuple[tuple[str, ...], World])
+CAPTION_LINE = 26
 _GL = "MUJOCO_GL"
 _BACKENDS = ("egl", "osmesa")
 _SAMPLES = 40
@@ -39,7 +43,7 @@ def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Ren
             yield None
             return
         try:
-            yield lambda world: _picture(process, world, (height, width, 3), complaints)
+            yield lambda world, caption: _picture(process, (tuple(caption), world), (height, width, 3), complaints)
         finally:
             process.kill()
             process.communicate()
@@ -48,7 +52,7 @@ def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Ren
 def render_png(world: World, width: int, height: int) -> bytes | None:
     """Returns a picture of the world, cut open, as a PNG file; None where no GL is."""
     with rendering(width, height) as render:
-        return None if render is None else encode_rgb(render(world))
+        return None if render is None else encode_rgb(render(world, ()))
 
 
 def _started(arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
@@ -69,18 +73,21 @@ def _started(arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen
 
 
 def _picture(
-    process: subprocess.Popen[bytes], world: World, shape: tuple[int, int, int], complaints: BinaryIO
+    process: subprocess.Popen[bytes],
+    request: tuple[tuple[str, ...], World],
+    shape: tuple[int, int, int],
+    complaints: BinaryIO,
 ) -> Pixels:
-    """Returns the answer of the process to a world.
+    """Returns the answer of the process to a request.
 
     Raises:
         RuntimeError: It ended, which a GL that works is no reason for.
     """
     rows, columns, channels = shape
-    answer = _asked(process, world.model_dump_json().encode() + b"\n", rows * columns * channels)
+    answer = _asked(process, REQUEST.dump_json(request) + b"\n", rows * columns * channels)
     if len(answer) < rows * columns * channels:
         complaints.seek(0)
-        raise RuntimeError(f"rendering {world.name} failed: {complaints.read().decode(errors='replace')[-2000:]}")
+        raise RuntimeError(f"rendering {request[1].name} failed: {complaints.read().decode(errors='replace')[-2000:]}")
     return np.frombuffer(answer, np.uint8).reshape(shape)
 
 

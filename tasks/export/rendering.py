@@ -1,8 +1,8 @@
 """The process that renders: worlds in, pixels out. Run as ``python -m tasks.export.rendering WIDTH HEIGHT SAMPLES``.
 
 MUJOCO_GL says which GL it takes. It says READY when that works, and then answers each line of its standard input, a
-world as JSON, with the pixels of its picture: rows from the top, three bytes each. A process of its own, because a GL
-that does not work may end the interpreter (formats.md).
+caption and a world as JSON, with the pixels of its picture: rows from the top, three bytes each. A process of its own,
+because a GL that does not work may end the interpreter (formats.md).
 
 One light cannot light a room without ceiling well: straight shadows, and black where none falls. A picture is the mean
 of many, each lit from another direction of the sky or of the sun's disc, and each shifted by a part of a pixel: soft
@@ -11,7 +11,7 @@ shadows, darker corners and smooth edges, all by MuJoCo's own shadow maps.
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import BinaryIO
 
@@ -23,21 +23,24 @@ from specs.world import World
 from tasks.export.cutaway import cut_open
 from tasks.export.mjcf import GROUND, world_spec
 from tasks.export.mjcf_finishes import WINDOW_PREFIX
-from tasks.export.render import READY, Pixels
+from tasks.export.render import CAPTION_LINE, READY, REQUEST, Pixels
 
 _CUT_M = 1.45  # above tables and sills, below heads: one looks into every room over its walls
 _FOVY_RAD = math.radians(28.0)
 _ELEVATION_RAD = math.radians(58.0)
 _AZIMUTH_RAD = math.radians(72.0)  # from the south, a little from the west, so that two faces of everything are seen
 _MARGIN = 1.08
-_SUN_FROM_CAMERA_RAD, _SUN_HEIGHT_RAD, _SUN_SIZE, _SKY_SIZE = math.radians(150.0), math.radians(54.0), 0.12, 0.93
+_SUN_FROM_CAMERA_RAD, _SUN_HEIGHT_RAD, _SUN_SIZE, _SKY_SIZE = math.radians(150.0), math.radians(54.0), 0.12, 0.86
 _GOLDEN_ANGLE_RAD = math.pi * (3.0 - math.sqrt(5.0))
 # Steps of a sequence that fills the unit square evenly (Roberts' R2).
 _SHIFT_STEPS = (0.7548776662466927, 0.5698402909980532)
 _AMBIENT, _DIFFUSE, _HEADLIGHT = 0.44, 0.60, 0.16
-_EXPOSURE, _GAMMA = 1.02, 0.84
-_GROUND_RGBA, _PANE_ALPHA = (0.95, 0.95, 0.95, 1.0), 0.5
-_GROUND_HALF_M = 100.0
+_EXPOSURE, _GAMMA = 1.035, 0.86
+_GROUND_RGBA, _PANE_ALPHA = (1.0, 1.0, 1.0, 1.0), 0.5
+_GROUND_MARGIN_M = 1.5
+# Where a line's text is placed, in rows below the line's top: MuJoCo counts to the lower edge of its letters' boxes.
+_HEADING, _LINE = (mujoco.mjtFont.mjFONT_BIG, 33), (mujoco.mjtFont.mjFONT_NORMAL, 22)
+_TEXT_RGB = (0.15, 0.17, 0.19)
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,10 @@ def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: Bina
     pictures.write(READY)
     pictures.flush()
     for line in worlds:
-        pictures.write(rendered(World.model_validate_json(line), width, height, samples).tobytes())
+        caption, world = REQUEST.validate_json(line)
+        below = captioned(caption, width)
+        picture = rendered(world, width, height - len(below), samples)
+        pictures.write(np.concatenate([picture, below]).tobytes())
         pictures.flush()
     context.free()
 
@@ -99,6 +105,28 @@ def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
     context.free()
     share = (light[::-1] / (255.0 * samples)) ** _GAMMA * _EXPOSURE
     return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
+
+
+def captioned(lines: Sequence[str], width: int) -> Pixels:
+    """Returns lines of text, black on white, the first one larger; what is not ASCII is left out."""
+    height = CAPTION_LINE * len(lines)
+    pixels = np.full((height, width, 3), 255, np.uint8)
+    if not lines:
+        return pixels
+    spec = mujoco.MjSpec()
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
+    context = mujoco.MjrContext(spec.compile(), mujoco.mjtFontScale.mjFONTSCALE_100)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    area = mujoco.MjrRect(0, 0, width, height)
+    mujoco.mjr_rectangle(area, 1.0, 1.0, 1.0, 1.0)
+    for number, line in enumerate(lines):
+        font, below = _HEADING if number == 0 else _LINE
+        text = line.encode("ascii", "ignore").decode()
+        y = 1.0 - (CAPTION_LINE * number + below) / height
+        mujoco.mjr_text(font, text, context, 8.0 / width, y, *_TEXT_RGB)
+    mujoco.mjr_readPixels(pixels, None, area, context)
+    context.free()
+    return pixels[::-1]
 
 
 def framed(world: World, aspect: float) -> View:
@@ -134,12 +162,13 @@ def _model(world: World, width: int, height: int) -> mujoco.MjModel:
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
     spec.visual.quality.offsamples = 0
     spec.visual.map.znear, spec.visual.map.zfar = 0.05, 20.0
-    # The shadow map covers the apartment and a shadow's length around it, no more: its pixels are few.
-    spec.stat.extent += 1.0
+    # The shadow map covers the ground, and that a shadow's length around the apartment: its pixels are few.
+    spec.stat.extent += _GROUND_MARGIN_M
     sky = spec.texture("sky")
     sky.rgb1 = sky.rgb2 = [1.0, 1.0, 1.0]
     ground = spec.geom(GROUND)
-    ground.rgba, ground.size = list(_GROUND_RGBA), [_GROUND_HALF_M, _GROUND_HALF_M, 10.0]
+    ground.rgba = list(_GROUND_RGBA)
+    ground.size = [half_m + _GROUND_MARGIN_M for half_m in ground.size[:2]] + [1.0]
     for geom in spec.geoms:
         if geom.name.startswith(WINDOW_PREFIX) and geom.name.endswith("/pane"):
             geom.rgba = [*geom.rgba[:3], _PANE_ALPHA]

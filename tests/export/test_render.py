@@ -38,35 +38,35 @@ def living_floor(pixels: Pixels) -> np.ndarray:
 
 
 def test_a_picture_shows_something(render: Render):
-    pixels = render(apartment())
+    pixels = render(apartment(), ())
     assert pixels.shape == (HEIGHT, WIDTH, 3)
     assert pixels.std() > 20.0
 
 
 def test_the_same_world_gives_the_same_pixels(render: Render):
-    np.testing.assert_array_equal(render(apartment()), render(apartment()))
+    np.testing.assert_array_equal(render(apartment(), ()), render(apartment(), ()))
 
 
 def test_a_floor_has_the_colour_of_its_finish(render: Render):
-    red, _, blue = living_floor(render(floored((0.9, 0.1, 0.1)))).mean((0, 1))
+    red, _, blue = living_floor(render(floored((0.9, 0.1, 0.1)), ())).mean((0, 1))
     assert red > 2 * blue
-    red, _, blue = living_floor(render(floored((0.1, 0.1, 0.9)))).mean((0, 1))
+    red, _, blue = living_floor(render(floored((0.1, 0.1, 0.9)), ())).mean((0, 1))
     assert blue > 2 * red
 
 
 def test_a_pattern_is_seen(render: Render):
-    plain = living_floor(render(floored((0.9, 0.9, 0.9)))).std()
-    assert living_floor(render(floored((0.9, 0.9, 0.9), "tiles"))).std() > plain + 5.0
+    plain = living_floor(render(floored((0.9, 0.9, 0.9)), ())).std()
+    assert living_floor(render(floored((0.9, 0.9, 0.9), "tiles"), ())).std() > plain + 5.0
 
 
 def test_a_picture_without_furniture_is_another(render: Render):
     bare = apartment().model_copy(update={"furniture": ()})
-    assert np.abs(render(apartment()).astype(int) - render(bare)).max() > 40
+    assert np.abs(render(apartment(), ()).astype(int) - render(bare, ())).max() > 40
 
 
 def test_a_name_that_is_no_text_is_no_obstacle(render: Render):
     odd = apartment(room_names=("new\nline", "\x00 </svg>"))
-    assert render(odd).std() > 20.0
+    assert render(odd, ()).std() > 20.0
 
 
 def test_a_png_holds_the_picture(render: Render):
@@ -87,4 +87,4 @@ def test_a_renderer_that_fails_says_why(render: Render):
     with rendering(80, 60, 1) as mine:
         assert mine is not None
         with pytest.raises(RuntimeError, match=r"(?s)rendering world-1-1 failed.*repeated name"):
-            mine(twice)
+            mine(twice, ())
