@@ -11,6 +11,7 @@ from tasks.simulate.contract import FloorMap, State
 from tasks.simulate.lidar import Boxes, Cylinders
 from tasks.simulate.model import RobotModel
 from tasks.simulate.noise import Seed
+from tasks.simulate.silhouettes import Silhouettes
 
 NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH = 0, 1, 2
 
@@ -20,7 +21,7 @@ class LaneInputs(NamedTuple):
 
     Attributes:
         boxes, cylinders: Obstacles in the hull's band of heights.
-        seen_boxes, seen_cylinders: Those that cross the lidar's plane.
+        seen: What crosses the lidar's plane.
         given: What the scenario's ``place`` gave besides start and goals.
         seed: The episode's, as ``noise.seed_words``.
         last_step: Control steps until time is up.
@@ -29,8 +30,7 @@ class LaneInputs(NamedTuple):
 
     boxes: Boxes
     cylinders: Cylinders
-    seen_boxes: Boxes
-    seen_cylinders: Cylinders
+    seen: Silhouettes
     floor: FloorMap
     start: Float[jax.Array, "3"]
     goals_m: Float[jax.Array, "goals 2"]

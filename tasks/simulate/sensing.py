@@ -11,6 +11,7 @@ from tasks.simulate.lane_state import LaneInputs, LaneState, Motion, Sensed
 from tasks.simulate.lidar import scan_ranges
 from tasks.simulate.noise import drifted, noisy_ranges
 from tasks.simulate.robot import CONTROL_S
+from tasks.simulate.sensors import ray_angles
 
 
 def decide(
@@ -58,7 +59,7 @@ def _scan(applications: Applications, inputs: LaneInputs, state: LaneState) -> F
     if not all(isinstance(value, float) and value == 0.0 for value in (own.x_m, own.y_m, own.yaw_rad)):
         offset = jnp.stack([jnp.asarray(value, pose.dtype) for value in (own.x_m, own.y_m, own.yaw_rad)])
         pose = pose + _turned(offset, pose[2])
-    ranges = scan_ranges(inputs.seen_boxes, inputs.seen_cylinders, pose, shared.rays, shared.range_m)
+    ranges = scan_ranges(inputs.seen, pose, ray_angles(shared), shared.range_m)
     return noisy_ranges(ranges, own, inputs.seed, state.step)
 
 

@@ -20,6 +20,7 @@ from tasks.simulate.noise import seed_words
 from tasks.simulate.obstacles import Obstacles, obstacles, padded
 from tasks.simulate.robot import CONTROL_S, Hull
 from tasks.simulate.sensors import Lidar
+from tasks.simulate.silhouettes import HostSilhouettes, Silhouettes, padded_silhouettes, silhouettes
 
 _SEEN_M = 1e-3  # half the thickness of the lidar's plane
 
@@ -28,7 +29,7 @@ class Stage(NamedTuple):
     """One world as arrays: what is touched, what is seen, and the map."""
 
     touched: Obstacles
-    seen: Obstacles
+    seen: HostSilhouettes
     floor: HostMap
 
 
@@ -47,7 +48,7 @@ def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[
     seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
     cells = max((grid_cells(world) for world in worlds.values()), default=0)
     floors = [floor_map(world, each, cells) for world, each in zip(worlds.values(), touched, strict=True)]
-    stages = map(Stage, padded(touched), padded(seen), floors)
+    stages = map(Stage, padded(touched), padded_silhouettes(map(silhouettes, seen)), floors)
     return dict(zip(worlds, stages, strict=True))
 
 
@@ -93,8 +94,9 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
     return LaneInputs(
         boxes=_stacked([lane.stage.touched.boxes for lane in filled]),
         cylinders=_stacked([lane.stage.touched.cylinders for lane in filled]),
-        seen_boxes=_stacked([lane.stage.seen.boxes for lane in filled]),
-        seen_cylinders=_stacked([lane.stage.seen.cylinders for lane in filled]),
+        seen=Silhouettes(
+            *(jnp.asarray(np.stack(each)) for each in zip(*(lane.stage.seen for lane in filled), strict=True))
+        ),
         floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
         start=_stacked([lane.placement.start for lane in filled]),
         goals_m=_stacked([lane.placement.goals_m for lane in filled]),

@@ -9,17 +9,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tasks.simulate.lidar import scan_ranges
-from tasks.simulate.obstacles import obstacles, padded
+from tasks.simulate.obstacles import obstacles
 from tasks.simulate.reference import reference_model, reference_ranges
-from tasks.simulate.sensors import Lidar
+from tasks.simulate.sensors import Lidar, ray_angles
+from tasks.simulate.silhouettes import HostSilhouettes, Silhouettes, padded_silhouettes, silhouettes
 from tests.simulate_factory import COURIER, FAULTY, FOLDERS, pen
 
 WORLD = pen(6.0, 1)
-SEEN = padded([obstacles(WORLD, 0.199, 0.201)])[0]
-SCAN = jax.jit(lambda pose: scan_ranges(jnp.asarray(SEEN.boxes), jnp.asarray(SEEN.cylinders), pose, 32, 10.0))
+
+
+def on_device(seen: HostSilhouettes) -> Silhouettes:
+    return Silhouettes(*map(jnp.asarray, seen))
+
+
+SEEN = on_device(padded_silhouettes([silhouettes(obstacles(WORLD, 0.199, 0.201))])[0])
 
 
 LIDAR = Lidar(rays=32, range_m=10.0, height_m=0.2)
+ANGLES = ray_angles(LIDAR)
+SCAN = jax.jit(lambda pose: scan_ranges(SEEN, pose, ANGLES, LIDAR.range_m))
+SCAN_LANES = jax.jit(jax.vmap(lambda seen, pose: scan_ranges(seen, pose, ANGLES, LIDAR.range_m)))
 
 
 @pytest.fixture(scope="module")
@@ -47,11 +56,35 @@ def test_turning_by_a_ray_shifts_the_ranges_by_one(x: float, y: float, ray: int)
 
 
 def test_nothing_near_gives_the_range():
-    nothing = padded([obstacles(WORLD, 5.0, 6.0)])[0]
-    ranges = scan_ranges(jnp.asarray(nothing.boxes), jnp.asarray(nothing.cylinders), jnp.zeros(3), 16, 7.5)
-    np.testing.assert_array_equal(ranges, np.full(16, 7.5, np.float32))
+    nothing = on_device(padded_silhouettes([silhouettes(obstacles(WORLD, 5.0, 6.0))])[0])
+    ranges = scan_ranges(nothing, jnp.zeros(3), ANGLES, 7.5)
+    np.testing.assert_array_equal(ranges, np.full(32, 7.5, np.float32))
 
 
 def test_the_reference_sees_no_part_of_the_robot(model: mujoco.MjModel):
     alone = reference_model(FOLDERS[FAULTY] / "robot.xml", WORLD.model_copy(update={"walls": (), "furniture": ()}))
     assert (reference_ranges(alone, LIDAR, np.zeros(3)) == 10.0).all()
+
+
+def test_each_lane_sees_its_own_world_whatever_is_in_the_others():
+    worlds = [pen(6.0, seed) for seed in range(8)]
+    worlds[3] = worlds[3].model_copy(update={"furniture": ()})
+    seen = padded_silhouettes([silhouettes(obstacles(world, 0.199, 0.201)) for world in worlds])
+    poses = np.random.default_rng(1).uniform(-1.2, 1.2, (8, 3)).astype(np.float32)
+    stacked = Silhouettes(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)))
+    together = SCAN_LANES(stacked, poses)
+    for ranges, each, pose in zip(together, seen, poses, strict=True):
+        np.testing.assert_allclose(ranges, scan_ranges(on_device(each), jnp.asarray(pose), ANGLES, 10.0), atol=1e-5)
+    assert len({float(ranges.sum()) for ranges in together}) == 8
+
+
+def test_padding_is_not_looked_at():
+    beyond = jnp.arange(256)[:, None] >= SEEN.counts[0] + 8
+    spoiled = SEEN._replace(upright=jnp.where(beyond, 0.01, SEEN.upright))
+    np.testing.assert_array_equal(scan_ranges(spoiled, jnp.zeros(3), ANGLES, 10.0), SCAN(jnp.zeros(3)))
+
+
+def test_a_field_of_view_is_swept_from_right_to_left():
+    lidar = Lidar(rays=5, range_m=10.0, height_m=0.2, fov_rad=np.pi)
+    np.testing.assert_allclose(ray_angles(lidar), np.radians([-90, -45, 0, 45, 90]), atol=1e-6)
+    np.testing.assert_array_equal(ray_angles(lidar._replace(rays=1)), [0.0])
