@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key, UInt32
 
-from tasks.simulate.sensors import Lidar, Odometry, Scalar
+from tasks.simulate.sensors import Lidar, Odometry, is_set
 
 Seed = UInt32[Array, "2"]
 Pose = Float[Array, "3"]
@@ -42,15 +42,15 @@ def noisy_ranges(
     Without any noise declared they are returned as they are, bit for bit.
     """
     noisy = ranges_m
-    if _is_set(lidar.sigma_m) or _is_set(lidar.sigma_share):
+    if is_set(lidar.sigma_m) or is_set(lidar.sigma_share):
         sigma_m = lidar.sigma_m + lidar.sigma_share * ranges_m
         noisy = noisy + sigma_m * jax.random.normal(step_key(seed, "lidar", step), ranges_m.shape, ranges_m.dtype)
-    if _is_set(lidar.resolution_m):
+    if is_set(lidar.resolution_m):
         mark_m = jnp.where(lidar.resolution_m > 0.0, lidar.resolution_m, 1.0)
         noisy = jnp.where(lidar.resolution_m > 0.0, mark_m * jnp.round(noisy / mark_m), noisy)
     if noisy is not ranges_m:
         noisy = jnp.clip(noisy, 0.0, lidar.range_m)
-    if _is_set(lidar.dropout):
+    if is_set(lidar.dropout):
         lost = jax.random.uniform(step_key(seed, "dropout", step), ranges_m.shape) < lidar.dropout
         noisy = jnp.where(lost, lidar.range_m, noisy)
     return ranges_m if noisy is ranges_m else jnp.where(ranges_m < lidar.range_m, noisy, ranges_m)
@@ -78,8 +78,3 @@ def drifted(believed: Pose, before: Pose, after: Pose, odometry: Odometry, *, se
     x, y = cos * counted[0] - sin * counted[1], sin * counted[0] + cos * counted[1]
     yaw_rad = turn_rad + jnp.sqrt(yaw_variance) * draws[1]
     return believed + jnp.stack([x, y, yaw_rad])
-
-
-def _is_set(value: Scalar) -> bool:
-    """Returns whether a number may be other than 0: a traced one is only known when the program runs."""
-    return not (isinstance(value, int | float) and value == 0.0)

@@ -11,7 +11,7 @@ from tasks.simulate.lane_state import LaneInputs, LaneState, Motion, Sensed
 from tasks.simulate.lidar import scan_ranges
 from tasks.simulate.noise import drifted, noisy_ranges
 from tasks.simulate.robot import CONTROL_S
-from tasks.simulate.sensors import ray_angles
+from tasks.simulate.sensors import is_set, ray_angles
 
 
 def decide(
@@ -56,8 +56,9 @@ def _scan(applications: Applications, inputs: LaneInputs, state: LaneState) -> F
     if shared.rays == 0:
         return jnp.zeros(0)
     pose = state.body.qpos
-    if not all(isinstance(value, float) and value == 0.0 for value in (own.x_m, own.y_m, own.yaw_rad)):
-        offset = jnp.stack([jnp.asarray(value, pose.dtype) for value in (own.x_m, own.y_m, own.yaw_rad)])
+    mount = (own.x_m, own.y_m, own.yaw_rad)
+    if any(map(is_set, mount)):
+        offset = jnp.stack([jnp.asarray(value, pose.dtype) for value in mount])
         pose = pose + _turned(offset, pose[2])
     ranges = scan_ranges(inputs.seen, pose, ray_angles(shared), shared.range_m)
     return noisy_ranges(ranges, own, inputs.seed, state.step)

@@ -160,6 +160,11 @@ def ray_angles(lidar: Lidar) -> Float32[np.ndarray, "rays"]:
     return (lidar.fov_rad * (from_right - 0.5)).astype(np.float32)
 
 
+def is_set(value: Scalar) -> bool:
+    """Returns whether a number may be other than 0: a traced one is only known when the program runs."""
+    return not (isinstance(value, int | float) and value == 0.0)
+
+
 def _filled(kind: type[Kind], declared: object) -> Kind:
     """Returns the tuple of that kind with what a bundle declares; None for what is missing and has no default."""
     values: list[Any] = [getattr(declared, name, kind._field_defaults.get(name)) for name in kind._fields]
