@@ -16,7 +16,7 @@ from rich.console import Console
 
 from flows.fleet_cli import fleet_app
 from flows.leaving import leave_after
-from specs.base import Fault
+from flows.world_cli import world_app
 from specs.errors import DocumentError, PipelineNotPassed
 
 app = typer.Typer(
@@ -26,7 +26,6 @@ app = typer.Typer(
     add_completion=False,
 )
 application_app = typer.Typer(help="Publish application bundles.", no_args_is_help=True)
-world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
 app.add_typer(application_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
@@ -161,30 +160,6 @@ def publish_application(
         open_store(store), "robot-application" if kind == "robot" else "simulation-application", name, folder
     )
     typer.echo(f"{version.name} version {version.number}: {version.digest}")
-
-
-@world_app.command("preview")
-def preview_world(
-    template: Annotated[str, typer.Argument(help="A template: path, ARN, or name.")],
-    output: Annotated[Path, typer.Option(help="The SVG to write.")],
-    seed: Annotated[int, typer.Option(min=0, help="The same seed draws the same world.")] = 0,
-    store: StoreUrl = None,
-) -> None:
-    """Draw the first world that a template gives."""
-    from tasks.documents.templates import find_template
-    from tasks.export.svg import floor_plan_svg
-    from tasks.storage.opening import open_store
-    from tasks.worlds.generate import generate_world
-
-    body = find_template(template, open_store(store), Path.cwd())
-    world = generate_world(body, seed=seed, generation="preview", floorplan_index=1, interior_index=1)
-    drawing = floor_plan_svg(world)
-    try:
-        output.write_text(drawing)
-    except OSError as exc:
-        allowed = f"a file that can be written ({exc.strerror})"
-        raise DocumentError([Fault(path="--output", value=repr(str(output)), allowed=allowed)], "simyard") from exc
-    typer.echo(str(output))
 
 
 @contextmanager

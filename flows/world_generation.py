@@ -11,6 +11,7 @@ from specs.pipeline_requests import generation_request
 from specs.pipeline_worlds import WorldGeneration
 from specs.template import template_digest
 from tasks.documents.templates import find_template
+from tasks.export.task import show_worlds
 from tasks.storage.opening import open_store, store_id
 from tasks.storage.records import JobRecord
 from tasks.worlds.task import generate_worlds
@@ -40,11 +41,13 @@ def world_generation(
         reference = arn("world-template", store_id(opened), digest)
         request = generation_request(spec, template=reference, token=given)
         job_token = request.clientRequestToken or given
-        return ended_well(
+        record = ended_well(
             generate_worlds(
                 opened.url, request, template, seed=spec.seed, robot_radius_m=spec.robotRadius, token=job_token
             )
         )
+        show_worlds(opened.url, record)
+        return record
 
     identity = {"spec": canonical_document(spec), "template": digest}
     return as_run(opened, "world-generation", identity, token, work)

@@ -9,21 +9,22 @@ import tempfile
 from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 
-from pydantic import JsonValue, ValidationError
+from pydantic import JsonValue
 
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.digests import canonical_document
-from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, SimyardError
+from specs.errors import DocumentError, SimyardError
 from specs.pipeline_worlds import WorldFormat
 from specs.world import World
 from specs.world_jobs import CreateWorldExportJobRequest
 from tasks.export.bundle import write_zip
 from tasks.export.failures import failure_code, failure_reason
+from tasks.export.stored import SOURCE, read_world
 from tasks.export.svg import floor_plan_svg
 from tasks.storage.buckets import open_bucket
 from tasks.storage.claim import claimed
-from tasks.storage.keys import claim_key, output_key, world_key
+from tasks.storage.keys import claim_key, output_key
 from tasks.storage.records import JobKind, JobRecord, advance, is_terminal, read, submit
 from tasks.storage.store import Store
 
@@ -94,7 +95,7 @@ def _export(
 
     def read_worlds() -> Iterator[World]:
         for number, reference in enumerate(references, start=1):
-            world = _world(store, reference)
+            world = read_world(store, reference)
             if "svg" in formats:
                 plans[_plan_name(reference, references)] = floor_plan_svg(world)
             yield world
@@ -129,22 +130,8 @@ def _references(worlds: Sequence[str]) -> list[str]:
             )
         found.add(reference.path)
     if faults:
-        raise DocumentError(faults, source="CreateWorldExportJob")
+        raise DocumentError(faults, source=SOURCE)
     return sorted(found)
-
-
-def _world(store: Store, reference: str) -> World:
-    generation, name = reference.split("/")
-    try:
-        body = store.get(world_key(generation, name)).body
-    except ObjectNotFound as exc:
-        fault = Fault(path="worlds", value=reference, allowed=f"a world in {store.url}; see simyard list worlds")
-        raise ResourceNotFound([fault], source="CreateWorldExportJob") from exc
-    try:
-        return World.model_validate_json(body)
-    except ValidationError as exc:
-        fault = Fault(path="worlds", value=reference, allowed="a world that this version of Simyard wrote")
-        raise DocumentError([fault], source=store.url) from exc
 
 
 def _plan_name(reference: str, references: Sequence[str]) -> str:

@@ -1,11 +1,18 @@
-"""World export as a Prefect task."""
+"""World export, and the contact sheet of a generation job, as Prefect tasks."""
+
+from collections.abc import Mapping
+from typing import cast
 
 from prefect import task
+from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
+from pydantic import JsonValue
 
 from specs.pipeline_worlds import WorldFormat
 from specs.world_jobs import CreateWorldExportJobRequest
 from tasks.export.job import run_export_job
+from tasks.export.sheet_job import keep_contact_sheet, sheet_markdown
+from tasks.storage.keys import contact_sheet_key
 from tasks.storage.opening import open_store
 from tasks.storage.records import JobRecord
 from tasks.watching.task import watched
@@ -18,3 +25,14 @@ def export_worlds(
     """Returns the ended export job of the token."""
     with watched("Export", "export-progress") as progress:
         return run_export_job(open_store(store_url), request, formats=formats, token=token, progress=progress)
+
+
+@task(name="show-worlds", cache_policy=NO_CACHE, persist_result=False)
+def show_worlds(store_url: str, generation: JobRecord) -> None:
+    """Shows the worlds of a generation job that made some, side by side, on the flow run's page."""
+    store = open_store(store_url)
+    worlds = cast("list[str]", generation.detail["worlds"])
+    failures = cast("Mapping[str, Mapping[str, JsonValue]]", generation.detail["failures"])
+    sheet = keep_contact_sheet(store, generation.id, worlds)
+    page = sheet_markdown(sheet, f"{store.url}/{contact_sheet_key(generation.id)}", failures)
+    create_markdown_artifact(page, key="worlds", description=f"{len(worlds)} worlds of {generation.id}")

@@ -6,6 +6,7 @@ jobs/<kind>/<id>.json                       job records
 claims/<kind>/<id>.json                     which live process works on a job
 templates/<name>.json                       world templates
 worlds/<generation>/<world>.json            worlds, immutable
+worlds/<generation>/contact-sheet.svg       the first of them side by side, immutable
 chunks/<batch>/<number>.json                results of one chunk of lanes, immutable
 chunks/<batch>/<number>.started.json        when it was last begun, and how often
 results/<batch>/<name>                      tables and evidence of a batch
@@ -103,6 +104,11 @@ def world_key(generation: str, world: str) -> str:
 def worlds_prefix(generation: str) -> str:
     """Returns the folder that holds the worlds of a generation job."""
     return f"worlds/{checked_name(generation, 'generation')}"
+
+
+def contact_sheet_key(generation: str) -> str:
+    """Returns the key of the sheet that shows the worlds of a generation job."""
+    return f"{worlds_prefix(generation)}/contact-sheet.svg"
 
 
 def chunk_key(batch: str, number: int) -> str:
