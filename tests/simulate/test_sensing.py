@@ -18,8 +18,11 @@ from tasks.simulate.silhouettes import Silhouettes
 
 RANGE_M = 5.0
 LIDAR = {"rays": 4, "range_m": RANGE_M, "height_m": 0.2}
-# One wall 2 m ahead of the origin, 0.2 m thick.
-WALL = jnp.full((8, 4), 1000.0).at[0].set(jnp.array([2.1, 0.0, 0.1, 3.0]))
+# One wall 2 m ahead of the origin, 0.2 m thick; the rest is parked far away.
+WALL = jnp.tile(jnp.array([1000.0, 1000.0, 0.05, 0.05]), (8, 1)).at[0].set(jnp.array([2.1, 0.0, 0.1, 3.0]))
+SEEN = Silhouettes(
+    WALL, jnp.zeros((8, 6)).at[:, :2].set(1000.0), jnp.zeros((8, 3)).at[:, :2].set(1000.0), jnp.array([1, 0, 0])
+)
 
 
 def applications(**sensors: Mapping[str, object]) -> Applications:
@@ -34,7 +37,7 @@ def inputs() -> LaneInputs:
     return LaneInputs(
         boxes=nothing,
         cylinders=nothing[:, :5],
-        seen=Silhouettes(WALL, WALL[:, [0, 0, 1, 1, 2, 3]], WALL[:, :3], jnp.array([1, 0, 0])),
+        seen=SEEN,
         floor=FloorMap(jnp.zeros((2, 2)), jnp.zeros(2), jnp.ones(()), jnp.zeros(4)),
         start=jnp.zeros(3),
         goals_m=jnp.array([[1.0, 0.0], [1.0, 3.0]]),
