@@ -1,22 +1,24 @@
-"""One floor plan for a brief: cells, inner walls, passages, and the start at (0, 0)."""
+"""One floor plan for a brief: cells, inner walls, passages, windows, and the start at (0, 0)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-import numpy as np
-
 from tasks.worlds.brief import Brief
-from tasks.worlds.geometry import Box
+from tasks.worlds.geometry import Box, around
+from tasks.worlds.layouts import Layouts
+from tasks.worlds.passability import hindrance
 from tasks.worlds.passages import Gap, place_passages
+from tasks.worlds.rejection import WorldRejected
 from tasks.worlds.scoring import WALL_M
-from tasks.worlds.search import search_layout
-from tasks.worlds.slicing import Layouts
+from tasks.worlds.search import draw_layout
+from tasks.worlds.starting import START_CLEAR_M, choose_start
 from tasks.worlds.streams import floor_plan_stream
-from tasks.worlds.windows import Pane
+from tasks.worlds.windows import Pane, place_windows
 
-START_CLEAR_M = 1.02
-_START_TRIES = 6
+__all__ = ["START_CLEAR_M", "Cut", "FloorPlan", "plan_floor"]
+_ATTEMPTS = 8
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,11 @@ class Cut:
     at: float
     start: float
     end: float
+
+    def shifted(self, dx_m: float, dy_m: float) -> "Cut":
+        """Returns the wall moved, in whole centimetres."""
+        across, along = (dx_m, dy_m) if self.along == "y" else (dy_m, dx_m)
+        return Cut(self.along, round(self.at + across, 2), round(self.start + along, 2), round(self.end + along, 2))
 
 
 @dataclass(frozen=True)
@@ -52,60 +59,47 @@ class FloorPlan:
     @property
     def footprint(self) -> Box:
         """The outer faces of the outer walls."""
-        outline = Box(
-            min(cell.x_min for cell in self.cells),
-            min(cell.y_min for cell in self.cells),
-            max(cell.x_max for cell in self.cells),
-            max(cell.y_max for cell in self.cells),
-        )
-        return outline.grown(WALL_M / 2)
+        return around(self.cells).grown(WALL_M / 2)
 
 
 @lru_cache(maxsize=64)
 def plan_floor(brief: Brief, seed: int, floorplan_index: int) -> FloorPlan:
     """Returns the floor plan with that index, the same for each of its interiors.
 
+    Its walls alone leave the start's clear disc free and let the brief's robot into every room.
+
     Raises:
-        WorldRejected: InvalidInput, as ``search_layout`` says.
+        WorldRejected: InvalidInput, when no layout found does.
     """
-    rng = floor_plan_stream(seed, floorplan_index)
-    layout = search_layout(rng, brief)
-    cells = [Box(*corners) for corners in layout.cells[0].tolist()]
-    gaps = place_passages(rng, brief, cells)
-    start_x, start_y = _start(rng, cells, gaps)
+    found = ""
+    for attempt in range(_ATTEMPTS):
+        rng = floor_plan_stream(seed, floorplan_index, attempt)
+        layout = draw_layout(rng, brief)
+        cells = [Box(*corners) for corners in layout.cells()[:, :, 0].T.tolist()]
+        gaps = place_passages(rng, brief, cells)
+        start = choose_start(rng, brief, cells, gaps)
+        found = hindrance(brief, cells, gaps, start)
+        if start is not None and not found:
+            return _moved(brief, layout, cells, gaps, start)
+    raise WorldRejected("InvalidInput", f"no floor plan of {_ATTEMPTS} can be driven through: {found}")
+
+
+def _moved(
+    brief: Brief, layout: Layouts, cells: Sequence[Box], gaps: Sequence[Gap], start: tuple[float, float]
+) -> FloorPlan:
+    """Returns the plan with the start as its origin."""
+    dx, dy = -start[0], -start[1]
     return FloorPlan(
-        cells=tuple(_moved(cell, start_x, start_y) for cell in cells),
-        cuts=_cuts(layout, start_x, start_y),
-        gaps=tuple(gap.shifted(-start_x, -start_y) for gap in gaps),
+        cells=tuple(Box(*(round(side, 2) for side in cell.shifted(dx, dy))) for cell in cells),
+        cuts=tuple(_cut(layout, line, cells).shifted(dx, dy) for line in range(4, len(layout.lines))),
+        gaps=tuple(gap.shifted(dx, dy) for gap in gaps),
+        windows=tuple(pane.shifted(dx, dy) for pane in place_windows(brief, cells)),
     )
 
 
-def _start(rng: np.random.Generator, cells: list[Box], gaps: tuple[Gap, ...]) -> tuple[float, float]:
-    """Returns where the robot starts: in the largest room that holds the clear disc, rather near a way out.
-
-    Floor that is kept free for walking anyway is the best place for a disc that must be free.
-    """
-    floors = [cell.grown(-WALL_M / 2 - START_CLEAR_M) for cell in cells]
-    wide = [floor for floor in floors if floor.width >= 0 and floor.height >= 0]
-    floor = max(wide, key=lambda each: each.grown(START_CLEAR_M).area)
-    exits = [gap.center for gap in gaps if floor.grown(START_CLEAR_M + WALL_M).meets(gap.box(WALL_M))]
-    spots = [
-        (round(floor.x_min + u * floor.width, 2), round(floor.y_min + v * floor.height, 2))
-        for u, v in rng.random((_START_TRIES, 2)).tolist()
-    ]
-    if not exits:
-        return spots[0]
-    return min(spots, key=lambda spot: min((spot[0] - x) ** 2 + (spot[1] - y) ** 2 for x, y in exits))
-
-
-def _moved(cell: Box, start_x: float, start_y: float) -> Box:
-    return Box(*(round(side, 2) for side in cell.shifted(-start_x, -start_y)))
-
-
-def _cuts(layout: Layouts, start_x: float, start_y: float) -> tuple[Cut, ...]:
-    cuts: list[Cut] = []
-    for (at, start, end), vertical in zip(layout.cuts[0].tolist(), layout.vertical[0].tolist(), strict=True):
-        across, along = (start_x, start_y) if vertical else (start_y, start_x)
-        sides = (round(at - across, 2), round(start - along, 2), round(end - along, 2))
-        cuts.append(Cut("y" if vertical else "x", *sides))
-    return tuple(cuts)
+def _cut(layout: Layouts, line: int, cells: Sequence[Box]) -> Cut:
+    """Returns the inner wall on a line: as long as the rooms that it bounds reach along it."""
+    along = 1 if layout.vertical[line, 0] else 0
+    beside = [cells[room] for room, at in enumerate(layout.sides[:, :, 0].tolist()) if line in at]
+    start, end = min(cell[along] for cell in beside), max(cell[along + 2] for cell in beside)
+    return Cut("y" if along else "x", float(layout.lines[line, 0]), start, end)

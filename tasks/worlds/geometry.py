@@ -1,5 +1,6 @@
 """Axis-aligned boxes on the floor, and the tolerances that all of generation shares."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,12 @@ class Box(NamedTuple):
             and self.y_min < other.y_max - EPSILON_M
             and other.y_min < self.y_max - EPSILON_M
         )
+
+
+def around(boxes: Iterable[Box]) -> Box:
+    """Returns the smallest box that holds all of them."""
+    low_x, low_y, high_x, high_y = zip(*boxes, strict=True)
+    return Box(min(low_x), min(low_y), max(high_x), max(high_y))
 
 
 def meeting(boxes: Float[np.ndarray, "many 4"], others: Float[np.ndarray, "some 4"]) -> Bool[np.ndarray, " many"]:

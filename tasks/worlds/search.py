@@ -1,72 +1,118 @@
-"""The search for a layout: many random slicing trees, the best few refined, one of the best drawn."""
+"""The search for layouts: all slicing plans judged roughly, the best refined and judged exactly, one of them drawn.
+
+What is good depends on the brief alone, so it is found once for all floor plans of a job; which good layout a floor
+plan gets, mirrored how and stretched how far, is drawn from its stream.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
 from tasks.worlds.brief import Brief
+from tasks.worlds.layouts import Layouts
+from tasks.worlds.proposing import propose
+from tasks.worlds.refining import refine
 from tasks.worlds.rejection import WorldRejected
-from tasks.worlds.scoring import (
-    CONNECTION,
-    HARD,
-    START_SIDE_M,
-    WALL_M,
-    Demands,
-    demands_of,
-    score_connections,
-    score_reach,
-    score_shapes,
-)
-from tasks.worlds.slicing import AREA_PASSES, Layouts, lay_out, random_trees
+from tasks.worlds.scoring import CONNECTION, HARD, START_SIDE_M, Demands, demands_of, doorway_width, score
 
-_TREES = (64, 256, 1024, 2048, 4096, 6144)  # by number of rooms
-_ROUNDS = 6
-_FINALISTS = 48
-# Layouts whose score is this close to the best are as good to a person; one of them is drawn, for variety.
-_SLACK = 0.02
+_PROPOSALS = 256
+# Layouts are good that cost little more than the best, by so much or by this share; and so many for variety's sake, if
+# they cost no more than _FAR for each room above it.
+_NEAR, _NEAR_SHARE, _MANY, _FAR = 4.0, 0.4, 6, 1.6
+# A drawn layout is stretched by up to this share along x and shrunk along y: the first of so many tries, the last of
+# which leaves it as it is, that does not cost more by this.
+_STRETCH, _STRETCH_SLACK, _STRETCHES = 0.08, 0.5, 12
 
 
-def search_layout(rng: np.random.Generator, brief: Brief) -> Layouts:
-    """Returns one layout (an axis of length 1), searched until all wished connections fit or the rounds are over.
+@dataclass(frozen=True)
+class GoodLayouts:
+    """The layouts to draw from, best first.
+
+    Attributes:
+        scores: What each costs.
+        chance: How likely each is drawn; they add up to 1.
+    """
+
+    layouts: Layouts
+    scores: Float[np.ndarray, " layouts"]
+    chance: Float[np.ndarray, " layouts"]
+    demands: Demands
+
+
+@lru_cache(maxsize=16)
+def good_layouts(brief: Brief) -> GoodLayouts:
+    """Returns the layouts that fulfil a brief about as well as any.
 
     Raises:
-        WorldRejected: InvalidInput, when no layout has a room wide enough for the start, or joins all rooms.
+        WorldRejected: InvalidInput, when no layout has a place for the start, or joins all rooms for the robot.
     """
     demands = demands_of(brief)
-    layouts, scores = _finalists(rng, demands)
-    for _ in range(_ROUNDS - 1):
-        if scores.min() < CONNECTION:
-            break
-        more, more_scores = _finalists(rng, demands)
-        if more_scores.min() < scores.min():
-            layouts, scores = more, more_scores
+    layouts = refine(propose(demands, _PROPOSALS), demands)
+    # Equal layouts must be equal on every machine, to the last bit or not.
+    scores = np.round(score(layouts, demands), 4)
     if scores.min() >= HARD:
-        raise WorldRejected(
-            "InvalidInput",
-            f"no layout of the {len(brief.rooms)} rooms joins them all and has one at least {START_SIDE_M} m wide, "
-            "which the clear metre around the start needs; make a room larger",
+        raise WorldRejected("InvalidInput", _hindrance(brief, demands))
+    best = np.argsort(scores, kind="stable")
+    beyond = scores[best] - scores[best[0]]
+    far = _FAR * len(brief.rooms)
+    limit = max(_NEAR, _NEAR_SHARE * float(scores[best[0]] % CONNECTION), min(float(beyond[:_MANY][-1]), far))
+    best, beyond = best[beyond <= limit], beyond[beyond <= limit]
+    weight = 1.0 / (1.0 + 2.0 * beyond / far)
+    return GoodLayouts(layouts[best], scores[best], weight / weight.sum(), demands)
+
+
+def draw_layout(rng: np.random.Generator, brief: Brief) -> Layouts:
+    """Returns one good layout (an axis of length 1), in whole centimetres.
+
+    Raises:
+        WorldRejected: As ``good_layouts`` says.
+    """
+    good = good_layouts(brief)
+    place, across, along = rng.random(3).tolist()
+    chosen = min(int(np.searchsorted(np.cumsum(good.chance), place)), len(good.scores) - 1)
+    layout = good.layouts[np.array([chosen])]
+    for axis in [axis for axis, flipped in enumerate((across < 0.5, along < 0.5)) if flipped]:
+        layout = _mirrored(layout, axis)
+    return _stretched(rng, layout, good.demands, float(good.scores[chosen]))
+
+
+def _mirrored(layout: Layouts, axis: int) -> Layouts:
+    """Returns the mirror image with low and high changed along an axis."""
+    low, high = axis, axis + 2
+    columns, names = np.arange(4), np.arange(len(layout.lines))
+    columns[[low, high]] = names[[low, high]] = high, low
+    turned = (layout.vertical if axis == 0 else ~layout.vertical) & (names > 3)[:, None]
+    lines = np.where(turned, np.round(layout.lines[high] - layout.lines, 2), layout.lines)
+    return Layouts(names[layout.sides[:, columns]], layout.vertical, lines)
+
+
+def _stretched(rng: np.random.Generator, layout: Layouts, demands: Demands, cost: float) -> Layouts:
+    """Returns the layout with other proportions that are about as good."""
+    by = 1.0 + _STRETCH * (2.0 * rng.random(_STRETCHES) - 1.0)
+    by[-1] = 1.0
+    many = layout[np.zeros(_STRETCHES, dtype=int)]
+    many = many.moved(np.round(many.lines * np.where(many.vertical, by, 1.0 / by), 2))
+    return many[np.flatnonzero(score(many, demands) <= cost + _STRETCH_SLACK)[:1]]
+
+
+def _hindrance(brief: Brief, demands: Demands) -> str:
+    """Returns why no layout is usable, for a person."""
+    rooms = sorted(brief.rooms, key=lambda room: room.area_m2)
+    small, large = rooms[0], rooms[-1]
+    if math.sqrt(large.area_m2) < START_SIDE_M:
+        return (
+            f"the clear metre around the start needs a room at least {START_SIDE_M} m wide, and the largest, "
+            f"{large.name}, has {large.area_m2:g} m2; make a room larger"
         )
-    good = np.flatnonzero(scores <= scores.min() + _SLACK)
-    return layouts[good[[int(rng.integers(len(good)))]]]
-
-
-def _finalists(rng: np.random.Generator, demands: Demands) -> tuple[Layouts, Float[np.ndarray, " finalists"]]:
-    """Returns the best of one round, areas exact and coordinates whole centimetres, with their scores."""
-    rooms = len(demands.areas_m2)
-    trees = random_trees(rng, rooms, _footprint_aspects(rng, demands.footprint_aspect, _TREES[rooms - 1]))
-    rough = lay_out(trees, demands.areas_m2, WALL_M, passes=1)
-    shapes = score_shapes(rough, demands)
-    shapely = np.argsort(shapes, kind="stable")[: len(shapes) // 2]
-    scores = shapes[shapely] + score_connections(rough[shapely], demands)
-    chosen = trees[shapely[np.argsort(scores, kind="stable")[:_FINALISTS]]]
-    exact = lay_out(chosen, demands.areas_m2, WALL_M, passes=AREA_PASSES)
-    layouts = Layouts(np.round(exact.cells, 2), np.round(exact.cuts, 2), exact.vertical)
-    wishes = score_shapes(layouts, demands) + score_connections(layouts, demands)
-    return layouts, wishes + score_reach(layouts)
-
-
-def _footprint_aspects(rng: np.random.Generator, wished: float, count: int) -> Float[np.ndarray, " count"]:
-    """Returns aspects to try: half of them near the wish, half anything from 1:4.5 to 4.5:1 for the rooms' sake."""
-    near = wished * (0.75 + 0.6 * rng.random(count))
-    wide = 1.0 + 3.5 * rng.random(count)
-    wide = np.where(rng.random(count) < 0.5, wide, 1.0 / wide)
-    return np.where(rng.random(count) < 0.5, near, wide)
+    if math.sqrt(small.area_m2) < demands.narrow_m:
+        return (
+            f"a robot of {brief.robot_radius_m:g} m radius needs rooms at least {demands.narrow_m:.2f} m wide, and "
+            f"{small.name} has {small.area_m2:g} m2; make it larger or the robot smaller"
+        )
+    return (
+        f"no layout of the {len(rooms)} rooms joins them all by doorways of {doorway_width(brief):.2f} m and has one "
+        f"at least {START_SIDE_M} m wide, which the clear metre around the start needs; make a room larger"
+    )

@@ -94,7 +94,7 @@ def test_rooms_keep_their_names_types_and_areas(body: TemplateBody, seed: int) -
     for found, wish in zip(world.rooms, wished, strict=True):
         floor = found.floor
         area = (floor.x_max_m - floor.x_min_m) * (floor.y_max_m - floor.y_min_m)
-        assert area == pytest.approx(wish.DesiredShape.Area, rel=0.01)
+        assert area == pytest.approx(wish.DesiredShape.Area, rel=0.03)
 
 
 @any_template

@@ -1,56 +1,86 @@
-"""Slicing trees cut rooms of exact areas, thousands at a time."""
+"""Slicing plans are all found, once, with exact areas."""
+
+from math import factorial
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jaxtyping import Bool, Float
 
-from tasks.worlds.slicing import AREA_PASSES, lay_out, random_trees
+from tasks.worlds.slicing import Shape, labelings, lay_out, shapes
 
-WALL_M = 0.12
-areas = st.lists(st.floats(10.0, 100.0), min_size=1, max_size=6)
-seeds = st.integers(0, 1000)
+AREAS = np.array([10.0, 21.0, 34.0, 15.0, 12.0, 27.0])
+
+
+def cells(shape: Shape, lines: Float[np.ndarray, "lines labelings"]) -> Float[np.ndarray, "places 4 labelings"]:
+    return lines[shape.sides]
+
+
+def drawings(rooms: int) -> list[Bool[np.ndarray, "2 rooms rooms"]]:
+    """Returns every plan of rooms of different sizes: which room is wholly left of which, and below which."""
+    found: list[Bool[np.ndarray, "2 rooms rooms"]] = []
+    for shape in shapes(rooms):
+        order = labelings(shape)
+        drawn = np.take_along_axis(
+            cells(shape, lay_out(shape, AREAS[order])), np.argsort(order, axis=0)[:, None], axis=0
+        )
+        before = drawn[:, None, 2:] <= drawn[None, :, :2] + 1e-9
+        found += list(before.transpose(3, 2, 0, 1))
+    return found
+
+
+def images(plan: Bool[np.ndarray, "2 rooms rooms"]) -> set[bytes]:
+    """Returns a plan and its mirror images."""
+    across, along = plan
+    return {np.stack([x, y]).tobytes() for x in (across, across.T) for y in (along, along.T)}
+
+
+@pytest.mark.parametrize(("rooms", "plans"), [(1, 1), (2, 2), (3, 6), (4, 22), (5, 90)])
+def test_with_mirror_images_there_are_as_many_plans_as_schroeder_counted(rooms: int, plans: int) -> None:
+    every = set[bytes]().union(*map(images, drawings(rooms)))
+    assert len(every) == plans * factorial(rooms)
+
+
+@pytest.mark.parametrize("rooms", [2, 3, 4, 5])
+def test_no_plan_is_the_same_as_another_or_its_mirror_image(rooms: int) -> None:
+    plans = drawings(rooms)
+    assert len({frozenset(images(plan)) for plan in plans}) == len(plans)
 
 
 @settings(max_examples=30, deadline=None)
-@given(areas, seeds)
-def test_floor_areas_are_exact_between_wall_faces(wished: list[float], seed: int) -> None:
-    trees = random_trees(np.random.default_rng(seed), len(wished), np.full(20, 1.3))
-    layouts = lay_out(trees, np.array(wished), WALL_M, AREA_PASSES)
-    inner = layouts.cells[..., 2:] - layouts.cells[..., :2] - WALL_M
-    sensible = (inner > 1.0).all(axis=(1, 2))
-    found = inner.prod(axis=2)[sensible]
-    np.testing.assert_allclose(found, np.broadcast_to(wished, found.shape), rtol=1e-3)
+@given(st.lists(st.floats(1.0, 300.0), min_size=1, max_size=6), st.integers(0, 10_000))
+def test_areas_are_exact(wished: list[float], pick: int) -> None:
+    shape = shapes(len(wished))[pick % len(shapes(len(wished)))]
+    areas = np.array(wished)[labelings(shape)]
+    low, high = np.split(cells(shape, lay_out(shape, areas)), 2, axis=1)
+    np.testing.assert_allclose((high - low).prod(axis=1), areas, rtol=1e-9)
 
 
 @settings(max_examples=30, deadline=None)
-@given(areas, seeds)
-def test_cells_tile_the_rectangle(wished: list[float], seed: int) -> None:
-    trees = random_trees(np.random.default_rng(seed), len(wished), np.full(10, 0.8))
-    cells = lay_out(trees, np.array(wished), WALL_M, passes=1).cells
-    low, high = cells[..., :2], cells[..., 2:]
-    whole = high.max(axis=1) - low.min(axis=1)
-    np.testing.assert_allclose((high - low).prod(axis=2).sum(axis=1), whole.prod(axis=1))
-    np.testing.assert_allclose(whole[:, 0] / whole[:, 1], 0.8)
-    overlap = np.minimum(high[:, :, None], high[:, None]) - np.maximum(low[:, :, None], low[:, None])
-    shared = np.clip(overlap, 0, None).prod(axis=-1) * ~np.eye(len(wished), dtype=bool)
-    assert shared.max() < 1e-9
+@given(st.lists(st.floats(1.0, 300.0), min_size=2, max_size=6), st.integers(0, 10_000))
+def test_places_tile_the_square(wished: list[float], pick: int) -> None:
+    shape = shapes(len(wished))[pick % len(shapes(len(wished)))]
+    low, high = np.split(cells(shape, lay_out(shape, np.array(wished)[labelings(shape)])), 2, axis=1)
+    side = np.sqrt(sum(wished))
+    assert low.min() == 0.0
+    np.testing.assert_allclose(high.max(axis=0), side)
+    overlap = np.minimum(high[:, None], high[None]) - np.maximum(low[:, None], low[None])
+    shared = np.clip(overlap, 0.0, None).prod(axis=2) * ~np.eye(len(wished), dtype=bool)[:, :, None]
+    assert shared.max() < 1e-9 * side * side
 
 
-def test_a_tree_is_laid_out_the_same_alone_and_among_others() -> None:
-    trees = random_trees(np.random.default_rng(3), 5, np.linspace(0.5, 2.0, 50))
-    wished = np.array([10.0, 20.0, 30.0, 15.0, 12.0])
-    among = lay_out(trees, wished, WALL_M, passes=3)
-    alone = lay_out(trees[np.array([17])], wished, WALL_M, passes=3)
-    np.testing.assert_array_equal(among.cells[17], alone.cells[0])
-    np.testing.assert_array_equal(among.cuts[17], alone.cuts[0])
+@pytest.mark.parametrize("rooms", [3, 5])
+def test_places_that_touch_along_a_wall_face_each_other(rooms: int) -> None:
+    for shape in shapes(rooms):
+        low, high = np.split(cells(shape, lay_out(shape, AREAS[labelings(shape)])), 2, axis=1)
+        overlap = np.minimum(high[:, None], high[None]) - np.maximum(low[:, None], low[None])
+        touching = (np.abs(overlap.min(axis=2)) < 1e-9) & (overlap.max(axis=2) > 1e-6)
+        assert not (touching.any(axis=2) & ~shape.faces()).any()
 
 
-def test_every_cut_separates_rooms_along_its_whole_length() -> None:
-    trees = random_trees(np.random.default_rng(4), 4, np.ones(30))
-    layouts = lay_out(trees, np.array([10.0, 20.0, 30.0, 15.0]), WALL_M, passes=2)
-    for cells, cuts, vertical in zip(layouts.cells, layouts.cuts, layouts.vertical, strict=True):
-        for (at, start, end), runs_along_y in zip(cuts, vertical, strict=True):
-            axis = 0 if runs_along_y else 1
-            behind = cells[np.isclose(cells[:, axis + 2], at)]
-            length = sum(max(0.0, min(end, cell[3 - axis]) - max(start, cell[1 - axis])) for cell in behind)
-            assert np.isclose(length, end - start)
+def test_every_line_lies_between_two_places() -> None:
+    for shape in shapes(5):
+        inner = np.arange(4, 8)
+        assert np.isin(inner, shape.sides[:, :2]).all()
+        assert np.isin(inner, shape.sides[:, 2:]).all()
