@@ -47,6 +47,7 @@ layers: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/quickstart.py
+	$(BIN)/python benchmarks/worlds.py
 
 lock: $(READY)
 	$(BIN)/uv pip compile --quiet --upgrade --no-header --no-annotate --extra dev --output-file constraints.txt pyproject.toml

@@ -14,6 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.tables import markdown, with_tables
+from benchmarks.world_example import example_certificate
 from benchmarks.world_memory import JobFigures, measure_memory
 from benchmarks.world_quality import measure_quality
 from benchmarks.world_quality_tables import quality_tables
@@ -86,8 +87,9 @@ def main() -> None:
     if options.json:
         options.json.write_text(json.dumps(found, indent=2))
     if options.document:
-        name = "quality" if options.quality else "speed"
-        options.document.write_text(with_tables(options.document.read_text(), name, tables))
+        parts = {"quality": tables, "certificate": example_certificate()} if options.quality else {"speed": tables}
+        for name, part in parts.items():
+            options.document.write_text(with_tables(options.document.read_text(), name, part))
 
 
 def _speed(*, quick: bool) -> tuple[str, object]:
