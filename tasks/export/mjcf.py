@@ -23,6 +23,7 @@ _CEILING_RGBA = (0.95, 0.95, 0.95, 1.0)
 _CEILING_HALF_THICKNESS_M = 0.05
 _GROUND_MARGIN_M = 0.5
 _OVERVIEW_FOVY_DEG = 45.0
+_LAMP_CUTOFF_DEG = 76.0
 
 
 def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
@@ -69,10 +70,12 @@ def _look(spec: mujoco.MjSpec, world: World) -> None:
     center_x_m, center_y_m = _center(area)
     spec.stat.center = [center_x_m, center_y_m, world.ceiling_height_m / 2]
     spec.stat.extent = math.hypot(area.x_max_m - area.x_min_m, area.y_max_m - area.y_min_m) / 2
-    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
-    spec.visual.headlight.diffuse = [0.2, 0.2, 0.2]
+    spec.visual.headlight.ambient = [0.42, 0.42, 0.42]
+    spec.visual.headlight.diffuse = [0.25, 0.25, 0.25]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.shadowsize = 2048
+    # MuJoCo draws shadows in this share of a lamp's cone; where they end would be seen as a line.
+    spec.visual.map.shadowscale = 1.0
     spec.visual.map.znear = 0.005
     spec.add_texture(
         name="sky",
@@ -102,9 +105,9 @@ def _lights(spec: mujoco.MjSpec, world: World) -> None:
     share = 1.0 / max(1, len(world.lights))
     for number, light in enumerate(world.lights, start=1):
         lamp = spec.worldbody.add_light(name=f"light-{number}", pos=list(light.position_m), dir=[0.0, 0.0, -1.0])
-        lamp.diffuse = [0.3 + 0.3 * share] * 3
+        lamp.diffuse = [0.35 + 0.3 * share] * 3
         lamp.specular = [0.05] * 3
-        lamp.cutoff = 85.0
+        lamp.cutoff = _LAMP_CUTOFF_DEG
         lamp.exponent = 1.0
         lamp.attenuation = [1.0, 0.0, 0.04]
         # Each shadow is one more rendering of the scene: one gives the picture depth, six would cost it its speed.
