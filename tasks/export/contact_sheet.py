@@ -4,11 +4,11 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from xml.etree import ElementTree as ET
 
-from specs.world import World
+from specs.world import Rectangle, World
 from tasks.export.plan_doors import draw_doors, draw_passages, draw_windows
 from tasks.export.plan_drawing import START_RADIUS_M, draw_walls
 from tasks.export.plan_floors import area_m2, floor_color
-from tasks.export.plan_furniture import lowest_first, solid_style
+from tasks.export.plan_furniture import lowest_first, piece_box, solid_style
 from tasks.export.plan_legend import draw_scale_bar
 from tasks.export.plan_page import Box, Sheet, element, fitted, rectangle, text_width
 from tasks.export.plan_solids import draw_solid, from_above
@@ -140,11 +140,31 @@ def _miniature(parent: ET.Element, world: World, sheet: Sheet) -> None:
     x, y = sheet.x(0.0), sheet.y(0.0)
     element(parent, "circle", cx=x, cy=y, r=START_RADIUS_M * sheet.units_per_m, class_="clear")
     element(parent, "circle", cx=x, cy=y, r=1.6, class_="origin")
+    _room_names(parent, world, sheet)
+
+
+def _room_names(parent: ET.Element, world: World, sheet: Sheet) -> None:
+    """Adds the name of every room that has the width for it, where it covers least furniture."""
+    reach = START_RADIUS_M
+    start = sheet.box(Rectangle(x_min_m=-reach, y_min_m=-reach, x_max_m=reach, y_max_m=reach))
     for room in world.rooms:
-        box = sheet.box(room.floor)
-        if text_width(room.name, _ROOM_SIZE) <= box.width and box.height > _ROOM_SIZE:
-            x, y = box.center
-            element(parent, "text", room.name, x=x, y=y + 3, font_size=_ROOM_SIZE, class_="room-name")
+        inner = sheet.box(room.floor).grown(-3.0)
+        width = text_width(room.name, _ROOM_SIZE)
+        if width > inner.width or inner.height < _ROOM_SIZE:
+            continue
+        obstacles = [start, *(piece_box(piece, sheet) for piece in world.furniture if piece.room == room.name)]
+        places = [
+            _place(inner, width, across, down) for down in (0.5, 0.25, 0.75, 0.0, 1.0) for across in (0.5, 0.0, 1.0)
+        ]
+        x, y = min(places, key=lambda place: round(sum(place.overlap(other) for other in obstacles), 3)).center
+        element(parent, "text", room.name, x=x, y=y + 3, font_size=_ROOM_SIZE, class_="room-name")
+
+
+def _place(inner: Box, width: float, across: float, down: float) -> Box:
+    """Returns the box of a line of text at shares 0-1 of the space that it leaves in a room."""
+    left = inner.left + across * (inner.width - width)
+    top = inner.top + down * (inner.height - _ROOM_SIZE)
+    return Box(left, top, left + width, top + _ROOM_SIZE)
 
 
 def _caption(root: ET.Element, world: World, box: Box) -> None:

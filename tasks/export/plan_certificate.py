@@ -9,7 +9,7 @@ from tasks.export.plan_page import Box, element, fitted, text_width
 MAX_WISHES = 28
 _VALUE_SIZE, _MEANING_SIZE, _HEADING_SIZE, _WISH_SIZE = 18.0, 10.5, 12.5, 11.0
 _FACTS_HEIGHT, _HEADING_HEIGHT, _WISH_LINE, _GAP = 62.0, 26.0, 17.0, 28.0
-_MARK_WIDTH, _SUBJECT_SHARE = 16.0, 0.44
+_MARK_WIDTH, _SUBJECT_SHARE = 16.0, 0.37
 
 
 def draw_certificate(parent: ET.Element, world: World, box: Box) -> None:
