@@ -7,7 +7,7 @@ from contextlib import suppress
 from pydantic import JsonValue
 
 from specs.errors import ObjectExists
-from tasks.export.contact_sheet import MOST_WORLDS, contact_sheet_svg
+from tasks.export.contact_sheet import contact_sheet_svg
 from tasks.export.stored import read_world
 from tasks.storage.keys import contact_sheet_key
 from tasks.storage.store import Store
@@ -21,7 +21,7 @@ def keep_contact_sheet(store: Store, generation: str, references: Sequence[str])
     Args:
         store: Where the worlds are.
         generation: The job's id.
-        references: Its worlds, ``<generation>/<world>``, at least one; the first `MOST_WORLDS` are read.
+        references: Its worlds, ``<generation>/<world>``, at least one; no more are read than are drawn.
 
     Raises:
         DocumentError: A world is missing, or from another version of Simyard.
@@ -29,7 +29,7 @@ def keep_contact_sheet(store: Store, generation: str, references: Sequence[str])
     key = contact_sheet_key(generation)
     if store.exists(key):
         return store.get(key).body
-    worlds = (read_world(store, reference, generation) for reference in references[:MOST_WORLDS])
+    worlds = (read_world(store, reference, generation) for reference in references)
     sheet = contact_sheet_svg(worlds, title=generation, total=len(references)).encode()
     with suppress(ObjectExists):  # another process drew the same worlds
         store.create(key, sheet)

@@ -116,6 +116,27 @@ def test_either_face_of_a_wall_shows_its_own_room(world: World):
         assert room.walls.pattern in material
 
 
+def test_the_sheet_of_a_wall_is_seen_from_its_room_alone(world: World):
+    model = loaded(with_windows(world))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for room in world.rooms:
+        middle_m = (room.floor.x_min_m + room.floor.x_max_m) / 2, (room.floor.y_min_m + room.floor.y_max_m) / 2, 1.3
+        for corners_m in triangles_m(model, data, WALLS_PREFIX + room.name):
+            outwards = np.cross(corners_m[1] - corners_m[0], corners_m[2] - corners_m[0])
+            assert outwards @ (np.array(middle_m) - corners_m[0]) > 0.0
+
+
+def triangles_m(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> np.ndarray:
+    """Returns the triangles of a mesh where they are, anticlockwise on the side that is drawn."""
+    geom = data.geom(name)
+    mesh = model.mesh(int(model.geom(name).dataid[0]))
+    first_vertex, first_face = int(mesh.vertadr[0]), int(mesh.faceadr[0])
+    vertices = model.mesh_vert[first_vertex : first_vertex + int(mesh.vertnum[0])]
+    placed = vertices @ geom.xmat.reshape(3, 3).T + geom.xpos
+    return placed[model.mesh_face[first_face : first_face + int(mesh.facenum[0])]]
+
+
 def test_a_floor_shows_its_flooring_with_units_as_large_as_they_are(world: World):
     model = loaded(world)
     name, material = hit(model, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))

@@ -1,5 +1,6 @@
 """The floor plan is valid, complete, to scale and the right way up."""
 
+import math
 import re
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET
@@ -15,7 +16,7 @@ from tests.export.variants import HINGE_M, LEAF_LENGTH_M, LEAF_THICKNESS_M, with
 from tests.worlds_factory import apartment, apartments
 
 SVG = "{http://www.w3.org/2000/svg}"
-ARC = r"M([\d.]+) ([\d.]+)A[\d.]+ [\d.]+ 0 0 [01] ([\d.]+) ([\d.]+)L"
+ARC = r"M([\d.]+) ([\d.]+)A[\d.]+ [\d.]+ 0 0 ([01]) ([\d.]+) ([\d.]+)L"
 
 
 def drawn(world: World) -> ET.Element:
@@ -121,13 +122,19 @@ def test_a_door_is_drawn_from_its_hinge_to_where_its_leaf_points(percent: float,
     assert middle == pytest.approx(wanted, abs=LEAF_THICKNESS_M * scale)
 
 
-def test_a_door_shows_the_arc_of_its_swing():
-    swing = next(found for found in group(drawn(with_door(30.0)), "doors").iter(f"{SVG}path"))
-    from_x, from_y, to_x, to_y = (float(part) for part in re.match(ARC, swing.get("d", "")).groups())  # type: ignore[union-attr]
-    root = drawn(with_door(30.0))
+@pytest.mark.parametrize(("open_yaw_rad", "across", "clockwise"), [(0.0, 1.0, "1"), (math.pi, -1.0, "0")])
+def test_a_door_shows_the_arc_of_its_swing(open_yaw_rad: float, across: float, clockwise: str):
+    world = with_door(30.0)
+    door = world.doors[0].model_copy(update={"open_yaw_rad": open_yaw_rad})
+    root = drawn(world.model_copy(update={"doors": (door,)}))
+    swing = next(group(root, "doors").iter(f"{SVG}path"))
+    arc = re.match(ARC, swing.get("d", ""))
+    assert arc is not None
     length = LEAF_LENGTH_M * float(root.get("data-units-per-m", ""))
-    # Shut it points north, open east: the quarter of a circle between.
-    assert (to_x - from_x, to_y - from_y) == pytest.approx((length, length), abs=0.1)
+    # Shut it points north, open east or west: the quarter of a circle between.
+    moved = float(arc[4]) - float(arc[1]), float(arc[5]) - float(arc[2])
+    assert moved == pytest.approx((across * length, length), abs=0.1)
+    assert arc[3] == clockwise
 
 
 def test_every_window_is_drawn_in_its_wall():
