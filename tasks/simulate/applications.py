@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from tasks.simulate.bundles import BundleCrash, CrashCode, guarded
-from tasks.simulate.contract import Controller, FloorMap, Observation, Scenario, State, Truth, Verdict
+from tasks.simulate.contract import Controller, FloorMap, Joints, Observation, Scenario, State, Truth, Verdict
 from tasks.simulate.sensors import Lidar, Sensors, read_sensors, require_shared, sensors_of
 
 Numbers = Float[jax.Array, "variables"]
@@ -74,7 +74,15 @@ class Applications:
         return cast("Scenario", guarded(_SCENARIO, "scenario(environment)", self.make_scenario, environment))
 
 
-def check_robot(applications: Applications, floor: FloorMap, goals_m: jax.Array, numbers: Numbers, nu: int) -> None:
+def check_robot(
+    applications: Applications,
+    floor: FloorMap,
+    goals_m: jax.Array,
+    numbers: Numbers,
+    nu: int,
+    *,
+    joints: Joints | None = None,
+) -> None:
     """Traces one lane's controller.
 
     Raises:
@@ -89,6 +97,7 @@ def check_robot(applications: Applications, floor: FloorMap, goals_m: jax.Array,
         goal_m=jnp.zeros(2),
         goal_robot_m=jnp.zeros(2),
         bumper=jnp.zeros(applications.sensors.bumper.sectors, bool),
+        joints=joints,
     )
 
     def begin() -> State:

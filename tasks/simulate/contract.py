@@ -44,6 +44,13 @@ class HostMap(NamedTuple):
     bounds_m: Float32[np.ndarray, "4"]
 
 
+class Joints(NamedTuple):
+    """All coordinates and speeds of a robot that is more than a planar base, as MuJoCo orders them (qpos, qvel)."""
+
+    qpos: Float[jax.Array, "coordinates"]
+    qvel: Float[jax.Array, "speeds"]
+
+
 class Observation(NamedTuple):
     """What the robot senses at a control step.
 
@@ -56,6 +63,7 @@ class Observation(NamedTuple):
         goal_m: Where that is: (x, y).
         goal_robot_m: The same seen from ``pose``: (ahead, to the left).
         bumper: Which sectors were touched during the last control step, counter-clockwise from straight ahead.
+        joints: All that moves, of a robot with more than a planar base; None for one without.
     """
 
     time_s: Float[jax.Array, ""]
@@ -66,6 +74,7 @@ class Observation(NamedTuple):
     goal_m: Float[jax.Array, "2"]
     goal_robot_m: Float[jax.Array, "2"]
     bumper: Bool[jax.Array, "sectors"]
+    joints: Joints | None = None
 
 
 class Controller(Protocol):

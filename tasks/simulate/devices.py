@@ -1,8 +1,10 @@
 """How JAX sees this machine: set before JAX is imported, because it reads these settings once."""
 
+import importlib.util
 import os
 import sys
 from pathlib import Path
+from typing import Literal
 
 from specs.errors import SimyardError
 from tasks.storage.cache import cache_folder
@@ -13,6 +15,10 @@ _CACHE_SETTINGS = {
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
 }
+# What brings JAX to a GPU, and what a machine with one has.
+_GPU_PLUGINS = ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin", "jax_rocm60_plugin")
+_GPU_FILES = (Path("/dev/nvidiactl"), Path("/dev/kfd"))
+DeviceKind = Literal["cpu", "gpu"]
 
 
 class JaxAlreadyImported(SimyardError):  # noqa: N818 - a state
@@ -22,6 +28,15 @@ class JaxAlreadyImported(SimyardError):  # noqa: N818 - a state
 def device_count() -> int:
     """Returns how many host devices to split the lanes over: one for each core this process may use."""
     return max(1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+def device_kind() -> DeviceKind:
+    """Returns what JAX is going to run on: a GPU if there is one and JAX has its plugin, unless JAX_PLATFORMS says."""
+    asked = os.environ.get("JAX_PLATFORMS", "").split(",")[0].strip()
+    if asked:
+        return "cpu" if asked == "cpu" else "gpu"
+    plugged = any(importlib.util.find_spec(plugin) for plugin in _GPU_PLUGINS)
+    return "gpu" if plugged and any(path.exists() for path in _GPU_FILES) else "cpu"
 
 
 def compilation_cache() -> Path:

@@ -18,10 +18,12 @@ from tasks.simulate.applications import Applications, check_robot, check_scenari
 from tasks.simulate.bundles import BundleCrash, load_factory
 from tasks.simulate.chunks import Chunk, split_environment
 from tasks.simulate.contract import Placement
-from tasks.simulate.lane_state import LaneInputs, LaneState
-from tasks.simulate.model import load_robot
+from tasks.simulate.devices import device_kind
+from tasks.simulate.engines import choose_engine
+from tasks.simulate.lane_state import LaneState
+from tasks.simulate.loading import load_program
 from tasks.simulate.outcomes import canceled_row, failed_row, finished_row
-from tasks.simulate.program import Program, make_program
+from tasks.simulate.program import Program, Run
 from tasks.simulate.robot import RobotRefused
 from tasks.simulate.sensors import read_sensors
 from tasks.simulate.staging import Lane, Stage, place, stack_lanes, stage_worlds, with_shortest_paths
@@ -36,13 +38,13 @@ class ReadyChunk(NamedTuple):
 
     Attributes:
         lanes: The episodes that can run, in the lanes' order.
-        inputs: On the devices; None when no episode can run.
+        run: None when no episode can run.
         rows: Of the episodes that cannot.
     """
 
     program: Program
     lanes: list[Lane]
-    inputs: LaneInputs | None
+    run: Run | None
     rows: list[EpisodeResult]
 
 
@@ -52,6 +54,7 @@ def run_chunk(
     bundles: Mapping[str, Path],
     *,
     lanes: int,
+    engine: str,
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
 ) -> list[EpisodeResult]:
@@ -64,64 +67,64 @@ def run_chunk(
     }
     try:
         if present:
-            rows.update(
-                {
-                    row.index: row
-                    for row in _run(present, worlds, bundles, lanes=lanes, should_stop=should_stop, progress=progress)
-                }
-            )
+            ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)
+            rows.update({row.index: row for row in _run(ready, should_stop, progress)})
     except BundleCrash as crash:
         rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
     return [rows[request.index] for request in chunk.requests]
 
 
 def ready_chunk(
-    requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], bundles: Mapping[str, Path], *, lanes: int
-) -> ReadyChunk:
-    """Returns episodes of one program made ready to run.
-
-    Raises:
-        BundleCrash: The applications do not import, or raise when they are traced.
-    """
-    program = _program_of(requests[0], bundles, lanes)
-    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    stages = stage_worlds(used, program.robot.hull, program.applications.lidar)
-    ready, rows = _place_all(program, requests, used, stages)
-    if not ready:
-        return ReadyChunk(program, ready, None, rows)
-    inputs = stack_lanes(ready, program.applications.names, program.lanes)
-    one = jax.tree.map(lambda array: array[0], inputs)
-    check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.robot.actuators)
-    check_scenario(program.applications, one.goals_m, one.numbers, one.given)
-    return ReadyChunk(program, ready, program.place(inputs), rows)
-
-
-def _run(
     requests: Sequence[EpisodeRequest],
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
     *,
     lanes: int,
-    should_stop: Callable[[], bool],
-    progress: Callable[[int], None],
-) -> list[EpisodeResult]:
+    engine: str = "auto",
+) -> ReadyChunk:
+    """Returns episodes of one program made ready to run.
+
+    Raises:
+        BundleCrash: The applications do not import, or raise when they are traced; or the engine refuses the robot.
+    """
+    program = _program_of(requests[0], bundles, lanes, engine)
+    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
+    stages = stage_worlds(used, program.hull, program.applications.lidar)
+    ready, rows = _place_all(program, requests, used, stages)
+    if not ready:
+        return ReadyChunk(program, ready, None, rows)
+    inputs = stack_lanes(ready, program.applications.names, program.lanes)
+    one = jax.tree.map(lambda array: array[0], inputs)
+    joints = program.body().joints
+    check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.actuators, joints=joints)
+    check_scenario(program.applications, one.goals_m, one.numbers, one.given)
+    return ReadyChunk(program, ready, program.ready(inputs, ready, used), rows)
+
+
+def _run(chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None]) -> list[EpisodeResult]:
     started_s = time.monotonic()
-    chunk = ready_chunk(requests, worlds, bundles, lanes=lanes)
-    if chunk.inputs is None:
+    if chunk.run is None:
         return chunk.rows
-    state, poses = _advance_until_done(chunk, chunk.inputs, should_stop, progress)
-    logger.info("%d episodes in %.1f s", len(chunk.lanes), time.monotonic() - started_s)
+    state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress)
+    logger.info("%d episodes on %s in %.1f s", len(chunk.lanes), chunk.program.engine, time.monotonic() - started_s)
     return chunk.rows + [
-        finished_row(lane, position, state, poses) if state.done[position] else canceled_row(lane.request)
+        _explained(chunk.run, position, finished_row(lane, position, state, poses))
+        if state.done[position]
+        else canceled_row(lane.request)
         for position, lane in enumerate(chunk.lanes)
     ]
 
 
-def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int) -> Program:
+def _explained(run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
+    """Returns a row with the reason of its crash, where the run knows more of it than the lane's state says."""
+    return row.model_copy(update={"failure_reason": run.crashes[position]}) if position in run.crashes else row
+
+
+def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
     numbers, texts = split_environment(request.environment)
     folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
     environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
-    return _program((request.robot, request.scenario), folders, environment, lanes)
+    return _program((request.robot, request.scenario), folders, environment, lanes, engine)
 
 
 @functools.lru_cache(maxsize=_PROGRAMS_KEPT)
@@ -130,6 +133,7 @@ def _program(
     folders: tuple[Path, Path],
     environment: tuple[tuple[str, ...], tuple[tuple[str, str], ...]],
     lanes: int,
+    engine: str,
 ) -> Program:
     """Returns the program of two applications; kept, so that a batch's chunks share one compilation.
 
@@ -140,11 +144,13 @@ def _program(
     make_controller = load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
     make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
     sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
+    applications = Applications(make_controller, make_scenario, dict(texts), names, sensors)
+    module = folders[0] / robot.package / f"{robot.launch_file}.py"
     try:
-        model = load_robot(folders[0] / "robot.xml")
+        choice = choose_engine(engine, folders[0] / "robot.xml", module, device_kind())
+        return load_program(choice, folders[0] / "robot.xml", applications, lanes)
     except RobotRefused as refused:
         raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
-    return make_program(model, Applications(make_controller, make_scenario, dict(texts), names, sensors), lanes)
 
 
 def _place_all(
@@ -160,13 +166,13 @@ def _place_all(
             program.applications.require_sensors(environment)
             scenario = program.applications.placing_scenario(environment)
             stage = stages[request.world]
-            placement = place(scenario, request, worlds[request.world], stage, program.robot.hull)
+            placement = place(scenario, request, worlds[request.world], stage, program.hull)
             _require_same_shapes(placement, placed)
         except BundleCrash as crash:
             rows.append(failed_row(request, crash.code, crash.reason))
         else:
             placed.append((request, stage, placement))
-    return with_shortest_paths(placed, program.robot.hull), rows
+    return with_shortest_paths(placed, program.hull), rows
 
 
 def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:
@@ -181,13 +187,13 @@ def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeReq
 
 
 def _advance_until_done(
-    chunk: ReadyChunk, inputs: LaneInputs, should_stop: Callable[[], bool], progress: Callable[[int], None]
+    chunk: ReadyChunk, run: Run, should_stop: Callable[[], bool], progress: Callable[[int], None]
 ) -> tuple[LaneState, list[Float32[np.ndarray, "lanes steps 3"]]]:
     """Returns the lanes' last state, without the applications' own, and the poses of each slice."""
-    state = chunk.program.begin(inputs)
+    state = run.begin()
     poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
     while not np.all(state.done) and not should_stop():
-        state, record = chunk.program.advance(inputs, state)
+        state, record = run.advance(state)
         poses.append(np.asarray(record.pose))
         progress(len(chunk.rows) + int(np.count_nonzero(state.done[: len(chunk.lanes)])))
     return jax.device_get(state._replace(controller=None, scenario=None)), poses

@@ -39,7 +39,7 @@ def settle(
     controller_state, control = decided
     body, work, clearance_m = motion
     finite_control = jnp.isfinite(control).all()
-    finite_body = jnp.isfinite(body.qpos).all() & jnp.isfinite(body.qvel).all()
+    finite_body = jnp.stack([jnp.isfinite(each).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
     step = state.step + 1
     truth = _truth(inputs, body, work, clearance_m, step)
     scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)

@@ -3,15 +3,14 @@
 from tasks.simulate.applications import Applications
 from tasks.simulate.judging import settle
 from tasks.simulate.lane_state import LaneInputs, LaneState, Record
-from tasks.simulate.mjx_engine import drive
-from tasks.simulate.model import RobotModel
+from tasks.simulate.mechanics import Mechanics
 from tasks.simulate.sensing import decide
 
 
 def advance_lane(
-    robot: RobotModel, applications: Applications, inputs: LaneInputs, state: LaneState
+    mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
 ) -> tuple[LaneState, Record]:
     """Returns a lane one control step later."""
     decided = decide(applications, inputs, state)
-    motion = drive(robot, inputs, state.body, decided[1])
+    motion = mechanics.drive(inputs, state.body, decided[1])
     return settle(applications, inputs, state, decided, motion)

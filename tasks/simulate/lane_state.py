@@ -7,9 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from tasks.simulate.applications import Applications, Numbers
-from tasks.simulate.contract import FloorMap, State
+from tasks.simulate.contract import FloorMap, Joints, State
 from tasks.simulate.lidar import Boxes, Cylinders
-from tasks.simulate.model import RobotModel
 from tasks.simulate.noise import Seed
 from tasks.simulate.silhouettes import Silhouettes
 
@@ -42,12 +41,20 @@ class LaneInputs(NamedTuple):
 
 
 class Body(NamedTuple):
-    """The robot's mechanical state, and what the solver starts from."""
+    """The robot's mechanical state, and what the solver starts from.
+
+    Attributes:
+        qpos: Pose of its base: (x m, y m, yaw rad).
+        qvel: How that moves along the world's axes.
+        warmstart: The last accelerations; an engine that keeps its own state has none.
+        joints: Of a robot that is more than a planar base; None for the others.
+    """
 
     qpos: Float[jax.Array, "3"]
     qvel: Float[jax.Array, "3"]
     act: Float[jax.Array, "activations"]
-    warmstart: Float[jax.Array, "3"]
+    warmstart: Float[jax.Array, "speeds"]
+    joints: Joints | None = None
 
 
 class Tally(NamedTuple):
@@ -130,13 +137,12 @@ class Record(NamedTuple):
     control: Float[jax.Array, "actuators"]
 
 
-def begin_lane(robot: RobotModel, applications: Applications, inputs: LaneInputs) -> LaneState:
+def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
     """Returns a lane's state before its first control step."""
     zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
-    rest = jnp.zeros(3)
     scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
     return LaneState(
-        body=Body(inputs.start, rest, jnp.zeros(robot.host.na), rest),
+        body=body,
         sensed=Sensed(inputs.start, jnp.zeros(applications.sensors.bumper.sectors, bool)),
         controller=applications.controller(inputs.numbers).init(inputs.floor, inputs.goals_m),
         scenario=scenario,

@@ -5,11 +5,23 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float32, Int
 
+from tasks.simulate.mjx_refusals import refuse_what_mjx_lacks
 from tasks.simulate.obstacles import PARKING_M
 from tasks.simulate.quiet_mjx import mjx
-from tasks.simulate.robot import CONTROL_S, Hull, RobotRefused, hull_of, read_robot
+from tasks.simulate.robot import (
+    CONTROL_S,
+    Base,
+    Hull,
+    RobotRefused,
+    add_obstacle,
+    base_of,
+    collision_bits,
+    hull_of,
+    read_robot,
+    rest_position,
+)
 
 # Against C MuJoCo with all hundred obstacles: median 1.5e-5 m after 10 s of bumping (physics.md).
 BOX_SLOTS = 5
@@ -27,6 +39,9 @@ class RobotModel:
         model: The robot with its slots parked.
         data: The state that a step starts from, but for what changes.
         host: The same model for C MuJoCo.
+        base: How it stands in the world.
+        rest: Its coordinates before it is placed at a start.
+        rest_act: Its actuators' activations then.
         box_slots: Geom ids of the boxes in ``model``.
         cylinder_slots: Geom ids of the capsules that stand for cylinders.
         physics_steps: In one control step.
@@ -35,6 +50,9 @@ class RobotModel:
     model: mjx.Model
     data: mjx.Data
     host: mujoco.MjModel
+    base: Base
+    rest: Float32[np.ndarray, "coordinates"]
+    rest_act: Float32[np.ndarray, "activations"]
     box_slots: Int[np.ndarray, "boxes"]
     cylinder_slots: Int[np.ndarray, "cylinders"]
     hull: Hull
@@ -45,6 +63,13 @@ class RobotModel:
         """Returns how many numbers a control has."""
         return int(self.host.nu)
 
+    @property
+    def only_obstacles_hold(self) -> bool:
+        """Returns whether nothing but obstacles can hold the base: no floor, no limits, no friction of joints."""
+        host = self.host
+        held = host.jnt_limited.any() or host.dof_frictionloss.any() or host.neq or host.ntendon
+        return not (self.base.free or self.base.articulated or held)
+
 
 def load_robot(path: Path) -> RobotModel:
     """Returns the model of a ``robot.xml``.
@@ -53,42 +78,29 @@ def load_robot(path: Path) -> RobotModel:
         RobotRefused: The robot cannot be represented; says which element, and the remedy.
     """
     spec = read_robot(path)
-    hull = hull_of(spec.compile())
+    alone = spec.compile()
+    base, hull = base_of(alone), hull_of(alone)
+    refuse_what_mjx_lacks(alone)
     boxes, cylinders = _add_slots(spec)
-    _tune(spec)
+    _tune(spec, alone, base)
     host = spec.compile()
     try:
         model = mjx.put_model(host)
         data = mjx.make_data(model)
     except NotImplementedError as exc:
-        raise RobotRefused(f"robot.xml: MJX refuses: {exc}") from exc
+        raise RobotRefused(f"robot.xml: MJX refuses: {exc}: set engine: mujoco") from exc
     return RobotModel(
         model=model,
         data=data,
         host=host,
+        base=base,
+        rest=rest_position(host).astype(np.float32),
+        rest_act=np.array(host.key_act[0] if host.nkey else np.zeros(host.na), np.float32),
         box_slots=np.array([host.geom(name).id for name in boxes]),
         cylinder_slots=np.array([host.geom(name).id for name in cylinders]),
         hull=hull,
         physics_steps=round(CONTROL_S / host.opt.timestep),
     )
-
-
-def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:
-    """Returns the contype and conaffinity with which an obstacle meets every colliding geom of the robot."""
-    contype = conaffinity = 0
-    for geom in spec.geoms:
-        contype |= geom.conaffinity
-        conaffinity |= geom.contype
-    return contype, conaffinity
-
-
-def add_obstacle(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, bits: tuple[int, int]) -> mujoco.MjsGeom:
-    """Returns a new static geom that leaves friction and contact dimension to the robot's own geoms."""
-    geom = spec.worldbody.add_geom(name=name, type=kind)
-    geom.contype, geom.conaffinity = bits
-    geom.condim = 1
-    geom.friction = [0.0, 0.0, 0.0]
-    return geom
 
 
 def _add_slots(spec: mujoco.MjSpec) -> tuple[list[str], list[str]]:
@@ -104,9 +116,15 @@ def _add_slots(spec: mujoco.MjSpec) -> tuple[list[str], list[str]]:
     return boxes, cylinders
 
 
-def _tune(spec: mujoco.MjSpec) -> None:
-    """Sets the solver as measured: two Newton iterations hold for a hull among eight obstacles."""
+def _tune(spec: mujoco.MjSpec, alone: mujoco.MjModel, base: Base) -> None:
+    """Sets the solver as measured: two Newton iterations hold for a hull among eight obstacles.
+
+    All of MuJoCo's solvers look for the same forces; Newton's is the one that MJX is fastest with.
+    """
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    spec.option.iterations = _NEWTON_ITERATIONS
-    spec.option.ls_iterations = _LINE_SEARCHES
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    if not (base.free or base.articulated):
+        spec.option.iterations = _NEWTON_ITERATIONS
+        spec.option.ls_iterations = _LINE_SEARCHES
+    if not alone.dof_damping.any():
+        # There is nothing to damp implicitly, and MJX need not factor a matrix for it.
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)

@@ -1,19 +1,20 @@
-"""The compiled program of a chunk: all lanes, split over the host's devices, a slice of control steps at a time."""
+"""What runs a chunk: a robot and its applications, ready for a number of lanes, on whichever engine.
 
-import functools
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+Engines that are JAX functions run in a compiled program (``compiled``), C MuJoCo on the host's threads
+(``mujoco_engine``).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
 
 import jax
-import jax.numpy as jnp
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float
 
+from specs.world import World
 from tasks.simulate.applications import Applications
-from tasks.simulate.lane import advance_lane
-from tasks.simulate.lane_state import LaneInputs, LaneState, Record, begin_lane
-from tasks.simulate.model import RobotModel
+from tasks.simulate.lane_state import Body, LaneInputs, LaneState, Record
+from tasks.simulate.robot import Hull
+from tasks.simulate.staging import Lane
 
 # 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.
 SLICE_STEPS = 25
@@ -23,27 +24,64 @@ _AXIS = "lanes"
 _LANES_A_VECTOR = 8
 
 
-@dataclass(frozen=True, eq=False)
-class Program:
-    """A robot and its applications, compiled for a lane count.
+class Run(Protocol):
+    """The episodes of one chunk on their way."""
 
-    Attributes:
-        lanes: Lanes that a run always has, filled up with idle ones.
-        begin: Returns the state before the first control step.
-        advance: Returns the state a slice later, and the records of the slice, (lanes, steps) first; the state that
-            was given is used up.
-    """
+    @property
+    def crashes(self) -> Mapping[int, str]:
+        """Returns why a controller crashed, by lane, where more is known than the lane's state says."""
+        ...
 
-    robot: RobotModel
-    applications: Applications
-    lanes: int
-    mesh: Mesh
-    begin: Callable[[LaneInputs], LaneState]
-    advance: Callable[[LaneInputs, LaneState], tuple[LaneState, Record]]
+    def begin(self) -> LaneState:
+        """Returns the lanes before the first control step, lanes first."""
+        ...
 
-    def place(self, inputs: LaneInputs) -> LaneInputs:
-        """Returns the inputs, lanes first, split over the devices."""
-        return jax.device_put(inputs, NamedSharding(self.mesh, PartitionSpec(_AXIS)))
+    def advance(self, state: LaneState) -> tuple[LaneState, Record]:
+        """Returns the lanes a slice later, and its records, (lanes, steps) first; ``state`` is used up."""
+        ...
+
+
+class Program(Protocol):
+    """A robot and its applications on an engine."""
+
+    @property
+    def engine(self) -> str:
+        """Returns the engine's name."""
+        ...
+
+    @property
+    def applications(self) -> Applications:
+        """Returns the robot application and the scenario."""
+        ...
+
+    @property
+    def hull(self) -> Hull:
+        """Returns the robot's hull."""
+        ...
+
+    @property
+    def actuators(self) -> int:
+        """Returns how many numbers a control has."""
+        ...
+
+    @property
+    def lanes(self) -> int:
+        """Returns the lanes that a run always has, filled up with idle ones."""
+        ...
+
+    def body(self) -> Body:
+        """Returns a robot at rest, to check applications with."""
+        ...
+
+    def ready(self, inputs: LaneInputs, lanes: Sequence[Lane], worlds: Mapping[str, World]) -> Run:
+        """Returns episodes ready to run.
+
+        Args:
+            inputs: All the program's lanes, lanes first.
+            lanes: The episodes in them.
+            worlds: By name, at least those of the episodes.
+        """
+        ...
 
 
 def padded_lanes(lanes: int, devices: int) -> int:
@@ -52,44 +90,17 @@ def padded_lanes(lanes: int, devices: int) -> int:
     return -(-lanes // together) * together
 
 
-def make_program(robot: RobotModel, applications: Applications, lanes: int) -> Program:
-    """Returns the program of a robot and its applications; compiles nothing yet."""
-    devices = jax.devices()
-    mesh = jax.make_mesh((len(devices),), (_AXIS,), axis_types=(AxisType.Auto,))
-    split = functools.partial(_split, mesh)
-    begin = split(jax.vmap(functools.partial(begin_lane, robot, applications)), 1)
-    advance = split(functools.partial(_advance_slice, robot, applications), 2)
-    return Program(
-        robot=robot,
-        applications=applications,
-        lanes=padded_lanes(lanes, len(devices)),
-        mesh=mesh,
-        begin=jax.jit(begin),
-        advance=jax.jit(advance, donate_argnums=1),
-    )
+def lane_mesh() -> Mesh:
+    """Returns all devices, to split lanes over."""
+    return jax.make_mesh((len(jax.devices()),), (_AXIS,), axis_types=(AxisType.Auto,))
 
 
-def _split(mesh: Mesh, kernel: Callable[..., Any], arguments: int) -> Callable[..., Any]:
+def split_over(mesh: Mesh, kernel: Callable[..., Any], arguments: int) -> Callable[..., Any]:
+    """Returns a function of arrays with lanes first, each device of the mesh working on its share of the lanes."""
     spec = PartitionSpec(_AXIS)
     return jax.shard_map(kernel, mesh=mesh, in_specs=(spec,) * arguments, out_specs=spec, check_vma=False)
 
 
-def _advance_slice(
-    robot: RobotModel, applications: Applications, inputs: LaneInputs, state: LaneState
-) -> tuple[LaneState, Record]:
-    """Returns one device's lanes a slice later; a device whose lanes are all done does nothing."""
-    control_step = jax.vmap(functools.partial(advance_lane, robot, applications))
-
-    def run(lanes: LaneState) -> tuple[LaneState, Record]:
-        lanes, records = jax.lax.scan(lambda s, _: control_step(inputs, s), lanes, None, length=SLICE_STEPS)
-        return lanes, jax.tree.map(lambda array: jnp.swapaxes(array, 0, 1), records)
-
-    def rest(lanes: LaneState) -> tuple[LaneState, Record]:
-        controls = jnp.zeros((lanes.step.shape[0], SLICE_STEPS, robot.actuators))
-        return lanes, Record(_repeated(lanes.body.qpos), controls)
-
-    return jax.lax.cond(jnp.all(state.done), rest, run, state)
-
-
-def _repeated(pose: Float[Array, "lanes 3"]) -> Float[Array, "lanes steps 3"]:
-    return jnp.broadcast_to(pose[:, None], (pose.shape[0], SLICE_STEPS, 3))
+def put_lanes(mesh: Mesh, inputs: LaneInputs) -> LaneInputs:
+    """Returns the inputs, lanes first, split over the devices."""
+    return jax.device_put(inputs, NamedSharding(mesh, PartitionSpec(_AXIS)))

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
-from specs.world import Solid, World, solids
-from tasks.simulate.model import add_obstacle, collision_bits
-from tasks.simulate.robot import CONTROL_S, read_robot
+from specs.world import World
+from tasks.simulate.mujoco_model import host_robot, world_model
+from tasks.simulate.robot import CONTROL_S
 from tasks.simulate.sensors import Lidar, ray_angles
 
 
@@ -16,14 +16,9 @@ def reference_model(robot: Path, world: World) -> mujoco.MjModel:
     """Returns a robot among all solids of a world, with the solver that its ``robot.xml`` asks for.
 
     Raises:
-        RobotRefused: The engine would refuse the robot too.
+        RobotRefused: No engine could drive the robot.
     """
-    spec = read_robot(robot)
-    bits = collision_bits(spec)
-    for solid in solids(world):
-        _add_solid(spec, solid, bits)
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-    return spec.compile()
+    return world_model(host_robot(robot), world)
 
 
 def replay(
@@ -56,12 +51,3 @@ def reference_ranges(
         model, data, eye, directions.ravel(), None, 1, base, geoms, ranges, None, lidar.rays, lidar.range_m
     )
     return np.where(ranges < 0.0, lidar.range_m, np.minimum(ranges, lidar.range_m))
-
-
-def _add_solid(spec: mujoco.MjSpec, solid: Solid, bits: tuple[int, int]) -> None:
-    kind = mujoco.mjtGeom.mjGEOM_BOX if solid.shape == "box" else mujoco.mjtGeom.mjGEOM_CYLINDER
-    geom = add_obstacle(spec, f"solid/{solid.name}", kind, bits)
-    x, y, z = solid.half_extents_m
-    geom.pos = solid.center_m
-    geom.size = [x, y, z] if solid.shape == "box" else [x, z, 0.0]
-    geom.quat = [np.cos(solid.yaw_rad / 2), 0.0, 0.0, np.sin(solid.yaw_rad / 2)]

@@ -24,6 +24,7 @@ def simulate_chunk(
     bundles: Mapping[str, Path],
     *,
     lanes: int,
+    engine: str = "auto",
     should_stop: Callable[[], bool],
     progress: Callable[[int], None] = _nobody,
 ) -> list[EpisodeResult]:
@@ -37,6 +38,7 @@ def simulate_chunk(
         worlds: By ``<generation>/<world>``; more than the chunk needs are ignored.
         bundles: Unpacked folders of the chunk's applications, by digest.
         lanes: How many lanes every chunk of the batch is padded to.
+        engine: ``auto``, or the engine that must run them (``tasks.simulate.engines``).
         should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
 
@@ -47,4 +49,4 @@ def simulate_chunk(
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
         from tasks.simulate.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
 
-    return run_chunk(chunk, worlds, bundles, lanes=lanes, should_stop=should_stop, progress=progress)
+    return run_chunk(chunk, worlds, bundles, lanes=lanes, engine=engine, should_stop=should_stop, progress=progress)

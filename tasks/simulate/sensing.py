@@ -38,6 +38,7 @@ def observe(applications: Applications, inputs: LaneInputs, state: LaneState) ->
         goal_m=inputs.goals_m[goal],
         goal_robot_m=_turned(inputs.goals_m[goal] - pose[:2], -pose[2]),
         bumper=state.sensed.bumper,
+        joints=state.body.joints,
     )
 
 

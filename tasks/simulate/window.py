@@ -35,7 +35,12 @@ def nearest_obstacles(
 
 def distance_m(window: Window, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
     """Returns how far a point is from the window's nearest obstacle; at most 0 inside one."""
-    return jnp.minimum(_to_boxes(window.boxes, center_m).min(), _to_cylinders(window.cylinders, center_m).min())
+    return distance_of_all_m(window.boxes, window.cylinders, center_m)
+
+
+def distance_of_all_m(boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
+    """Returns how far a point is from the nearest of all obstacles; at most 0 inside one."""
+    return jnp.minimum(_to_boxes(boxes, center_m).min(), _to_cylinders(cylinders, center_m).min())
 
 
 def with_window(robot: RobotModel, window: Window) -> mjx.Model:

@@ -14,7 +14,18 @@ from tests.simulate_factory import FOLDERS, cluttered, pen
 
 # Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported.
 prepare_devices()
-CHECKED = ["floor_map", "geodesic", "lane", "lidar", "noise", "obstacles", "robot", "silhouettes", "window"]
+CHECKED = [
+    "coordinates",
+    "floor_map",
+    "geodesic",
+    "lane",
+    "lidar",
+    "noise",
+    "obstacles",
+    "robot",
+    "silhouettes",
+    "window",
+]
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 LANES = 32
 PUSHER_LANES = 8

@@ -1,4 +1,4 @@
-"""docs/applications.md: its two applications run as they stand there."""
+"""docs/applications.md: its applications run as they stand there."""
 
 import re
 from pathlib import Path
@@ -14,14 +14,15 @@ from tests.worlds_factory import apartment
 FILES = re.compile(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)
 
 
-@pytest.fixture(scope="module")
-def rows(tmp_path_factory: pytest.TempPathFactory) -> list[EpisodeResult]:
+@pytest.fixture(scope="module", params=["straight", "branching"])
+def rows(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[EpisodeResult]:
     folder = tmp_path_factory.mktemp("documented")
     for name, text in FILES.findall((REPOSITORY / "docs" / "applications.md").read_text()):
         path: Path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    robot = ApplicationLaunch(name="slider", version="1", digest="5" * 64, package="slider", launch_file="straight")
+    digest = {"straight": "5", "branching": "7"}[request.param] * 64
+    robot = ApplicationLaunch(name="slider", version="1", digest=digest, package="slider", launch_file=request.param)
     scenario = ApplicationLaunch(name="nearby", version="1", digest="6" * 64, package="nearby", launch_file="one_goal")
     requests = [
         EpisodeRequest(

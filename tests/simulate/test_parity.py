@@ -20,13 +20,13 @@ def deviations_m(pens: dict[str, World]) -> np.ndarray:
     models = {name: reference_model(FOLDERS[FAULTY] / "robot.xml", world) for name, world in pens.items()}
     found: list[float] = []
     for first in range(0, len(requests), PUSHER_LANES):
-        program, lanes, inputs, _ = ready_chunk(
-            requests[first : first + PUSHER_LANES], pens, FOLDERS, lanes=PUSHER_LANES
+        _, lanes, run, _ = ready_chunk(
+            requests[first : first + PUSHER_LANES], pens, FOLDERS, lanes=PUSHER_LANES, engine="mjx"
         )
-        assert inputs is not None
-        state, records = program.begin(inputs), []
+        assert run is not None
+        state, records = run.begin(), []
         for _ in range(SLICES):
-            state, record = program.advance(inputs, state)
+            state, record = run.advance(state)
             records.append(jax.device_get(record))
         poses = np.concatenate([record.pose for record in records], axis=1)
         controls = np.concatenate([record.control for record in records], axis=1)

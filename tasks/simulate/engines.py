@@ -1,0 +1,116 @@
+"""The engines, and which one runs a robot: decided from its files alone, before JAX is imported.
+
+A robot's episodes all run on one engine, chosen from its ``robot.xml``, its controller and the kind of device, so that
+every chunk of a batch, and a batch that is resumed, gets the same one.
+"""
+
+import ast
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, cast
+
+from specs.base import Spec
+from tasks.simulate.devices import DeviceKind
+from tasks.simulate.mujoco_model import host_robot
+from tasks.simulate.robot import RobotRefused, base_of, read_robot
+
+EngineName = Literal["planar", "mjx", "mujoco"]
+Engine = Literal["auto", "planar", "mjx", "mujoco"]
+# Fastest first, as measured (docs/engines.md); `auto` takes the first that can run the robot.
+_PLANAR_BASES: dict[DeviceKind, tuple[EngineName, ...]] = {
+    "cpu": ("mjx", "mujoco"),
+    "gpu": ("mjx", "mujoco"),
+}
+_OTHERS: dict[DeviceKind, tuple[EngineName, ...]] = {"cpu": ("mujoco", "mjx"), "gpu": ("mjx", "mujoco")}
+_PLAIN = "jax"
+
+
+class EngineChoice(Spec):
+    """Which engine runs a robot application.
+
+    Attributes:
+        engine: Its name.
+        device: What its controller, sensors and scenario run on, and its physics unless it is ``mujoco``.
+        why: For a person; names what stands in the way of faster engines.
+        plain: Whether its controller is plain Python.
+    """
+
+    engine: EngineName
+    device: DeviceKind
+    why: str
+    plain: bool
+
+
+def choose_engine(asked: str, robot: Path, module: Path, device: DeviceKind) -> EngineChoice:
+    """Returns the engine that runs a robot application.
+
+    Args:
+        asked: ``auto``, or the engine that it must be.
+        robot: The application's ``robot.xml``.
+        module: The module of its controller.
+        device: What JAX will run on.
+
+    Raises:
+        RobotRefused: The engine that it must be cannot run it, or none can; says what is in the way, and the remedy.
+    """
+    plain = is_plain_python(module)
+    order = _order(asked, robot, device, plain=plain)
+    refusals: list[str] = []
+    for engine in order:
+        try:
+            _LOADERS[engine](robot)
+        except RobotRefused as refused:
+            refusals.append(str(refused))
+        else:
+            return EngineChoice(engine=engine, device=device, why=_why(asked, plain, refusals), plain=plain)
+    raise RobotRefused("\n".join(refusals))
+
+
+def is_plain_python(module: Path) -> bool:
+    """Returns whether a controller's module says ``jax = False``: it is called as plain Python, lane by lane.
+
+    It is read and not imported, so that planning runs no application's code.
+    """
+    try:
+        statements = ast.parse(module.read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return False  # what is wrong with it is told when it is imported
+    return any(
+        isinstance(each, ast.Assign)
+        and [target.id for target in each.targets if isinstance(target, ast.Name)] == [_PLAIN]
+        and isinstance(each.value, ast.Constant)
+        and each.value.value is False
+        for each in statements
+    )
+
+
+def _order(asked: str, robot: Path, device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
+    if asked != "auto":
+        engine = cast("EngineName", asked)
+        if plain and engine != "mujoco":
+            raise RobotRefused(
+                f"engine {engine}: the controller's module says jax = False, and plain Python runs on engine mujoco "
+                "only: set engine: auto, or make its step a JAX function"
+            )
+        return (engine,)
+    if plain:
+        return ("mujoco",)
+    base = base_of(read_robot(robot).compile())
+    return _OTHERS[device] if base.free or base.articulated else _PLANAR_BASES[device]
+
+
+def _why(asked: str, plain: bool, refusals: list[str]) -> str:  # noqa: FBT001 - XX
+    if asked != "auto":
+        return "asked for"
+    if plain:
+        return "its controller is plain Python"
+    return "; ".join(" ".join(each.split()) for each in refusals) or "the fastest for this robot"
+
+
+def _load_mjx(robot: Path) -> None:
+    from tasks.simulate.model import load_robot  # noqa: PLC0415 - it imports JAX, which planning can often do without
+
+    load_robot(robot)
+
+
+_LOADERS: dict[EngineName, Callable[[Path], object]] = {"mjx": _load_mjx, "mujoco": host_robot}

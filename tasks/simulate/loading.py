@@ -1,0 +1,25 @@
+"""A robot application and a scenario made into the program of an engine."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from tasks.simulate.applications import Applications
+from tasks.simulate.compiled import compiled_program
+from tasks.simulate.engines import EngineChoice, EngineName
+from tasks.simulate.mechanics import Mechanics
+from tasks.simulate.mjx_engine import mjx_mechanics
+from tasks.simulate.mujoco_engine import host_program
+from tasks.simulate.program import Program
+
+_MECHANICS: dict[EngineName, Callable[[Path], Mechanics]] = {"mjx": mjx_mechanics}
+
+
+def load_program(choice: EngineChoice, robot: Path, applications: Applications, lanes: int) -> Program:
+    """Returns the program of a robot and its applications on the engine chosen for it; compiles nothing yet.
+
+    Raises:
+        RobotRefused: The engine cannot represent the robot.
+    """
+    if choice.engine == "mujoco":
+        return host_program(robot, applications, lanes, plain=choice.plain)
+    return compiled_program(_MECHANICS[choice.engine](robot), applications, lanes)
