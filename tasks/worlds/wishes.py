@@ -103,12 +103,13 @@ def _furnishing(wish: RoomWish, pieces: Sequence[str], figures: RoomFigures) -> 
         yield Wish(kind="furniture", subject=wish.name, wished=wished, found=", ".join(found) or "none", met=met)
     if wish.density_wished and wish.furniture != ():
         least, most = FREE_FLOOR[wish.density]
+        share = round(figures.free_floor_share, 2)  # as it is told, so that 80 % is not above 80 %
         yield Wish(
             kind="density",
             subject=wish.name,
             wished=f"{wish.density} ({100 * least:.0f} to {100 * most:.0f} % of the floor free)",
-            found=f"{100 * figures.free_floor_share:.0f} % free",
-            met=least <= figures.free_floor_share <= most,
+            found=f"{100 * share:.0f} % free",
+            met=least <= share <= most,
         )
 
 
