@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from tasks.worlds.layouts import Layouts, common_walls
+from tasks.worlds.layouts import Layouts
 from tasks.worlds.scoring import (
     AREA,
     AREA_LIMIT,
@@ -64,9 +64,7 @@ def refine(layouts: Layouts, demands: Demands) -> Layouts:
         for _ in range(_ROUNDS):
             layouts = layouts.moved(_improved(layouts, demands, frame))
         found.append(np.round(layouts.lines, 2))
-        # A connection that is still too short would go on pulling at the areas for nothing.
-        short = common_walls(layouts.cells(), *demands.pairs) < demands.shared_m[:, None]
-        frame = replace(frame, facing=np.where(short, -1, frame.facing), weight=_sharpened(layouts, demands))
+        frame = replace(frame, weight=_sharpened(layouts, demands))
     best = np.argmin([np.round(score(layouts.moved(lines), demands), 4) for lines in found], axis=0)
     return layouts.moved(np.take_along_axis(np.stack(found), best[None, None], axis=0)[0])
 

@@ -6,7 +6,7 @@ import pytest
 from tasks.worlds.brief import Brief
 from tasks.worlds.layouts import Layouts, common_walls
 from tasks.worlds.proposing import propose
-from tasks.worlds.refining import _framed, _solved, _terms, refine
+from tasks.worlds.refining import _framed, _improved, _solved, _terms, refine
 from tasks.worlds.scoring import START_SIDE_M, WALL_M, Demands, demands_of, score
 from tests.worlds.briefs import brief, flat, wish
 
@@ -64,11 +64,34 @@ def test_a_wall_that_is_a_little_short_for_its_doorways_becomes_long_enough() ->
 
 
 def test_a_connection_that_cannot_be_does_not_cost_areas() -> None:
-    ring = [(a, b) for a in range(5) for b in range(a + 1, 5)]
-    layouts, demands = refined(brief(*(wish(name, area_m2=15.0) for name in "ABCDE"), connections=tuple(ring)))
+    # Each with each but for its opposite: no six rectangles have all of these walls.
+    pairs = tuple((a, b) for a in range(6) for b in range(a + 1, 6) if (a, b) not in ((0, 1), (2, 3), (4, 5)))
+    layouts, demands = refined(brief(*(wish(name, area_m2=20.0) for name in "ABCDEF"), connections=pairs), count=256)
     cells = layouts.cells()[:, :, score(layouts, demands).argmin()]
     floors = (cells[2:] - cells[:2] - WALL_M).prod(axis=0)
-    np.testing.assert_allclose(floors, 15.0, rtol=0.03)
+    np.testing.assert_allclose(floors, 20.0, rtol=0.03)
+
+
+def test_a_shape_that_just_misses_the_tolerance_is_brought_within_it() -> None:
+    hall = wish("Hall", "Hallway", 16.0, 4.0)
+    rooms = (wish(name, "Bedroom") for name in "ABCD")
+    home = brief(hall, *rooms, connections=((0, 1), (0, 2), (0, 3), (0, 4)), footprint=2.0)
+    layouts, demands = refined(home)
+    cells = layouts.cells()[:, 0, score(layouts, demands).argmin()]
+    width, height = cells[2:] - cells[:2] - WALL_M
+    assert 3.2 <= width / height <= 5.0
+
+
+def test_a_round_leaves_every_room_half_of_its_width_at_least() -> None:
+    equal, unequal = (
+        demands_of(brief(*(wish(str(n), area_m2=area) for n, area in enumerate(areas)), footprint=4.0))
+        for areas in ((40.0,) * 4, (10.0, 300.0, 10.0, 300.0))
+    )
+    layouts = propose(equal, 20)
+    moved = layouts.moved(_improved(layouts, unequal, _framed(layouts, unequal)))
+    before, after = (each.cells()[2:] - each.cells()[:2] for each in (layouts, moved))
+    assert (after >= 0.499 * before).all()
+    assert (after < 0.6 * before).any()
 
 
 @pytest.mark.parametrize("aspect", [4.0, 0.25])

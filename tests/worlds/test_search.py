@@ -84,6 +84,7 @@ def test_the_best_layout_is_drawn_most_often() -> None:
     good = good_layouts(flat())
     assert good.chance.sum() == pytest.approx(1.0)
     assert (np.diff(good.chance) <= 1e-12).all()
+    assert good.chance[0] > 1.5 * good.chance[-1]
     assert (np.diff(good.scores) >= 0.0).all()
 
 

@@ -55,9 +55,10 @@ def test_without_a_room_for_the_disc_there_is_no_start() -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_disc_keeps_off_the_walls_also_in_the_narrowest_room(seed: int) -> None:
+@pytest.mark.parametrize("doors", [False, True])
+def test_the_disc_keeps_off_the_walls_also_in_the_narrowest_room(seed: int, doors: bool) -> None:  # noqa: FBT001
     for cells in ((WEST, EAST), (Box(0, 0, 4, 4), Box(4, 0, 10, 2.22))):
-        home = brief(wish("A", "Closet"), wish("B", "Hallway"))
+        home = brief(wish("A", "Closet"), wish("B", "Hallway"), doors=doors)
         spot = start(home, *cells, seed=seed)
         assert spot is not None
         floor = cells[1].grown(-0.06)
