@@ -9,7 +9,7 @@ from specs.world import Certificate, Door, Furniture, Passage, Room, RoomFigures
 from tasks.worlds.brief import Brief
 from tasks.worlds.clearance import HEADROOM_M, Clearance, connected_share, measure_clearance, reaches_room
 from tasks.worlds.doors import LEAF_PLAY_M, LEAF_THICKNESS_M, opened
-from tasks.worlds.geometry import Box, rounded
+from tasks.worlds.geometry import Box, around, rounded
 from tasks.worlds.overlaps import count_overlaps
 from tasks.worlds.scoring import WALL_M
 from tasks.worlds.wishes import weigh_wishes
@@ -41,7 +41,7 @@ def survey(
 ) -> Survey:
     """Returns the clearances of a finished world."""
     fixed = [*walls, *(solid for piece in furniture for solid in piece.solids)]
-    area = _around([_box(room) for room in rooms]).grown(WALL_M)
+    area = around([_box(room) for room in rooms]).grown(WALL_M)
     as_set = measure_clearance(area, [*fixed, *(door.leaf for door in doors)])
     if all(door.open_percent == 100.0 for door in doors):
         return Survey(as_set, as_set)
@@ -72,7 +72,7 @@ def certify(
     clear = surveyed or survey(rooms, passages, walls, furniture, doors)
     floors = [_box(room) for room in rooms]
     figures = tuple(_figures(brief, clear.opened, rooms))
-    outline = _around(floors).grown(WALL_M)
+    outline = around(floors).grown(WALL_M)
     errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
     in_the_way = [*walls, *(door.leaf for door in doors), *(solid for piece in furniture for solid in piece.solids)]
     reachable = reachable_radius(clear.opened, floors)
@@ -162,8 +162,3 @@ def _free_share(clearance: Clearance, floors: Sequence[Box]) -> float:
 def _box(room: Room) -> Box:
     floor = room.floor
     return Box(floor.x_min_m, floor.y_min_m, floor.x_max_m, floor.y_max_m)
-
-
-def _around(boxes: Sequence[Box]) -> Box:
-    low_x, low_y, high_x, high_y = zip(*boxes, strict=True)
-    return Box(min(low_x), min(low_y), max(high_x), max(high_y))

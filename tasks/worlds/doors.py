@@ -14,10 +14,11 @@ import numpy as np
 
 from specs.world import Color, Door, Passage, Solid
 from tasks.worlds.brief import Brief
-from tasks.worlds.floorplan import START_CLEAR_M, FloorPlan
+from tasks.worlds.floorplan import FloorPlan
 from tasks.worlds.geometry import QUARTER_TURN_RAD, Box, rounded
 from tasks.worlds.passages import HUBS, Gap
 from tasks.worlds.scoring import WALL_M
+from tasks.worlds.starting import START_CLEAR_M
 
 LEAF_THICKNESS_M = 0.04
 LEAF_PLAY_M = 0.01

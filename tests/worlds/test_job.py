@@ -239,8 +239,8 @@ def test_the_robot_asked_for_is_the_one_that_is_guaranteed(file_store: Store) ->
         seed=7,
         token="t",  # noqa: S106
         progress=Progress(),
-        robot_radius_m=0.35,
+        robot_radius_m=0.45,
     )
     certificate = decode_world(worlds_of(file_store, record)["world-1-1"]).certificate
-    assert certificate.guaranteed_robot_radius_m == 0.35
-    assert certificate.reachable_robot_radius_m >= 0.35
+    assert certificate.guaranteed_robot_radius_m == 0.45
+    assert certificate.reachable_robot_radius_m >= 0.45
