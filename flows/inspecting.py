@@ -1,6 +1,6 @@
 """`simyard describe` and `simyard list`: RoboMaker's answers, whatever the kind of resource."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 
 from specs.arn import KINDS, Reference, ResourceKind, parse_reference
 from specs.base import Fault, Spec
@@ -40,7 +40,7 @@ _DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
     "robot": describe_robot,
     "deployment-job": describe_deployment_job,
 }
-_LIST: Mapping[str, Callable[[Store], Sequence[Spec]]] = {
+_LIST: Mapping[str, Callable[[Store], Iterable[Spec]]] = {
     "world-templates": list_templates,
     "world-generation-jobs": lambda store: [
         summarise_generation_job(job) for job in records(store, "world-generation-job")
@@ -73,7 +73,7 @@ def described(store: Store, text: str) -> Spec:
     return _DESCRIBE[reference.kind](store, reference.path)
 
 
-def listed(store: Store, kind: str) -> Sequence[Spec]:
+def listed(store: Store, kind: str) -> Iterable[Spec]:
     """Returns what the List call for a kind answers, all pages in one.
 
     Raises:

@@ -9,7 +9,7 @@ from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
 from tasks.results.gate import episodes_needed
-from tasks.simulate.batch_plan import episodes as episodes_of
+from tasks.simulate.layout import Layout
 from tasks.simulate.preview import engine_plan
 from tasks.simulate.resolving import FindVersion, matrix_worlds, plan_batch
 from tasks.storage.overlay import OverlayStore
@@ -54,7 +54,7 @@ def _requests(section: SimulationBatch, worlds: int, find: FindVersion) -> tuple
     """Returns the episodes, over stand-ins for worlds that are not made yet, and the lanes of a chunk."""
     names = [f"planned/world-{number}" for number in range(worlds)]
     plan = plan_batch(section, matrix_worlds(section, names), {}, find)
-    return list(episodes_of(plan)), plan.lanes
+    return list(Layout(plan).requests()), plan.lanes
 
 
 def _batch_lines(requests: list[EpisodeRequest], lanes: int) -> Iterator[str]:

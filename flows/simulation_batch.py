@@ -1,6 +1,7 @@
 """A robot application driven through worlds, seeds and parameters."""
 
 import time
+from typing import cast
 
 from prefect import flow
 
@@ -8,16 +9,25 @@ from flows.ending import as_run, ended_well, run_name
 from flows.resolving import batch_plan, numbered_finder
 from specs.common import OutputLocation
 from specs.digests import canonical_document
-from specs.episode import EpisodeResult
 from specs.errors import DocumentError, StageFailed
 from specs.pipeline_requests import batch_request
 from specs.pipeline_simulation import SimulationBatch
 from tasks.applications.task import unpack_application
 from tasks.results.task import write_tables
-from tasks.simulate.batch import canceled_chunk, chunks_of, close_batch, open_batch
-from tasks.simulate.batch_plan import BatchPlan, episode_count, episodes
+from tasks.simulate.batch import (
+    STOPPING,
+    OpenBatch,
+    close_batch,
+    complete,
+    ending,
+    open_batch,
+    opened,
+    time_out,
+)
+from tasks.simulate.chunk_store import spent_s
 from tasks.simulate.preview import engine_plan
 from tasks.simulate.resolving import output_location
+from tasks.simulate.streaming import parts
 from tasks.simulate.task import simulate_chunk
 from tasks.simulate.versions import batch_metadata
 from tasks.storage.opening import open_store, store_id
@@ -45,58 +55,77 @@ def simulation_batch(
 
     Raises:
         DocumentError: A request cannot be run, or names what does not exist.
-        StageFailed: The batch timed out.
+        StageFailed: The batch timed out, was cancelled, or failed for a reason of Simyard's own.
     """
-    opened = open_store(store)
-    plan = batch_plan(spec, worlds or [], opened, numbered_finder(opened, versions))
+    at = open_store(store)
+    plan = batch_plan(spec, worlds or [], at, numbered_finder(at, versions))
     location = output_location(spec)
 
     def work(given: str) -> JobRecord:
-        request = batch_request(spec, store_id=store_id(opened), token=given)
-        record = open_batch(opened, plan, canonical_document(request), request.clientRequestToken or given)
+        request = batch_request(spec, store_id=store_id(at), token=given)
+        record = open_batch(at, plan, canonical_document(request), request.clientRequestToken or given)
         if is_terminal(record):
             return ended_well(record)
-        return ended_well(_run(opened, record.id, plan, location))
+        return ended_well(_run(at, record.id, location))
 
     identity = {"spec": canonical_document(spec), "plan": plan.model_dump(mode="json")}
-    return as_run(opened, "simulation-batch", identity, token, work)
+    return as_run(at, "simulation-batch", identity, token, work)
 
 
-def _run(store: Store, batch: str, plan: BatchPlan, location: OutputLocation) -> JobRecord:
+def _run(store: Store, batch: str, location: OutputLocation) -> JobRecord:
+    work = opened(store, batch)
     try:
-        return _closed(store, batch, plan, location)
+        _simulate(work)
+        return _closed(work, location)
     except (DocumentError, StageFailed) as exc:
         close_batch(store, batch, "Failed", {}, str(exc))
         raise
 
 
-def _closed(store: Store, batch: str, plan: BatchPlan, location: OutputLocation) -> JobRecord:
-    results = _simulated(store, batch, plan)
-    requests = list(episodes(plan))
-    metadata = batch_metadata(engine_plan(requests, plan.lanes).engine)
-    detail = write_tables(store.url, batch, requests, results, location=location, metadata=metadata)
-    timed_out = any(result.status == "Canceled" for result in results)
-    status = "TimedOut" if timed_out else "Completed"
-    return close_batch(store, batch, status, {**detail, "metadata": dict(metadata)})
-
-
-def _simulated(store: Store, batch: str, plan: BatchPlan) -> list[EpisodeResult]:
-    """Returns the results of all chunks, in order; chunks that no time is left for are cancelled."""
-    deadline_s = time.monotonic() + plan.timeout_s
-    folders = {digest: unpack_application(store.url, digest) for digest in plan.digests()}
-    results: list[EpisodeResult] = []
-    total = episode_count(plan)
+def _simulate(batch: OpenBatch) -> None:
+    """Commits all chunks, or as many as there is time for and nobody cancels."""
+    layout, store_url = batch.layout, batch.store.url
+    folders = {digest: unpack_application(store_url, digest) for digest in batch.plan.digests()}
+    before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
+    lanes, done = batch.plan.lanes, 0
     with watched("Episodes", "episodes-progress") as progress:
-        for chunk in chunks_of(plan):
-            left_s, done = deadline_s - time.monotonic(), len(results)
-            progress(done, total)
+        for number in range(layout.chunks):
+            worked_s = before_s + time.monotonic() - start_s
+            left_s = batch.plan.timeout_s - worked_s
+            record = time_out(batch) if left_s <= 0 else batch.record()
+            if record.status in STOPPING:
+                return
+            progress(done, layout.episodes)
 
             def tell(finished: int, done: int = done) -> None:
-                progress(done + finished, total)
+                progress(done + finished, layout.episodes)
 
-            if left_s > 0:
-                results += simulate_chunk(store.url, batch, chunk.number, bundles=folders, left_s=left_s, progress=tell)
-            else:
-                results += canceled_chunk(chunk, f"the batch's {plan.timeout_s:.0f} s were over")
-        progress(len(results), total)
-    return results
+            ended = simulate_chunk(
+                store_url,
+                batch.id,
+                number,
+                bundles=folders,
+                lanes=lanes,
+                left_s=left_s,
+                spent_s=worked_s,
+                progress=tell,
+            )
+            lanes, done = ended.lanes, done + ended.episodes
+        progress(done, layout.episodes)
+
+
+def _closed(batch: OpenBatch, location: OutputLocation) -> JobRecord:
+    """Returns the batch in its terminal state, its tables being written."""
+    record = complete(batch)
+    first = list(batch.layout.requests(0, min(1, batch.layout.episodes)))
+    metadata = batch_metadata(engine_plan(first, batch.plan.lanes).engine)
+    detail = write_tables(
+        batch.store.url,
+        batch.id,
+        lambda: parts(batch),
+        variables=batch.plan.variables(),
+        location=location,
+        metadata=metadata,
+    )
+    status, why = ending(record, cast("int", detail["failed_inside"]))
+    return close_batch(batch.store, batch.id, status, {**detail, "metadata": dict(metadata)}, why)

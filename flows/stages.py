@@ -12,9 +12,11 @@ from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.pipeline import PipelineSpec
 from specs.report import StageReport
+from tasks.results.evidence import Tested, tested
+from tasks.results.success import EpisodeCounts
 from tasks.results.task import judge_batch
-from tasks.simulate.batch import committed_results, plan_of
-from tasks.simulate.batch_plan import episodes
+from tasks.simulate.batch import plan_of
+from tasks.simulate.batch_plan import BatchPlan
 from tasks.storage.records import JobRecord
 from tasks.storage.runs import stage_token
 from tasks.storage.store import Store
@@ -56,19 +58,9 @@ def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store) -> Reports:
     """Returns the report of the gate."""
     if spec.gate is None or batch is None:
         return ()
-    plan, rule = plan_of(batch), spec.gate.successRate
-    (verdict, evidence), seconds = _timed(
-        lambda: judge_batch(
-            store.url,
-            batch.id,
-            list(episodes(plan)),
-            committed_results(store, batch),
-            rule=rule,
-            worlds=plan.world_digests,
-            metadata=cast("dict[str, str]", batch.detail["metadata"]),
-            files=cast("dict[str, str]", batch.detail["sha256s"]),
-        )
-    )
+    counts = EpisodeCounts.model_validate(batch.detail["counts"])
+    rule, facts = spec.gate.successRate, _tested(plan_of(batch), batch)
+    (verdict, evidence), seconds = _timed(lambda: judge_batch(store.url, batch.id, counts, rule=rule, tested=facts))
     return (gate_report(verdict.verdict, verdict.sentence, evidence, seconds),)
 
 
@@ -89,6 +81,18 @@ def skipped(spec: PipelineSpec) -> Reports:
         return ()
     summary = "nothing was deployed: the gate did not pass"
     return (StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0),)
+
+
+def _tested(plan: BatchPlan, batch: JobRecord) -> Tested:
+    return tested(
+        robots=[template.robot for template in plan.templates],
+        simulations=[template.scenario for template in plan.templates],
+        worlds=plan.worlds_used(),
+        seeds=plan.seeds,
+        variables=plan.variables(),
+        metadata=cast("dict[str, str]", batch.detail["metadata"]),
+        files=cast("dict[str, str]", batch.detail["sha256s"]),
+    )
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float]:

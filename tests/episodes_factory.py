@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from hypothesis import strategies as st
 
 from specs.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from tasks.results.success import EpisodeCounts
+from tasks.results.summary import Tally
 
 ROBOT = ApplicationLaunch(
     name="courier", version="1", digest="a" * 64, package="courier", launch_file="go_to_goal"
@@ -89,6 +91,13 @@ def batch(successes: int, failures: int, cancels: int = 0) -> list[EpisodeResult
     """Returns results with so many of each kind."""
     kinds = [passed] * successes + [collided] * failures + [canceled] * cancels
     return [kind(index) for index, kind in enumerate(kinds)]
+
+
+def counted(results: Sequence[EpisodeResult]) -> EpisodeCounts:
+    """Returns what the results come to."""
+    tally = Tally()
+    tally.add([request(result.index) for result in results], results)
+    return tally.counts()
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, width=32)

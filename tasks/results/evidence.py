@@ -4,12 +4,12 @@ It holds no time and no place: the same pipeline gives the same evidence, byte f
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from specs.base import Spec
 from specs.digests import canonical_document, canonical_json
-from specs.episode import ApplicationLaunch, EpisodeRequest
+from specs.episode import ApplicationLaunch
 from specs.pipeline_simulation import SuccessRate
 from specs.report import Verdict as Answer
 from tasks.results.gate import GateNumbers, Verdict
@@ -28,14 +28,13 @@ class ApplicationEvidence(Spec):
     digest: str
 
 
-class Evidence(Spec):
-    """What a roll-out may rest on.
+class Tested(Spec):
+    """What a batch tested, and with what.
 
     Attributes:
-        batch: Id of the simulation job batch.
         robots: Robot applications, one in the usual case.
         simulations: Simulation applications.
-        worlds: SHA-256 of each world's document, by ``<generation>/<name>``.
+        worlds: SHA-256 of each world's document, by ``<generation>/<name>``; of the batch's worlds and no others.
         seeds: All seeds, sorted.
         environments: The values each environment variable took, sorted.
         engine: What simulated, such as ``mjx``.
@@ -43,12 +42,6 @@ class Evidence(Spec):
         files: SHA-256 of each result file, by its name.
     """
 
-    version: Literal["1"] = EVIDENCE_VERSION
-    batch: str
-    verdict: Answer
-    sentence: str
-    rule: SuccessRate
-    numbers: GateNumbers
     robots: tuple[ApplicationEvidence, ...]
     simulations: tuple[ApplicationEvidence, ...]
     worlds: dict[str, str]
@@ -59,50 +52,72 @@ class Evidence(Spec):
     files: dict[str, str]
 
 
-def gather(
-    batch_id: str,
-    requests: Sequence[EpisodeRequest],
-    rule: SuccessRate,
-    verdict: Verdict,
+class Evidence(Tested):
+    """What a roll-out may rest on.
+
+    Attributes:
+        batch: Id of the simulation job batch.
+    """
+
+    version: Literal["1"] = EVIDENCE_VERSION
+    batch: str
+    verdict: Answer
+    sentence: str
+    rule: SuccessRate
+    numbers: GateNumbers
+
+
+def tested(
     *,
+    robots: Iterable[ApplicationLaunch],
+    simulations: Iterable[ApplicationLaunch],
     worlds: Mapping[str, str],
-    engine: str,
-    versions: Mapping[str, str],
+    seeds: Iterable[int],
+    variables: Mapping[str, Iterable[str | None]],
+    metadata: Mapping[str, str],
     files: Mapping[str, str],
-) -> Evidence:
+) -> Tested:
+    """Returns what a batch tested, in the one order that equal batches share.
+
+    Args:
+        robots: Robot applications as the batch launched them, in any order and number.
+        simulations: Simulation applications, likewise.
+        worlds: SHA-256 of each world's bytes in the store, by ``<generation>/<name>``.
+        seeds: The seeds.
+        variables: The values that each environment variable took; None where it was not set.
+        metadata: ``engine``, and versions by package.
+        files: SHA-256 of the result files by name.
+    """
+    return Tested(
+        robots=_applications(robots),
+        simulations=_applications(simulations),
+        worlds={name: worlds[name] for name in sorted(worlds)},
+        seeds=tuple(sorted(set(seeds))),
+        environments={
+            name: tuple(sorted({value for value in variables[name] if value is not None})) for name in sorted(variables)
+        },
+        engine=metadata["engine"],
+        versions={name: version for name, version in metadata.items() if name != "engine"},
+        files=dict(files),
+    )
+
+
+def gather(batch_id: str, rule: SuccessRate, verdict: Verdict, facts: Tested) -> Evidence:
     """Returns the evidence for a verdict.
 
     Args:
         batch_id: The batch.
-        requests: All its episodes.
         rule: What was asked for.
         verdict: What the gate answered.
-        worlds: SHA-256 of each world's bytes in the store, by ``<generation>/<name>``; others than the batch's are
-            left out.
-        engine: What simulated.
-        versions: Of Simyard and what its numbers depend on.
-        files: SHA-256 of the result files by name.
-
-    Raises:
-        ValueError: A world of the batch has no digest.
+        facts: What was tested.
     """
-    used = {request.world for request in requests}
-    if missing := sorted(used - worlds.keys()):
-        raise ValueError(f"no digest for {', '.join(missing[:5])}")
     return Evidence(
+        **facts.model_dump(),
         batch=batch_id,
         verdict=verdict.verdict,
         sentence=verdict.sentence,
         rule=rule,
         numbers=verdict.numbers,
-        robots=_applications(request.robot for request in requests),
-        simulations=_applications(request.scenario for request in requests),
-        worlds={name: worlds[name] for name in sorted(used)},
-        seeds=tuple(sorted({request.seed for request in requests})),
-        environments=_environments(requests),
-        engine=engine,
-        versions=dict(versions),
-        files=dict(files),
     )
 
 
@@ -138,11 +153,3 @@ def _applications(launches: Iterable[ApplicationLaunch]) -> tuple[ApplicationEvi
     return tuple(
         ApplicationEvidence(name=name, version=version, digest=digest) for name, version, digest in sorted(found)
     )
-
-
-def _environments(requests: Sequence[EpisodeRequest]) -> dict[str, tuple[str, ...]]:
-    values: dict[str, set[str]] = {}
-    for request in requests:
-        for name, value in request.environment.items():
-            values.setdefault(name, set()).add(value)
-    return {name: tuple(sorted(values[name])) for name in sorted(values)}

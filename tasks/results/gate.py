@@ -6,34 +6,24 @@ passes.
 """
 
 import math
-from collections.abc import Sequence
 from statistics import NormalDist
 
 from specs.base import Spec
-from specs.episode import EpisodeResult
 from specs.pipeline_simulation import SuccessRate
 from specs.report import Verdict as Answer
 from tasks.results.statistics import Interval, wilson
-from tasks.results.success import success
+from tasks.results.success import EpisodeCounts
 
 
-class GateNumbers(Spec):
+class GateNumbers(EpisodeCounts):
     """What the verdict rests on.
 
     Attributes:
-        episodes: How many were counted; canceled ones are not.
-        successes: How many of them passed.
-        failed_jobs: How many of them have a failure code instead of an outcome to rely on.
-        canceled: How many were canceled.
         missing: How many never got a result.
         rate: Successes over episodes, or None without episodes.
         interval: Two-sided Wilson interval of the rate.
     """
 
-    episodes: int
-    successes: int
-    failed_jobs: int
-    canceled: int
     missing: int
     rate: float | None
     interval: Interval
@@ -47,15 +37,15 @@ class Verdict(Spec):
     numbers: GateNumbers
 
 
-def judge(results: Sequence[EpisodeResult], rule: SuccessRate, *, missing: int = 0) -> Verdict:
+def judge(counts: EpisodeCounts, rule: SuccessRate, *, missing: int = 0) -> Verdict:
     """Returns the verdict on a batch.
 
     Args:
-        results: Those there are.
+        counts: What its episodes came to.
         rule: The success rate asked for.
         missing: How many episodes have no result.
     """
-    numbers = _counted(results, rule.confidence, missing)
+    numbers = _numbers(counts, rule.confidence, missing)
     answer = _answer(numbers, rule.atLeast)
     return Verdict(verdict=answer, sentence=_sentence(answer, numbers, rule), numbers=numbers)
 
@@ -86,18 +76,12 @@ def _reaches(successes: int, n: int, at_least: float, spread: float) -> bool:
     return above >= 0.0 and above * above * n >= spread
 
 
-def _counted(results: Sequence[EpisodeResult], confidence: float, missing: int) -> GateNumbers:
-    answers = [success(result) for result in results]
-    successes, canceled = answers.count(True), answers.count(None)
-    episodes = len(answers) - canceled
+def _numbers(counts: EpisodeCounts, confidence: float, missing: int) -> GateNumbers:
     return GateNumbers(
-        episodes=episodes,
-        successes=successes,
-        failed_jobs=sum(result.status == "Failed" for result in results),
-        canceled=canceled,
+        **counts.model_dump(),
         missing=missing,
-        rate=successes / episodes if episodes else None,
-        interval=wilson(successes, episodes, confidence),
+        rate=counts.successes / counts.episodes if counts.episodes else None,
+        interval=wilson(counts.successes, counts.episodes, confidence),
     )
 
 

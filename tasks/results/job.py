@@ -1,56 +1,75 @@
 """The result files of a batch, in the bucket that its document names."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from pydantic import JsonValue
 
 from specs.episode import EpisodeRequest, EpisodeResult
-from tasks.results.parquet import write_parquet
-from tasks.results.tables import failures_table, results_table
+from tasks.results.parquet import ParquetFile
+from tasks.results.summary import Tally
+from tasks.results.tables import extended_schemas, failures_table, results_table, sweep_variables
 from tasks.storage.keys import checked_name, output_key
 from tasks.storage.store import Store
 
 RESULTS_FILE = "results.parquet"
 FAILURES_FILE = "failures.parquet"
+Part = tuple[Sequence[EpisodeRequest], Sequence[EpisodeResult]]
+Variables = Mapping[str, Sequence[str | None]]
 
 
 def write_results(
     bucket: Store,
     prefix: str | None,
     batch_id: str,
-    requests: Sequence[EpisodeRequest],
-    results: Sequence[EpisodeResult],
+    parts: Iterable[Part],
     *,
+    variables: Variables,
     metadata: Mapping[str, str],
-) -> dict[str, JsonValue]:
-    """Writes both tables and returns where they lie: ``results_url``, ``failures_url``, ``sha256s`` by file name.
+) -> tuple[dict[str, JsonValue], Tally]:
+    """Writes both tables; returns where they lie, and what the episodes came to.
 
-    Each file appears whole under ``<prefix>/<batch>/``; the same batch again writes the same bytes over them.
+    Where they lie is ``results_url``, ``failures_url``, and ``sha256s`` by file name. Each file appears whole under
+    ``<prefix>/<batch>/``; the same batch again writes the same bytes over them. No more than a part and a row group is
+    held in memory.
 
     Args:
         bucket: The output location's bucket.
         prefix: Its prefix, with or without slashes, or None.
         batch_id: The batch.
-        requests: All its episodes.
-        results: One for each request, in any order.
+        parts: All its episodes in the order of their indices, some at a time: requests, and a result for each.
+        variables: The values that each environment variable takes in the batch; None where an episode lacks it.
         metadata: For the files' footers: engine, versions, digests; no times, no places.
 
     Raises:
         ValueError: The requests and results do not pair up.
         StoreError: The bucket could not be written.
     """
-    tables = {
-        RESULTS_FILE: results_table(batch_id, requests, results),
-        FAILURES_FILE: failures_table(batch_id, requests, results),
-    }
     urls: dict[str, str] = {}
-    sha256s: dict[str, JsonValue] = {}
     with tempfile.TemporaryDirectory(prefix="simyard-results-") as folder:
-        for name, table in tables.items():
+        digests, tally = _write(Path(folder), batch_id, parts, variables, metadata)
+        for name in digests:
             key = output_key(prefix, f"{checked_name(batch_id, 'batch')}/{name}")
-            sha256s[name] = write_parquet(table, Path(folder) / name, metadata)
             bucket.upload(key, Path(folder) / name)
             urls[name] = f"{bucket.url}/{key}"
-    return {"results_url": urls[RESULTS_FILE], "failures_url": urls[FAILURES_FILE], "sha256s": sha256s}
+    where: dict[str, JsonValue] = {"results_url": urls[RESULTS_FILE], "failures_url": urls[FAILURES_FILE]}
+    return {**where, "sha256s": {**digests}}, tally
+
+
+def _write(
+    folder: Path, batch_id: str, parts: Iterable[Part], variables: Variables, metadata: Mapping[str, str]
+) -> tuple[dict[str, str], Tally]:
+    """Returns the SHA-256 of each file by name, and the tally."""
+    swept = sweep_variables(variables)
+    tally = Tally([name for name, values in variables.items() if len(values) > 1])
+    results_schema, failures_schema = extended_schemas(swept)
+    with (
+        ParquetFile(folder / RESULTS_FILE, results_schema, metadata) as results,
+        ParquetFile(folder / FAILURES_FILE, failures_schema, metadata) as failures,
+    ):
+        for requests, answers in parts:
+            tally.add(requests, answers)
+            results.add(results_table(batch_id, requests, answers, swept))
+            failures.add(failures_table(batch_id, requests, answers, swept))
+        return {RESULTS_FILE: results.sha256(), FAILURES_FILE: failures.sha256()}, tally

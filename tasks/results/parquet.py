@@ -1,40 +1,96 @@
-"""Parquet files whose bytes depend on the table and the metadata alone."""
+"""Parquet files whose bytes depend on the rows and the metadata alone, however the rows came."""
 
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-ROW_GROUP_ROWS = 65_536
+# So many rows of failures with long trajectories are some 60 MB in memory, and of results some 5 MB.
+ROW_GROUP_ROWS = 16_384
+
+
+class ParquetFile:
+    """A file that is written piece by piece, and holds one row group at most in memory.
+
+    Row groups have a fixed size however the pieces fall, compression is zstd, text is dictionary encoded, every column
+    has statistics. The only other thing that the bytes depend on is the version of pyarrow, which Parquet's footer
+    names.
+    """
+
+    def __init__(self, path: Path, schema: pa.Schema, metadata: Mapping[str, str] | None = None) -> None:
+        """Begins the file.
+
+        Args:
+            path: A local file, overwritten.
+            schema: Its metadata goes into the footer too.
+            metadata: More for the footer, such as engine and versions; no times, no paths.
+        """
+        footer = {**_text(schema.metadata), **(metadata or {})}
+        self._path = path
+        self._schema = schema.with_metadata(dict(sorted(footer.items())))
+        self._waiting: list[pa.Table] = []
+        self._rows = 0
+        self._writer = pq.ParquetWriter(
+            path,
+            self._schema,
+            version="2.6",
+            data_page_version="1.0",  # every reader has it
+            compression="zstd",
+            compression_level=3,
+            use_dictionary=True,
+            write_statistics=True,
+        )
+
+    def add(self, table: pa.Table) -> None:
+        """Appends rows.
+
+        Args:
+            table: With the columns of the schema.
+        """
+        if table.num_rows:
+            self._waiting.append(table.replace_schema_metadata(self._schema.metadata))
+            self._rows += table.num_rows
+        while self._rows >= ROW_GROUP_ROWS:
+            self._write(ROW_GROUP_ROWS)
+
+    def sha256(self) -> str:
+        """Returns the SHA-256 of the file, which is whole then."""
+        self._close()
+        with self._path.open("rb") as written:
+            return hashlib.file_digest(written, "sha256").hexdigest()
+
+    def _close(self) -> None:
+        if self._writer.is_open:
+            if self._rows:
+                self._write(self._rows)
+            self._writer.close()
+
+    def _write(self, rows: int) -> None:
+        whole = pa.concat_tables(self._waiting)
+        self._writer.write_table(whole.slice(0, rows), row_group_size=rows)
+        self._rows -= rows
+        self._waiting = [whole.slice(rows)] if self._rows else []
+
+    def __enter__(self) -> Self:
+        """Returns the file."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Closes the file."""
+        self._close()
 
 
 def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> str:
-    """Writes the table and returns the file's SHA-256.
-
-    Row groups have a fixed size, compression is zstd, text is dictionary encoded, every column has statistics. The
-    only other thing that the bytes depend on is the version of pyarrow, which Parquet's footer names.
-
-    Args:
-        table: Its schema's metadata goes into the footer too.
-        path: A local file, overwritten.
-        metadata: More for the footer, such as engine and versions; no times, no paths.
-    """
-    footer = {**_text(table.schema.metadata), **(metadata or {})}
-    pq.write_table(
-        table.replace_schema_metadata(dict(sorted(footer.items()))),
-        path,
-        row_group_size=ROW_GROUP_ROWS,
-        version="2.6",
-        data_page_version="1.0",  # every reader has it
-        compression="zstd",
-        compression_level=3,
-        use_dictionary=True,
-        write_statistics=True,
-    )
-    with path.open("rb") as written:
-        return hashlib.file_digest(written, "sha256").hexdigest()
+    """Writes a table that is there as a whole, and returns the file's SHA-256; see `ParquetFile`."""
+    with ParquetFile(path, table.schema, metadata) as file:
+        file.add(table)
+        return file.sha256()
 
 
 def _text(metadata: Mapping[bytes, bytes] | None) -> dict[str, str]:

@@ -2,9 +2,26 @@
 
 from collections.abc import Sequence
 
+from specs.base import Spec
 from specs.episode import EpisodeRequest, EpisodeResult
 
 CANCELED = "Canceled"
+
+
+class EpisodeCounts(Spec):
+    """How many of a batch's episodes came to what.
+
+    Attributes:
+        episodes: How many were counted; canceled ones are not.
+        successes: How many of them passed.
+        failed_jobs: How many of them have a failure code instead of an outcome to rely on.
+        canceled: How many were canceled.
+    """
+
+    episodes: int
+    successes: int
+    failed_jobs: int
+    canceled: int
 
 
 def success(result: EpisodeResult) -> bool | None:

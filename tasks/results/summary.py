@@ -1,14 +1,16 @@
 """What a person wants to see of a batch: how often it went well, by world and by swept value, and why not."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Mapping, Sequence
 
 from specs.base import Spec
 from specs.episode import EpisodeRequest, EpisodeResult
 from tasks.results.statistics import Interval, wilson
-from tasks.results.success import paired, reason, success
+from tasks.results.success import EpisodeCounts, paired, reason, success
 
-_Episode = tuple[EpisodeRequest, EpisodeResult]
+_NOT_SET = "(not set)"
+# Of each kind of answer, how many: whether it passed (None: canceled), why not, and whether the job itself failed.
+_Counts = Counter[tuple[bool | None, str, bool]]
 
 
 class Group(Spec):
@@ -51,22 +53,52 @@ class BatchSummary(Spec):
     by_variable: tuple[tuple[str, tuple[Group, ...]], ...]
 
 
-def summarise(
-    requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult], *, confidence: float = 0.95
-) -> BatchSummary:
-    """Returns the groups of a batch.
+class Tally:
+    """Counts of a batch's episodes, taken part by part; what it holds grows with groups and not with episodes."""
 
-    Raises:
-        ValueError: The requests and results do not pair up.
-    """
-    episodes = paired(requests, results)
-    variables = sorted({name for request in requests for name in request.environment})
-    swept = [name for name in variables if len({request.environment.get(name) for request in requests}) > 1]
-    return BatchSummary(
-        total=_group("all", episodes, confidence),
-        by_world=_groups(episodes, lambda request: request.world, confidence),
-        by_variable=tuple((name, _groups(episodes, _valued(name), confidence)) for name in swept),
-    )
+    def __init__(self, variables: Sequence[str] = ()) -> None:
+        """Begins to count.
+
+        Args:
+            variables: Environment variables that have more than one value in the batch: each value is a group.
+        """
+        self.simulated_s = 0.0
+        self._total: _Counts = Counter()
+        self._worlds: dict[str, _Counts] = {}
+        self._variables: dict[str, dict[str, _Counts]] = {name: {} for name in sorted(variables)}
+        self._samples: dict[str, str] = {}
+
+    def add(self, requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]) -> None:
+        """Counts episodes.
+
+        Raises:
+            ValueError: The requests and results do not pair up.
+        """
+        for request, result in paired(requests, results):
+            kind = (success(result), reason(result), result.status == "Failed")
+            self.simulated_s += result.simulated_s
+            self._total[kind] += 1
+            self._worlds.setdefault(request.world, Counter())[kind] += 1
+            for name, groups in self._variables.items():
+                groups.setdefault(request.environment.get(name, _NOT_SET), Counter())[kind] += 1
+            if kind[0] is False:
+                self._samples.setdefault(kind[1], result.failure_reason)
+
+    def counts(self) -> EpisodeCounts:
+        """Returns what a gate judges by."""
+        return _counted(self._total)
+
+    def summary(self, confidence: float = 0.95) -> BatchSummary:
+        """Returns the groups of the batch so far."""
+        return BatchSummary(
+            total=_group("all", self._total, confidence),
+            by_world=_groups(self._worlds, confidence),
+            by_variable=tuple((name, _groups(values, confidence)) for name, values in self._variables.items()),
+        )
+
+    def why_not(self) -> list[tuple[str, int, str]]:
+        """Returns why episodes did not pass, most frequent first: the reason, how many, and what the first one says."""
+        return [(name, count, self._samples[name]) for name, count in _reasons(self._total)]
 
 
 def summary_rows(summary: BatchSummary) -> list[tuple[str, str, str, str, str]]:
@@ -74,16 +106,6 @@ def summary_rows(summary: BatchSummary) -> list[tuple[str, str, str, str, str]]:
     groups = [("", summary.total), *(("", group) for group in summary.by_world)]
     groups += [(f"{name}=", group) for name, values in summary.by_variable for group in values]
     return [_row(prefix, group) for prefix, group in groups]
-
-
-def why_not(results: Sequence[EpisodeResult]) -> list[tuple[str, int, str]]:
-    """Returns why episodes did not pass, most frequent first: the reason, how many, and what one of them says."""
-    failed = [result for result in results if success(result) is False]
-    counts = Counter(reason(result) for result in failed)
-    samples = {reason(result): result.failure_reason for result in reversed(failed)}
-    return [
-        (name, count, samples[name]) for name, count in sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
-    ]
 
 
 def summary_text(summary: BatchSummary) -> str:
@@ -94,31 +116,37 @@ def summary_text(summary: BatchSummary) -> str:
     return "\n".join(lines)
 
 
-def _valued(name: str) -> Callable[[EpisodeRequest], str]:
-    return lambda request: request.environment.get(name, "(not set)")
+def _counted(counts: _Counts) -> EpisodeCounts:
+    canceled = sum(count for (answer, _, _), count in counts.items() if answer is None)
+    return EpisodeCounts(
+        episodes=counts.total() - canceled,
+        successes=sum(count for (answer, _, _), count in counts.items() if answer),
+        failed_jobs=sum(count for (_, _, failed), count in counts.items() if failed),
+        canceled=canceled,
+    )
 
 
-def _groups(
-    episodes: Iterable[_Episode], label: Callable[[EpisodeRequest], str], confidence: float
-) -> tuple[Group, ...]:
-    members: dict[str, list[_Episode]] = {}
-    for episode in episodes:
-        members.setdefault(label(episode[0]), []).append(episode)
-    return tuple(_group(name, members[name], confidence) for name in members)
+def _reasons(counts: _Counts) -> list[tuple[str, int]]:
+    reasons: Counter[str] = Counter()
+    for (answer, why, _), count in counts.items():
+        if answer is False:
+            reasons[why] += count
+    return sorted(reasons.items(), key=lambda pair: (-pair[1], pair[0]))
 
 
-def _group(label: str, episodes: Sequence[_Episode], confidence: float) -> Group:
-    answers = [success(result) for _, result in episodes]
-    successes, canceled = answers.count(True), answers.count(None)
-    reasons = Counter(reason(result) for _, result in episodes if success(result) is False)
-    counted = len(answers) - canceled
+def _groups(members: Mapping[str, _Counts], confidence: float) -> tuple[Group, ...]:
+    return tuple(_group(label, counts, confidence) for label, counts in members.items())
+
+
+def _group(label: str, counts: _Counts, confidence: float) -> Group:
+    found = _counted(counts)
     return Group(
         label=label,
-        episodes=counted,
-        successes=successes,
-        canceled=canceled,
-        interval=wilson(successes, counted, confidence),
-        reasons=tuple(sorted(reasons.items(), key=lambda pair: (-pair[1], pair[0]))),
+        episodes=found.episodes,
+        successes=found.successes,
+        canceled=found.canceled,
+        interval=wilson(found.successes, found.episodes, confidence),
+        reasons=tuple(_reasons(counts)),
     )
 
 

@@ -1,31 +1,60 @@
-"""A batch as a job: opened once, its chunks committed one by one, closed when all are there.
+"""A batch as a job: opened once, its chunks committed one by one, closed when all are there (semantics 4).
+
+    Pending -> InProgress -> Completing -> Completed | Failed
+               InProgress -> Canceling -> Canceled        somebody cancelled it
+               InProgress -> TimingOut -> TimedOut        its wall time is over
 
 A chunk is committed by creating one immutable object. Killed anywhere, a batch goes on with the chunks that are
 missing, and since a chunk's results depend on the plan alone, an unbroken run would have written the same bytes.
 """
 
-import json
-import logging
-from collections.abc import Callable, Iterator, Mapping
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from pydantic import JsonValue
 
-from specs.episode import EpisodeRequest, EpisodeResult, unfinished
-from specs.errors import ObjectExists, ObjectNotFound
-from specs.world import World
-from tasks.simulate.batch_plan import BatchPlan, episodes
-from tasks.simulate.chunks import Chunk, plan_chunks
-from tasks.storage.keys import chunk_key, world_key
-from tasks.storage.records import JobRecord, advance, submit
+from specs.base import Fault
+from specs.errors import ResourceNotFound
+from tasks.simulate.batch_plan import BatchPlan
+from tasks.simulate.layout import Layout
+from tasks.storage.opening import open_store
+from tasks.storage.records import JobRecord, advance, read, submit
 from tasks.storage.store import Store
 
-logger = logging.getLogger(__name__)
 KIND = "simulation-job-batch"
-Simulate = Callable[[Chunk, Mapping[str, World]], list[EpisodeResult]]
+STOPPING = frozenset({"Canceling", "TimingOut"})
+GOING = frozenset({"Pending", "InProgress"})
+_LAYOUTS_KEPT = 4
+_CANCELED_JOB = "canceledJob/"
+
+
+@dataclass(frozen=True)
+class OpenBatch:
+    """A batch that is being worked on.
+
+    Attributes:
+        store: Where its record, worlds and chunks are.
+        id: Its id.
+        layout: Its episodes and chunks.
+    """
+
+    store: Store
+    id: str
+    layout: Layout
+
+    @property
+    def plan(self) -> BatchPlan:
+        """Returns what it runs."""
+        return self.layout.plan
+
+    def record(self) -> JobRecord:
+        """Returns its record as it stands now."""
+        return read(self.store, KIND, self.id)
 
 
 def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], token: str) -> JobRecord:
-    """Returns the batch of the token, in progress unless it has ended.
+    """Returns the batch of the token, in progress unless it is being stopped or has ended.
 
     Args:
         store: Where the record is kept.
@@ -37,7 +66,16 @@ def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], tok
         IdempotentParameterMismatch: The token came with another batch before.
     """
     record = submit(store, KIND, {"request": request, "plan": plan.model_dump(mode="json")}, token)
-    return advance(store, KIND, record.id, "InProgress")
+    return advance(store, KIND, record.id, "InProgress", only_from={"Pending"})
+
+
+def opened(store: Store, batch: str) -> OpenBatch:
+    """Returns a batch that was opened before.
+
+    Raises:
+        ResourceNotFound: No such batch.
+    """
+    return OpenBatch(store, batch, _layout(store.url, batch))
 
 
 def plan_of(record: JobRecord) -> BatchPlan:
@@ -45,43 +83,56 @@ def plan_of(record: JobRecord) -> BatchPlan:
     return BatchPlan.model_validate(record.request["plan"])
 
 
-def chunks_of(plan: BatchPlan) -> list[Chunk]:
-    """Returns the batch's chunks; the same ones at every call."""
-    return plan_chunks(list(episodes(plan)), plan.lanes)
+def time_out(batch: OpenBatch) -> JobRecord:
+    """Returns the record of a batch that begins no more episodes, because its wall time is over."""
+    return advance(batch.store, KIND, batch.id, "TimingOut", only_from={"InProgress"})
 
 
-def commit_chunk(store: Store, batch: str, chunk: Chunk, simulate: Simulate) -> list[EpisodeResult]:
-    """Returns a chunk's results: the committed ones, or new ones, which are committed if no lane was cancelled.
+def complete(batch: OpenBatch) -> JobRecord:
+    """Returns the record of a batch whose episodes all have their end, one way or another; only tables are missing."""
+    return advance(batch.store, KIND, batch.id, "Completing", only_from={"InProgress"})
+
+
+def ending(record: JobRecord, failed_inside: int) -> tuple[str, str]:
+    """Returns the terminal state that a batch goes to, and why (semantics 4).
+
+    Args:
+        record: As it stood when its last episode ended.
+        failed_inside: How many jobs failed with InternalServiceError: others that Failed do not fail the batch.
+    """
+    if failed_inside:
+        return "Failed", f"{failed_inside} jobs could not be simulated; their rows say why"
+    if record.status == "Canceling":
+        return "Canceled", "canceled on request"
+    if record.status == "TimingOut":
+        return "TimedOut", f"the batch's {plan_of(record).timeout_s:.0f} s were over"
+    return "Completed", ""
+
+
+def job_of(store: Store, path: str) -> tuple[OpenBatch, int]:
+    """Returns the batch and the index of the job ``<batch>/<index>``.
 
     Raises:
-        ObjectNotFound: A world of the chunk is not in the store.
+        ResourceNotFound: No such batch, or it has no such job.
     """
-    committed = committed_chunk(store, batch, chunk.number)
-    if committed is not None:
-        return committed
-    results = simulate(chunk, _worlds(store, chunk.requests))
-    if any(result.status == "Canceled" for result in results):
-        return results
-    try:
-        store.create(chunk_key(batch, chunk.number), _encoded(results))
-    except ObjectExists:
-        logger.info("chunk %d of %s was committed by another process", chunk.number, batch)
-    return results
+    name, _, number = path.partition("/")
+    batch = opened(store, name)
+    jobs = batch.layout.episodes
+    index = int(number) if number.isdecimal() else -1
+    if not 0 <= index < jobs or number != str(index):
+        allowed = f"{name}/0 to {name}/{jobs - 1}"
+        raise ResourceNotFound([Fault(path="simulation-job", value=repr(path), allowed=allowed)])
+    return batch, index
 
 
-def committed_chunk(store: Store, batch: str, number: int) -> list[EpisodeResult] | None:
-    """Returns the results of a chunk that was committed, or None."""
-    try:
-        body = store.get(chunk_key(batch, number)).body
-    except ObjectNotFound:
-        return None
-    return [EpisodeResult.model_validate(row) for row in json.loads(body)]
+def canceled_job_mark(index: int) -> str:
+    """Returns the key in a batch's detail that says that a job was cancelled by itself."""
+    return f"{_CANCELED_JOB}{index}"
 
 
-def canceled_chunk(chunk: Chunk, reason: str) -> Iterator[EpisodeResult]:
-    """Yields a Canceled row for each episode of a chunk that was never started."""
-    for request in chunk.requests:
-        yield unfinished(request.index, "Canceled", failure_code="BatchTimedOut", failure_reason=reason)
+def canceled_jobs(record: JobRecord) -> frozenset[int]:
+    """Returns the indices of the jobs that were cancelled by themselves."""
+    return frozenset(int(key.removeprefix(_CANCELED_JOB)) for key in record.detail if key.startswith(_CANCELED_JOB))
 
 
 def close_batch(
@@ -92,26 +143,7 @@ def close_batch(
     return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))
 
 
-def _worlds(store: Store, requests: tuple[EpisodeRequest, ...]) -> dict[str, World]:
-    return {reference: read_world(store, reference) for reference in sorted({request.world for request in requests})}
-
-
-def read_world(store: Store, reference: str) -> World:
-    """Returns the world ``<generation>/<world>``.
-
-    Raises:
-        ObjectNotFound: It is not in the store.
-    """
-    generation, _, name = reference.partition("/")
-    return World.model_validate_json(store.get(world_key(generation, name)).body)
-
-
-def _encoded(results: list[EpisodeResult]) -> bytes:
-    rows = [result.model_dump(mode="json") for result in results]
-    return json.dumps(rows, sort_keys=True, separators=(",", ":")).encode()
-
-
-def committed_results(store: Store, record: JobRecord) -> list[EpisodeResult]:
-    """Returns the results of a batch's committed chunks, by chunk."""
-    chunks = chunks_of(plan_of(record))
-    return [result for chunk in chunks for result in committed_chunk(store, record.id, chunk.number) or ()]
+@functools.lru_cache(maxsize=_LAYOUTS_KEPT)
+def _layout(store_url: str, batch: str) -> Layout:
+    """Returns a batch's layout; kept, because a plan never changes and a large one takes a while to read."""
+    return Layout(plan_of(read(open_store(store_url), KIND, batch)))

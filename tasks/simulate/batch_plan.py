@@ -1,14 +1,13 @@
 """What a batch is going to run: its job templates multiplied by worlds, seeds and parameters."""
 
-import itertools
-from collections.abc import Iterator
 from typing import Literal
 
 from specs.base import Spec
-from specs.episode import ApplicationLaunch, EpisodeRequest
+from specs.episode import ApplicationLaunch
 
-# More lanes than this bring no speed on a CPU, and cost memory (physics.md: flat from 256 lanes).
-MOST_LANES = 256
+# A CPU gains nothing from more lanes (physics.md: flat from 256 on), and a chunk that is lost costs what it took.
+DEFAULT_LANES = 256
+MOST_LANES = 4096
 _LANE_STEP = 16
 
 
@@ -18,7 +17,7 @@ class JobTemplate(Spec):
     Attributes:
         environment: The launch configurations' variables; the robot's win over the scenario's.
         duration_s: Simulated seconds at most.
-        worlds: ``<generation>/<world>``; the request's own world, or the matrix's.
+        worlds: ``<generation>/<world>`` of the request's own world; empty for the matrix's worlds.
     """
 
     robot: ApplicationLaunch
@@ -26,22 +25,27 @@ class JobTemplate(Spec):
     environment: dict[str, str]
     duration_s: float
     failure_behavior: Literal["Fail", "Continue"]
-    worlds: tuple[str, ...]
+    worlds: tuple[str, ...] = ()
 
 
 class BatchPlan(Spec):
     """A batch, resolved: the same plan always gives the same rows.
 
+    It grows with the requests, worlds, seeds and values of a document, never with their product: what is multiplied
+    out is computed by ``tasks.simulate.layout``.
+
     Attributes:
+        worlds: ``<generation>/<world>`` of each world of the matrix.
         seeds: One episode for each, world and parameter set.
         sweep: Environment variables by name, each with the values to try.
-        lanes: Episodes in one compiled program.
+        lanes: Episodes in one chunk, at most.
         timeout_s: Wall seconds of work after which what is left is cancelled.
         world_digests: SHA-256 of each world's document.
         engine: The engine asked for.
     """
 
     templates: tuple[JobTemplate, ...]
+    worlds: tuple[str, ...]
     seeds: tuple[int, ...]
     sweep: dict[str, tuple[str, ...]]
     lanes: int
@@ -54,42 +58,36 @@ class BatchPlan(Spec):
         launches = (launch for template in self.templates for launch in (template.robot, template.scenario))
         return tuple(dict.fromkeys(launch.digest for launch in launches))
 
+    def worlds_of(self, template: JobTemplate) -> tuple[str, ...]:
+        """Returns the worlds that a request is multiplied by."""
+        return template.worlds or self.worlds
 
-def episodes(plan: BatchPlan) -> Iterator[EpisodeRequest]:
-    """Yields the batch's episodes in order: by request, world, parameter set, seed."""
-    names = sorted(plan.sweep)
-    settings = [dict(zip(names, values, strict=True)) for values in itertools.product(*(plan.sweep[n] for n in names))]
-    index = 0
-    for template in plan.templates:
-        for world, setting, seed in itertools.product(template.worlds, settings, plan.seeds):
-            yield EpisodeRequest(
-                index=index,
-                world=world,
-                seed=seed,
-                robot=template.robot,
-                scenario=template.scenario,
-                environment={**template.environment, **setting},
-                duration_s=template.duration_s,
-                failure_behavior=template.failure_behavior,
-            )
-            index += 1
+    def worlds_used(self) -> dict[str, str]:
+        """Returns the SHA-256 of each world that an episode runs in, by ``<generation>/<world>``.
 
+        Raises:
+            KeyError: The digest of one is not known.
+        """
+        used = dict.fromkeys(world for template in self.templates for world in self.worlds_of(template))
+        return {world: self.world_digests[world] for world in used}
 
-def episode_count(plan: BatchPlan) -> int:
-    """Returns how many episodes the plan has, without making them."""
-    settings = 1
-    for values in plan.sweep.values():
-        settings *= len(values)
-    return sum(len(template.worlds) for template in plan.templates) * settings * len(plan.seeds)
+    def variables(self) -> dict[str, tuple[str | None, ...]]:
+        """Returns the values that each environment variable takes, in order; None where an episode does not set it."""
+        names = sorted({name for template in self.templates for name in template.environment} | self.sweep.keys())
+        return {name: self.sweep.get(name) or self._own_values(name) for name in names}
+
+    def _own_values(self, name: str) -> tuple[str | None, ...]:
+        return tuple(dict.fromkeys(template.environment.get(name) for template in self.templates))
 
 
 def lane_count(max_concurrency: int | None, episodes_in_all: int) -> int:
     """Returns how many lanes a chunk has.
 
     It depends on the document alone and never on the machine, so that chunks, and with them results, are the same
-    everywhere. ``maxConcurrency`` bounds it, as it bounded RoboMaker's active jobs; a small batch is rounded up to a
+    everywhere; a machine that has too little memory for so many runs a chunk in parts (`tasks.simulate.fitting`).
+    ``maxConcurrency`` is the number, as it was the number of RoboMaker's active jobs; a small batch is rounded up to a
     multiple of 16 so that it shares its compilation with others.
     """
-    most = min(max_concurrency or MOST_LANES, MOST_LANES)
+    most = min(max_concurrency or DEFAULT_LANES, MOST_LANES)
     rounded = -(-episodes_in_all // _LANE_STEP) * _LANE_STEP
     return max(1, min(most, rounded))

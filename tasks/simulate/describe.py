@@ -1,39 +1,52 @@
-"""Batches and simulation jobs in RoboMaker's words.
+"""Batches and simulation jobs in RoboMaker's words (semantics 3 and 4).
 
 A job is `<batch>/<index>`; nothing is stored for it alone. What was asked of it follows from the batch's plan, and what
-came of it stands in its chunk.
+came of it stands in its chunk. A job is *pending* until its chunk is begun, *created* from then on; in a batch that
+ended before it was begun it is *failed*: it never became a job.
 """
 
 import itertools
-from typing import cast
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import TypeVar
 
-from pydantic import JsonValue
-
-from specs.arn import arn
+from specs.arn import parse_reference
 from specs.base import Fault
-from specs.episode import EpisodeRequest, EpisodeResult
-from specs.errors import ResourceNotFound
-from specs.simulation_batch import StartSimulationJobBatchRequest
+from specs.errors import DocumentError, ResourceNotFound
+from specs.simulation import ListSimulationJobsRequest
+from specs.simulation_batch import MAX_REQUESTS, StartSimulationJobBatchRequest
 from specs.simulation_descriptions import (
+    BatchDescribeSimulationJobResponse,
     DescribeSimulationJobBatchResponse,
     DescribeSimulationJobResponse,
+    ListSimulationJobsResponse,
+    SimulationJob,
     SimulationJobBatchSummary,
     SimulationJobSummary,
 )
-from tasks.simulate.batch import KIND, chunks_of, committed_chunk, committed_results, plan_of
-from tasks.simulate.batch_plan import BatchPlan, episode_count, episodes
-from tasks.storage.opening import store_id
-from tasks.storage.records import JobRecord, is_terminal, read, records
+from tasks.simulate.batch import KIND, job_of
+from tasks.simulate.job_states import Jobs
+from tasks.storage.records import records
 from tasks.storage.store import Store
+
+T = TypeVar("T")
+_PAGE = 1000
+_FILTERED: Mapping[str, Callable[[SimulationJobSummary], tuple[str, ...]]] = {
+    "status": lambda job: (str(job.status),),
+    "robotApplicationName": lambda job: job.robotApplicationNames or (),
+    "simulationApplicationName": lambda job: job.simulationApplicationNames or (),
+}
 
 
 def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchResponse:
-    """Returns a batch with a summary of each of its jobs.
+    """Returns a batch with its pending, created and failed requests, at most 1,000 of each.
+
+    That is as many as RoboMaker's batches had; a matrix may make more, and `list_jobs` yields them all.
 
     Raises:
         ResourceNotFound: No such batch.
     """
-    record = read(store, KIND, batch)
+    jobs = Jobs(store, batch)
+    record = jobs.record
     request = StartSimulationJobBatchRequest.model_validate(record.request["request"])
     return DescribeSimulationJobBatchResponse(
         arn=record.arn,
@@ -44,30 +57,57 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
         failureCode=record.failure_code or None,  # pyright: ignore[reportArgumentType] - as above
         failureReason=record.failure_reason or None,
         batchPolicy=request.batchPolicy,
-        createdRequests=tuple(_summaries(store, record)),
+        pendingRequests=_few(jobs.pending()),
+        createdRequests=_few(jobs.created()) or (),
+        failedRequests=_few(jobs.failed()),
         tags=request.tags,
     )
 
 
 def list_batches(store: Store) -> list[SimulationJobBatchSummary]:
     """Returns all batches, oldest first."""
-    return [
-        SimulationJobBatchSummary(
-            arn=record.arn,
-            createdAt=record.created_at_s,
-            lastUpdatedAt=record.updated_at_s,
-            status=record.status,  # pyright: ignore[reportArgumentType] - as above
-            createdRequestCount=episode_count(plan_of(record)),
-            failedRequestCount=0,
-            pendingRequestCount=0,
+    summaries: list[SimulationJobBatchSummary] = []
+    for record in records(store, KIND):
+        counts = Jobs(store, record.id).counts()
+        summaries.append(
+            SimulationJobBatchSummary(
+                arn=record.arn,
+                createdAt=record.created_at_s,
+                lastUpdatedAt=record.updated_at_s,
+                status=record.status,  # pyright: ignore[reportArgumentType] - as above
+                pendingRequestCount=counts.pending,
+                createdRequestCount=counts.created,
+                failedRequestCount=counts.failed,
+            )
         )
-        for record in records(store, KIND)
-    ]
+    return summaries
 
 
-def list_jobs(store: Store) -> list[SimulationJobSummary]:
-    """Returns the jobs of all batches, by batch and index."""
-    return [summary for record in records(store, KIND) for summary in _summaries(store, record)]
+def list_jobs(store: Store) -> Iterator[SimulationJobSummary]:
+    """Yields the jobs of all batches, by batch and index; what never became a job is none."""
+    return (summary for _, summary in _jobs_from(store, "", 0))
+
+
+def list_jobs_page(store: Store, request: ListSimulationJobsRequest) -> ListSimulationJobsResponse:
+    """Returns one page of the jobs of all batches.
+
+    Args:
+        store: Where the batches are.
+        request: Pages hold 1,000 jobs if it does not say. Filters are ``status``, ``robotApplicationName`` and
+            ``simulationApplicationName``; several are alternatives.
+
+    Raises:
+        DocumentError: The token is none that a page gave, or a filter has another name.
+    """
+    batch, index = _position(request.nextToken)
+    wanted = _filters(request)
+    found = ((at, job) for at, job in _jobs_from(store, batch, index) if wanted(job))
+    page = list(itertools.islice(found, (request.maxResults or _PAGE) + 1))
+    more = len(page) > (request.maxResults or _PAGE)
+    return ListSimulationJobsResponse(
+        simulationJobSummaries=tuple(job for _, job in (page[:-1] if more else page)),
+        nextToken=page[-1][0] if more else None,
+    )
 
 
 def describe_job(store: Store, path: str) -> DescribeSimulationJobResponse:
@@ -80,86 +120,74 @@ def describe_job(store: Store, path: str) -> DescribeSimulationJobResponse:
     Raises:
         ResourceNotFound: No such batch, or it has no such job.
     """
-    batch, _, number = path.partition("/")
-    record = read(store, KIND, batch)
-    plan = plan_of(record)
-    index = int(number) if number.isdecimal() else -1
-    if not 0 <= index < episode_count(plan):
-        allowed = f"{batch}/0 to {batch}/{episode_count(plan) - 1}"
-        raise ResourceNotFound([Fault(path="simulation-job", value=repr(path), allowed=allowed)])
-    request = next(itertools.islice(episodes(plan), index, None))
-    return DescribeSimulationJobResponse.model_validate(
-        {
-            **_asked(record, plan, request),
-            **_state(record, _result(store, record, plan, index)),
-            "arn": _arn(store, record, index),
-            "lastUpdatedAt": record.updated_at_s,
-        }
-    )
+    batch, index = job_of(store, path)
+    return DescribeSimulationJobResponse.model_validate(Jobs(store, batch.id).described(index))
 
 
-def _summaries(store: Store, record: JobRecord) -> list[SimulationJobSummary]:
-    plan = plan_of(record)
-    results = {result.index: result for result in committed_results(store, record)}
-    identifier = store_id(store)
-    return [
-        SimulationJobSummary.model_validate(
-            {
-                "arn": arn("simulation-job", identifier, f"{record.id}/{request.index}"),
-                "lastUpdatedAt": record.updated_at_s,
-                "name": f"{record.id}-{request.index}",
-                "status": _state(record, results.get(request.index))["status"],
-                "robotApplicationNames": (request.robot.name,),
-                "simulationApplicationNames": (request.scenario.name,),
-            }
-        )
-        for request in episodes(plan)
-    ]
+def batch_describe_jobs(store: Store, jobs: Sequence[str]) -> BatchDescribeSimulationJobResponse:
+    """Returns several jobs, and the ARNs of those that do not exist.
+
+    Args:
+        store: Where their batches are.
+        jobs: ARNs, at most 100.
+    """
+    found: list[SimulationJob] = []
+    missing: list[str] = []
+    for arn in jobs:
+        try:
+            found.append(SimulationJob.model_validate(describe_job(store, _job_path(arn)).model_dump()))
+        except ResourceNotFound:
+            missing.append(arn)
+    return BatchDescribeSimulationJobResponse(jobs=tuple(found) or None, unprocessedJobs=tuple(missing) or None)
 
 
-def _result(store: Store, record: JobRecord, plan: BatchPlan, index: int) -> EpisodeResult | None:
-    for chunk in chunks_of(plan):
-        if any(request.index == index for request in chunk.requests):
-            results = committed_chunk(store, record.id, chunk.number) or []
-            return next((result for result in results if result.index == index), None)
-    return None
+def _job_path(reference: str) -> str:
+    """Returns ``<batch>/<index>`` of a job's ARN; what is none is as unknown as a job that is gone.
+
+    Raises:
+        ResourceNotFound: It names no job.
+    """
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise _unknown(reference) from exc
+    if parsed.kind not in {None, "simulation-job"}:
+        raise _unknown(reference)
+    return parsed.path
 
 
-def _state(record: JobRecord, result: EpisodeResult | None) -> dict[str, JsonValue]:
-    if result is None:
-        return {"status": "Canceled" if is_terminal(record) else "Pending"}
-    state: dict[str, JsonValue] = {"status": result.status, "simulationTimeMillis": round(1000 * result.simulated_s)}
-    if result.failure_code:
-        state |= {"failureCode": result.failure_code, "failureReason": result.failure_reason}
-    return state
+def _unknown(reference: str) -> ResourceNotFound:
+    return ResourceNotFound([Fault(path="jobs", value=repr(reference), allowed="the ARN of a simulation job")])
 
 
-def _asked(record: JobRecord, plan: BatchPlan, request: EpisodeRequest) -> dict[str, JsonValue]:
-    """Returns the entry of the batch that the job came from, with its own world and variables."""
-    document = cast("dict[str, list[dict[str, JsonValue]]]", record.request["request"])
-    entry = dict(document["createSimulationJobRequests"][_template_number(plan, request.index)])
-    for kind, resolved in (("robotApplications", request.robot), ("simulationApplications", request.scenario)):
-        (use,) = cast("list[dict[str, JsonValue]]", entry[kind])
-        launch: dict[str, JsonValue] = {
-            **cast("dict[str, JsonValue]", use["launchConfig"]),
-            "environmentVariables": {**request.environment},
-        }
-        entry[kind] = [{**use, "applicationVersion": resolved.version, "launchConfig": launch}]
-    (scenario,) = cast("list[dict[str, JsonValue]]", entry["simulationApplications"])
-    world = arn("world", record.arn.split(":")[3], request.world)
-    entry["simulationApplications"] = [{**scenario, "worldConfigs": [{"world": world}]}]
-    # Kept in the request for old documents; RoboMaker's answer has no place for them.
-    return {key: value for key, value in entry.items() if key in DescribeSimulationJobResponse.model_fields}
+def _jobs_from(store: Store, batch: str, index: int) -> Iterator[tuple[str, SimulationJobSummary]]:
+    """Yields jobs, each after its place ``<batch>/<index>``, from a place on; an empty batch is the first."""
+    skipped = itertools.dropwhile(lambda record: batch not in {"", record.id}, records(store, KIND))
+    for record in skipped:
+        for summary in Jobs(store, record.id).created(index if record.id == batch else 0):
+            yield str(summary.arn).rpartition(":")[2], summary
 
 
-def _template_number(plan: BatchPlan, index: int) -> int:
-    settings = episode_count(plan) // sum(len(template.worlds) for template in plan.templates)
-    for number, template in enumerate(plan.templates):
-        index -= len(template.worlds) * settings
-        if index < 0:
-            return number
-    raise IndexError(index)
+def _position(token: str | None) -> tuple[str, int]:
+    batch, _, index = (token or "/0").partition("/")
+    if not index.isdecimal():
+        raise _refused("nextToken", str(token), "the nextToken of a page")
+    return batch, int(index)
 
 
-def _arn(store: Store, record: JobRecord, index: int) -> str:
-    return arn("simulation-job", store_id(store), f"{record.id}/{index}")
+def _filters(request: ListSimulationJobsRequest) -> Callable[[SimulationJobSummary], bool]:
+    pairs: list[tuple[str, str]] = []
+    for each in request.filters or ():
+        name = each.name or ""
+        if name not in _FILTERED:
+            raise _refused("filters.name", name, f"one of {', '.join(_FILTERED)}")
+        pairs += [(name, value) for value in each.values or ()]
+    return lambda job: not pairs or any(value in _FILTERED[name](job) for name, value in pairs)
+
+
+def _refused(path: str, value: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path=path, value=repr(value), allowed=allowed)], source="simyard")
+
+
+def _few(found: Iterable[T]) -> tuple[T, ...] | None:
+    return tuple(itertools.islice(found, MAX_REQUESTS)) or None

@@ -10,7 +10,8 @@ from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.pipeline_simulation import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline_simulation import PipelineSimulationApplication as ScenarioUse
-from tasks.simulate.batch_plan import BatchPlan, JobTemplate, episode_count, lane_count
+from tasks.simulate.batch_plan import BatchPlan, JobTemplate, lane_count
+from tasks.simulate.layout import Layout
 
 FindVersion = Callable[[ApplicationKind, str, str | None], Version]
 _REQUESTS = "simulationBatch.createSimulationJobRequests"
@@ -40,12 +41,13 @@ def plan_batch(
     if faults:
         raise DocumentError(faults)
     templates = tuple(
-        _template(f"{_REQUESTS}[{number}]", request, worlds, find_version)
+        _template(f"{_REQUESTS}[{number}]", request, find_version)
         for number, request in enumerate(section.createSimulationJobRequests)
     )
     policy = section.batchPolicy
     plan = BatchPlan(
         templates=templates,
+        worlds=tuple(worlds),
         seeds=seed_list(section),
         sweep={name: tuple(values) for name, values in section.matrix.environmentVariables.items()},
         lanes=1,
@@ -53,7 +55,7 @@ def plan_batch(
         world_digests=dict(world_digests),
         engine=section.engine,
     )
-    return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, episode_count(plan))})
+    return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes)})
 
 
 def seed_list(section: SimulationBatch) -> tuple[int, ...]:
@@ -93,10 +95,9 @@ def output_location(section: SimulationBatch) -> OutputLocation:
     return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
-def _template(where: str, request: PipelineJobRequest, worlds: Sequence[str], find_version: FindVersion) -> JobTemplate:
+def _template(where: str, request: PipelineJobRequest, find_version: FindVersion) -> JobTemplate:
     robot = next(iter(request.robotApplications or ()))
     scenario = next(iter(request.simulationApplications or ()))
-    own = [parse_reference(world).path for world in _own_worlds(request)]
     return JobTemplate(
         robot=_launch(f"{where}.robotApplications[0]", "robot-application", robot, find_version),
         scenario=_launch(f"{where}.simulationApplications[0]", "simulation-application", scenario, find_version),
@@ -106,7 +107,7 @@ def _template(where: str, request: PipelineJobRequest, worlds: Sequence[str], fi
         },
         duration_s=float(request.maxJobDurationInSeconds),
         failure_behavior=request.failureBehavior or "Fail",
-        worlds=tuple(own or worlds),
+        worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
     )
 
 

@@ -12,7 +12,7 @@ from specs.digests import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline import PipelineSpec
 from tasks.applications.publishing import applications, publish
-from tasks.simulate.batch_plan import episodes
+from tasks.simulate.layout import Layout
 from tasks.simulate.resolving import output_location
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
@@ -100,7 +100,7 @@ def test_a_request_with_its_own_world_keeps_it_to_itself(file_store: Store):
     spec = _spec(simulationBatch=batch)
     assert spec.simulationBatch is not None
     plan = batch_plan(spec.simulationBatch, (), file_store, finder(file_store, {}))
-    assert [request.world for request in episodes(plan)] == [mine, theirs]
+    assert [request.world for request in Layout(plan).requests()] == [mine, theirs]
     assert set(plan.world_digests) == {mine, theirs}
 
 

@@ -18,7 +18,9 @@ REQUESTS = [request(index) for index in range(5)]
 
 def written(folder: Path, bucket: str = "results", batch_id: str = "simb-1") -> tuple[dict[str, object], Path]:
     opened = open_bucket(open_store(folder.as_uri()), bucket)
-    detail = write_results(opened, "/nightly/", batch_id, REQUESTS, RESULTS, metadata={"engine": "mjx"})
+    parts = [(REQUESTS[:2], RESULTS[:2]), (REQUESTS[2:], RESULTS[2:])]
+    detail, tally = write_results(opened, "/nightly/", batch_id, parts, variables={}, metadata={"engine": "mjx"})
+    assert tally.counts().successes == 3
     return dict(detail), Path(opened.url.removeprefix("file://"))
 
 

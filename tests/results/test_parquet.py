@@ -1,14 +1,17 @@
 """Parquet files: what was written is read back, by pyarrow and by DuckDB, and the same table is the same bytes."""
 
+import itertools
 from pathlib import Path
 
 import duckdb
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from specs.episode import EpisodeRequest, EpisodeResult
-from tasks.results.parquet import write_parquet
+from tasks.results import parquet
+from tasks.results.parquet import ParquetFile, write_parquet
 from tasks.results.tables import failures_table, results_table
 from tests.episodes_factory import collided, crashed, episodes, passed, request
 
@@ -25,8 +28,9 @@ def written(folder: Path) -> Path:
         for index in range(8)
     ]
     results = [passed(index) for index in range(6)] + [collided(6), crashed(7)]
-    write_parquet(results_table("simb-1", requests, results), folder / "results.parquet")
-    write_parquet(failures_table("simb-1", requests, results), folder / "failures.parquet")
+    swept = ["MAX_SPEED"]
+    write_parquet(results_table("simb-1", requests, results, swept), folder / "results.parquet")
+    write_parquet(failures_table("simb-1", requests, results, swept), folder / "failures.parquet")
     return folder
 
 
@@ -47,6 +51,22 @@ def test_the_same_episodes_give_the_same_bytes(folder: Path, drawn: tuple[list[E
     second = write_parquet(results_table("b", *drawn), folder / "second.parquet", {"a": "1", "engine": "mjx"})
     assert first == second
     assert (folder / "first.parquet").read_bytes() == (folder / "second.parquet").read_bytes()
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # the group size is the same for all examples
+@given(sizes=st.lists(st.integers(0, 5), max_size=8))
+def test_however_the_rows_come_the_bytes_are_the_same(folder: Path, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(parquet, "ROW_GROUP_ROWS", 4)
+    count = sum(sizes)
+    whole = results_table("b", [request(index) for index in range(count)], [passed(index) for index in range(count)])
+    digest = write_parquet(whole, folder / "whole.parquet")
+    with ParquetFile(folder / "pieces.parquet", whole.schema) as file:
+        for start, size in zip(itertools.accumulate(sizes, initial=0), sizes, strict=False):
+            file.add(whole.slice(start, size))
+        assert file.sha256() == digest
+    groups = pq.ParquetFile(folder / "pieces.parquet").metadata
+    assert [groups.row_group(k).num_rows for k in range(groups.num_row_groups)][:-1] == [4] * (-(-count // 4) - 1)
+    assert pq.read_table(folder / "pieces.parquet").num_rows == count
 
 
 def test_the_footer_holds_what_was_passed_in_beside_the_schema_version(folder: Path):

@@ -38,14 +38,15 @@ def test_a_swept_number_gets_a_column_and_a_swept_word_does_not():
         request(1, environment={"MAX_SPEED": "0.6", "MODE": "2"}),
         request(2),
     ]
-    table = results_table("b", requests, [passed(index) for index in range(3)])
+    variables = sweep_variables({"MAX_SPEED": ["0.3", "0.6", None], "MODE": ["careful", "2", None]})
+    table = results_table("b", requests, [passed(index) for index in range(3)], variables)
     assert table.column("env_MAX_SPEED").to_pylist() == [0.3, 0.6, None]
     assert "env_MODE" not in table.column_names
     assert table.column("environment").to_pylist()[1] == [("MAX_SPEED", "0.6"), ("MODE", "2")]
 
 
 def test_words_that_float_reads_but_that_are_no_quantity_are_no_sweep():
-    assert sweep_variables([request(0, environment={"A": "nan", "B": "inf", "C": "1e3"})]) == ["C"]
+    assert sweep_variables({"A": ["nan"], "C": ["1e3"], "B": ["1", "inf"]}) == ["C"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,70 @@
+"""CancelSimulationJobBatch, CancelSimulationJob, and why RestartSimulationJob is refused (semantics 3 and 4)."""
+
+from pydantic import JsonValue
+
+from specs.base import Fault
+from specs.errors import DocumentError
+from tasks.simulate.batch import GOING, KIND, canceled_job_mark, job_of
+from tasks.simulate.chunk_store import committed_chunk
+from tasks.storage.records import JobRecord, advance
+from tasks.storage.store import Store
+
+
+def cancel_batch(store: Store, batch: str) -> JobRecord:
+    """Returns the record of a batch that is being cancelled: who works on it stops within seconds.
+
+    Episodes that are done keep their results; the others become Canceled. Cancelling it again changes nothing.
+
+    Raises:
+        ResourceNotFound: No such batch.
+        DocumentError: It has ended, or is about to.
+    """
+    record = advance(store, KIND, batch, "Canceling", only_from=GOING | {"Canceling"})
+    if record.status != "Canceling":
+        raise _refused(batch, f"a batch that is in progress; this one is {record.status}")
+    return record
+
+
+def cancel_job(store: Store, path: str) -> None:
+    """Cancels one job of a batch: the others do not notice, and the batch's lanes go on.
+
+    Args:
+        store: Where the batch is.
+        path: ``<batch>/<index>``.
+
+    Raises:
+        ResourceNotFound: No such job.
+        DocumentError: It has ended, or its batch has, or is about to.
+    """
+    batch, index = job_of(store, path)
+    mark: dict[str, JsonValue] = {canceled_job_mark(index): True}
+    ended = {row.index: row.status for row in committed_chunk(store, batch.id, batch.layout.chunk_of(index)) or ()}
+    record = batch.record()
+    while index not in ended and record.status in GOING:
+        # Only if the batch still stands as it was read: a mark on one that has ended would mean nothing.
+        record = advance(store, KIND, batch.id, record.status, only_from={record.status}, detail=mark)
+        if mark.keys() <= record.detail.keys():
+            return
+    status = ended.get(index, f"in a batch that is {record.status}")
+    raise _refused(path, f"a job that has not ended; this one is {status}")
+
+
+def restart_job(store: Store, path: str) -> None:
+    """Refuses: RestartSimulationJob reads an application anew, and a batch's applications are fixed by their digests.
+
+    A restarted episode would give the row that it would have given anyway.
+
+    Raises:
+        ResourceNotFound: No such job.
+        DocumentError: Always.
+    """
+    job_of(store, path)
+    raise _refused(
+        path,
+        "no restart: a job's result follows from its request, and its batch pins the content of the applications; "
+        "run the document again to test new content",
+    )
+
+
+def _refused(value: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path="arn", value=repr(value), allowed=allowed)], source="simyard")

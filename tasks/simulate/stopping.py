@@ -1,0 +1,54 @@
+"""When a chunk has to stop before its episodes are done: asked between slices, it asks the store once a second."""
+
+import time
+from collections.abc import Callable, Collection
+from typing import Literal
+
+from tasks.simulate.batch import OpenBatch, canceled_jobs
+
+StopCode = Literal["", "BatchTimedOut", "BatchCanceled"]
+_POLL_S = 1.0
+
+
+class StopWatch:
+    """Whether the work on a chunk shall end.
+
+    Attributes:
+        code: Why it shall, as RoboMaker's failure code; empty as long as it shall not.
+        canceled: The jobs that were cancelled by themselves, as last seen.
+    """
+
+    def __init__(
+        self, batch: OpenBatch, jobs: Collection[int], left_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Begins to watch.
+
+        Args:
+            batch: Whose record is looked at.
+            jobs: Indices of the chunk's jobs; when all of them are cancelled, nothing is left to do.
+            left_s: Wall seconds that the batch has left.
+            clock: Seconds that never go back.
+        """
+        self.code: StopCode = ""
+        self.canceled: frozenset[int] = frozenset()
+        self._batch = batch
+        self._jobs = frozenset(jobs)
+        self._clock = clock
+        self._deadline_s = clock() + left_s
+        self._next_look_s = clock()
+
+    def __call__(self) -> bool:
+        """Returns whether the work shall end now."""
+        now_s = self._clock()
+        if now_s >= self._next_look_s:
+            self._next_look_s = now_s + _POLL_S
+            self._look()
+        if not self.code and now_s >= self._deadline_s:
+            self.code = "BatchTimedOut"
+        return bool(self.code) or self._jobs <= self.canceled
+
+    def _look(self) -> None:
+        record = self._batch.record()
+        self.canceled = canceled_jobs(record)
+        if record.status == "Canceling":
+            self.code = "BatchCanceled"
