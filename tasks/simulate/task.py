@@ -40,10 +40,12 @@ def simulate_chunk(
         spent_s: Wall seconds that were spent on the batch before.
         progress: Told how many of the chunk's episodes are done.
     """
+    work = opened(open_store(store_url), batch)
+    engine = work.plan.engine
 
     def simulate(chunk: Chunk, worlds: Mapping[str, World], fitting: int, watch: StopWatch) -> list[EpisodeResult]:
-        return simulate_lanes(chunk, worlds, bundles, lanes=fitting, should_stop=watch, progress=progress)
+        return simulate_lanes(
+            chunk, worlds, bundles, lanes=fitting, engine=engine, should_stop=watch, progress=progress
+        )
 
-    return run_chunk(
-        opened(open_store(store_url), batch), number, simulate, lanes=lanes, left_s=left_s, spent_s=spent_s
-    )
+    return run_chunk(work, number, simulate, lanes=lanes, left_s=left_s, spent_s=spent_s)
