@@ -63,16 +63,22 @@ class FloorPlan:
 
 
 @lru_cache(maxsize=64)
-def plan_floor(brief: Brief, seed: int, floorplan_index: int) -> FloorPlan:
+def plan_floor(brief: Brief, seed: int, floorplan_index: int, redraw: int = 0) -> FloorPlan:
     """Returns the floor plan with that index, the same for each of its interiors.
 
     Its walls alone leave the start's clear disc free and let the brief's robot into every room.
+
+    Args:
+        brief: What the template asks for.
+        seed: At least 0.
+        floorplan_index: From 1.
+        redraw: Another number gives another plan of the same index.
 
     Raises:
         WorldRejected: InvalidInput, when no layout found does.
     """
     found = ""
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(redraw * _ATTEMPTS, (redraw + 1) * _ATTEMPTS):
         rng = floor_plan_stream(seed, floorplan_index, attempt)
         layout = draw_layout(rng, brief)
         cells = [Box(*corners) for corners in layout.cells()[:, :, 0].T.tolist()]

@@ -9,12 +9,13 @@ from tasks.worlds.certificate import Survey, broken_guarantees, certify, survey
 from tasks.worlds.clearance import occupancy
 from tasks.worlds.door_wishes import FULLY_OPEN
 from tasks.worlds.doors import build_doors, opened
-from tasks.worlds.floorplan import FloorPlan, plan_floor
+from tasks.worlds.floorplan import FloorPlan
 from tasks.worlds.geometry import Box, rounded
 from tasks.worlds.interior import Draw, furnish_interior
 from tasks.worlds.materials import Surfaces, draw_surfaces
 from tasks.worlds.rejection import WorldRejected
 from tasks.worlds.scoring import WALL_M
+from tasks.worlds.sound_plans import sound_plan
 from tasks.worlds.streams import doors_stream, materials_stream
 from tasks.worlds.walls import build_walls
 
@@ -68,7 +69,7 @@ def generate_world(
 def _draw_world(brief: Brief, draw: Draw, generation: str, digest: str) -> World:
     """Returns the world of one sub-seed, whatever it keeps of its guarantees."""
     indices = (draw.seed, draw.floorplan_index, draw.interior_index)
-    plan = plan_floor(brief, draw.seed, draw.floorplan_index)
+    plan = sound_plan(brief, draw.seed, draw.floorplan_index)
     surfaces = draw_surfaces(brief, materials_stream(*indices))
     walls = build_walls(plan, brief.ceiling_height_m, [each.walls.color for each in surfaces])
     doors = build_doors(brief, plan, doors_stream(*indices, draw.sub_seed))
