@@ -2,6 +2,8 @@
 
 from typing import Literal
 
+from pydantic import Field
+
 from specs.base import Spec
 
 Outcome = Literal["Passed", "Failed"]
@@ -60,12 +62,18 @@ class EpisodeResult(Spec):
         goals_reached: How many of the scenario's goals were reached.
         goals_total: How many there were.
         path_length_m: Length of the driven path.
-        shortest_path_m: Geodesic distance start to goals, in order, for the robot's radius.
-        spl: Success weighted by path length, 0-1 (Anderson et al. 2018, arXiv:1807.06757).
+        goal_times_s: When each goal that was reached was reached, in order.
+        shortest_path_m: Length of the shortest way from the start to where each goal counts as reached, in order, for a
+            disc of the hull's radius; None where there is none, or where goals are no destinations.
+        spl: Success weighted by path length, 0-1 (Anderson et al. 2018, arXiv:1807.06757); None without a shortest way.
         collisions: Control steps in which a contact began.
+        impulse_ns: What contacts pushed the robot with, summed up.
+        max_impulse_ns: The most of it within a control step.
         min_clearance_m: Smallest distance from the robot's hull to a solid.
         energy_j: Integral of |actuator force x velocity|.
         final_x_m: Final pose.
+        odometry_error_m: How far the robot's believed place was from its final one; None for one without odometry.
+        metrics: What the scenario measures by itself, by name.
         trajectory: Downsampled poses (t_s, x_m, y_m, yaw_rad), kept for failed episodes, else empty.
     """
 
@@ -79,14 +87,19 @@ class EpisodeResult(Spec):
     goals_reached: int
     goals_total: int
     path_length_m: float
-    shortest_path_m: float
-    spl: float
+    goal_times_s: tuple[float, ...] = ()
+    shortest_path_m: float | None
+    spl: float | None
     collisions: int
+    impulse_ns: float = 0.0
+    max_impulse_ns: float = 0.0
     min_clearance_m: float
     energy_j: float
     final_x_m: float
     final_y_m: float
     final_yaw_rad: float
+    odometry_error_m: float | None = None
+    metrics: dict[str, float] = Field(default_factory=dict[str, float])
     trajectory: tuple[tuple[float, float, float, float], ...]
 
 

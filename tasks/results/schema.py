@@ -7,11 +7,12 @@ change only together with ``SCHEMA_VERSION``.
 
 import pyarrow as pa
 
-SCHEMA_VERSION = "1"
+SCHEMA_VERSION = "2"
 SWEEP_PREFIX = "env_"
 
 _TEXT, _WHOLE, _COUNT, _REAL, _FLAG = pa.string(), pa.int64(), pa.int32(), pa.float64(), pa.bool_()
 _WORDS = pa.map_(pa.string(), pa.string())
+_MEASURES = pa.map_(pa.string(), pa.float64())
 _REALS = pa.list_(pa.float64())
 
 
@@ -49,21 +50,30 @@ REQUESTED = [
     column("failure_behavior", _TEXT, "", "What a crash does to the job: Fail or Continue."),
 ]
 
+_SHORTEST = (
+    "Length of the shortest way from the start to where each goal counts as reached, in order, for a disc of the "
+    "robot's radius; null where there is none, or where goals are no destinations."
+)
+_SPL = "Success weighted by path length, 0 to 1 (Anderson et al. 2018, arXiv:1807.06757); null without a shortest way."
+_ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
 MEASURED = [
     column("simulated_s", _REAL, "s", "Simulated time until the episode ended."),
     column("goals_reached", _COUNT, "", "How many of the scenario's goals were reached."),
     column("goals_total", _COUNT, "", "How many goals there were."),
+    column("goal_times_s", _REALS, "s", "When each goal that was reached was reached, in their order."),
     column("path_length_m", _REAL, "m", "Length of the driven path."),
-    column(
-        "shortest_path_m", _REAL, "m", "Geodesic distance from the start through all goals, for this robot's radius."
-    ),
-    column("spl", _REAL, "", "Success weighted by path length, 0 to 1 (Anderson et al. 2018, arXiv:1807.06757)."),
+    column("shortest_path_m", _REAL, "m", _SHORTEST, nullable=True),
+    column("spl", _REAL, "", _SPL, nullable=True),
     column("collisions", _COUNT, "", "Control steps in which a contact began."),
+    column("impulse_ns", _REAL, "Ns", "What contacts pushed the robot with in the plane, summed up."),
+    column("max_impulse_ns", _REAL, "Ns", "The most of it within one control step of 50 ms."),
     column("min_clearance_m", _REAL, "m", "Smallest distance from the robot's hull to a solid."),
     column("energy_j", _REAL, "J", "Integral of |actuator force x velocity| over time."),
     column("final_x_m", _REAL, "m", "Final position, x."),
     column("final_y_m", _REAL, "m", "Final position, y."),
     column("final_yaw_rad", _REAL, "rad", "Final heading, counter-clockwise from +x."),
+    column("odometry_error_m", _REAL, "m", _ODOMETRY, nullable=True),
+    column("metrics", _MEASURES, "", "What the scenario measures by itself, by name."),
 ]
 
 ANSWERED = [

@@ -133,18 +133,21 @@ class Placement(NamedTuple):
         start: (x m, y m, yaw rad).
         goals_m: Which places the robot shall visit, in order.
         given: Whatever arrays the scenario's ``init`` needs of the world.
+        arrived_m: How near to a goal is there, the scenario's ``arrived_m``; None where goals are no destinations.
     """
 
     start: Float64[np.ndarray, "3"]
     goals_m: Float64[np.ndarray, "goals 2"]
     given: tuple[np.ndarray, ...] = ()
+    arrived_m: float | None = 0.0
 
 
 class Scenario(Protocol):
     """What ``scenario(environment)`` in a simulation application returns.
 
     ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX. All episodes of a scenario have the
-    same number of goals. It may also have ``arrived_m`` (how near to a goal is there) and ``metrics(state)``.
+    same number of goals. It may also have ``arrived_m`` (how near to a goal is there; 0 without it, None for goals
+    that are no destinations) and ``metrics(state)``, a dictionary of scalars.
     """
 
     def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:

@@ -73,11 +73,11 @@ class Sensed(NamedTuple):
     """What the sensors made of the last control step.
 
     Attributes:
-        pose: Where the robot believes to be: its true pose when it has no odometry.
+        pose: Where the robot believes to be; None without odometry, when it knows.
         bumper: Which sectors were touched.
     """
 
-    pose: Float[jax.Array, "3"]
+    pose: Float[jax.Array, "3"] | None
     bumper: Bool[jax.Array, "sectors"]
 
 
@@ -143,7 +143,10 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
     scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
     return LaneState(
         body=body,
-        sensed=Sensed(inputs.start, jnp.zeros(applications.sensors.bumper.sectors, bool)),
+        sensed=Sensed(
+            pose=None if applications.sensors.odometry is None else inputs.start,
+            bumper=jnp.zeros(applications.sensors.bumper.sectors, bool),
+        ),
         controller=applications.controller(inputs.numbers).init(inputs.floor, inputs.goals_m),
         scenario=scenario,
         metrics=applications.metrics(inputs.numbers, scenario),

@@ -47,7 +47,6 @@ def finished_row(
     passed = reason == ""
     steps, tally, pose = int(state.step[position]), state.tally, state.body.qpos[position]
     driven = float(tally.path_length_m[position])
-    shortest = lane.shortest_path_m if np.isfinite(lane.shortest_path_m) else 0.0
     return EpisodeResult(
         index=lane.request.index,
         status="Failed" if code else "Completed",
@@ -59,14 +58,19 @@ def finished_row(
         goals_reached=int(state.goal_index[position]),
         goals_total=len(lane.placement.goals_m),
         path_length_m=driven,
-        shortest_path_m=shortest,
-        spl=shortest / max(driven, shortest) if passed and shortest > 0.0 else 0.0,
+        goal_times_s=tuple(round(int(step) * CONTROL_S, 6) for step in state.goal_steps[position] if step > 0),
+        shortest_path_m=lane.shortest_path_m,
+        spl=_spl(lane.shortest_path_m, driven, passed=passed),
         collisions=int(tally.collisions[position]),
+        impulse_ns=float(tally.impulse_ns[position]),
+        max_impulse_ns=float(tally.max_impulse_ns[position]),
         min_clearance_m=_finite(float(tally.min_clearance_m[position])),
         energy_j=float(tally.energy_j[position]),
         final_x_m=float(pose[0]),
         final_y_m=float(pose[1]),
         final_yaw_rad=float(pose[2]),
+        odometry_error_m=_odometry_error_m(state, position),
+        metrics={name: float(each[position]) for name, each in state.metrics.items() if np.isfinite(each[position])},
         trajectory=() if passed else _trajectory(lane, position, steps, poses),
     )
 
@@ -79,6 +83,22 @@ def _trajectory(
     driven = np.concatenate([start, *(each[position] for each in poses)])[: steps + 1]
     kept = sorted({*range(0, len(driven), POSE_STEPS), len(driven) - 1})
     return tuple((round(k * CONTROL_S, 6), float(driven[k, 0]), float(driven[k, 1]), float(driven[k, 2])) for k in kept)
+
+
+def _spl(shortest_m: float | None, driven_m: float, *, passed: bool) -> float | None:
+    """Returns success weighted by path length (Anderson et al. 2018); None where no shortest way is known."""
+    if shortest_m is None:
+        return None
+    if not passed:
+        return 0.0
+    return shortest_m / max(driven_m, shortest_m) if shortest_m > 0.0 else 1.0
+
+
+def _odometry_error_m(state: LaneState, position: int) -> float | None:
+    """Returns how far the robot's believed place is from its true one; None for a robot without odometry."""
+    if state.sensed.pose is None:
+        return None
+    return float(np.hypot(*(state.sensed.pose[position] - state.body.qpos[position])[:2]))
 
 
 def _finite(value: float) -> float:

@@ -24,11 +24,11 @@ def decide(
 
 def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
     """Returns what the robot senses before a control step."""
-    sensors, pose = applications.lane_sensors(inputs.numbers), state.sensed.pose
+    pose, velocity = state.body.qpos, state.body.qvel
+    if state.sensed.pose is not None:
+        velocity = _turned(velocity, state.sensed.pose[2] - pose[2])
+        pose = state.sensed.pose
     goal = jnp.clip(state.goal_index, 0, inputs.goals_m.shape[0] - 1)
-    velocity = state.body.qvel
-    if sensors.odometry is not None:
-        velocity = _turned(velocity, pose[2] - state.body.qpos[2])
     return Observation(
         time_s=state.step * CONTROL_S,
         pose=pose,
@@ -44,11 +44,10 @@ def observe(applications: Applications, inputs: LaneInputs, state: LaneState) ->
 
 def feel(applications: Applications, inputs: LaneInputs, state: LaneState, motion: Motion) -> Sensed:
     """Returns what odometry and bumper make of a control step that an engine drove."""
-    before, after = state.body.qpos, motion.body.qpos
+    before, after, pose = state.body.qpos, motion.body.qpos, state.sensed.pose
     odometry = applications.lane_sensors(inputs.numbers).odometry
-    pose = after
-    if odometry is not None:
-        pose = drifted(state.sensed.pose, before, after, odometry, seed=inputs.seed, step=state.step)
+    if odometry is not None and pose is not None:
+        pose = drifted(pose, before, after, odometry, seed=inputs.seed, step=state.step)
     return Sensed(pose, _touched(motion.work.push_ns, after[2], applications.sensors.bumper.sectors))
 
 

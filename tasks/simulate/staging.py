@@ -39,7 +39,7 @@ class Lane(NamedTuple):
     request: EpisodeRequest
     stage: Stage
     placement: Placement
-    shortest_path_m: float
+    shortest_path_m: float | None
 
 
 def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[str, Stage]:
@@ -56,7 +56,7 @@ def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stag
     """Returns where an episode starts and which goals it has, drawn by its seed.
 
     Raises:
-        BundleCrash: The scenario raises, or returns no finite start, or no goal.
+        BundleCrash: The scenario raises, or returns no finite start, or no goal, or no distance to arrive at.
     """
     code = "SimulationApplicationCrash"
     rng = np.random.default_rng(request.seed)
@@ -68,16 +68,32 @@ def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stag
         raise BundleCrash(code, f"scenario.place: start {start.shape} and goals {goals.shape}, not (3,) and (1+, 2)")
     if not (np.isfinite(start).all() and np.isfinite(goals).all()):
         raise BundleCrash(code, "scenario.place: start or goals are not finite")
-    return Placement(start, goals, given)
+    return Placement(start, goals, given, _arrived_m(scenario))
+
+
+def _arrived_m(scenario: Scenario) -> float | None:
+    arrived = getattr(scenario, "arrived_m", 0.0)
+    if arrived is None:
+        return None
+    code = "SimulationApplicationCrash"
+    arrived_m = guarded(code, "scenario.arrived_m", float, arrived)
+    if not (np.isfinite(arrived_m) and arrived_m >= 0.0):
+        raise BundleCrash(code, f"scenario.arrived_m: {arrived_m}: must be a distance of at least 0, or None")
+    return arrived_m
 
 
 def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]], hull: Hull) -> list[Lane]:
-    """Returns the episodes with the length of their shortest ways; equal tasks are measured once."""
-    tasks: dict[bytes, int] = {}
-    owners = [tasks.setdefault(_task_key(each[0].world, each[2]), len(tasks)) for each in placed]
-    firsts = [owners.index(task) for task in range(len(tasks))]
-    lengths = shortest_paths_m([placed[k][1].floor for k in firsts], [placed[k][2] for k in firsts], hull.radius_m)
-    return [Lane(*each, float(lengths[task])) for each, task in zip(placed, owners, strict=True)]
+    """Returns the episodes with the length of their shortest ways, None where there is none; equal tasks count once."""
+    tasks: dict[bytes, tuple[Stage, Placement]] = {}
+    keys = [_task_key(request.world, placement) for request, _, placement in placed]
+    for key, (_, stage, placement) in zip(keys, placed, strict=True):
+        if placement.arrived_m is not None:
+            tasks.setdefault(key, (stage, placement))
+    placements = [placement for _, placement in tasks.values()]
+    arrived_m = [placement.arrived_m or 0.0 for placement in placements]
+    found_m = shortest_paths_m([stage.touched for stage, _ in tasks.values()], placements, hull.radius_m, arrived_m)
+    shortest_m = {key: float(length) for key, length in zip(tasks, found_m, strict=True) if np.isfinite(length)}
+    return [Lane(*each, shortest_m.get(key)) for each, key in zip(placed, keys, strict=True)]
 
 
 def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> LaneInputs:
@@ -121,5 +137,5 @@ def _stacked(arrays: Sequence[np.ndarray]) -> Float32[jnp.ndarray, "lanes ..."]:
 
 def _task_key(world: str, placement: Placement) -> bytes:
     digest = hashlib.sha256(world.encode())
-    digest.update(placement.start.tobytes() + placement.goals_m.tobytes())
+    digest.update(placement.start.tobytes() + placement.goals_m.tobytes() + repr(placement.arrived_m).encode())
     return digest.digest()

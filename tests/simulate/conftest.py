@@ -24,6 +24,8 @@ CHECKED = [
     "obstacles",
     "robot",
     "silhouettes",
+    "straight_ways",
+    "tangent_graph",
     "window",
 ]
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")

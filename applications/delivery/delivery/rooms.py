@@ -52,6 +52,8 @@ class Verdict(NamedTuple):
 class Rooms:
     """Deliveries to rooms; passed when all goals were reached."""
 
+    arrived_m = ARRIVED_M
+
     def place(self, world: "World", floor: "HostMap", hull_radius_m: float, rng: np.random.Generator) -> Placement:
         """Returns the start at the origin, facing any way, and goals drawn so that each lies in another room.
 
