@@ -1,6 +1,6 @@
 """Floor plans that a robot gets about in with their doors open.
 
-A plan is drawn for its walls alone; that wide leaves, standing open, take a narrow room's way shows only when they hang.
+A plan is drawn for its walls alone; that wide leaves, standing open, take a narrow way shows only when they hang.
 """
 
 from functools import lru_cache
