@@ -97,6 +97,19 @@ def describe(
     typer.echo(described(open_existing_store(store), arn).model_dump_json(indent=2, exclude_none=True))
 
 
+@app.command()
+def cancel(
+    arn: Annotated[str, typer.Argument(help="The ARN of a simulation job batch, or of one of its jobs.")],
+    store: StoreUrl = None,
+) -> None:
+    """Cancel a batch or one of its jobs; who works on it stops within seconds, and keeps what is done."""
+    from flows.inspecting import cancel as cancel_named
+    from tasks.storage.opening import open_existing_store
+
+    cancel_named(open_existing_store(store), arn)
+    typer.echo(f"canceling {arn}")
+
+
 @app.command("list")
 def list_(
     kind: Annotated[str, typer.Argument(help=_KINDS)],

@@ -1,4 +1,4 @@
-"""`simyard describe` and `simyard list`: RoboMaker's answers, whatever the kind of resource."""
+"""`simyard describe`, `list` and `cancel`: RoboMaker's answers, whatever the kind of resource."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -21,6 +21,7 @@ from tasks.deploy.describe import (
     list_robots,
 )
 from tasks.export.describe import describe_export_job, summarise_export_job
+from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
 from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
@@ -57,6 +58,11 @@ _LIST: Mapping[str, Callable[[Store], Iterable[Spec]]] = {
     "pipeline-runs": lambda store: [_run_line(run) for run in records(store, "pipeline-run")],
 }
 
+_CANCEL: Mapping[ResourceKind, Callable[[Store, str], object]] = {
+    "simulation-job-batch": cancel_batch,
+    "simulation-job": cancel_job,
+}
+
 
 def described(store: Store, text: str) -> Spec:
     """Returns what the Describe call for an ARN answers; a run of a document, which RoboMaker had not, as it is kept.
@@ -82,6 +88,19 @@ def listed(store: Store, kind: str) -> Iterable[Spec]:
     if kind not in _LIST:
         raise _refused("kind", kind, f"one of {', '.join(_LIST)}")
     return _LIST[kind](store)
+
+
+def cancel(store: Store, text: str) -> None:
+    """Cancels what an ARN names: whoever works on it stops within seconds.
+
+    Raises:
+        ResourceNotFound: The store has no such resource.
+        DocumentError: The text is no ARN, or its kind is none that is cancelled, or it has ended.
+    """
+    reference = _reference(text)
+    if reference.kind is None or reference.kind not in _CANCEL:
+        raise _refused("arn", text, f"an ARN of a {' or '.join(_CANCEL)}")
+    _CANCEL[reference.kind](store, reference.path)
 
 
 def _run_line(run: JobRecord) -> RunSummary:

@@ -120,5 +120,25 @@ class BatchDescribeSimulationJobRequest(Spec):
     jobs: Arns
 
 
+class CancelSimulationJobRequest(Spec):
+    """Asks that a simulation job be stopped."""
+
+    job: Arn
+
+
+class CancelSimulationJobResponse(Spec):
+    """Says nothing."""
+
+
+class RestartSimulationJobRequest(Spec):
+    """Asks that a simulation job begin anew."""
+
+    job: Arn
+
+
+class RestartSimulationJobResponse(Spec):
+    """Says nothing."""
+
+
 class ListSimulationJobsRequest(FilteredPage):
     """Asks for the simulation jobs."""

@@ -45,5 +45,15 @@ class DescribeSimulationJobBatchRequest(Spec):
     batch: Arn
 
 
+class CancelSimulationJobBatchRequest(Spec):
+    """Asks that a batch be stopped."""
+
+    batch: Arn
+
+
+class CancelSimulationJobBatchResponse(Spec):
+    """Says nothing."""
+
+
 class ListSimulationJobBatchesRequest(FilteredPage):
     """Asks for the batches."""

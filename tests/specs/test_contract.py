@@ -33,6 +33,8 @@ DEEP = [
 ]
 BESIDE = [
     "BatchDeleteWorlds",
+    "CancelSimulationJob",
+    "CancelSimulationJobBatch",
     "CreateFleet",
     "CreateRobot",
     "CreateRobotApplication",
@@ -54,6 +56,7 @@ BESIDE = [
     "ListWorldTemplates",
     "ListWorlds",
     "RegisterRobot",
+    "RestartSimulationJob",
 ]
 OPERATIONS = [*DEEP, *BESIDE]
 
