@@ -9,8 +9,8 @@ from typing import Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-# So many rows of failures with long trajectories are some 60 MB in memory, and of results some 5 MB.
-ROW_GROUP_ROWS = 16_384
+# So many rows of failures with long trajectories are some 30 MB in memory, and of results some 3 MB.
+ROW_GROUP_ROWS = 8_192
 
 
 class ParquetFile:
