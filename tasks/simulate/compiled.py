@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh
-from jaxtyping import Array, Float
 
 from specs.world import World
 from tasks.simulate.applications import Applications
@@ -107,11 +106,14 @@ def _advance_slice(
         return lanes, jax.tree.map(lambda array: jnp.swapaxes(array, 0, 1), records)
 
     def rest(lanes: LaneState) -> tuple[LaneState, Record]:
-        controls = jnp.zeros((lanes.step.shape[0], SLICE_STEPS, mechanics.actuators))
-        return lanes, Record(_repeated(lanes.body.qpos), controls)
+        one = Record(
+            pose=lanes.body.qpos,
+            velocity=lanes.body.qvel,
+            goal_index=lanes.goal_index,
+            control=jnp.zeros((lanes.step.shape[0], mechanics.actuators)),
+            ranges_m=jnp.zeros((lanes.step.shape[0], applications.lidar.rays)),
+            impulse_ns=jnp.zeros_like(lanes.tally.impulse_ns),
+        )
+        return lanes, jax.tree.map(lambda array: jnp.repeat(array[:, None], SLICE_STEPS, 1), one)
 
     return jax.lax.cond(jnp.all(state.done), rest, run, state)
-
-
-def _repeated(pose: Float[Array, "lanes 3"]) -> Float[Array, "lanes steps 3"]:
-    return jnp.broadcast_to(pose[:, None], (pose.shape[0], SLICE_STEPS, 3))

@@ -5,12 +5,13 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from tasks.simulate.applications import Applications
-from tasks.simulate.contract import State, Truth
+from tasks.simulate.contract import Truth
 from tasks.simulate.lane_state import (
     NO_CRASH,
     ROBOT_CRASH,
     SIMULATION_CRASH,
     Body,
+    Decision,
     LaneInputs,
     LaneState,
     Motion,
@@ -29,16 +30,15 @@ def settle(
     applications: Applications,
     inputs: LaneInputs,
     state: LaneState,
-    decided: tuple[State, Float[jax.Array, "actuators"]],
+    decided: Decision,
     motion: Motion,
 ) -> tuple[LaneState, Record]:
     """Returns a lane after a control step that a controller decided and an engine drove.
 
     A lane that is done stays as it is, bit for bit.
     """
-    controller_state, control = decided
     body, work, clearance_m = motion
-    finite_control = jnp.isfinite(control).all()
+    finite_control = jnp.isfinite(decided.control).all()
     finite_body = jnp.stack([jnp.isfinite(each).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
     step = state.step + 1
     truth = _truth(inputs, body, work, clearance_m, step)
@@ -49,7 +49,7 @@ def settle(
     moved = LaneState(
         body=body,
         sensed=feel(applications, inputs, state, motion),
-        controller=controller_state,
+        controller=decided.controller,
         scenario=scenario_state,
         metrics=applications.metrics(inputs.numbers, scenario_state),
         tally=_tally(state, body, work, clearance_m),
@@ -64,7 +64,15 @@ def settle(
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
     chosen = _select(crash > 0, crashed, moved)
     final = _select(state.done, state, chosen)
-    return final, Record(final.body.qpos, control)
+    record = Record(
+        pose=final.body.qpos,
+        velocity=final.body.qvel,
+        goal_index=final.goal_index,
+        control=decided.control,
+        ranges_m=decided.ranges_m,
+        impulse_ns=work.impulse_ns,
+    )
+    return final, record
 
 
 def _truth(

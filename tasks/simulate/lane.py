@@ -12,5 +12,5 @@ def advance_lane(
 ) -> tuple[LaneState, Record]:
     """Returns a lane one control step later."""
     decided = decide(applications, inputs, state)
-    motion = mechanics.drive(inputs, state.body, decided[1])
+    motion = mechanics.drive(inputs, state.body, decided.control)
     return settle(applications, inputs, state, decided, motion)

@@ -130,11 +130,37 @@ class Motion(NamedTuple):
     clearance_m: Float[jax.Array, ""]
 
 
+class Decision(NamedTuple):
+    """What a controller made of what it sensed at a control step.
+
+    Attributes:
+        controller: What it keeps.
+        control: For the step to come.
+        ranges_m: The scan that it saw.
+    """
+
+    controller: State
+    control: Float[jax.Array, "actuators"]
+    ranges_m: Float[jax.Array, "rays"]
+
+
 class Record(NamedTuple):
-    """What is kept of a control step: pose at its end, and the control."""
+    """What is kept of a control step.
+
+    Attributes:
+        pose, velocity: Of the robot's base at the step's end.
+        goal_index: The goal to go to then.
+        control: What drove it during the step.
+        ranges_m: The scan at the step's beginning, which the control was decided on.
+        impulse_ns: What contacts pushed the robot with during the step.
+    """
 
     pose: Float[jax.Array, "3"]
+    velocity: Float[jax.Array, "3"]
+    goal_index: Int[jax.Array, ""]
     control: Float[jax.Array, "actuators"]
+    ranges_m: Float[jax.Array, "rays"]
+    impulse_ns: Float[jax.Array, ""]
 
 
 def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:

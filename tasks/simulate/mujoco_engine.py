@@ -20,7 +20,7 @@ from tasks.simulate.applications import Applications
 from tasks.simulate.contract import Joints, Observation, State
 from tasks.simulate.devices import device_count
 from tasks.simulate.judging import settle
-from tasks.simulate.lane_state import Body, LaneInputs, LaneState, Motion, Record, Work, begin_lane
+from tasks.simulate.lane_state import Body, Decision, LaneInputs, LaneState, Motion, Record, Work, begin_lane
 from tasks.simulate.mujoco_model import HostRobot, host_robot, world_models
 from tasks.simulate.mujoco_stepper import HostBody, Stepper
 from tasks.simulate.plain_controllers import PlainControllers, StandIn
@@ -32,7 +32,8 @@ from tasks.simulate.window import distance_of_all_m
 
 # Those parts of a controller's state that a step changed, by place: what it hands on, such as a plan, stays put.
 Changed = dict[int, Array]
-Controls = Float[Array, "lanes actuators"]
+# What the controllers changed, their controls, and the scans that they saw, lanes first.
+Decided = tuple[Changed, Float[Array, "lanes actuators"], Float[Array, "lanes rays"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class HostProgram:
     Attributes:
         begin: Returns the lanes' state before the first control step.
         sense: Returns what the robots sense, for controllers that are plain Python.
-        decide: Returns what the controllers change of their states, and their controls.
+        decide: Returns what the controllers change of their states, their controls, and what they saw.
         settle: Returns the lanes after a control step that was decided and driven; the state given is used up.
         plain: Makes a plain Python controller; None for one that is JAX.
     """
@@ -54,8 +55,8 @@ class HostProgram:
     mesh: Mesh
     begin: Callable[[LaneInputs, Body], LaneState]
     sense: Callable[[LaneInputs, LaneState], Observation]
-    decide: Callable[[LaneInputs, LaneState], tuple[Changed, Controls]]
-    settle: Callable[[LaneInputs, LaneState, tuple[Changed, Controls], Body, Work], tuple[LaneState, Record]]
+    decide: Callable[[LaneInputs, LaneState], Decided]
+    settle: Callable[[LaneInputs, LaneState, Decided, Body, Work], tuple[LaneState, Record]]
     plain: Callable[..., object] | None
     engine: str = "mujoco"
 
@@ -117,11 +118,11 @@ class HostRun:
             records.append(jax.tree.map(np.asarray, record))
         return state, jax.tree.map(lambda *each: np.stack(each, axis=1), *records)
 
-    def _decided(self, state: LaneState, moving: Bool[np.ndarray, "lanes"]) -> tuple[Changed, Controls]:
+    def _decided(self, state: LaneState, moving: Bool[np.ndarray, "lanes"]) -> Decided:
         if self.controllers is None:
             return self.program.decide(self.inputs, state)
         observed = jax.tree.map(np.asarray, self.program.sense(self.inputs, state))
-        return {}, jnp.asarray(self.controllers.controls(observed, moving))
+        return {}, jnp.asarray(self.controllers.controls(observed, moving)), jnp.asarray(observed.ranges_m)
 
 
 def host_program(
@@ -165,12 +166,11 @@ def host_program(
     )
 
 
-def _decide_lane(
-    applications: Applications, inputs: LaneInputs, state: LaneState
-) -> tuple[Changed, Float[jax.Array, "actuators"]]:
-    after, control = decide(applications, inputs, state)
+def _decide_lane(applications: Applications, inputs: LaneInputs, state: LaneState) -> Decided:
+    after, control, ranges_m = decide(applications, inputs, state)
     before = jax.tree.leaves(state.controller)
-    return {place: leaf for place, leaf in enumerate(jax.tree.leaves(after)) if leaf is not before[place]}, control
+    changed = {place: leaf for place, leaf in enumerate(jax.tree.leaves(after)) if leaf is not before[place]}
+    return changed, control, ranges_m
 
 
 def _settle_lane(  # noqa: PLR0917 - as the program maps it
@@ -178,14 +178,14 @@ def _settle_lane(  # noqa: PLR0917 - as the program maps it
     applications: Applications,
     inputs: LaneInputs,
     state: LaneState,
-    decided: tuple[Changed, Float[jax.Array, "actuators"]],
+    decided: Decided,
     body: Body,
     work: Work,
 ) -> tuple[LaneState, Record]:
-    changed, control = decided
+    changed, control, ranges_m = decided
     clearance_m = distance_of_all_m(inputs.boxes, inputs.cylinders, body.qpos[:2]) - hull.radius_m
     kept = _with_changes(state.controller, changed)
-    return settle(applications, inputs, state, (kept, control), Motion(body, work, clearance_m))
+    return settle(applications, inputs, state, Decision(kept, control, ranges_m), Motion(body, work, clearance_m))
 
 
 def _with_changes(before: State, changed: Changed) -> State:

@@ -6,20 +6,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tasks.simulate.applications import Applications
-from tasks.simulate.contract import Observation, State
-from tasks.simulate.lane_state import LaneInputs, LaneState, Motion, Sensed
+from tasks.simulate.contract import Observation
+from tasks.simulate.lane_state import Decision, LaneInputs, LaneState, Motion, Sensed
 from tasks.simulate.lidar import scan_ranges
 from tasks.simulate.noise import drifted, noisy_ranges
 from tasks.simulate.robot import CONTROL_S
 from tasks.simulate.sensors import is_set, ray_angles
 
 
-def decide(
-    applications: Applications, inputs: LaneInputs, state: LaneState
-) -> tuple[State, Float[jax.Array, "actuators"]]:
-    """Returns what the controller keeps, and its control for the step to come."""
-    controller = applications.controller(inputs.numbers)
-    return controller.step(state.controller, observe(applications, inputs, state))
+def decide(applications: Applications, inputs: LaneInputs, state: LaneState) -> Decision:
+    """Returns what the controller keeps, its control for the step to come, and the scan that it saw."""
+    observed = observe(applications, inputs, state)
+    kept, control = applications.controller(inputs.numbers).step(state.controller, observed)
+    return Decision(kept, control, observed.ranges_m)
 
 
 def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
