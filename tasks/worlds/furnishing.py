@@ -1,136 +1,167 @@
 """What stands in a room: a programme by room type or the template's list, up to a density."""
 
-from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from specs.world import RoomType
+from tasks.worlds.arrangements import arrangements
 from tasks.worlds.brief import RoomWish
-from tasks.worlds.catalogue import CATALOGUE, ModelType
-from tasks.worlds.compositions import COMPOSITIONS
-from tasks.worlds.geometry import Box
-from tasks.worlds.parts import Part, Size, Tints
-from tasks.worlds.placing import Piece, Scene, place, place_companion
+from tasks.worlds.catalogue import ModelType
+from tasks.worlds.compositions import compose
+from tasks.worlds.groups import Group
+from tasks.worlds.parts import Style
+from tasks.worlds.placing import place
+from tasks.worlds.programmes import listed_programme, open_programme
+from tasks.worlds.scene import Placed, Scene
+from tasks.worlds.setting import Setting
+from tasks.worlds.ways import ways_open
 
-_OVERSHOOT = 1.2
-_FEW_TRIES = 40
-
-# What makes a room of its type, in order, then what may be added.
-_PROGRAMMES: dict[RoomType, tuple[tuple[ModelType, ...], tuple[ModelType, ...]]] = {
-    "Bedroom": (
-        ("Beds", "Storage"),
-        ("Dressers", "Desks", "Bookcases", "LivingRoomChairs", "StorageBenches", "Ottomans", "FloorLamps"),
-    ),
-    "Bathroom": (
-        ("Toilets", "VanityCounters"),
-        ("Showers", "Baths", "WashingMachinesAndDryers", "CornerCabinets"),
-    ),
-    "Living": (
-        ("Sofas", "MediaStorage"),
-        ("LivingRoomChairs", "Bookcases", "Ottomans", "SideboardsAndBuffets", "FloorLamps", "ConsoleTables", "Sofas"),
-    ),
-    "Dining": (
-        ("DiningTables", "SideboardsAndBuffets"),
-        ("BarCabinets", "CornerCabinets", "ServingCarts", "FloorLamps", "ConsoleTables", "DiningTables", "Bookcases"),
-    ),
-    "Kitchen": (
-        ("Fridges", "Ovens", "DishWashers"),
-        ("KitchenIslandsAndCarts", "DiningTables", "Storage", "ServingCarts", "WashingMachinesAndDryers"),
-    ),
-    "Hallway": (("ConsoleTables",), ("StorageBenches", "Storage", "FloorLamps", "Bookcases")),
-    "Closet": (("Storage",), ("Dressers", "Storage", "StorageBenches", "WashingMachinesAndDryers")),
-}  # fmt: skip
+_ROUNDS = 12
+# A group may miss the wished density by as much as leaving it out would; what makes the room, by more.
+_SHARE_WITHIN, _ESSENTIAL_WITHIN = 0.5, 0.55
+_NEAR_M2 = 0.12
+_OPTIONAL_M2 = 0.3
+_LARGE_M2 = 1.5
+_MENDS = 4
 
 
-# What a home has several of; the rest comes once.
-_REPEATED = frozenset(
-    {"Storage", "Bookcases", "LivingRoomChairs", "Ottomans", "FloorLamps", "Dressers", "ConsoleTables", "Sofas"}
-)
+@dataclass
+class _Work:
+    """A room at work.
+
+    Attributes:
+        target_m2: How much floor shall be covered.
+        solids: How many primitives there may still be.
+        radius_m: Radius of the robot that shall get around; only groups that are large must prove that it does.
+        careful: Whether all of them must.
+        hopeless: Types for which there was no place; there will be none later.
+    """
+
+    rng: np.random.Generator
+    wish: RoomWish
+    scene: Scene
+    style: Style
+    target_m2: float
+    solids: int
+    radius_m: float
+    careful: bool
+    covered_m2: float = 0.0
+    hopeless: set[ModelType] = field(default_factory=set[ModelType])
+
+    @property
+    def done(self) -> bool:
+        return self.covered_m2 >= self.target_m2 - _NEAR_M2 or self.solids <= 0
 
 
 def furnish(
-    rng: np.random.Generator, wish: RoomWish, floor: Box, keep_clear: tuple[Box, ...], *, solids: int, density: float
-) -> tuple[Piece, ...]:
-    """Returns the pieces of one room.
+    rng: np.random.Generator,
+    wish: RoomWish,
+    scene: Scene,
+    style: Style,
+    *,
+    solids: int,
+    density: float,
+    radius_m: float,
+    careful: bool = False,
+) -> bool:
+    """Puts furniture into a scene, and returns whether a robot gets around in it.
 
     Args:
         rng: The room's own stream.
         wish: The room as the template wants it.
-        floor: Its floor.
-        keep_clear: Floor before its passages.
-        solids: How many primitives there may be at most.
+        scene: The room; it gets the pieces.
+        style: The shapes of its furniture, which decide how many primitives a piece has.
+        solids: How many primitives there may be, give or take a group.
         density: Share of the floor to cover, 0-1.
+        radius_m: Radius of the robot that shall get around in the room.
+        careful: Whether each group must prove that it does; if not, only large ones must.
     """
-    scene = Scene(floor, keep_clear)
-    budget, target = solids, density * floor.area
-    for kind in _sequence(rng, wish):
-        size = draw_size(rng, kind)
-        if covered(scene) + size[0] * size[1] > target * _OVERSHOOT and scene.pieces:
+    if wish.furniture == ():
+        return True
+    first, rest = (
+        open_programme(rng, wish.type) if wish.furniture is None else listed_programme(rng, wish.type, wish.furniture)
+    )
+    work = _Work(rng, wish, scene, style, density * scene.floor.area, solids, radius_m, careful)
+    for kind in first:
+        if scene.count(kind) == 0 and not (work.done and scene.pieces):
+            _put(work, kind, _ESSENTIAL_WITHIN)
+    _fill(work, rest)
+    if _open(work, len(scene.groups)):
+        return True
+    work.careful = True
+    mended = _mend(work)
+    _fill(work, rest)
+    return mended
+
+
+def _fill(work: _Work, kinds: dict[ModelType, float]) -> None:
+    """Adds groups in rounds until the density is met, or a round adds none.
+
+    Args:
+        work: The room.
+        kinds: What to add, and the floor for which there is one of each.
+    """
+    scene = work.scene
+    for _ in range(_ROUNDS):
+        before = len(scene.pieces)
+        for kind, spread_m2 in kinds.items():
+            if work.done:
+                return
+            if kind not in work.hopeless and scene.count(kind) < 1 + int(scene.floor.area / spread_m2):
+                _put(work, kind, _SHARE_WITHIN)
+        if len(scene.pieces) == before:
+            return
+
+
+def _put(work: _Work, kind: ModelType, within: float) -> None:
+    """Places the first group for a type that fits the density and the room."""
+    left = work.target_m2 - work.covered_m2
+    setting = Setting(work.rng, work.wish.type, work.scene, work.wish.furniture, left)
+    tried = False
+    last: Group | None = None
+    for group in arrangements(setting, kind):
+        last = group
+        if within * group.area > left:
             continue
-        piece = place(rng, scene, kind, CATALOGUE[kind], size) if count_solids(kind) <= budget else None
-        if piece is None:
-            continue
-        scene.pieces.append(piece)
-        budget -= count_solids(kind)
-        budget = _accompany(rng, scene, piece, wish, budget)
-        if covered(scene) >= target:
-            break
-    return tuple(scene.pieces)
+        tried = True
+        if _placed(work, group, left):
+            return
+    if not work.scene.pieces and last is not None and not tried:
+        _placed(work, last, left)
+    elif tried:
+        work.hopeless.add(kind)
 
 
-def draw_size(rng: np.random.Generator, kind: ModelType) -> Size:
-    """Returns a size for a piece of that type, in whole centimetres."""
-    model = CATALOGUE[kind]
-    ranges = (model.width_m, model.depth_m, model.height_m)
-    width, depth, height = (round(low + (high - low) * float(rng.random()), 2) for low, high in ranges)
-    return width, depth, height
+def _placed(work: _Work, group: Group, left_m2: float) -> bool:
+    care = work.radius_m if work.careful or group.area > _LARGE_M2 else 0.0
+    spare = left_m2 - group.area + _OPTIONAL_M2 if group.area <= left_m2 else 0.0
+    found = place(work.rng, work.scene, group, spare_m2=spare, radius_m=care)
+    if found is None:
+        return False
+    _account(work, found, 1)
+    return True
 
 
-def covered(scene: Scene) -> float:
-    """Returns the floor that the pieces cover (square metres)."""
-    return sum(piece.size[0] * piece.size[1] for piece in scene.pieces)
+def _mend(work: _Work) -> bool:
+    """Takes out the groups that shut a robot out of a part of the room, the earliest that does first."""
+    groups = work.scene.groups
+    for _ in range(_MENDS):
+        low, high = 0, len(groups)
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if _open(work, middle) else (low, middle)
+        _account(work, work.scene.remove(high - 1), -1)
+        if _open(work, len(groups)):
+            return True
+    return False
 
 
-def count_solids(kind: ModelType) -> int:
-    """Returns how many primitives a piece of that type has."""
-    return len(compose(kind, (1.0, 1.0, 1.0), Tints((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+def _open(work: _Work, count: int) -> bool:
+    """Returns whether a robot gets around when only the first so many groups stand."""
+    bodies = [piece.body for group in work.scene.groups[:count] for piece in group.pieces]
+    return ways_open(work.scene.floor, bodies, work.scene.entries, work.radius_m)
 
 
-def compose(kind: ModelType, size: Size, tints: Tints) -> tuple[Part, ...]:
-    """Returns the primitives of a piece, in its own frame."""
-    return COMPOSITIONS[kind](size, tints)
-
-
-def _sequence(rng: np.random.Generator, wish: RoomWish) -> Iterator[ModelType]:
-    """Yields the types to try, in order: what makes the room first, the rest by chance."""
-    essential, extra = _PROGRAMMES[wish.type]
-    if wish.furniture is None:
-        yield from essential
-        yield from _shuffled(rng, extra)
-        yield from _shuffled(rng, tuple(kind for kind in extra if kind in _REPEATED))
-        return
-    if not wish.furniture:
-        return
-    listed = tuple(dict.fromkeys(wish.furniture))
-    yield from (kind for kind in essential if kind in listed)
-    yield from _shuffled(rng, tuple(kind for kind in listed if kind not in essential))
-    for _ in range(_FEW_TRIES):
-        yield listed[int(rng.integers(len(listed)))]
-
-
-def _shuffled(rng: np.random.Generator, kinds: tuple[ModelType, ...]) -> Iterator[ModelType]:
-    return (kinds[place] for place in np.argsort(rng.random(len(kinds)), kind="stable"))
-
-
-def _accompany(rng: np.random.Generator, scene: Scene, owner: Piece, wish: RoomWish, budget: int) -> int:
-    """Adds what belongs to a piece; returns the primitives that are left."""
-    for companion in CATALOGUE[owner.type].companions:
-        size = draw_size(rng, companion.type)
-        listed = wish.furniture is None or companion.type in wish.furniture
-        if not listed or count_solids(companion.type) > budget:
-            continue
-        piece = place_companion(scene, owner, companion, size)
-        if piece is not None:
-            scene.pieces.append(piece)
-            budget -= count_solids(companion.type)
-    return budget
+def _account(work: _Work, group: Placed, sign: int) -> None:
+    work.covered_m2 += sign * sum(piece.covers_m2 for piece in group.pieces)
+    work.solids -= sign * sum(len(compose(piece.type, piece.size, work.style)) for piece in group.pieces)

@@ -3,33 +3,24 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from specs.world import Furniture, RoomType, Solid
-from tasks.worlds.assembling import assemble, draw_tints
+from specs.world import Furniture, Solid
+from tasks.worlds.assembling import Look, assemble, draw_look
 from tasks.worlds.brief import Brief
 from tasks.worlds.clearance import Clearance, connected_share, measure_clearance, reaches_room
-from tasks.worlds.densities import COVERED
-from tasks.worlds.doors import hang_doors
+from tasks.worlds.densities import COVERED, COVERED_BY_TYPE, COVERED_SPREAD
+from tasks.worlds.doors import Hanging, hang_doors
 from tasks.worlds.floorplan import FloorPlan
 from tasks.worlds.furnishing import furnish
 from tasks.worlds.geometry import Box
-from tasks.worlds.parts import Tints
-from tasks.worlds.placing import Piece
+from tasks.worlds.scene import Piece, Scene, open_scene, way_width
+from tasks.worlds.scoring import WALL_M
 from tasks.worlds.streams import room_stream
 
 _DOOR_CLEAR_M = 0.85
 _DOOR_EXTRA_M = 0.05
-# Primitives of all furniture, shared out by floor area and by how much a type needs: chairs have many parts.
-_SOLIDS = 86
-_SOLIDS_ROOM = 9
-_NEEDS: dict[RoomType, float] = {
-    "Bedroom": 1.0,
-    "Bathroom": 1.0,
-    "Living": 1.0,
-    "Dining": 1.7,
-    "Kitchen": 1.3,
-    "Hallway": 0.6,
-    "Closet": 0.6,
-}
+# Primitives of all furniture, shared out by floor area; a small room gets a few more than its share.
+_SOLIDS = 450
+_SOLIDS_ROOM = 30
 _CONNECTED = 0.7
 # How much of the wished density each attempt at a room keeps; the last leaves it empty, which always works.
 _ATTEMPTS = (1.0, 1.0, 1.0, 0.7, 0.5, 0.25, 0.0)
@@ -58,7 +49,18 @@ class _Furnished:
     """One room's furniture before it has names."""
 
     pieces: tuple[Piece, ...]
-    tints: Tints
+    look: Look
+
+
+@dataclass(frozen=True)
+class _Site:
+    """What an interior is made for."""
+
+    brief: Brief
+    plan: FloorPlan
+    draw: Draw
+    hangings: tuple[Hanging, ...]
+    floors: tuple[Box, ...]
 
 
 def furnish_interior(brief: Brief, plan: FloorPlan, fixed: Sequence[Solid], draw: Draw) -> Interior:
@@ -72,37 +74,65 @@ def furnish_interior(brief: Brief, plan: FloorPlan, fixed: Sequence[Solid], draw
         fixed: Walls, and door leaves as they stand fully open.
         draw: Which interior it is.
     """
+    site = _Site(brief, plan, draw, hang_doors(brief, plan), plan.floors)
     attempts = [0] * len(brief.rooms)
-    rooms = [_furnish_room(brief, plan, draw, room, 0) for room in range(len(brief.rooms))]
+    rooms = [_furnish_room(site, room, attempts) for room in range(len(brief.rooms))]
     while True:
         furniture = _named(brief, rooms)
         clearance = _clearance(plan, fixed, furniture)
-        troubled = _troubled(brief, plan, clearance)
+        troubled = _troubled(site, clearance)
         troubled = [room for room in troubled if attempts[room] < len(_ATTEMPTS) - 1]
         if not troubled:
             return Interior(furniture, clearance)
         for room in troubled:
             attempts[room] += 1
-            rooms[room] = _furnish_room(brief, plan, draw, room, attempts[room])
+            rooms[room] = _furnish_room(site, room, attempts)
 
 
-def _furnish_room(brief: Brief, plan: FloorPlan, draw: Draw, room: int, attempt: int) -> _Furnished:
-    rng = room_stream(draw.seed, draw.floorplan_index, draw.interior_index, draw.sub_seed, room=room, attempt=attempt)
-    tints = draw_tints(rng)
-    density = COVERED[brief.rooms[room].density] * _ATTEMPTS[attempt]
-    if density == 0.0:
-        return _Furnished((), tints)
-    needs = [wish.area_m2 * _NEEDS[wish.type] for wish in brief.rooms]
-    floor = plan.floors[room]
-    solids = max(_SOLIDS_ROOM, round(_SOLIDS * needs[room] / sum(needs)))
-    pieces = furnish(rng, brief.rooms[room], floor, _keep_clear(brief, plan, room), solids=solids, density=density)
-    return _Furnished(pieces, tints)
+def _furnish_room(site: _Site, room: int, attempts: list[int]) -> _Furnished:
+    """Furnishes a room: first freely, and when that shuts ways that cannot be mended, with care at each step."""
+    draw, wish, radius = site.draw, site.brief.rooms[room], site.brief.robot_radius_m
+    key = (draw.seed, draw.floorplan_index, draw.interior_index, draw.sub_seed)
+    solids = _solids(site, room)
+    while True:
+        attempt = attempts[room]
+        rng = room_stream(*key, room=room, attempt=attempt)
+        look, scene, share = draw_look(rng), _scene(site, room), _ATTEMPTS[attempt]
+        usual = COVERED_BY_TYPE.get(wish.type, COVERED)[wish.density]
+        density = share * (usual + COVERED_SPREAD * (2 * float(rng.random()) - 1))
+        if share == 0.0:
+            return _Furnished((), look)
+        careful = attempt > 0
+        good = furnish(rng, wish, scene, look.style, solids=solids, density=density, radius_m=radius, careful=careful)
+        if good or careful:
+            return _Furnished(tuple(scene.pieces), look)
+        attempts[room] += 1
 
 
-def _keep_clear(brief: Brief, plan: FloorPlan, room: int) -> tuple[Box, ...]:
-    """Returns the floor before a room's passages, and under the leaves that swing into it."""
-    passages = tuple(gap.box(_DOOR_CLEAR_M, _DOOR_EXTRA_M) for gap in plan.gaps if room in gap.rooms)
-    return passages + tuple(way.swing.grown(_DOOR_EXTRA_M) for way in hang_doors(brief, plan) if way.room == room)
+def _solids(site: _Site, room: int) -> int:
+    """Returns how many primitives a room may have: its share by floor, among the rooms that get furniture."""
+    wishes = site.brief.rooms
+    furnished = [floor.area for floor, wish in zip(site.floors, wishes, strict=True) if wish.furniture != ()]
+    return round(max((_SOLIDS - _SOLIDS_ROOM) * site.floors[room].area / max(sum(furnished), 1.0), _SOLIDS_ROOM))
+
+
+def _scene(site: _Site, room: int) -> Scene:
+    """Returns an empty room, with the floor kept free before its passages and under the leaves that swing into it."""
+    plan, floor, radius = site.plan, site.floors[room], site.brief.robot_radius_m
+    deep = max(_DOOR_CLEAR_M, WALL_M / 2 + way_width(radius))
+    gaps = [gap for gap in plan.gaps if room in gap.rooms]
+    passages = tuple(gap.box(deep, _DOOR_EXTRA_M) for gap in gaps)
+    swings = tuple(hanging.swing.grown(_DOOR_EXTRA_M) for hanging in site.hangings if hanging.room == room)
+    entries = tuple(_inside(floor, gap.center) for gap in gaps)
+    if floor.x_min < 0 < floor.x_max and floor.y_min < 0 < floor.y_max:
+        entries = (*entries, (0.0, 0.0))
+    panes = [pane for pane in plan.windows if pane.room == room]
+    return open_scene(floor, passages + swings, radius, panes, entries)
+
+
+def _inside(floor: Box, point: tuple[float, float]) -> tuple[float, float]:
+    x, y = point
+    return min(max(x, floor.x_min), floor.x_max), min(max(y, floor.y_min), floor.y_max)
 
 
 def _named(brief: Brief, rooms: Sequence[_Furnished]) -> tuple[Furniture, ...]:
@@ -111,7 +141,7 @@ def _named(brief: Brief, rooms: Sequence[_Furnished]) -> tuple[Furniture, ...]:
     for wish, furnished in zip(brief.rooms, rooms, strict=True):
         for piece in furnished.pieces:
             counts[piece.type] = counts.get(piece.type, 0) + 1
-            named.append(assemble(piece, f"{piece.type}_{counts[piece.type]}", wish.name, furnished.tints))
+            named.append(assemble(piece, f"{piece.type}_{counts[piece.type]}", wish.name, furnished.look))
     return tuple(named)
 
 
@@ -119,14 +149,14 @@ def _clearance(plan: FloorPlan, fixed: Sequence[Solid], furniture: Sequence[Furn
     return measure_clearance(plan.footprint, [*fixed, *(solid for piece in furniture for solid in piece.solids)])
 
 
-def _troubled(brief: Brief, plan: FloorPlan, clearance: Clearance) -> list[int]:
+def _troubled(site: _Site, clearance: Clearance) -> list[int]:
     """Returns the rooms to furnish again: those with floor shut off, those not reached, and the ways to them."""
-    radius = brief.robot_radius_m
+    radius, gaps = site.brief.robot_radius_m, site.plan.gaps
     reached = clearance.reached(radius)
     troubled: set[int] = set()
-    for room, floor in enumerate(plan.floors):
+    for room, floor in enumerate(site.floors):
         if not reaches_room(reached, clearance, floor, radius):
-            troubled |= {room, *(other for gap in plan.gaps if room in gap.rooms for other in gap.rooms)}
+            troubled |= {room, *(other for gap in gaps if room in gap.rooms for other in gap.rooms)}
         elif connected_share(reached, clearance, floor, radius) < _CONNECTED:
             troubled.add(room)
     return sorted(troubled)

@@ -1,108 +1,48 @@
-"""Where a piece of furniture may stand in a room: candidates in bulk, and what keeps them out."""
-
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+"""Puts a group where it suits it best: on the floor, in nobody's way, and leaving the ways open."""
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from tasks.worlds.catalogue import Companion, Model, ModelType
+from tasks.worlds.catalogue import CATALOGUE
 from tasks.worlds.floorplan import START_CLEAR_M
-from tasks.worlds.geometry import EPSILON_M, Box, meeting
-from tasks.worlds.parts import Size
+from tasks.worlds.geometry import EPSILON_M, Box
+from tasks.worlds.groups import Group
+from tasks.worlds.scene import Piece, Placed, Scene
+from tasks.worlds.spots import Spots, find_spots
+from tasks.worlds.tastes import dislike
+from tasks.worlds.ways import ways_open
 
-_CANDIDATES = 40
-_WALL_GAP_M = 0.02
-_ROW_GAP_M = 0.005
-_ASKEW_RAD = 0.3
-_CENTER_INSET_M = 0.5
+_CAREFUL_TRIES = 4
+_TWICE = np.array([0, 1, 0, 1])
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A piece that stands in a room.
+def place(
+    rng: np.random.Generator, scene: Scene, group: Group, *, spare_m2: float = 1e9, radius_m: float = 0.0
+) -> Placed | None:
+    """Puts a group into a scene where it suits it best, and returns it there; None when there is no room for it.
 
-    Attributes:
-        quarter: Which way it faces, in quarter turns from +y, counter-clockwise.
-        askew_rad: How far it is turned beyond that.
-        body: The axis-aligned box around it.
-        front: Floor that is kept free for using it.
-        row: Whether others of a row may stand flush beside it.
+    Args:
+        rng: Chooses between places that suit alike.
+        scene: The room; it gets the pieces.
+        group: What to place.
+        spare_m2: How much floor members that it could do without may cover.
+        radius_m: Radius of a robot that must still get around in the room; 0 for no such check.
     """
-
-    type: ModelType
-    size: Size
-    center: tuple[float, float]
-    quarter: int
-    askew_rad: float
-    body: Box
-    front: Box
-    row: bool = False
-
-
-@dataclass
-class Scene:
-    """A room while it is being furnished.
-
-    Attributes:
-        floor: The room's floor.
-        keep_clear: Floor before passages, where nothing stands.
-        pieces: What stands already.
-    """
-
-    floor: Box
-    keep_clear: tuple[Box, ...]
-    pieces: list[Piece] = field(default_factory=list[Piece])
-
-
-@dataclass(frozen=True)
-class _Candidates:
-    """Places to try: centres, facings, and the boxes that would be covered and kept free."""
-
-    centers: Float[np.ndarray, "many 2"]
-    quarters: Int[np.ndarray, " many"]
-    bodies: Float[np.ndarray, "many 4"]
-    fronts: Float[np.ndarray, "many 4"]
-
-
-def place(rng: np.random.Generator, scene: Scene, kind: ModelType, model: Model, size: Size) -> Piece | None:
-    """Returns where a piece goes in the scene, or None when no place tried is free."""
-    askew = round(_ASKEW_RAD * (2 * float(rng.random()) - 1), 3) if model.turns else 0.0
-    cos, sin = abs(math.cos(askew)), abs(math.sin(askew))
-    extent = (size[0] * cos + size[1] * sin, size[0] * sin + size[1] * cos)
-    centers, quarters = _spots(rng, scene, model, extent)
-    candidates = _candidates(centers, quarters, extent, model)
-    free = np.flatnonzero(_free(scene, candidates))
-    if free.size == 0:
+    spots = find_spots(rng, scene, group)
+    boxes = group.boxes[:, spots.quarters] + spots.centers.T[_TWICE][..., None]
+    free = _free_members(scene, group, boxes)
+    fitting = np.flatnonzero(free[:, group.needed].all(axis=1))
+    if fitting.size == 0:
         return None
-    chosen = free[int(np.argmin(_dislike(kind, scene, candidates)[free]))]
-    return Piece(
-        kind,
-        size,
-        (round(float(centers[chosen, 0]), 3), round(float(centers[chosen, 1]), 3)),
-        int(quarters[chosen]),
-        askew,
-        Box(*candidates.bodies[chosen].tolist()),
-        Box(*candidates.fronts[chosen].tolist()),
-        model.row,
-    )
-
-
-def place_companion(scene: Scene, owner: Piece, companion: Companion, size: Size) -> Piece | None:
-    """Returns where a companion goes beside its owner, or None when that place is taken."""
-    offset = _beside(owner.size, companion, size)
-    quarter = (owner.quarter + companion.turned) % 4
-    dx, dy = turned(offset, owner.quarter)
-    center = (round(owner.center[0] + dx, 3), round(owner.center[1] + dy, 3))
-    half_x, half_y = (size[0] / 2, size[1] / 2) if quarter % 2 == 0 else (size[1] / 2, size[0] / 2)
-    body = Box(center[0] - half_x, center[1] - half_y, center[0] + half_x, center[1] + half_y)
-    boxes = np.array([body])
-    others = Scene(scene.floor, scene.keep_clear, [piece for piece in scene.pieces if piece is not owner])
-    candidate = _Candidates(np.array([center]), np.array([quarter]), boxes, boxes)
-    if not _free(others, candidate)[0] or owner.body.meets(body):
-        return None
-    return Piece(companion.type, size, center, quarter, 0.0, body, body)
+    spots, free, boxes = Spots(*[column[fitting] for column in spots]), free[fitting], boxes[:, fitting]
+    cost = dislike(rng, scene, group, spots, free)
+    for best in cost.argsort(kind="stable")[:_CAREFUL_TRIES].tolist() if radius_m else [int(cost.argmin())]:
+        quarter, middle = int(spots.quarters[best]), spots.centers[best].tolist()
+        found = _settled(group, (*middle, quarter), free[best].tolist(), boxes[:, best].T.tolist(), spare_m2)
+        if not radius_m or _leaves_ways(scene, found, radius_m):
+            scene.add(found)
+            return found
+    return None
 
 
 def turned(point: tuple[float, float], quarter: int) -> tuple[float, float]:
@@ -111,97 +51,77 @@ def turned(point: tuple[float, float], quarter: int) -> tuple[float, float]:
     return ((x, y), (-y, x), (-x, -y), (y, -x))[quarter % 4]
 
 
-def _beside(owner: Size, companion: Companion, size: Size) -> tuple[float, float]:
-    """Returns a companion's centre in its owner's frame."""
-    width, depth = (size[0], size[1]) if companion.turned % 2 == 0 else (size[1], size[0])
-    aside = owner[0] / 2 + companion.gap_m + width / 2
-    ahead = owner[1] / 2 + companion.gap_m + depth / 2
-    row = depth / 2 - owner[1] / 2
-    return {
-        "front": (0.0, ahead),
-        "back": (0.0, -ahead),
-        "left": (-aside, 0.0),
-        "right": (aside, 0.0),
-        "row-left": (-aside, row),
-        "row-right": (aside, row),
-    }[companion.side]
+def _leaves_ways(scene: Scene, group: Placed, radius_m: float) -> bool:
+    bodies = [piece.body for piece in (*scene.pieces, *group.pieces)]
+    return ways_open(scene.floor, bodies, scene.entries, radius_m)
 
 
-def _spots(
-    rng: np.random.Generator, scene: Scene, model: Model, extent: tuple[float, float]
-) -> tuple[Float[np.ndarray, "many 2"], Int[np.ndarray, " many"]]:
-    """Returns centres and facings to try, for the way in which the model stands."""
-    quarters = rng.integers(0, 4, _CANDIDATES)
-    along, snap = rng.random((2, _CANDIDATES))
-    half = np.where((quarters % 2 == 0)[:, None], [[extent[0] / 2, extent[1] / 2]], [[extent[1] / 2, extent[0] / 2]])
-    floor = scene.floor
-    if model.anchor == "center":
-        low = np.array([floor.x_min, floor.y_min]) + half + _CENTER_INSET_M
-        high = np.array([floor.x_max, floor.y_max]) - half - _CENTER_INSET_M
-        return np.round(low + np.stack([along, snap], axis=1) * (high - low), 3), quarters
-    low = np.array([floor.x_min, floor.y_min]) + half + _WALL_GAP_M
-    high = np.array([floor.x_max, floor.y_max]) - half - _WALL_GAP_M
-    corner = snap < (1.0 if model.anchor == "corner" else 0.35)
-    along = np.where(corner, np.round(along), along)
-    free = low + along[:, None] * (high - low)
-    # The back stands at the south, east, north or west wall for 0, 1, 2 or 3 quarter turns.
-    x = np.where(quarters == 1, high[:, 0], np.where(quarters == 3, low[:, 0], free[:, 0]))
-    y = np.where(quarters == 0, low[:, 1], np.where(quarters == 2, high[:, 1], free[:, 1]))
-    spots = np.round(np.stack([x, y], axis=1), 3)
-    if not model.row:
-        return spots, quarters
-    beside, facing = _in_row([piece for piece in scene.pieces if piece.row], extent)
-    return np.concatenate([beside, spots]), np.concatenate([facing, quarters])
+def _settled(
+    group: Group, pose: tuple[float, float, int], free: list[bool], boxes: list[list[float]], spare_m2: float
+) -> Placed:
+    """Returns a group at a place.
+
+    Args:
+        group: What stands there.
+        pose: The middle of its frame, and which way it faces.
+        free: Which members there is room for.
+        boxes: Where its members, then its zones lie in the room.
+        spare_m2: How much floor members that it could do without may cover.
+    """
+    pieces: list[Piece] = []
+    kept: set[int] = set()
+    x, y, quarter = pose
+    for number, member in enumerate(group.members):
+        if not member.needed:
+            if not free[number] or member.covers > spare_m2:
+                continue
+            spare_m2 -= member.covers
+        dx, dy = turned(member.at, quarter)
+        center = (round(x + dx, 3), round(y + dy, 3))
+        facing = (quarter + member.quarter) % 4
+        pieces.append(Piece(member.kind, member.size, center, facing, member.askew, Box(*boxes[number]), member.covers))
+        kept.add(number)
+    zones = zip(boxes[len(group.members) :], group.zones, strict=True)
+    return Placed(tuple(pieces), tuple(Box(*box) for box, zone in zones if zone.member in kept))
 
 
-def _in_row(
-    pieces: Sequence[Piece], extent: tuple[float, float]
-) -> tuple[Float[np.ndarray, "some 2"], Int[np.ndarray, " some"]]:
-    """Returns the places flush beside every piece of a row, backs in line."""
-    spots: list[tuple[float, float]] = []
-    facings: list[int] = []
-    for piece in pieces:
-        aside = piece.size[0] / 2 + _ROW_GAP_M + extent[0] / 2
-        back = (extent[1] - piece.size[1]) / 2
-        for side in (-aside, aside):
-            dx, dy = turned((side, back), piece.quarter)
-            spots.append((round(piece.center[0] + dx, 3), round(piece.center[1] + dy, 3)))
-            facings.append(piece.quarter)
-    return np.array(spots).reshape(-1, 2), np.array(facings, dtype=int)
-
-
-def _candidates(
-    centers: Float[np.ndarray, "many 2"], quarters: Int[np.ndarray, " many"], extent: tuple[float, float], model: Model
-) -> _Candidates:
-    swapped = (quarters % 2 == 1)[:, None]
-    half = np.where(swapped, [[extent[1] / 2, extent[0] / 2]], [[extent[0] / 2, extent[1] / 2]])
-    bodies = np.concatenate([centers - half, centers + half], axis=1)
-    reach = np.full((len(quarters), 4), model.front_m if model.anchor == "center" else 0.0)
-    if model.anchor != "center":
-        # South-backed pieces (0) face +y, then -x, -y, +x: columns are x_min, y_min, x_max, y_max.
-        reach[np.arange(len(quarters)), np.array([3, 0, 1, 2])[quarters]] = model.front_m
-    return _Candidates(centers, quarters, bodies, bodies + reach * np.array([-1.0, -1.0, 1.0, 1.0]))
-
-
-def _free(scene: Scene, candidates: _Candidates) -> Bool[np.ndarray, " many"]:
-    """Returns which candidates stand on the floor, and in nobody's way."""
-    bodies, fronts, floor = candidates.bodies, candidates.fronts, scene.floor
-    inside = (fronts[:, :2] >= np.array(floor[:2]) - EPSILON_M) & (fronts[:, 2:] <= np.array(floor[2:]) + EPSILON_M)
-    gap = np.maximum(np.maximum(bodies[:, :2], -bodies[:, 2:]), 0.0)
-    free = inside.all(axis=1) & (gap[:, 0] ** 2 + gap[:, 1] ** 2 >= START_CLEAR_M**2)
-    taken = [*scene.keep_clear, *(piece.body for piece in scene.pieces), *(piece.front for piece in scene.pieces)]
-    if taken:
-        free &= ~meeting(bodies, np.array(taken))
-    if scene.pieces:
-        free &= ~meeting(fronts, np.array([piece.body for piece in scene.pieces]))
+def _free_members(
+    scene: Scene, group: Group, boxes: Float[np.ndarray, "4 many boxes"]
+) -> Bool[np.ndarray, "many members"]:
+    """Returns which members stand on the floor, in nobody's way and usable, at each place."""
+    count = len(group.members)
+    x_min, y_min, x_max, y_max = boxes
+    low_x, low_y, high_x, high_y = scene.floor.grown(EPSILON_M)
+    inside = (x_min >= low_x) & (y_min >= low_y) & (x_max <= high_x) & (y_max <= high_y)
+    meeting = _meeting(boxes, scene.taken)
+    # Bodies keep off everything; what they use may lie where others walk, but nothing may stand there.
+    inside[:, :count] &= ~meeting[:, :count].any(axis=2)
+    inside[:, count:] &= ~meeting[:, count:, : len(scene.pieces)].any(axis=2)
+    free, usable = inside[:, :count], inside[:, count:]
+    if scene.holds_start:
+        free &= _clear_of_start(boxes[:, :, :count])
+    for sill in scene.sills:
+        tall = [member.size[2] > sill.height and not CATALOGUE[member.kind].under_window for member in group.members]
+        if any(tall):
+            free &= ~(_meeting(boxes[:, :, :count], np.array(sill.zone)[:, None])[..., 0] & np.array(tall))
+    for number, zone in enumerate(group.zones):
+        free[:, zone.member] &= usable[:, number]
     return free
 
 
-def _dislike(kind: ModelType, scene: Scene, candidates: _Candidates) -> Float[np.ndarray, " many"]:
-    """Returns how little each place suits the type: a screen faces the sofa."""
-    sofas = [piece for piece in scene.pieces if piece.type == "Sofas"]
-    if kind != "MediaStorage" or not sofas:
-        return np.zeros(len(candidates.quarters))
-    across = 0 if sofas[0].quarter % 2 == 0 else 1
-    aside = np.abs(candidates.centers[:, across] - sofas[0].center[across])
-    return aside + 10.0 * (candidates.quarters != (sofas[0].quarter + 2) % 4)
+def _clear_of_start(boxes: Float[np.ndarray, "4 many some"]) -> Bool[np.ndarray, "many some"]:
+    x_min, y_min, x_max, y_max = boxes
+    gap_x, gap_y = (np.maximum(np.maximum(low, -high), 0.0) for low, high in ((x_min, x_max), (y_min, y_max)))
+    return gap_x * gap_x + gap_y * gap_y >= START_CLEAR_M**2
+
+
+def _meeting(
+    boxes: Float[np.ndarray, "4 many some"], others: Float[np.ndarray, "4 others"]
+) -> Bool[np.ndarray, "many some others"]:
+    """Returns which boxes share more than a border with which of the others."""
+    x_min, y_min, x_max, y_max = boxes[..., None]
+    meeting = x_min < others[2] - EPSILON_M
+    meeting &= x_max > others[0] + EPSILON_M
+    meeting &= y_min < others[3] - EPSILON_M
+    meeting &= y_max > others[1] + EPSILON_M
+    return meeting

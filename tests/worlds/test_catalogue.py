@@ -1,28 +1,17 @@
-"""All 31 furniture types exist, and each is made of few primitives inside its size."""
+"""All 31 furniture types exist, in the sizes that the norms and the shops know."""
 
 import math
-from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
-from specs.world import solids
-from tasks.worlds.catalogue import CATALOGUE
+from tasks.worlds.catalogue import CATALOGUE, STEP_M
 from tasks.worlds.compositions import COMPOSITIONS
-from tasks.worlds.generate import generate_world
-from tasks.worlds.parts import Size, Tints
-from tests.worlds.templates import MODEL_TYPES, furniture, room, template
-
-TINTS = Tints((0.5, 0.4, 0.3), (0.4, 0.3, 0.2), (0.2, 0.3, 0.4))
+from tests.worlds.templates import MODEL_TYPES
 
 
-def largest(kind: str) -> Size:
-    model = CATALOGUE[kind]
-    return model.width_m[1], model.depth_m[1], model.height_m[1]
-
-
-def smallest(kind: str) -> Size:
-    model = CATALOGUE[kind]
-    return model.width_m[0], model.depth_m[0], model.height_m[0]
+def widths(kind: str) -> set[float]:
+    return {width for variant in CATALOGUE[kind].variants for width in variant.sizes[0]}
 
 
 def test_the_catalogue_holds_exactly_the_types_of_the_template() -> None:
@@ -31,24 +20,33 @@ def test_the_catalogue_holds_exactly_the_types_of_the_template() -> None:
 
 
 @pytest.mark.parametrize("kind", MODEL_TYPES)
-@pytest.mark.parametrize("size_of", [smallest, largest])
-def test_primitives_are_positive_and_inside_the_piece(kind: str, size_of: Callable[[str], Size]) -> None:
-    width, depth, height = size_of(kind)
-    parts = COMPOSITIONS[kind]((width, depth, height), TINTS)
-    assert 1 <= len(parts) <= 6
-    assert len({part.name for part in parts}) == len(parts)
-    for part in parts:
-        assert min(part.half) > 0
-        assert abs(part.center[0]) + part.half[0] <= width / 2 + 1e-9
-        assert abs(part.center[1]) + part.half[1] <= depth / 2 + 1e-9
-        assert part.center[2] - part.half[2] >= -1e-9
-        assert part.center[2] + part.half[2] <= 2.1
-        assert math.isclose(part.half[0], part.half[1]) or part.shape == "box"
+def test_sizes_come_in_steps_of_five_centimetres(kind: str) -> None:
+    for variant in CATALOGUE[kind].variants:
+        for extents, (low, high) in zip(
+            variant.sizes, (variant.width_m, variant.depth_m, variant.height_m), strict=True
+        ):
+            assert extents[0] == low
+            assert math.isclose(extents[-1], high, abs_tol=1e-9)
+            assert all(math.isclose(b - a, STEP_M) for a, b in pairwise(extents))
 
 
+@pytest.mark.parametrize("area_m2", [1.0, 10.0, 60.0, 300.0])
 @pytest.mark.parametrize("kind", MODEL_TYPES)
-def test_a_room_that_wishes_one_type_gets_it(kind: str) -> None:
-    body = template(room("Room", area_m2=30.0), arrangements=(furniture({"RoomNames": ["Room"]}, [kind]),))
-    world = generate_world(body, seed=1, generation="wgj-1", floorplan_index=1, interior_index=1)
-    assert {piece.model_type for piece in world.furniture} == {kind}
-    assert len(solids(world)) <= 100
+def test_every_type_has_a_usual_size_in_every_room(kind: str, area_m2: float) -> None:
+    assert CATALOGUE[kind].usual(area_m2)
+
+
+def test_kitchen_units_are_modules_of_the_norm() -> None:
+    for kind in ("Ovens", "DishWashers"):
+        assert all(math.isclose(round(width * 10), width * 10) for width in (0.6, 1.2))
+        assert min(widths(kind)) == 0.6
+        assert {variant.depth_m for variant in CATALOGUE[kind].variants} == {(0.6, 0.6)}
+
+
+def test_beds_are_mattresses_of_usual_width_in_a_frame() -> None:
+    assert {round(width - 0.1, 2) for width in widths("Beds")} == {0.9, 1.4, 1.6, 1.8}
+
+
+def test_large_beds_are_for_large_rooms() -> None:
+    small, large = (max(variant.width_m[1] for variant in CATALOGUE["Beds"].usual(area)) for area in (10.0, 20.0))
+    assert (small, large) == (1.0, 1.9)
