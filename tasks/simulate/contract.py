@@ -145,9 +145,10 @@ class Placement(NamedTuple):
 class Scenario(Protocol):
     """What ``scenario(environment)`` in a simulation application returns.
 
-    ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX. All episodes of a scenario have the
-    same number of goals. It may also have ``arrived_m`` (how near to a goal is there; 0 without it, None for goals
-    that are no destinations) and ``metrics(state)``, a dictionary of scalars.
+    ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX. Where episodes have different
+    numbers of goals, ``init`` gets the last one repeated until all have as many: ``given`` can hold the number. It may
+    also have ``arrived_m`` (how near to a goal is there; 0 without it, None for goals that are no destinations) and
+    ``metrics(state)``, a dictionary of scalars.
     """
 
     def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:

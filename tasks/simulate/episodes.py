@@ -176,14 +176,12 @@ def _place_all(
 
 
 def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:
-    code = "SimulationApplicationCrash"
     first = placed[0][2] if placed else placement
-    if len(placement.goals_m) != len(first.goals_m):
-        goals = f"{len(placement.goals_m)} goals, where other episodes have {len(first.goals_m)}"
-        raise BundleCrash(code, f"scenario.place: {goals}")
     shapes, others = ([(each.shape, each.dtype.name) for each in one.given] for one in (placement, first))
     if shapes != others:
-        raise BundleCrash(code, f"scenario.place: given of {shapes}, where other episodes have {others}")
+        raise BundleCrash(
+            "SimulationApplicationCrash", f"scenario.place: given of {shapes}, where other episodes have {others}"
+        )
 
 
 def _advance_until_done(

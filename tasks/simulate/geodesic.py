@@ -39,10 +39,11 @@ def shortest_paths_m(
         arrived_m: How near to a goal each lane's robot must come.
     """
     lengths = np.full(len(placements), np.inf)
-    worlds: dict[tuple[bytes, bytes], list[int]] = {}
-    for lane, each in enumerate(touched):
-        worlds.setdefault((each.boxes.tobytes(), each.cylinders.tobytes()), []).append(lane)
-    for (boxes, cylinders), lanes in worlds.items():
+    alike: dict[tuple[bytes, bytes, int], list[int]] = {}
+    for lane, (each, placement) in enumerate(zip(touched, placements, strict=True)):
+        key = (each.boxes.tobytes(), each.cylinders.tobytes(), len(placement.goals_m))
+        alike.setdefault(key, []).append(lane)
+    for (boxes, cylinders, _), lanes in alike.items():
         graph = _graph(boxes, cylinders, hull_radius_m)
         lengths[lanes] = _lengths(graph, [placements[lane] for lane in lanes], np.array([arrived_m[k] for k in lanes]))
     return lengths

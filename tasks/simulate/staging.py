@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 from specs.episode import EpisodeRequest
 from specs.world import World
@@ -106,6 +106,7 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
     """
     filled = [*lanes, *[lanes[0]] * (count - len(lanes))]
     floors = [lane.stage.floor for lane in filled]
+    most_goals = max(len(lane.placement.goals_m) for lane in filled)
     numbers = [[split_environment(lane.request.environment)[0][name] for name in names] for lane in filled]
     return LaneInputs(
         boxes=_stacked([lane.stage.touched.boxes for lane in filled]),
@@ -115,7 +116,7 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         ),
         floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
         start=_stacked([lane.placement.start for lane in filled]),
-        goals_m=_stacked([lane.placement.goals_m for lane in filled]),
+        goals_m=_stacked([_filled_up(lane.placement.goals_m, most_goals) for lane in filled]),
         given=tuple(
             jnp.asarray(np.stack(arrays)) for arrays in zip(*(lane.placement.given for lane in filled), strict=True)
         ),
@@ -133,6 +134,11 @@ def last_step(request: EpisodeRequest) -> int:
 
 def _stacked(arrays: Sequence[np.ndarray]) -> Float32[jnp.ndarray, "lanes ..."]:
     return jnp.asarray(np.stack(arrays), jnp.float32)
+
+
+def _filled_up(goals_m: Float64[np.ndarray, "goals 2"], count: int) -> Float64[np.ndarray, "count 2"]:
+    """Returns the goals, the last one repeated until there are as many as in the lane that has most."""
+    return np.concatenate([goals_m, np.repeat(goals_m[-1:], count - len(goals_m), axis=0)])
 
 
 def _task_key(world: str, placement: Placement) -> bytes:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applications.delivery.delivery.rooms import ARRIVED_M, GOALS, HARD_IMPULSE_NS, STUCK_S, Progress, Rooms, Verdict
+from applications.delivery.delivery.rooms import ARRIVED_M, HARD_IMPULSE_NS, STUCK_S, Progress, Rooms, Verdict, scenario
 from specs.world import Rectangle, World
 from tasks.simulate.contract import REASONS, HostMap, Placement, Truth
 from tasks.simulate.floor_map import cell_of, floor_map
@@ -27,8 +27,8 @@ def mapped(world: World) -> HostMap:
 FLOORS = {WORLD.name: mapped(WORLD), ONE_ROOM.name: mapped(ONE_ROOM)}
 
 
-def placed(world: World, seed: int) -> Placement:
-    return Placement(*Rooms().place(world, FLOORS[world.name], RADIUS_M, np.random.default_rng(seed)))
+def placed(world: World, seed: int, goals: float = 2) -> Placement:
+    return Placement(*Rooms(goals).place(world, FLOORS[world.name], RADIUS_M, np.random.default_rng(seed)))
 
 
 def room_of(world: World, point: np.ndarray) -> str:
@@ -65,10 +65,41 @@ def test_in_a_single_room_goals_are_far_apart():
 
 def test_a_robot_that_fits_nowhere_is_told_so():
     with pytest.raises(ValueError, match=r"no floor for a robot of 3\.00 m radius"):
-        Rooms().place(WORLD, FLOORS[WORLD.name], 3.0, np.random.default_rng(0))
+        Rooms(2).place(WORLD, FLOORS[WORLD.name], 3.0, np.random.default_rng(0))
 
 
-SCENARIO = Rooms()
+def test_goals_are_anywhere_in_the_other_room():
+    room = WORLD.rooms[1].floor
+    first = np.array([placed(WORLD, seed, 1).goals_m[0] for seed in range(200)])
+    # The farthest corners of the room are a destination like any other.
+    assert first[:, 0].max() > room.x_max_m - 0.4
+    assert first[:, 1].min() < room.y_min_m + 0.4
+    assert first[:, 1].max() > room.y_max_m - 0.4
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_there_are_as_many_goals_as_asked_for(count: int):
+    found = placed(WORLD, 3, count)
+    assert len(found.goals_m) == count
+    assert found.given == (count,)
+
+
+def test_more_goals_begin_with_those_of_fewer():
+    np.testing.assert_array_equal(placed(WORLD, 3, 5).goals_m[:2], placed(WORLD, 3, 2).goals_m)
+
+
+@pytest.mark.parametrize("goals", [0.0, 1.5, -1.0, 101.0])
+def test_a_number_of_goals_that_cannot_be_is_refused(goals: float):
+    with pytest.raises(ValueError, match=r"GOALS: .*: must be a whole number from 1 to 100"):
+        placed(WORLD, 0, goals)
+
+
+def test_goals_that_are_no_number_are_refused():
+    with pytest.raises(ValueError, match="GOALS: 'many'"):
+        scenario({"GOALS": "many"})
+
+
+SCENARIO = Rooms(2)
 STEP: Callable[[Progress, Truth], tuple[Progress, Verdict]] = jax.jit(SCENARIO.step)
 GOALS_M = jnp.array([[1.0, 0.0], [0.0, 1.0]])
 
@@ -81,7 +112,8 @@ def truth(time_s: float, x: float, y: float, *, impulse_ns: float = 0.0, inside:
 
 
 def judged(*truths: Truth) -> Verdict:
-    state = SCENARIO.init(jnp.zeros(3), GOALS_M)
+    # Two goals, filled up as beside an episode that has four.
+    state = SCENARIO.init(jnp.zeros(3), jnp.concatenate([GOALS_M, GOALS_M[1:], GOALS_M[1:]]), jnp.int32(2))
     verdict = None
     for each in truths:
         state, verdict = STEP(state, each)
@@ -90,7 +122,6 @@ def judged(*truths: Truth) -> Verdict:
 
 
 def test_it_is_passed_when_all_goals_were_reached_in_order():
-    assert len(GOALS_M) == GOALS
     first = judged(truth(1.0, 1.0 - 0.9 * ARRIVED_M, 0.0))
     assert (int(first.goal_index), bool(first.done)) == (1, False)
     last = judged(truth(1.0, 1.0, 0.0), truth(2.0, 0.0, 1.0))

@@ -58,6 +58,19 @@ def test_a_robot_that_touches_nothing_gets_no_impulse(rows: list[EpisodeResult])
         assert row.max_impulse_ns <= row.impulse_ns
 
 
+def test_episodes_with_more_goals_run_beside_those_with_fewer(deliver: Simulate, rows: list[EpisodeResult]):
+    mixed = [
+        delivery(k, world="hand/apartment-0", seed=100, duration_s=2.0).model_copy(
+            update={"environment": {"MAX_SPEED": "0.6", "GOALS": goals}}
+        )
+        for k, goals in enumerate(["2", "3", "2"])
+    ]
+    found = deliver(mixed)
+    assert [row.goals_total for row in found] == [2, 3, 2]
+    assert found[0].model_copy(update={"index": 2}) == found[2]
+    assert found[0] == deliver(mixed[:1])[0]
+
+
 def test_driving_costs_energy(rows: list[EpisodeResult]):
     # 2 kg brought to 0.6 m/s hold 0.36 J.
     assert all(row.energy_j > 0.3 for row in rows)

@@ -13,29 +13,31 @@ if TYPE_CHECKING:
     from specs.world import Rectangle, World
     from tasks.simulate.contract import HostMap
 
-GOALS = 2
+DEFAULT_GOALS = 2
+MOST_GOALS = 100
 ARRIVED_M = 0.3
 # What stops the courier's 2 kg from 0.1 m/s at once; brushing along a wall stays far below.
 HARD_IMPULSE_NS = 0.2
 STUCK_S = 10.0
 STUCK_M = 0.15
-# Goals stand this clear of the hull, on ways at least that wide.
-_GOAL_ROOM_M = 0.15
-_WAY_ROOM_M = 0.05
+# The hull has this much room on all sides, at a goal and on the way to it.
+_ROOM_M = 0.05
 _PASSED, _COLLISION, _STUCK, _OUT_OF_BOUNDS = 0, 1, 3, 4
 
 
 class Placement(NamedTuple):
-    """Start (x m, y m, yaw rad) and goals (x m, y m) in order."""
+    """Start (x m, y m, yaw rad), goals (x m, y m) in order, and how many they are."""
 
     start: Float64[np.ndarray, "3"]
     goals_m: Float64[np.ndarray, "goals 2"]
+    given: tuple[np.ndarray]
 
 
 class Progress(NamedTuple):
-    """Goals, how many are reached, and since when and where the robot has not got on."""
+    """Goals, how many there are and are reached, and since when and where the robot has not got on."""
 
     goals_m: Float[jax.Array, "goals 2"]
+    total: Int[jax.Array, ""]
     reached: Int[jax.Array, ""]
     anchor_m: Float[jax.Array, "2"]
     anchored_s: Float[jax.Array, ""]
@@ -54,51 +56,66 @@ class Rooms:
 
     arrived_m = ARRIVED_M
 
+    def __init__(self, goals: "float | Float[jax.Array, '']") -> None:
+        self._goals = goals
+
     def place(self, world: "World", floor: "HostMap", hull_radius_m: float, rng: np.random.Generator) -> Placement:
         """Returns the start at the origin, facing any way, and goals drawn so that each lies in another room.
 
         Raises:
-            ValueError: The world has no free floor that the robot can reach from the origin.
+            ValueError: GOALS is no number of goals, or the robot can reach no floor from the origin.
         """
-        reachable = _reachable(floor, hull_radius_m + _WAY_ROOM_M)
-        cells = reachable & (floor.clearance_m >= hull_radius_m + _GOAL_ROOM_M)
-        if not cells.any():
+        count = round(float(self._goals))
+        if count != float(self._goals) or not 1 <= count <= MOST_GOALS:
+            raise ValueError(f"GOALS: {float(self._goals):g}: must be a whole number from 1 to {MOST_GOALS}")
+        reachable = _reachable(floor, hull_radius_m + _ROOM_M)
+        if not reachable.any():
             raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around the origin")
-        points = np.column_stack([_points(floor, cells), floor.clearance_m[cells]])
+        points = _points(floor, reachable)
         goals: list[Float64[np.ndarray, 2]] = []
         here = np.zeros(2)
-        for _ in range(GOALS):
+        for _ in range(count):
             here = _draw_goal(world, points, here, rng)
             goals.append(here)
-        return Placement(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), np.stack(goals))
+        start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+        return Placement(start, np.stack(goals), (np.array(count, np.int32),))
 
-    def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"]) -> Progress:
+    def init(
+        self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"], total: Int[jax.Array, ""]
+    ) -> Progress:
         """Returns the progress before the first step."""
-        return Progress(goals_m, jnp.zeros((), jnp.int32), start[:2], jnp.zeros(()))
+        return Progress(goals_m, total, jnp.zeros((), jnp.int32), start[:2], jnp.zeros(()))
 
     # The engine's Truth: a bundle depends on nothing of Simyard when it runs.
     def step(self, state: Progress, truth: Any) -> tuple[Progress, Verdict]:  # noqa: ANN401 - see above
         """Returns the progress and the verdict after a control step."""
         place = truth.pose[:2]
-        goal = state.goals_m[jnp.minimum(state.reached, GOALS - 1)]
+        goal = state.goals_m[jnp.minimum(state.reached, state.total - 1)]
         arrived = jnp.sum((place - goal) ** 2) < ARRIVED_M**2
         reached = state.reached + arrived
         moved = jnp.sum((place - state.anchor_m) ** 2) > STUCK_M**2
         anchored_s = jnp.where(moved | arrived, truth.time_s, state.anchored_s)
         stuck = truth.time_s - anchored_s > STUCK_S
         hit = truth.impulse_ns > HARD_IMPULSE_NS
-        passed = reached >= GOALS
+        passed = reached >= state.total
         reason = jnp.where(stuck, _STUCK, _PASSED)
         reason = jnp.where(~truth.inside, _OUT_OF_BOUNDS, reason)
         reason = jnp.where(hit, _COLLISION, jnp.where(passed, _PASSED, reason))
         done = passed | stuck | hit | ~truth.inside
         anchor = jnp.where(moved, place, state.anchor_m)
-        return Progress(state.goals_m, reached, anchor, anchored_s), Verdict(reached, done, reason)
+        return Progress(state.goals_m, state.total, reached, anchor, anchored_s), Verdict(reached, done, reason)
 
 
-def scenario(environment: Mapping[str, object]) -> Rooms:  # noqa: ARG001 - the engine calls every scenario so
-    """Returns the scenario; it reads no environment variables."""
-    return Rooms()
+def scenario(environment: Mapping[str, "str | Float[jax.Array, '']"]) -> Rooms:
+    """Returns the scenario; GOALS is the number of goals.
+
+    Raises:
+        ValueError: GOALS is not a number.
+    """
+    goals = environment.get("GOALS", DEFAULT_GOALS)
+    if isinstance(goals, str):
+        raise ValueError(f"GOALS: {goals!r}: must be a whole number from 1 to {MOST_GOALS}")  # noqa: TRY004 - the text is the wrong value of a variable
+    return Rooms(goals)
 
 
 def _reachable(floor: "HostMap", radius_m: float) -> np.ndarray:
@@ -115,31 +132,24 @@ def _points(floor: "HostMap", cells: np.ndarray) -> Float64[np.ndarray, "points 
 
 
 def _draw_goal(
-    world: "World", points: Float64[np.ndarray, "points 3"], here: Float64[np.ndarray, "2"], rng: np.random.Generator
+    world: "World", points: Float64[np.ndarray, "points 2"], here: Float64[np.ndarray, "2"], rng: np.random.Generator
 ) -> Float64[np.ndarray, "2"]:
-    """Returns a roomy point in another room than ``here``; where there is none to go to, a point far away.
+    """Returns a point in another room than ``here``; where there is none to go to, a point far away.
 
     Args:
         world: Its rooms are drawn from, each as likely as the other.
-        points: Where a goal may be: (x m, y m, clearance m).
+        points: Where a goal may be.
         here: Where the robot comes from.
         rng: Draws the room, then the point.
     """
     rooms = [points[_inside(points, room.floor)] for room in world.rooms if not _inside(here[None], room.floor)[0]]
     rooms = [room for room in rooms if len(room)]
     if rooms:
-        candidates = _handy(rooms[int(rng.integers(len(rooms)))], here)
+        candidates = rooms[int(rng.integers(len(rooms)))]
     else:
-        distance = np.hypot(*(points[:, :2] - here).T)
+        distance = np.hypot(*(points - here).T)
         candidates = points[distance >= distance.max() / 2]
-    return candidates[int(rng.integers(len(candidates))), :2]
-
-
-def _handy(points: Float64[np.ndarray, "points 3"], here: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "points 3"]:
-    """Returns where in a room one would put a delivery down: its roomier half, and of that the nearer half."""
-    roomy = points[points[:, 2] >= np.median(points[:, 2])]
-    distance = np.hypot(*(roomy[:, :2] - here).T)
-    return roomy[distance <= np.median(distance)]
+    return candidates[int(rng.integers(len(candidates)))]
 
 
 def _inside(points: Float64[np.ndarray, "points columns"], floor: "Rectangle") -> np.ndarray:
