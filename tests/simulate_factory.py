@@ -10,12 +10,13 @@ from tests.worlds_factory import apartment
 
 REPOSITORY = Path(__file__).parent.parent
 BUNDLES = Path(__file__).parent / "simulate" / "bundles"
-COURIER, DELIVERY, FAULTY, DRIFT = ("c" * 64, "d" * 64, "f" * 64, "e" * 64)
+COURIER, DELIVERY, FAULTY, DRIFT, PLAIN = ("c" * 64, "d" * 64, "f" * 64, "e" * 64, "a" * 64)
 FOLDERS = {
     COURIER: REPOSITORY / "applications" / "courier",
     DELIVERY: REPOSITORY / "applications" / "delivery",
     FAULTY: BUNDLES / "faulty",
     DRIFT: BUNDLES / "drift",
+    PLAIN: BUNDLES / "plain",
 }
 ROBOT = ApplicationLaunch(name="courier", version="1", digest=COURIER, package="courier", launch_file="go_to_goal")
 SCENARIO = ApplicationLaunch(name="delivery", version="1", digest=DELIVERY, package="delivery", launch_file="rooms")
@@ -83,6 +84,32 @@ def pen(side_m: float, seed: int) -> World:
         }
     )
     return world.model_copy(update={"furniture": tuple(_piece(world, number, rng) for number in range(14))})
+
+
+def hall(half_width_m: float) -> World:
+    """Returns two bare rooms in a row along x, of 5 m each, with no wall between them."""
+    base = apartment(name="hall")
+    west, east = -2.5, 7.5
+    walls = tuple(
+        _box(f"wall-{number}", (x, y), (hx, hy), 0.0)
+        for number, (x, y, hx, hy) in enumerate(
+            [
+                (west, 0, 0.05, half_width_m),
+                (east, 0, 0.05, half_width_m),
+                (2.5, half_width_m, 5.0, 0.05),
+                (2.5, -half_width_m, 5.0, 0.05),
+            ]
+        )
+    )
+    spans = ((west, 2.5), (2.5, east))
+    rooms = tuple(
+        room.model_copy(
+            update={"floor": Rectangle(x_min_m=low, x_max_m=high, y_min_m=-half_width_m, y_max_m=half_width_m)}
+        )
+        for room, (low, high) in zip(base.rooms[:2], spans, strict=True)
+    )
+    outer = Rectangle(x_min_m=west, x_max_m=east, y_min_m=-half_width_m, y_max_m=half_width_m)
+    return base.model_copy(update={"walls": walls, "rooms": rooms, "passages": (), "furniture": (), "footprint": outer})
 
 
 def _piece(world: World, number: int, rng: np.random.Generator) -> Furniture:

@@ -13,7 +13,7 @@ from tasks.simulate.applications import Applications
 from tasks.simulate.lane import advance_lane
 from tasks.simulate.lane_state import Body, LaneInputs, LaneState, Record, begin_lane
 from tasks.simulate.mechanics import Mechanics
-from tasks.simulate.program import SLICE_STEPS, lane_mesh, padded_lanes, put_lanes, split_over
+from tasks.simulate.program import SLICE_STEPS, lane_mesh, padded_lanes, put_lanes, split_over, strong_types
 from tasks.simulate.robot import Hull
 from tasks.simulate.staging import Lane
 
@@ -92,7 +92,7 @@ def compiled_program(mechanics: Mechanics, applications: Applications, lanes: in
 
 
 def _begin_lane(mechanics: Mechanics, applications: Applications, inputs: LaneInputs) -> LaneState:
-    return begin_lane(applications, inputs, mechanics.first_body(inputs.start))
+    return strong_types(begin_lane(applications, inputs, mechanics.first_body(inputs.start)))
 
 
 def _advance_slice(

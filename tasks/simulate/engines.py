@@ -12,14 +12,14 @@ from typing import Literal, cast
 from specs.base import Spec
 from tasks.simulate.devices import DeviceKind
 from tasks.simulate.mujoco_model import host_robot
-from tasks.simulate.robot import RobotRefused, base_of, read_robot
+from tasks.simulate.planar_model import planar_robot
+from tasks.simulate.robot import RobotRefused, base_of, compiled, read_robot
 
 EngineName = Literal["planar", "mjx", "mujoco"]
-Engine = Literal["auto", "planar", "mjx", "mujoco"]
 # Fastest first, as measured (docs/engines.md); `auto` takes the first that can run the robot.
 _PLANAR_BASES: dict[DeviceKind, tuple[EngineName, ...]] = {
-    "cpu": ("mjx", "mujoco"),
-    "gpu": ("mjx", "mujoco"),
+    "cpu": ("planar", "mujoco", "mjx"),
+    "gpu": ("planar", "mjx", "mujoco"),
 }
 _OTHERS: dict[DeviceKind, tuple[EngineName, ...]] = {"cpu": ("mujoco", "mjx"), "gpu": ("mjx", "mujoco")}
 _PLAIN = "jax"
@@ -95,7 +95,7 @@ def _order(asked: str, robot: Path, device: DeviceKind, *, plain: bool) -> tuple
         return (engine,)
     if plain:
         return ("mujoco",)
-    base = base_of(read_robot(robot).compile())
+    base = base_of(compiled(read_robot(robot)))
     return _OTHERS[device] if base.free or base.articulated else _PLANAR_BASES[device]
 
 
@@ -113,4 +113,4 @@ def _load_mjx(robot: Path) -> None:
     load_robot(robot)
 
 
-_LOADERS: dict[EngineName, Callable[[Path], object]] = {"mjx": _load_mjx, "mujoco": host_robot}
+_LOADERS: dict[EngineName, Callable[[Path], object]] = {"planar": planar_robot, "mjx": _load_mjx, "mujoco": host_robot}

@@ -9,9 +9,10 @@ from tasks.simulate.engines import EngineChoice, EngineName
 from tasks.simulate.mechanics import Mechanics
 from tasks.simulate.mjx_engine import mjx_mechanics
 from tasks.simulate.mujoco_engine import host_program
+from tasks.simulate.planar import planar_mechanics
 from tasks.simulate.program import Program
 
-_MECHANICS: dict[EngineName, Callable[[Path], Mechanics]] = {"mjx": mjx_mechanics}
+_MECHANICS: dict[EngineName, Callable[[Path], Mechanics]] = {"planar": planar_mechanics, "mjx": mjx_mechanics}
 
 
 def load_program(choice: EngineChoice, robot: Path, applications: Applications, lanes: int) -> Program:

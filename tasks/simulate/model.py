@@ -18,6 +18,7 @@ from tasks.simulate.robot import (
     add_obstacle,
     base_of,
     collision_bits,
+    compiled,
     hull_of,
     read_robot,
     rest_position,
@@ -78,12 +79,12 @@ def load_robot(path: Path) -> RobotModel:
         RobotRefused: The robot cannot be represented; says which element, and the remedy.
     """
     spec = read_robot(path)
-    alone = spec.compile()
+    alone = compiled(spec)
     base, hull = base_of(alone), hull_of(alone)
     refuse_what_mjx_lacks(alone)
     boxes, cylinders = _add_slots(spec)
     _tune(spec, alone, base)
-    host = spec.compile()
+    host = compiled(spec)
     try:
         model = mjx.put_model(host)
         data = mjx.make_data(model)

@@ -24,7 +24,7 @@ from tasks.simulate.lane_state import Body, Decision, LaneInputs, LaneState, Mot
 from tasks.simulate.mujoco_model import HostRobot, host_robot, world_models
 from tasks.simulate.mujoco_stepper import HostBody, Stepper
 from tasks.simulate.plain_controllers import PlainControllers, StandIn
-from tasks.simulate.program import SLICE_STEPS, lane_mesh, padded_lanes, put_lanes, split_over
+from tasks.simulate.program import SLICE_STEPS, lane_mesh, padded_lanes, put_lanes, split_over, strong_types
 from tasks.simulate.robot import Hull
 from tasks.simulate.sensing import decide, observe
 from tasks.simulate.staging import Lane
@@ -73,7 +73,7 @@ class HostProgram:
     def body(self) -> Body:
         """Returns a robot at rest, to check applications with."""
         stepper = Stepper(self.robot, [self.robot.alone], np.zeros((1, 3)), 1)
-        return jax.tree.map(lambda array: array[0], _body(stepper.body()))
+        return _body(jax.tree.map(lambda array: array[0], stepper.body()))
 
     def ready(self, inputs: LaneInputs, lanes: Sequence[Lane], worlds: Mapping[str, World]) -> "HostRun":
         """Returns episodes ready to run."""
@@ -158,12 +158,16 @@ def host_program(
         lanes=padded_lanes(lanes, mesh.size),
         threads=threads or device_count(),
         mesh=mesh,
-        begin=jax.jit(split(begin_lane, 2)),
+        begin=jax.jit(split(_begin_lane, 2)),
         sense=jax.jit(split(observe, 2)),
         decide=jax.jit(split(_decide_lane, 2)),
         settle=jax.jit(split(functools.partial(_settle_lane, robot.hull), 5), donate_argnums=1),
         plain=applications.make_controller if plain else None,
     )
+
+
+def _begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
+    return strong_types(begin_lane(applications, inputs, body))
 
 
 def _decide_lane(applications: Applications, inputs: LaneInputs, state: LaneState) -> Decided:
@@ -195,8 +199,8 @@ def _with_changes(before: State, changed: Changed) -> State:
 
 def _body(host: HostBody) -> Body:
     joints = None if host.joints is None else Joints(*_arrays(host.joints))
-    pose, velocity, act = _arrays(host[:3])
-    return Body(pose, velocity, act, warmstart=jnp.zeros((len(pose), 0)), joints=joints)
+    pose, velocity, act, warmstart = _arrays((*host[:3], np.zeros((*host.qpos.shape[:-1], 0), np.float32)))
+    return Body(pose, velocity, act, warmstart, joints)
 
 
 def _arrays(host: Iterable[np.ndarray]) -> tuple[jax.Array, ...]:

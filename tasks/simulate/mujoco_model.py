@@ -17,6 +17,7 @@ from tasks.simulate.robot import (
     add_obstacle,
     base_of,
     collision_bits,
+    compiled,
     hull_of,
     read_robot,
     rest_position,
@@ -65,7 +66,7 @@ def host_robot(path: Path) -> HostRobot:
     """
     spec = read_robot(path)
     _name_parts(spec)
-    alone = spec.compile()
+    alone = compiled(spec)
     return HostRobot(
         spec=spec,
         alone=alone,
@@ -105,7 +106,7 @@ def world_model(robot: HostRobot, world: World, places: int = 0) -> mujoco.MjMod
     _add_sensors(spec, robot)
     # A state that blows up stays as it is, and is reported, instead of starting anew.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    return spec.compile()
+    return compiled(spec)
 
 
 def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, bits: tuple[int, int]) -> None:

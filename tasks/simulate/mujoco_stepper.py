@@ -86,6 +86,8 @@ class Stepper:
             path, sensed = self._rolled_out(chosen, controls[chosen].astype(np.float64))
             self._warmstarts[chosen] = self._accelerations(np.concatenate([self._states[chosen, None], path], axis=1))
             self._states[chosen] = path[:, -1]
+            # MuJoCo would take a control that it calls bad for 0, and say so in a log.
+            self._states[chosen[(np.abs(controls[chosen]) > _MOST).any(axis=1)]] = np.nan
             for total, done in zip(work, self._work(sensed), strict=True):
                 total[chosen] = done
         return self.body(), work

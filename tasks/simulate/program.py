@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import jax
+import jax.numpy as jnp
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from specs.world import World
@@ -20,7 +21,8 @@ from tasks.simulate.staging import Lane
 SLICE_STEPS = 25
 _AXIS = "lanes"
 # Lanes fill whole vectors: three lanes a device, or one, are compiled to other arithmetic for what is left over, and
-# results differ in the last bits. With multiples of eight they are the same for any lane and device count.
+# results differ in the last bits. With multiples of eight, and without fused multiply-add (``devices``), they are the
+# same for any lane and device count, and wherever in the batch a lane lies.
 _LANES_A_VECTOR = 8
 
 
@@ -88,6 +90,14 @@ def padded_lanes(lanes: int, devices: int) -> int:
     """Returns the lanes of a run: at least as many as asked for, and the same whole vectors on each device."""
     together = _LANES_A_VECTOR * devices
     return -(-lanes // together) * together
+
+
+def strong_types(state: LaneState) -> LaneState:
+    """Returns a state whose arrays have types of their own: JAX would compile a program again for a "weak" one.
+
+    What comes out of a program's first slice has strong types, whatever literals an application began with.
+    """
+    return jax.tree.map(lambda array: jax.lax.convert_element_type(array, jnp.asarray(array).dtype), state)
 
 
 def lane_mesh() -> Mesh:

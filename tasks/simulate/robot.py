@@ -1,5 +1,6 @@
 """A robot read from its MJCF: what every engine must know of it, and what none can drive."""
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -62,14 +63,21 @@ def read_robot(path: Path) -> mujoco.MjSpec:
         floor = next((geom for geom in spec.worldbody.geoms if _is_floor(geom)), None)
         ground = {} if floor is None else {name: np.copy(getattr(floor, name)) for name in _FLOOR_FIELDS}
         _delete_scenery(spec)
-        base = base_of(spec.compile())
+        base = base_of(compiled(spec))
         if base.free:
             _add_floor(spec, ground)
         _shorten_steps(spec)
-        spec.compile()
+        compiled(spec)
     except (ValueError, OSError) as exc:
         raise RobotRefused(f"{path.name}: {exc}") from exc
     return spec
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Returns a specification's model; advice to the author of a robot's file is no warning of ours."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return spec.compile()
 
 
 def base_of(model: mujoco.MjModel) -> Base:

@@ -1,11 +1,14 @@
 """An episode's row depends on its request alone."""
 
+import numpy as np
 import pytest
 
-from specs.episode import EpisodeResult
+from specs.episode import EpisodeRequest, EpisodeResult
 from specs.world import World
+from tasks.simulate.chunks import plan_chunks
+from tasks.simulate.runner import simulate_chunk
 from tests.simulate.conftest import LANES, Simulate
-from tests.simulate_factory import delivery
+from tests.simulate_factory import FOLDERS, delivery, pen
 
 REQUESTS = [
     delivery(k, world=f"hand/apartment-{k % 4}", seed=k // 4, speed=("0.4", "0.7")[k % 2], duration_s=40.0)
@@ -38,3 +41,17 @@ def test_a_sweep_over_numbers_reaches_each_lane(together: list[EpisodeResult]):
     slow = [row.path_length_m / row.simulated_s for row in together[::2]]
     fast = [row.path_length_m / row.simulated_s for row in together[1::2]]
     assert max(slow) <= 0.4 < min(fast) <= max(fast) <= 0.7
+
+
+@pytest.mark.parametrize("engine", ["planar", "mujoco"])
+def test_where_in_a_large_batch_a_lane_lies_does_not_matter(engine: str):
+    requests = [delivery(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=5.0) for k in range(128)]
+    worlds = {f"hand/pen-{k}": pen(6.0, k) for k in range(3)}
+    order = np.random.default_rng(0).permutation(len(requests)).tolist()
+
+    def run(requests: list[EpisodeRequest]) -> list[EpisodeResult]:
+        (chunk,) = plan_chunks(requests, 128)
+        return simulate_chunk(chunk, worlds, FOLDERS, lanes=128, engine=engine, should_stop=lambda: False)
+
+    in_order = run(requests)
+    assert run([requests[k] for k in order]) == [in_order[k] for k in order]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.devices import JaxAlreadyImported, compilation_cache, device_count, prepare_devices
+from tasks.simulate.devices import JaxAlreadyImported, compilation_cache, device_count, device_kind, prepare_devices
 
 ASK = """
 import sys
@@ -32,11 +32,24 @@ def test_jax_gets_a_device_for_each_core_and_a_cache_in_the_named_folder(tmp_pat
 
 
 def test_the_users_own_settings_are_left_alone(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=1")
+    own = "--xla_cpu_max_isa=AVX2 --xla_force_host_platform_device_count=1"
+    monkeypatch.setenv("XLA_FLAGS", own)
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "/elsewhere")
     prepare_devices()
-    assert os.environ["XLA_FLAGS"] == "--xla_force_host_platform_device_count=1"
+    assert os.environ["XLA_FLAGS"] == own
     assert os.environ["JAX_COMPILATION_CACHE_DIR"] == "/elsewhere"
+
+
+@pytest.mark.parametrize(("asked", "kind"), [("cpu", "cpu"), ("cuda,cpu", "gpu")])
+def test_the_kind_of_device_is_the_one_that_the_user_names(monkeypatch: pytest.MonkeyPatch, asked: str, kind: str):
+    monkeypatch.setenv("JAX_PLATFORMS", asked)
+    assert device_kind() == kind
+
+
+def test_without_a_plugin_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert device_kind() == "cpu"
 
 
 def test_settings_that_would_come_too_late_are_refused(monkeypatch: pytest.MonkeyPatch):

@@ -1,14 +1,18 @@
 """How lanes are laid out on devices."""
 
+import jax
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.episode import EpisodeResult
+from specs.world import World
 from tasks.simulate.chunks import plan_chunks
+from tasks.simulate.episodes import ready_chunk
 from tasks.simulate.program import padded_lanes
 from tasks.simulate.runner import simulate_chunk
 from tests.simulate.conftest import PUSHER_LANES, Simulate
-from tests.simulate_factory import FOLDERS, pen, pushing
+from tests.simulate_factory import FOLDERS, delivery, pen, pushing
 
 
 @given(st.integers(1, 5000), st.integers(1, 64))
@@ -16,6 +20,19 @@ def test_every_device_gets_the_same_whole_vectors_of_lanes(lanes: int, devices: 
     padded = padded_lanes(lanes, devices)
     assert lanes <= padded < lanes + 8 * devices
     assert padded % (8 * devices) == 0
+
+
+@pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
+def test_the_second_slice_compiles_nothing(pens: dict[str, World], engine: str):
+    requests = [delivery(k, world="hand/pen-0", duration_s=60.0) for k in range(2)]
+    run = ready_chunk(requests, pens, FOLDERS, lanes=PUSHER_LANES, engine=engine).run
+    assert run is not None
+    kinds: list[list[tuple[tuple[int, ...], str, bool]]] = []
+    state = run.begin()
+    for _ in range(2):
+        kinds.append([(leaf.shape, leaf.dtype.name, leaf.weak_type) for leaf in jax.tree.leaves(state)])
+        state, _ = run.advance(state)
+    assert kinds[0] == kinds[1]
 
 
 def test_the_lane_count_changes_no_result(push: Simulate):
