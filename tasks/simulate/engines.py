@@ -5,7 +5,8 @@ every chunk of a batch, and a batch that is resumed, gets the same one.
 """
 
 import ast
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal, cast
 
@@ -13,16 +14,17 @@ from specs.base import Spec
 from tasks.simulate.devices import DeviceKind
 from tasks.simulate.mujoco_model import host_robot
 from tasks.simulate.planar_model import planar_robot
-from tasks.simulate.robot import RobotRefused, base_of, compiled, read_robot
+from tasks.simulate.robot import RobotRefused
 
 EngineName = Literal["planar", "mjx", "mujoco"]
 # Fastest first, as measured (docs/engines.md); `auto` takes the first that can run the robot.
-_PLANAR_BASES: dict[DeviceKind, tuple[EngineName, ...]] = {
+_FASTEST: dict[DeviceKind, tuple[EngineName, ...]] = {
     "cpu": ("planar", "mujoco", "mjx"),
     "gpu": ("planar", "mjx", "mujoco"),
 }
-_OTHERS: dict[DeviceKind, tuple[EngineName, ...]] = {"cpu": ("mujoco", "mjx"), "gpu": ("mjx", "mujoco")}
 _PLAIN = "jax"
+_CULPRIT = re.compile(r"robot\.xml: ([^:]*):")
+_SHOWN = 3
 
 
 class EngineChoice(Spec):
@@ -54,16 +56,16 @@ def choose_engine(asked: str, robot: Path, module: Path, device: DeviceKind) -> 
         RobotRefused: The engine that it must be cannot run it, or none can; says what is in the way, and the remedy.
     """
     plain = is_plain_python(module)
-    order = _order(asked, robot, device, plain=plain)
-    refusals: list[str] = []
+    order = _order(asked, device, plain=plain)
+    refusals: dict[EngineName, str] = {}
     for engine in order:
         try:
             _LOADERS[engine](robot)
         except RobotRefused as refused:
-            refusals.append(str(refused))
+            refusals[engine] = str(refused)
         else:
-            return EngineChoice(engine=engine, device=device, why=_why(asked, plain, refusals), plain=plain)
-    raise RobotRefused("\n".join(refusals))
+            return EngineChoice(engine=engine, device=device, why=_why(asked, refusals, plain=plain), plain=plain)
+    raise RobotRefused("\n".join(refusals.values()))
 
 
 def is_plain_python(module: Path) -> bool:
@@ -84,7 +86,7 @@ def is_plain_python(module: Path) -> bool:
     )
 
 
-def _order(asked: str, robot: Path, device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
+def _order(asked: str, device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
     if asked != "auto":
         engine = cast("EngineName", asked)
         if plain and engine != "mujoco":
@@ -95,16 +97,25 @@ def _order(asked: str, robot: Path, device: DeviceKind, *, plain: bool) -> tuple
         return (engine,)
     if plain:
         return ("mujoco",)
-    base = base_of(compiled(read_robot(robot)))
-    return _OTHERS[device] if base.free or base.articulated else _PLANAR_BASES[device]
+    return _FASTEST[device]
 
 
-def _why(asked: str, plain: bool, refusals: list[str]) -> str:  # noqa: FBT001 - XX
+def _why(asked: str, refusals: Mapping[EngineName, str], *, plain: bool) -> str:
     if asked != "auto":
         return "asked for"
     if plain:
         return "its controller is plain Python"
-    return "; ".join(" ".join(each.split()) for each in refusals) or "the fastest for this robot"
+    if not refusals:
+        return "the fastest of all"
+    hindered = (f"{engine} cannot represent {_culprits(refusal)}" for engine, refusal in refusals.items())
+    return f"the fastest for this robot: {', '.join(hindered)}"
+
+
+def _culprits(refusal: str) -> str:
+    """Returns the elements that a refusal names, without what is wrong with them."""
+    named = list(dict.fromkeys(_CULPRIT.findall(refusal))) or [" ".join(refusal.split())]
+    more = f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else ""
+    return ", ".join(named[:_SHOWN]) + more
 
 
 def _load_mjx(robot: Path) -> None:
