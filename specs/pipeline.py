@@ -12,6 +12,7 @@ from specs.digests import digest
 from specs.pipeline_simulation import Deployment, Gate, SimulationBatch
 from specs.pipeline_worlds import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
 from specs.rules import Finding, Location, Ruled, items, part
+from specs.settings import max_worlds_of_job
 
 SECTIONS = ("applications", "worldGeneration", "worldExport", "simulationBatch", "deployment")
 INERT_FIELDS = frozenset(
@@ -113,7 +114,8 @@ def _too_many_to_export(data: object) -> Iterator[Finding]:
     export, count = part(data, "worldExport"), part(part(data, "worldGeneration"), "worldCount")
     counts = [part(count, "floorplanCount"), part(count, "interiorCountPerFloorplan")]
     plans, interiors = (each if type(each) is int else 1 for each in counts)
-    if export is not None and not _names_worlds(export) and plans * interiors > MAX_WORLDS_OF_EXPORT:
+    generated = plans * interiors <= max_worlds_of_job()  # more are a fault of their own
+    if export is not None and not _names_worlds(export) and generated and plans * interiors > MAX_WORLDS_OF_EXPORT:
         allowed = f"at most {MAX_WORLDS_OF_EXPORT} worlds, by name; {plans * interiors} are generated"
         yield Finding(("worldExport", "worlds"), "all", allowed)
 
