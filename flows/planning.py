@@ -41,7 +41,7 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.simulationBatch:
         requests, lanes = _requests(spec.simulationBatch, worlds, finder(trial, own))
         episodes = len(requests)
-        yield from _batch_lines(requests, lanes)
+        yield from _batch_lines(requests, lanes, spec.simulationBatch.engine)
     if spec.gate:
         yield from _gate_lines(spec, episodes)
     if spec.deployment:
@@ -57,11 +57,11 @@ def _requests(section: SimulationBatch, worlds: int, find: FindVersion) -> tuple
     return list(Layout(plan).requests()), plan.lanes
 
 
-def _batch_lines(requests: list[EpisodeRequest], lanes: int) -> Iterator[str]:
+def _batch_lines(requests: list[EpisodeRequest], lanes: int, engine: str) -> Iterator[str]:
     plan = engine_plan(requests, lanes)
     longest_s = max((request.duration_s for request in requests), default=0.0)
     yield f"simulationBatch   {len(requests)} episodes of at most {longest_s:g} simulated seconds"
-    yield f"                  engine {plan.engine} on {plan.devices} devices, {plan.compilations} compiled programs"
+    yield f"                  engine {engine} on {plan.devices} devices, {plan.compilations} compiled programs"
     steps = f"at most {plan.lane_steps_at_most:,} physics steps"
     yield f"                  {plan.chunks} chunks of {plan.lanes} lanes, {steps}"
 

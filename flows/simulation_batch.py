@@ -1,6 +1,7 @@
 """A robot application driven through worlds, seeds and parameters."""
 
 import time
+from pathlib import Path
 from typing import cast
 
 from prefect import flow
@@ -25,7 +26,7 @@ from tasks.simulate.batch import (
     time_out,
 )
 from tasks.simulate.chunk_store import spent_s
-from tasks.simulate.preview import engine_plan
+from tasks.simulate.engines_used import engines_used
 from tasks.simulate.resolving import output_location
 from tasks.simulate.streaming import parts
 from tasks.simulate.task import simulate_chunk
@@ -75,17 +76,17 @@ def simulation_batch(
 def _run(store: Store, batch: str, location: OutputLocation) -> JobRecord:
     work = opened(store, batch)
     try:
-        _simulate(work)
-        return _closed(work, location)
+        folders = {digest: unpack_application(store.url, digest) for digest in work.plan.digests()}
+        _simulate(work, folders)
+        return _closed(work, folders, location)
     except (DocumentError, StageFailed) as exc:
         close_batch(store, batch, "Failed", {}, str(exc))
         raise
 
 
-def _simulate(batch: OpenBatch) -> None:
+def _simulate(batch: OpenBatch, folders: dict[str, Path]) -> None:
     """Commits all chunks, or as many as there is time for and nobody cancels."""
     layout, store_url = batch.layout, batch.store.url
-    folders = {digest: unpack_application(store_url, digest) for digest in batch.plan.digests()}
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
     lanes, done = batch.plan.lanes, 0
     with watched("Episodes", "episodes-progress") as progress:
@@ -114,11 +115,10 @@ def _simulate(batch: OpenBatch) -> None:
         progress(done, layout.episodes)
 
 
-def _closed(batch: OpenBatch, location: OutputLocation) -> JobRecord:
+def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> JobRecord:
     """Returns the batch in its terminal state, its tables being written."""
     record = complete(batch)
-    first = list(batch.layout.requests(0, min(1, batch.layout.episodes)))
-    metadata = batch_metadata(engine_plan(first, batch.plan.lanes).engine)
+    metadata = batch_metadata(engines_used(batch.plan, folders))
     detail = write_tables(
         batch.store.url,
         batch.id,

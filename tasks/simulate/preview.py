@@ -12,7 +12,6 @@ class EnginePlan(Spec):
     """How a batch is going to be simulated.
 
     Attributes:
-        engine: The engine that steps the robots.
         devices: Host devices that share the lanes.
         lanes: Lanes of a chunk.
         chunks: Runs of compiled programs.
@@ -20,7 +19,6 @@ class EnginePlan(Spec):
         lane_steps_at_most: Physics steps of all lanes, if every episode took its full duration.
     """
 
-    engine: str
     devices: int
     lanes: int
     chunks: int
@@ -34,7 +32,6 @@ _STEPS_A_SECOND = 200
 def engine_plan(requests: Sequence[EpisodeRequest], lanes: int) -> EnginePlan:
     """Returns how the episodes of a batch would be simulated with that many lanes."""
     return EnginePlan(
-        engine="mjx",
         devices=device_count(),
         lanes=lanes,
         chunks=len(plan_chunks(requests, lanes)),
