@@ -46,11 +46,7 @@ def worker(
         )
         yield
         process.terminate()
-        try:
-            process.wait(20)
-        except subprocess.TimeoutExpired:
-            process.kill()  # Prefect's worker forgets a signal that comes while it submits a run, as cron's may be
-            process.wait(20)
+        process.wait(60)
 
 
 def test_the_nightly_document_is_the_quickstart_word_for_word():
