@@ -70,9 +70,7 @@ def guarded(code: CrashCode, doing: str, function: Callable[P, R], *args: P.args
 
 def _import(folder: Path, launch: ApplicationLaunch) -> ModuleType:
     root = f"simyard_bundle_{launch.digest}"
-    if root not in sys.modules:
-        package = ModuleType(root)
-        package.__path__ = [str(folder)]
-        sys.modules[root] = package
+    package = sys.modules.setdefault(root, ModuleType(root))
+    package.__path__ = [str(folder)]  # where it lies now: the folder of another store, or unpacked anew
     importlib.invalidate_caches()
     return importlib.import_module(f"{root}.{launch.package}.{launch.launch_file}")
