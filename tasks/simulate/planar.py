@@ -16,15 +16,17 @@ from jaxtyping import Float
 from tasks.simulate.lane_state import Body, LaneInputs, Motion, Work
 from tasks.simulate.mechanics import Mechanics
 from tasks.simulate.planar_algebra import Moving, Planar, Scalar, Symmetric, plus, plus_square, solved, times
-from tasks.simulate.planar_contact import Bearing, Row, bearing, rows, touch
+from tasks.simulate.planar_contact import Bearing, Contact, bearing, contact, touch
 from tasks.simulate.planar_model import planar_robot
 from tasks.simulate.planar_motors import Push, push
 from tasks.simulate.planar_parts import PlanarRobot
 from tasks.simulate.planar_solver import contact_force, minimizer
 from tasks.simulate.planar_window import Boxes, Cylinders, Obstacle, distance_m, window
 
-# Obstacles that a robot may touch in one control step.
-WINDOW = 8
+# Obstacles that a robot may touch in one control step. They are those nearest to its axis: around it three were always
+# enough, but an arm's length from it six (heavy contact in dense clutter, against C among all obstacles).
+_AROUND_ONE_DISC = 6
+_AROUND_MORE = 8
 
 
 class _Surroundings(NamedTuple):
@@ -86,9 +88,9 @@ def drive_among(
 ) -> Motion:
     """Returns what a control step's physics does to a robot among obstacles."""
     origin = Planar(*body.qpos)
-    obstacles = window(boxes, cylinders, body.qpos[:2], WINDOW)
+    obstacles = window(boxes, cylinders, body.qpos[:2], _window_size(robot))
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
-    around = jax.lax.optimization_barrier(_Surroundings(origin, obstacles, bearings, list(control)))
+    around = _Surroundings(origin, obstacles, bearings, list(control))
     nil = jnp.zeros_like(origin.x)
     begin = _Robot(Planar(nil, nil, nil), Planar(*body.qvel), list(body.act), Planar(*body.warmstart))
 
@@ -104,20 +106,23 @@ def drive_among(
     return Motion(after, work, distance_m(obstacles, end.moved.x, end.moved.y) - robot.hull.radius_m)
 
 
+def _window_size(robot: PlanarRobot) -> int:
+    central = len(robot.discs) == 1 and not (robot.discs[0].forward_m or robot.discs[0].left_m)
+    return _AROUND_ONE_DISC if central else _AROUND_MORE
+
+
 def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spent: _Spent) -> tuple[_Robot, _Spent]:
     place = plus(around.origin, before.moved)
     moving = Moving(place, jnp.cos(place.yaw), jnp.sin(place.yaw), before.rate)
     pushed = push(robot, around.controls, before.activations, moving)
     mass, acting = _mass(robot, moving), _acting(robot, pushed, moving)
-    pushing = _contact_rows(robot, around, before.moved, moving)
+    contacts = _contacts(robot, around, before.moved, moving)
     targets = [-friction.damping * before.rate[friction.axis] for friction in robot.dry_frictions]
-    # Without it, XLA computes the rows again in each of the solver's steps.
-    mass, acting, pushing, targets = jax.lax.optimization_barrier((mass, acting, pushing, targets))
     dry = list(zip(robot.dry_frictions, targets, strict=True))
-    acceleration = minimizer(mass, acting, pushing, dry, before.acceleration)
+    acceleration = minimizer(mass, acting, contacts, dry, before.acceleration)
     rate = plus(before.rate, _integrated(robot, mass, pushed, acceleration), robot.step_s)
     after = _Robot(plus(before.moved, rate, robot.step_s), rate, pushed.activations, acceleration)
-    return after, _spent(robot, spent, pushed.power_w, contact_force(pushing, acceleration))
+    return after, _spent(robot, spent, pushed.power_w, contact_force(contacts, acceleration))
 
 
 def _spent(robot: PlanarRobot, before: _Spent, power_w: Scalar, contact_n: tuple[Scalar, Scalar]) -> _Spent:
@@ -145,13 +150,13 @@ def _acting(robot: PlanarRobot, pushed: Push, moving: Moving) -> Planar:
     return Planar(damped[0] + swing * lever_x, damped[1] + swing * lever_y, damped[2])
 
 
-def _contact_rows(robot: PlanarRobot, around: _Surroundings, moved: Planar, moving: Moving) -> list[Row]:
-    found: list[Row] = []
+def _contacts(robot: PlanarRobot, around: _Surroundings, moved: Planar, moving: Moving) -> list[Contact]:
+    found: list[Contact] = []
     for disc, bearings in zip(robot.discs, around.bearings, strict=True):
         arm = moving.turned(disc.forward_m, disc.left_m) if disc.forward_m or disc.left_m else None
         x, y = (moved.x, moved.y) if arm is None else (moved.x + arm[0], moved.y + arm[1])
         for obstacle, how in zip(around.obstacles, bearings, strict=True):
-            found += rows(disc, touch(disc, obstacle, how, x, y), arm, moving.rate)
+            found.append(contact(disc, touch(disc, obstacle, how, x, y), arm, moving.rate))
     return found
 
 

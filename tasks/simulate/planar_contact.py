@@ -23,18 +23,29 @@ _MUCH = 0.5
 
 
 class Row(NamedTuple):
-    """A unilateral constraint: ``x ax + y ay + turn aw`` is pushed up to ``target``.
+    """A direction in which a constraint acts: it asks that ``x ax + y ay + turn aw`` be ``target``.
 
     Attributes:
         turn: Its arm about the yaw axis, or None where it cannot turn the robot.
         target: MuJoCo's reference acceleration.
-        weight: MuJoCo's D, 0 where nothing touches.
     """
 
     x: Scalar
     y: Scalar
     turn: Scalar | None
     target: Scalar
+
+
+class Contact(NamedTuple):
+    """A contact as constraint rows: the normal, or the normal plus and minus each tangent (a pyramid's edges).
+
+    Attributes:
+        tangents: Scaled by the friction coefficient; none for a frictionless contact.
+        weight: MuJoCo's D of each row, 0 where nothing touches.
+    """
+
+    normal: Row
+    tangents: list[Row]
     weight: Scalar
 
 
@@ -114,39 +125,46 @@ def touch(disc: Disc, obstacle: Obstacle, how: Bearing, x: Scalar, y: Scalar) ->
     )
 
 
-def rows(disc: Disc, contact: Touch, arm: tuple[Scalar, Scalar] | None, rate: Planar) -> list[Row]:
-    """Returns a contact's constraint rows.
+def contact(disc: Disc, touched: Touch, arm: tuple[Scalar, Scalar] | None, rate: Planar) -> Contact:
+    """Returns a contact's constraint.
 
     Args:
         disc: One of the hull's.
-        contact: Of that disc with an obstacle.
+        touched: How that disc touches an obstacle.
         arm: From the yaw axis to the disc's axis (x, y), or None where they are one.
         rate: Of the robot.
     """
-    soft, excess = disc.softness, contact.distance - disc.margin_m
+    soft, excess = disc.softness, touched.distance - disc.margin_m
     impedance = _impedance(soft, excess)
-    weight = contact.contacts * impedance / ((1.0 - impedance) * soft.inverse_mass)
-    weight = jnp.where(excess < 0.0, weight, 0.0)
-    pull = soft.stiffness * impedance * excess
-    normal_x, normal_y = contact.x * contact.level, contact.y * contact.level
-    reach = disc.radius_m + 0.5 * contact.distance
+    weight = touched.contacts * impedance / ((1.0 - impedance) * soft.inverse_mass)
+    normal_x, normal_y = touched.x * touched.level, touched.y * touched.level
+    reach = disc.radius_m + 0.5 * touched.distance
     from_x = -normal_x * reach if arm is None else arm[0] - normal_x * reach
     from_y = -normal_y * reach if arm is None else arm[1] - normal_y * reach
 
-    def row(x: Scalar, y: Scalar, *, turns: bool) -> Row:
+    def row(x: Scalar, y: Scalar, pull: Scalar | float, *, turns: bool) -> Row:
         turn = from_x * y - from_y * x if turns else None
         speed = x * rate.x + y * rate.y
         speed = speed if turn is None else speed + turn * rate.yaw
-        return Row(x, y, turn, -soft.damping * speed - pull, weight)
+        return Row(x, y, turn, -soft.damping * speed - pull)
 
-    if disc.friction is None:
-        return [row(normal_x, normal_y, turns=arm is not None)]
-    found: list[Row] = []
-    for along_x, along_y in _tangents(contact, normal_y):
-        step_x, step_y = disc.friction * along_x, disc.friction * along_y
-        found.append(row(normal_x + step_x, normal_y + step_y, turns=True))
-        found.append(row(normal_x - step_x, normal_y - step_y, turns=True))
-    return found
+    rubs = disc.friction is not None
+    normal = row(normal_x, normal_y, soft.stiffness * impedance * excess, turns=rubs or arm is not None)
+    along = _tangents(touched, normal_y) if rubs else []
+    tangents = [row(disc.friction * x, disc.friction * y, 0.0, turns=True) for x, y in along if disc.friction]
+    return Contact(normal, tangents, jnp.where(excess < 0.0, weight, 0.0))
+
+
+def edges(contact: Contact) -> list[Row]:
+    """Returns a contact's constraint rows, each of which can only push."""
+    if not contact.tangents:
+        return [contact.normal]
+    normal = contact.normal
+    return [
+        jax.tree.map(lambda along, across, sign=sign: along + sign * across, normal, tangent)
+        for tangent in contact.tangents
+        for sign in (1.0, -1.0)
+    ]
 
 
 def _slope(in_plane: Scalar, how: Bearing) -> tuple[Scalar, Scalar, Scalar]:
@@ -191,7 +209,7 @@ def _impedance(soft: Softness, excess: Scalar) -> Scalar:
     return least + jnp.where(depth <= midpoint, rising, settling) * (most - least)
 
 
-def _tangents(contact: Touch, normal_y: Scalar) -> tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]:
+def _tangents(contact: Touch, normal_y: Scalar) -> list[tuple[Scalar, Scalar]]:
     """Returns what is seen from above of a contact's two tangents, as MuJoCo chooses them, signs aside."""
     by_y = jnp.abs(normal_y) < _MUCH
     cosine = jnp.sqrt(jnp.maximum(1.0 - normal_y**2, _MUCH**2))
@@ -199,4 +217,4 @@ def _tangents(contact: Touch, normal_y: Scalar) -> tuple[tuple[Scalar, Scalar], 
     first_y = jnp.where(by_y, cosine, -contact.rise * contact.y)
     second_x = jnp.where(by_y, -contact.rise / cosine, contact.y)
     second_y = jnp.where(by_y, 0.0, -contact.x)
-    return (first_x, first_y), (second_x, second_y)
+    return [(first_x, first_y), (second_x, second_y)]

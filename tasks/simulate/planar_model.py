@@ -134,7 +134,7 @@ def _dry_frictions(data: mujoco.MjData) -> tuple[DryFriction, ...]:
 
 def _motor(data: mujoco.MjData, number: int) -> Motor:
     model = data.model
-    kind = model.actuator_dyntype[number]
+    kind = mujoco.mjtDyn(model.actuator_dyntype[number])
     filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
     moment = _three(_moments(data)[number])
     turns = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_SITE

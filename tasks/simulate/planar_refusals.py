@@ -129,8 +129,9 @@ def _hull(model: mujoco.MjModel) -> Iterator[str]:
             yield f"{name}: it is fixed to the world: worlds bring their own obstacles: remove it"
         if kind not in _ROUND:
             yield f"{name}: a {_word(kind, 'mjGEOM_')}: it knows spheres and upright capsules: {_INSTEAD}"
-        elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE and np.any(at_rest.geom_xmat[geom][[2, 5]]):
-            yield f"{name}: a capsule that leans: write it upright, with pos and size"
+        lean = float(np.hypot(*at_rest.geom_xmat[geom][[2, 5]]))
+        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE and lean > 0.0:
+            yield f"{name}: a capsule that leans by {lean:.2g}: write it upright with pos and size, not fromto or euler"
         if model.geom_condim[geom] not in {1, 3}:
             yield f"{name}: condim {model.geom_condim[geom]}: it knows 1 and 3: set one of them"
         if model.geom_adhesion[geom] or np.any(model.geom_surfacevel[geom]):

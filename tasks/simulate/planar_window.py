@@ -74,7 +74,6 @@ def _smallest(distances: Float[jax.Array, "obstacles"], count: int) -> Int[jax.A
     place_mask = (1 << bits) - 1
     ordered = jax.lax.bitcast_convert_type(jnp.maximum(distances, 0.0), jnp.int32)
     keys = (ordered & ~place_mask) | jnp.arange(distances.shape[0], dtype=jnp.int32)
-    keys = jax.lax.optimization_barrier(keys)
     chosen: list[Int[jax.Array, ""]] = []
     last = jnp.int32(-1)
     for _ in range(count):
