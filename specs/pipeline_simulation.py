@@ -28,7 +28,7 @@ from specs.unions import member, told_apart
 MAX_SEEDS = 10_000
 MAX_LOCAL_AGENTS = 20
 
-Engine = Literal["auto", "mjx"]
+Engine = Literal["auto", "planar", "mjx", "mujoco"]
 Seeds = Annotated[
     Annotated[Integer, Field(ge=1, le=MAX_SEEDS), member("number")]
     | Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct), member("list")],

@@ -220,7 +220,7 @@ def _batches() -> Documents:
         batchPolicy=shape("BatchPolicy"),
         outputLocation=_PLACE,
         matrix=matrix,
-        engine=st.sampled_from(["auto", "mjx"]),
+        engine=st.sampled_from(["auto", "planar", "mjx", "mujoco"]),
         tags=_TAGS,
         clientRequestToken=_TOKEN,
     )
