@@ -14,22 +14,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
 from pydantic import JsonValue
 
 from specs.episode import ApplicationLaunch, EpisodeResult, unfinished
-from specs.world import World
 from tasks.documents.templates import find_template
 from tasks.results.job import write_results
 from tasks.simulate.batch import close_batch, complete, open_batch, opened
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate
-from tasks.simulate.chunks import Chunk
-from tasks.simulate.committing import run_chunk
+from tasks.simulate.committing import Part, run_chunk
 from tasks.simulate.describe import describe_batch, list_jobs
-from tasks.simulate.stopping import StopWatch
 from tasks.simulate.streaming import parts
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import world_key
@@ -43,12 +40,12 @@ WORLDS, LANES = 50, 256
 DRIVEN = tuple((0.5 * k, 0.01 * k, 0.02 * k, 0.001 * k) for k in range(121))
 
 
-def simulated(chunk: Chunk, _worlds: Mapping[str, World], _lanes: int, watch: StopWatch) -> list[EpisodeResult]:
+def simulated(part: Part) -> list[EpisodeResult]:
     """Returns rows at once; every tenth episode collides."""
-    watch()
+    part.watch()
     ended = unfinished(0, "Failed", failure_code="", failure_reason="").model_dump()
     rows: list[EpisodeResult] = []
-    for request in chunk.requests:
+    for request in part.chunk.requests:
         collided = request.index % 10 == 0
         outcome = {"outcome": "Failed", "outcome_reason": "collision", "trajectory": DRIVEN} if collided else {}
         row = {**ended, "status": "Completed", "outcome": "Passed", "simulated_s": 31.4, **outcome}

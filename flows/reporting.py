@@ -58,9 +58,10 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     for entry in cast("list[dict[str, JsonValue]]", detail.get("why_not", []))[:_REASONS_SHOWN]:
         sample = str(entry["sample"])[:_SAMPLE_CHARACTERS]
         summary += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
-    artefacts = (
-        Artefact(label="results", url=str(detail["results_url"])),
-        Artefact(label="failures", url=str(detail["failures_url"])),
+    artefacts = tuple(
+        Artefact(label=label, url=str(detail[f"{label}_url"]))
+        for label in ("results", "failures", "recordings")
+        if f"{label}_url" in detail
     )
     return _stage("simulationBatch", record, summary, seconds, artefacts)
 

@@ -1,6 +1,7 @@
 """A robot application driven through worlds, seeds and parameters."""
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -14,6 +15,7 @@ from specs.errors import DocumentError, StageFailed
 from specs.pipeline_requests import batch_request
 from specs.pipeline_simulation import SimulationBatch
 from tasks.applications.task import unpack_application
+from tasks.results.recordings import recordings_url, write_recordings
 from tasks.results.task import write_tables
 from tasks.simulate.batch import (
     STOPPING,
@@ -77,24 +79,25 @@ def _run(store: Store, batch: str, location: OutputLocation) -> JobRecord:
     work = opened(store, batch)
     try:
         folders = {digest: unpack_application(store.url, digest) for digest in work.plan.digests()}
-        _simulate(work, folders)
+        _simulate(work, folders, location)
         return _closed(work, folders, location)
     except (DocumentError, StageFailed) as exc:
         close_batch(store, batch, "Failed", {}, str(exc))
         raise
 
 
-def _simulate(batch: OpenBatch, folders: dict[str, Path]) -> None:
+def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> None:
     """Commits all chunks, or as many as there is time for and nobody cancels."""
     layout, store_url = batch.layout, batch.store.url
+    record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
     lanes, done = batch.plan.lanes, 0
     with watched("Episodes", "episodes-progress") as progress:
         for number in range(layout.chunks):
             worked_s = before_s + time.monotonic() - start_s
             left_s = batch.plan.timeout_s - worked_s
-            record = time_out(batch) if left_s <= 0 else batch.record()
-            if record.status in STOPPING:
+            now = time_out(batch) if left_s <= 0 else batch.record()
+            if now.status in STOPPING:
                 return
             progress(done, layout.episodes)
 
@@ -110,6 +113,7 @@ def _simulate(batch: OpenBatch, folders: dict[str, Path]) -> None:
                 left_s=left_s,
                 spent_s=worked_s,
                 progress=tell,
+                record=record,
             )
             lanes, done = ended.lanes, done + ended.episodes
         progress(done, layout.episodes)
@@ -127,5 +131,7 @@ def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation
         location=location,
         metadata=metadata,
     )
+    if batch.plan.records():
+        detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
     return close_batch(batch.store, batch.id, status, {**detail, "metadata": dict(metadata)}, why)

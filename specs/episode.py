@@ -75,6 +75,7 @@ class EpisodeResult(Spec):
         odometry_error_m: How far the robot's believed place was from its final one; None for one without odometry.
         metrics: What the scenario measures by itself, by name.
         trajectory: Downsampled poses (t_s, x_m, y_m, yaw_rad), kept for failed episodes, else empty.
+        recording: Name of the file with the episode's recording, beside others of the batch, or empty.
     """
 
     index: int
@@ -101,6 +102,7 @@ class EpisodeResult(Spec):
     odometry_error_m: float | None = None
     metrics: dict[str, float] = Field(default_factory=dict[str, float])
     trajectory: tuple[tuple[float, float, float, float], ...]
+    recording: str = ""
 
 
 def unfinished(

@@ -27,6 +27,7 @@ from specs.unions import member, told_apart
 
 MAX_SEEDS = 10_000
 MAX_LOCAL_AGENTS = 20
+MAX_RECORDING_HZ = 20
 
 Engine = Literal["auto", "planar", "mjx", "mujoco"]
 Seeds = Annotated[
@@ -46,6 +47,19 @@ class Matrix(Spec):
     )
     environmentVariables: dict[EnvironmentVariableKey, VariableValues] = Field(
         default_factory=dict, title="Environment variables"
+    )
+
+
+class Recordings(Spec):
+    """Which episodes leave a recording of what the robot did, saw and touched."""
+
+    episodes: Literal["failed", "all", "none"] = Field(
+        default="failed",
+        title="Episodes",
+        description="Those of requests with loggingConfig.recordAllRosTopics are recorded in any case.",
+    )
+    rateHz: Annotated[Number, Field(gt=0, le=MAX_RECORDING_HZ)] = Field(
+        default=10.0, title="Rate (Hz)", description="Samples a simulated second; a whole fraction of 20 is kept."
     )
 
 
@@ -87,6 +101,7 @@ class SimulationBatch(Spec):
         tuple[PipelineJobRequest, ...], Field(min_length=1, max_length=MAX_REQUESTS)
     ] = Field(title="Requests")
     engine: Engine = Field(default="auto", title="Engine")
+    recordings: Recordings = Field(default_factory=Recordings, title="Recordings")
     tags: TagMap | None = Field(default=None, title="Tags of the batch")
     clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
 

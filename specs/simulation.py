@@ -40,7 +40,7 @@ SecurityGroups = Annotated[tuple[NonEmptyString, ...], Field(min_length=1, max_l
 
 
 class LoggingConfig(Spec):
-    """What RoboMaker recorded."""
+    """What is recorded of a job: everything, whatever comes of it, if RoboMaker was to record all topics."""
 
     recordAllRosTopics: BoxedBoolean | None = Field(default=None, json_schema_extra=DEPRECATED)
 

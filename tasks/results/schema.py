@@ -82,6 +82,7 @@ ANSWERED = [
     column("outcome", _TEXT, "", "Whether the robot did its task, as the scenario judges: Passed or Failed."),
     column("outcome_reason", _TEXT, "", "Why not: collision, timeout, stuck, out of bounds, crash; or empty."),
     column("success", _FLAG, "", "Completed and Passed: what the gate counts; null for Canceled.", nullable=True),
+    column("recording", _TEXT, "", "File below recordings/<batch>/ that holds the episode's recording, or empty."),
 ]
 
 EXPLAINED = [

@@ -4,6 +4,7 @@ from typing import Literal
 
 from specs.base import Spec
 from specs.episode import ApplicationLaunch
+from specs.pipeline_simulation import Recordings
 
 # A CPU gains nothing from more lanes (physics.md: flat from 256 on), and a chunk that is lost costs what it took.
 DEFAULT_LANES = 256
@@ -18,6 +19,7 @@ class JobTemplate(Spec):
         environment: The launch configurations' variables; the robot's win over the scenario's.
         duration_s: Simulated seconds at most.
         worlds: ``<generation>/<world>`` of the request's own world; empty for the matrix's worlds.
+        record: Whether its episodes are recorded whatever comes of them.
     """
 
     robot: ApplicationLaunch
@@ -26,6 +28,7 @@ class JobTemplate(Spec):
     duration_s: float
     failure_behavior: Literal["Fail", "Continue"]
     worlds: tuple[str, ...] = ()
+    record: bool = False
 
 
 class BatchPlan(Spec):
@@ -42,6 +45,7 @@ class BatchPlan(Spec):
         timeout_s: Wall seconds of work after which what is left is cancelled.
         world_digests: SHA-256 of each world's document.
         engine: The engine asked for.
+        recordings: Which episodes are recorded besides those whose request says so, and at which rate.
     """
 
     templates: tuple[JobTemplate, ...]
@@ -52,11 +56,16 @@ class BatchPlan(Spec):
     timeout_s: float
     world_digests: dict[str, str]
     engine: str
+    recordings: Recordings = Recordings()
 
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""
         launches = (launch for template in self.templates for launch in (template.robot, template.scenario))
         return tuple(dict.fromkeys(launch.digest for launch in launches))
+
+    def records(self) -> bool:
+        """Returns whether any of its episodes may be recorded."""
+        return self.recordings.episodes != "none" or any(template.record for template in self.templates)
 
     def worlds_of(self, template: JobTemplate) -> tuple[str, ...]:
         """Returns the worlds that a request is multiplied by."""

@@ -2,7 +2,8 @@
 
 import functools
 import hashlib
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from specs.episode import EpisodeRequest, EpisodeResult, unfinished
@@ -12,13 +13,35 @@ from tasks.simulate.batch import OpenBatch, time_out
 from tasks.simulate.chunk_store import begin_chunk, commit, committed_chunk
 from tasks.simulate.chunks import Chunk
 from tasks.simulate.fitting import after_deaths, simulate_fitting
+from tasks.simulate.recording import Columns, Recorder
 from tasks.simulate.stopping import StopWatch
 from tasks.storage.keys import world_key
 from tasks.storage.opening import open_store
 
-Simulate = Callable[[Chunk, Mapping[str, World], int, StopWatch], list[EpisodeResult]]
 # As many as a chunk of the default size has at most.
 _WORLDS_KEPT = 256
+
+
+class Part(NamedTuple):
+    """What is simulated at a time: a chunk, or what of it fits into memory.
+
+    Attributes:
+        lanes: How many lanes to simulate it with.
+        watch: Says when to stop.
+        recorder: Is given what the lanes do; None if nothing of the batch is recorded.
+    """
+
+    chunk: Chunk
+    worlds: Mapping[str, World]
+    lanes: int
+    watch: StopWatch
+    recorder: Recorder | None
+
+
+Simulate = Callable[[Part], list[EpisodeResult]]
+# Writes the recordings of the chunk with that number, over what may be there, and returns the name of their file; an
+# empty name if there are none.
+Record = Callable[[int, Iterable[Columns]], str]
 
 
 class ChunkEnd(NamedTuple):
@@ -34,14 +57,22 @@ class ChunkEnd(NamedTuple):
 
 
 def run_chunk(
-    batch: OpenBatch, number: int, simulate: Simulate, *, lanes: int, left_s: float, spent_s: float = 0.0
+    batch: OpenBatch,
+    number: int,
+    simulate: Simulate,
+    record: Record | None = None,
+    *,
+    lanes: int,
+    left_s: float,
+    spent_s: float = 0.0,
 ) -> ChunkEnd:
     """Returns how a chunk ended, once its results are committed; one that was committed before is not run again.
 
     Args:
         batch: The batch.
         number: The chunk's number.
-        simulate: Simulates episodes in worlds with so many lanes, until the watch says stop.
+        simulate: Simulates episodes.
+        record: Writes recordings, before the chunk that names them is committed; None if nothing is recorded.
         lanes: How many lanes fit into memory, as far as is known.
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on it before.
@@ -52,19 +83,60 @@ def run_chunk(
     start = begin_chunk(batch.store, batch.id, number, spent_s)
     chunk = batch.layout.chunk(number)
     worlds, missing = _worlds(batch, chunk)
-    sound = tuple(request for request in chunk.requests if request.world in worlds)
-    watch = StopWatch(batch, [request.index for request in sound], left_s)
-    rows, lanes = simulate_fitting(
-        chunk.model_copy(update={"requests": sound}),
-        after_deaths(lanes, start.attempts),
-        lambda part, fitting: simulate(part, worlds, fitting, watch),
-        watch,
-    )
-    by_index = {row.index: _canceled(row, watch) for row in rows}
-    if watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
+    work = _Work(batch, chunk, worlds, left_s, simulate, recording=record is not None)
+    rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
+    by_index = {row.index: _canceled(row, work.watch) for row in rows}
+    if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
         time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
+    if record is not None:
+        by_index |= _recorded(by_index, work.recorders, record, number)
     ordered = [by_index.get(each.index) or _lost(each, missing[each.world]) for each in chunk.requests]
     return ChunkEnd(len(commit(batch.store, batch.id, number, ordered)), lanes)
+
+
+class _Work:
+    """A chunk's episodes in worlds that are there, simulated part by part."""
+
+    def __init__(
+        self,
+        batch: OpenBatch,
+        chunk: Chunk,
+        worlds: Mapping[str, World],
+        left_s: float,
+        simulate: Simulate,
+        *,
+        recording: bool,
+    ) -> None:
+        there = tuple(request for request in chunk.requests if request.world in worlds)
+        self.sound = chunk.model_copy(update={"requests": there})
+        self.watch = StopWatch(batch, [request.index for request in there], left_s)
+        self.recorders: list[Recorder] = []
+        self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
+
+    def part(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
+        """Returns the rows of a part; what it recorded is kept if it comes to its end."""
+        recorder = Recorder(self._batch.plan.recordings.rateHz, self._wanted) if self._recording else None
+        rows = self._simulate(Part(chunk, self._worlds, lanes, self.watch, recorder))
+        if recorder is not None:
+            self.recorders.append(recorder)
+        return rows
+
+    def _wanted(self, row: EpisodeResult) -> bool:
+        plan, layout = self._batch.plan, self._batch.layout
+        if row.status == "Canceled" or row.index in self.watch.canceled:
+            return False
+        failed = row.status == "Failed" or row.outcome == "Failed"
+        asked = plan.templates[layout.template_of(row.index)].record
+        return asked or plan.recordings.episodes == "all" or (failed and plan.recordings.episodes == "failed")
+
+
+def _recorded(
+    rows: Mapping[int, EpisodeResult], recorders: Sequence[Recorder], record: Record, number: int
+) -> dict[int, EpisodeResult]:
+    """Returns the rows of those episodes that are recorded, with the name of the file that they are in."""
+    name = record(number, itertools.chain.from_iterable(recorder.parts() for recorder in recorders))
+    indices = [index for recorder in recorders for index in recorder.episodes]
+    return {index: rows[index].model_copy(update={"recording": name}) for index in indices}
 
 
 def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:

@@ -20,11 +20,12 @@ from tasks.simulate.chunks import Chunk, split_environment
 from tasks.simulate.contract import Placement
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines import choose_engine
-from tasks.simulate.lane_state import LaneState
+from tasks.simulate.lane_state import NO_CRASH, LaneState
 from tasks.simulate.loading import load_program
 from tasks.simulate.outcomes import canceled_row, failed_row, finished_row
 from tasks.simulate.program import Program, Run
-from tasks.simulate.robot import RobotRefused
+from tasks.simulate.recording import Ends, Recorder
+from tasks.simulate.robot import CONTROL_S, RobotRefused
 from tasks.simulate.sensors import read_sensors
 from tasks.simulate.staging import Lane, Stage, place, stack_lanes, stage_worlds, with_shortest_paths
 
@@ -57,6 +58,7 @@ def run_chunk(
     engine: str,
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
+    recorder: Recorder | None = None,
 ) -> list[EpisodeResult]:
     """Returns a chunk's rows in request order; see ``tasks.simulate.runner.simulate_chunk``."""
     present = [request for request in chunk.requests if request.world in worlds]
@@ -68,7 +70,7 @@ def run_chunk(
     try:
         if present:
             ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)
-            rows.update({row.index: row for row in _run(ready, should_stop, progress)})
+            rows.update({row.index: row for row in _run(ready, should_stop, progress, recorder)})
     except BundleCrash as crash:
         rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
     return [rows[request.index] for request in chunk.requests]
@@ -101,18 +103,34 @@ def ready_chunk(
     return ReadyChunk(program, ready, program.ready(inputs, ready, used), rows)
 
 
-def _run(chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None]) -> list[EpisodeResult]:
+def _run(
+    chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None], recorder: Recorder | None
+) -> list[EpisodeResult]:
     started_s = time.monotonic()
     if chunk.run is None:
         return chunk.rows
-    state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress)
+    state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
     logger.info("%d episodes on %s in %.1f s", len(chunk.lanes), chunk.program.engine, time.monotonic() - started_s)
-    return chunk.rows + [
+    rows = [
         _explained(chunk.run, position, finished_row(lane, position, state, poses))
         if state.done[position]
         else canceled_row(lane.request)
         for position, lane in enumerate(chunk.lanes)
     ]
+    if recorder is not None:
+        recorder.end(_ends(chunk.lanes, state), rows)
+    return chunk.rows + rows
+
+
+def _ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
+    return Ends(
+        steps=np.asarray(state.step),
+        crashed=np.asarray(state.crash) != NO_CRASH,
+        start=np.stack([lane.placement.start for lane in lanes]),
+        pose=np.asarray(state.body.qpos),
+        velocity=np.asarray(state.body.qvel),
+        goal_index=np.asarray(state.goal_index),
+    )
 
 
 def _explained(run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
@@ -185,13 +203,21 @@ def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeReq
 
 
 def _advance_until_done(
-    chunk: ReadyChunk, run: Run, should_stop: Callable[[], bool], progress: Callable[[int], None]
+    chunk: ReadyChunk,
+    run: Run,
+    should_stop: Callable[[], bool],
+    progress: Callable[[int], None],
+    recorder: Recorder | None,
 ) -> tuple[LaneState, list[Float32[np.ndarray, "lanes steps 3"]]]:
     """Returns the lanes' last state, without the applications' own, and the poses of each slice."""
     state = run.begin()
+    if recorder is not None:
+        recorder.begin(len(chunk.lanes), CONTROL_S)
     poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
     while not np.all(state.done) and not should_stop():
         state, record = run.advance(state)
         poses.append(np.asarray(record.pose))
-        progress(len(chunk.rows) + int(np.count_nonzero(state.done[: len(chunk.lanes)])))
+        if recorder is not None:
+            recorder.keep(record, np.asarray(state.step))
+        progress(len(chunk.rows) + int(np.count_nonzero(np.asarray(state.done)[: len(chunk.lanes)])))
     return jax.device_get(state._replace(controller=None, scenario=None)), poses

@@ -54,6 +54,7 @@ def plan_batch(
         timeout_s=float((policy and policy.timeoutInSeconds) or DEFAULT_TIMEOUT_S),
         world_digests=dict(world_digests),
         engine=section.engine,
+        recordings=section.recordings,
     )
     return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes)})
 
@@ -108,6 +109,7 @@ def _template(where: str, request: PipelineJobRequest, find_version: FindVersion
         duration_s=float(request.maxJobDurationInSeconds),
         failure_behavior=request.failureBehavior or "Fail",
         worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
+        record=bool(request.loggingConfig and request.loggingConfig.recordAllRosTopics),
     )
 
 

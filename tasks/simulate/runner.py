@@ -12,6 +12,7 @@ from specs.episode import EpisodeResult
 from specs.world import World
 from tasks.simulate.chunks import Chunk
 from tasks.simulate.devices import prepare_devices
+from tasks.simulate.recording import Recorder
 
 
 def _nobody(done: int) -> None:
@@ -27,6 +28,7 @@ def simulate_chunk(
     engine: str = "auto",
     should_stop: Callable[[], bool],
     progress: Callable[[int], None] = _nobody,
+    recorder: Recorder | None = None,
 ) -> list[EpisodeResult]:
     """Returns the results of a chunk's episodes, in request order.
 
@@ -41,6 +43,7 @@ def simulate_chunk(
         engine: ``auto``, or the engine that must run them (``tasks.simulate.engines``).
         should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
+        recorder: Given what the lanes do.
 
     Raises:
         JaxAlreadyImported: JAX was imported before its settings could be made.
@@ -49,4 +52,13 @@ def simulate_chunk(
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
         from tasks.simulate.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
 
-    return run_chunk(chunk, worlds, bundles, lanes=lanes, engine=engine, should_stop=should_stop, progress=progress)
+    return run_chunk(
+        chunk,
+        worlds,
+        bundles,
+        lanes=lanes,
+        engine=engine,
+        should_stop=should_stop,
+        progress=progress,
+        recorder=recorder,
+    )

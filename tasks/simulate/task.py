@@ -1,18 +1,15 @@
 """One chunk of a batch as a Prefect task."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from specs.episode import EpisodeResult
-from specs.world import World
 from tasks.simulate.batch import opened
-from tasks.simulate.chunks import Chunk
-from tasks.simulate.committing import ChunkEnd, run_chunk
+from tasks.simulate.committing import ChunkEnd, Part, Record, run_chunk
 from tasks.simulate.runner import simulate_chunk as simulate_lanes
-from tasks.simulate.stopping import StopWatch
 from tasks.storage.opening import open_store
 
 
@@ -27,6 +24,7 @@ def simulate_chunk(
     left_s: float,
     spent_s: float,
     progress: Callable[[int], None],
+    record: Record | None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
 
@@ -39,13 +37,20 @@ def simulate_chunk(
         left_s: Wall seconds that the batch has left; lanes that need longer are cancelled.
         spent_s: Wall seconds that were spent on the batch before.
         progress: Told how many of the chunk's episodes are done.
+        record: Writes the chunk's recordings, for a batch that has any.
     """
     work = opened(open_store(store_url), batch)
-    engine = work.plan.engine
 
-    def simulate(chunk: Chunk, worlds: Mapping[str, World], fitting: int, watch: StopWatch) -> list[EpisodeResult]:
+    def simulate(part: Part) -> list[EpisodeResult]:
         return simulate_lanes(
-            chunk, worlds, bundles, lanes=fitting, engine=engine, should_stop=watch, progress=progress
+            part.chunk,
+            part.worlds,
+            bundles,
+            lanes=part.lanes,
+            engine=work.plan.engine,
+            should_stop=part.watch,
+            progress=progress,
+            recorder=part.recorder,
         )
 
-    return run_chunk(work, number, simulate, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    return run_chunk(work, number, simulate, record, lanes=lanes, left_s=left_s, spent_s=spent_s)

@@ -21,11 +21,12 @@ JOB_KINDS = ("world-generation-job", "world-export-job", "simulation-job-batch",
 
 
 def small_document(**changes: object) -> dict[str, object]:
-    """Returns the quickstart with fewer worlds, seeds and robots, two chunks, and sections replaced by the changes."""
+    """Returns the quickstart with fewer worlds, seeds and robots, two chunks, all recorded, sections as changed."""
     document = yaml.safe_load((ROOT / "examples/quickstart.yaml").read_text())
     document["worldGeneration"]["worldCount"] = {"floorplanCount": 2, "interiorCountPerFloorplan": 1}
     document["simulationBatch"]["batchPolicy"]["maxConcurrency"] = 16
     document["simulationBatch"]["matrix"]["seeds"] = 8
+    document["simulationBatch"]["recordings"] = {"episodes": "all", "rateHz": 4}
     document["gate"]["successRate"]["atLeast"] = 0.5
     document["deployment"]["fleet"]["localAgents"] = 2
     return {**document, **changes}
@@ -88,6 +89,13 @@ def tables(store: Store) -> dict[str, pa.Table]:
         key = str(batch.detail[f"{name}_url"]).removeprefix(store.url + "/")
         found[name] = pq.read_table(pa.BufferReader(store.get(key).body))
     return found
+
+
+def recordings(store: Store) -> dict[str, bytes]:
+    """Returns the recordings of the store's only batch, by file name."""
+    (batch,) = records(store, "simulation-job-batch")
+    folder = str(batch.detail["recordings_url"]).removeprefix(store.url + "/")
+    return {key.removeprefix(folder): store.get(key).body for key in store.keys(folder)}
 
 
 def worlds(store: Store) -> dict[str, bytes]:

@@ -10,6 +10,7 @@ from tests.integration.runs import (
     finished,
     jobs,
     kill_when,
+    recordings,
     simyard,
     small_document,
     tables,
@@ -45,3 +46,5 @@ def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(tmp_path: Path, s
     assert tables(ours)["results"].num_rows == 32
     assert all(tables(ours)[name].equals(table) for name, table in tables(theirs).items())
     assert worlds(ours) == worlds(theirs)
+    assert recordings(ours) == recordings(theirs)
+    assert list(recordings(ours)) == ["/000000.parquet", "/000001.parquet"]

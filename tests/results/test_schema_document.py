@@ -5,20 +5,24 @@ import re
 from pathlib import Path
 
 import duckdb
+import numpy as np
 import pyarrow as pa
 import pytest
 
 from tasks.results.parquet import write_parquet
+from tasks.results.recordings import recording_table
 from tasks.results.schema import FAILURES, RESULTS, SCHEMA_VERSION
 from tasks.results.tables import failures_table, results_table
 from tests.episodes_factory import batch, request
 
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "results-schema.md").read_text()
 QUERIES = re.findall(r"```sql\n(.*?)```", DOCUMENT, re.DOTALL)
+RECORDINGS = (Path(__file__).parents[2] / "docs" / "recordings-schema.md").read_text()
+RECORDING_QUERIES = re.findall(r"```sql\n(.*?)```", RECORDINGS, re.DOTALL)
 
 
-def documented(heading: str) -> list[list[str]]:
-    section = DOCUMENT.split(f"\n## {heading}\n")[1].split("\n## ")[0]
+def documented(heading: str, document: str = DOCUMENT) -> list[list[str]]:
+    section = document.split(f"\n## {heading}\n")[1].split("\n## ", maxsplit=1)[0]
     rows = [line for line in section.split("\n") if line.startswith("| `")]
     return [[html.unescape(cell.strip()) for cell in row.strip("|").split("|")] for row in rows]
 
@@ -47,15 +51,34 @@ def test_the_version_is_documented():
     assert f"version {SCHEMA_VERSION} of their schema" in DOCUMENT
 
 
-@pytest.mark.parametrize("sql", QUERIES)
-def test_the_queries_of_the_document_run(sql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("sql", [*QUERIES, *RECORDING_QUERIES])
+def test_the_queries_of_the_documents_run(sql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     requests = [request(index, environment={"MAX_SPEED": "0.3"}) for index in range(6)]
     write_parquet(results_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "results.parquet")
     write_parquet(failures_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "failures.parquet")
+    (tmp_path / "recordings").mkdir()
+    write_parquet(recording_table(_collision(3)), tmp_path / "recordings" / "000000.parquet")
     monkeypatch.chdir(tmp_path)
     with duckdb.connect() as connection:
         assert connection.execute(sql).fetchall()
 
 
 def test_there_are_queries():
-    assert len(QUERIES) == 4
+    assert (len(QUERIES), len(RECORDING_QUERIES)) == (4, 3)
+
+
+def _collision(index: int) -> dict[str, np.ndarray]:
+    """Returns two samples of an episode, half a second before its end and there."""
+    (result,) = (each for each in batch(3, 2, 1) if each.index == index)
+    once = np.zeros((2, 3), np.float32)
+    return {
+        "index": np.array([index, index]),
+        "t_s": np.array([result.simulated_s - 0.5, result.simulated_s]),
+        "pose": once,
+        "velocity": once,
+        "goal_index": np.array([0, 0]),
+        "acted": np.array([True, False]),
+        "control": once,
+        "ranges_m": once + 0.5,
+        "impulse_ns": np.array([2.0, 0.0], np.float32),
+    }

@@ -1,24 +1,21 @@
 """Batches without a simulator: plans, requests and rows made by hand."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import cast
 
 from pydantic import JsonValue
 
 from specs.episode import EpisodeResult, unfinished
-from specs.world import World
 from tasks.simulate.batch import OpenBatch, open_batch, opened
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate
-from tasks.simulate.chunks import Chunk
-from tasks.simulate.stopping import StopWatch
+from tasks.simulate.committing import Part, Simulate
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 from tests.episodes_factory import collided, crashed, passed
 from tests.simulate_factory import ROBOT, SCENARIO
 from tests.worlds_factory import apartment
 
-Rows = Callable[[Chunk, Mapping[str, World], int, StopWatch], list[EpisodeResult]]
 ROBOT_ARN = "arn:simyard:robot-application:0:courier"
 SCENARIO_ARN = "arn:simyard:simulation-application:0:delivery"
 
@@ -80,28 +77,28 @@ def begun(store: Store, made: BatchPlan | None = None, name: str = "tok") -> Ope
     return opened(store, open_batch(store, made, request(made), name).id)
 
 
-def all_pass(chunk: Chunk, worlds: Mapping[str, World], lanes: int, watch: StopWatch) -> list[EpisodeResult]:
+def all_pass(part: Part) -> list[EpisodeResult]:
     """Simulates episodes that all pass."""
-    watch()
-    return [passed(each.index) for each in chunk.requests]
+    part.watch()
+    return [passed(each.index) for each in part.chunk.requests]
 
 
-def mixed(chunk: Chunk, worlds: Mapping[str, World], lanes: int, watch: StopWatch) -> list[EpisodeResult]:
+def mixed(part: Part) -> list[EpisodeResult]:
     """Simulates episodes of which some collide, and the last of each chunk crashes."""
-    made = [(collided if each.index % 2 else passed)(each.index) for each in chunk.requests]
+    made = [(collided if each.index % 2 else passed)(each.index) for each in part.chunk.requests]
     return [*made[:-1], crashed(made[-1].index)]
 
 
-def stops_after(first: int) -> Rows:
+def stops_after(first: int) -> Simulate:
     """Returns a simulation that does the first episodes of a chunk, and the others if nobody says stop."""
 
-    def simulate(chunk: Chunk, worlds: Mapping[str, World], lanes: int, watch: StopWatch) -> list[EpisodeResult]:
-        stopped = watch()
+    def simulate(part: Part) -> list[EpisodeResult]:
+        stopped = part.watch()
         return [
             unfinished(each.index, "Canceled", failure_code="", failure_reason="stopped before its end")
             if stopped and position >= first
             else passed(each.index)
-            for position, each in enumerate(chunk.requests)
+            for position, each in enumerate(part.chunk.requests)
         ]
 
     return simulate

@@ -1,16 +1,17 @@
 """A chunk is committed whole and once, and whatever goes wrong in it is a row of its own."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 
+import numpy as np
 import pytest
 
 from specs.episode import EpisodeResult
-from specs.world import World
+from specs.pipeline_simulation import Recordings
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
-from tasks.simulate.chunks import Chunk
-from tasks.simulate.committing import run_chunk
-from tasks.simulate.stopping import StopWatch
+from tasks.simulate.committing import Part, run_chunk
+from tasks.simulate.lane_state import Record
+from tasks.simulate.recording import Columns, Ends
 from tasks.simulate.streaming import parts
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
@@ -18,7 +19,7 @@ from tests.episodes_factory import passed
 from tests.simulate.batch_factory import all_pass, begun, mixed, plan, put_world, stops_after, template
 
 
-def refuse(chunk: Chunk, worlds: Mapping[str, World], lanes: int, watch: StopWatch) -> list[EpisodeResult]:
+def refuse(part: Part) -> list[EpisodeResult]:
     pytest.fail("simulated again")
 
 
@@ -34,9 +35,9 @@ def test_a_committed_chunk_is_not_simulated_again(file_store: Store):
 def test_of_two_processes_the_first_to_commit_decides(file_store: Store):
     batch = begun(file_store)
 
-    def slow(chunk: Chunk, worlds: Mapping[str, World], lanes: int, watch: StopWatch) -> list[EpisodeResult]:
+    def slow(part: Part) -> list[EpisodeResult]:
         run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
-        return mixed(chunk, worlds, lanes, watch)
+        return mixed(part)
 
     run_chunk(batch, 0, slow, lanes=4, left_s=9.0)
     assert [row.outcome for row in committed_chunk(file_store, batch.id, 0) or ()] == ["Passed"] * 4
@@ -45,7 +46,7 @@ def test_of_two_processes_the_first_to_commit_decides(file_store: Store):
 def test_each_beginning_is_counted_with_what_was_spent_before(file_store: Store):
     batch = begun(file_store)
 
-    def dies(chunk: Chunk, worlds: Mapping[str, World], lanes: int, watch: StopWatch) -> list[EpisodeResult]:
+    def dies(part: Part) -> list[EpisodeResult]:
         raise KeyboardInterrupt
 
     for spent in (1.5, 2.5):
@@ -62,11 +63,11 @@ def test_a_chunk_whose_process_died_again_is_tried_with_fewer_lanes(file_store: 
     batch = begun(file_store, plan(file_store, lanes=64, seeds=tuple(range(64)), worlds=("g/w0",)))
     tried: list[int] = []
 
-    def dies_with_many(chunk: Chunk, worlds: Mapping[str, World], lanes: int, watch: StopWatch) -> list[EpisodeResult]:
-        tried.append(lanes)
-        if lanes > 16:
+    def dies_with_many(part: Part) -> list[EpisodeResult]:
+        tried.append(part.lanes)
+        if part.lanes > 16:
             raise KeyboardInterrupt
-        return all_pass(chunk, worlds, lanes, watch)
+        return all_pass(part)
 
     for _ in range(3):
         with pytest.raises(KeyboardInterrupt):
@@ -163,6 +164,73 @@ def test_a_part_holds_some_episodes_however_chunks_lie(file_store: Store, monkey
         run_chunk(batch, number, mixed, lanes=3, left_s=9.0)
     sizes = [(len(requests), len(results)) for requests, results in parts(batch)]
     assert sizes == [(5, 5), (5, 5), (2, 2)]
+
+
+class Recorded:
+    """A simulator that records the pose and goal of each lane, and what was written of it."""
+
+    def __init__(self) -> None:
+        self.written: dict[int, list[int]] = {}
+
+    def simulate(self, part: Part) -> list[EpisodeResult]:
+        rows = mixed(part)
+        assert part.recorder
+        lanes = len(rows)
+        one = np.zeros((lanes, 1, 3), np.float32)
+        part.recorder.begin(lanes, 0.05)
+        part.recorder.keep(Record(one, one, one[:, :, 0], one, one, one[:, :, 0]), np.ones(lanes, int))  # pyright: ignore[reportArgumentType]
+        done = Ends(np.ones(lanes, int), np.zeros(lanes, bool), one[:, 0], one[:, 0], one[:, 0], np.zeros(lanes, int))
+        part.recorder.end(done, rows)
+        return rows
+
+    def write(self, number: int, parts: Iterable[Columns]) -> str:
+        found = [int(index) for part in parts for index in part["index"]]
+        self.written[number] = list(dict.fromkeys(found))
+        return f"{number}.parquet" if found else ""
+
+
+@pytest.mark.parametrize(
+    ("changes", "kept"),
+    [
+        ({}, [1, 3]),
+        ({"recordings": Recordings(episodes="all")}, [0, 1, 2, 3]),
+        ({"recordings": Recordings(episodes="none")}, []),
+        ({"recordings": Recordings(episodes="none"), "templates": (template(record=True),)}, [0, 1, 2, 3]),
+    ],
+)
+def test_episodes_that_failed_are_recorded_and_those_that_were_asked_for(
+    file_store: Store, changes: dict[str, object], kept: list[int]
+):
+    batch, recorded = begun(file_store, plan(file_store, **changes)), Recorded()
+    run_chunk(batch, 0, recorded.simulate, recorded.write, lanes=2, left_s=9.0)
+    assert recorded.written == {0: kept}
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.index for row in rows if row.recording == "0.parquet"] == kept
+    assert {row.recording for row in rows} <= {"", "0.parquet"}
+
+
+def test_a_recording_is_written_before_the_chunk_that_names_it(file_store: Store):
+    batch, recorded = begun(file_store), Recorded()
+
+    def dies(number: int, parts: Iterable[Columns]) -> str:
+        assert committed_chunk(file_store, batch.id, number) is None
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_chunk(batch, 0, recorded.simulate, dies, lanes=4, left_s=9.0)
+    assert committed_chunk(file_store, batch.id, 0) is None
+
+
+def test_a_cancelled_job_leaves_no_recording(file_store: Store):
+    batch, recorded = begun(file_store), Recorded()
+    cancel_job(file_store, f"{batch.id}/1")
+
+    def simulate(part: Part) -> list[EpisodeResult]:
+        part.watch()
+        return recorded.simulate(part)
+
+    run_chunk(batch, 0, simulate, recorded.write, lanes=4, left_s=9.0)
+    assert recorded.written == {0: [3]}
 
 
 def test_the_same_world_is_read_again_when_it_comes_back(file_store: Store):

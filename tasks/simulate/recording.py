@@ -1,0 +1,228 @@
+"""What lanes did, sampled while they run, and given away for those episodes that are kept.
+
+A sample is the state at the beginning of a control step and what happened in it: where the robot was and how it moved,
+the scan it saw then, the control that was decided on it, and what contacts pushed the robot with until the next sample.
+The last sample of an episode is the state in which it ended.
+"""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from specs.episode import EpisodeResult
+
+Columns = Mapping[str, np.ndarray]
+# Samples of a usual chunk stay in memory; those of long episodes lie in a file that nobody sees.
+_MEMORY_BYTES = 256 << 20
+_PART_BYTES = 32 << 20
+
+
+class Steps(Protocol):
+    """What is recorded of a slice of control steps, (lanes, steps) first; as ``tasks.simulate.lane_state.Record``."""
+
+    @property
+    def pose(self) -> object:
+        """Returns poses at the steps' ends."""
+        ...
+
+    @property
+    def velocity(self) -> object:
+        """Returns velocities at the steps' ends."""
+        ...
+
+    @property
+    def goal_index(self) -> object:
+        """Returns goals to go to at the steps' ends."""
+        ...
+
+    @property
+    def control(self) -> object:
+        """Returns controls during the steps."""
+        ...
+
+    @property
+    def ranges_m(self) -> object:
+        """Returns scans at the steps' beginnings."""
+        ...
+
+    @property
+    def impulse_ns(self) -> object:
+        """Returns contact impulses during the steps."""
+        ...
+
+
+class Ends(NamedTuple):
+    """How the lanes ended, for lanes in their order.
+
+    Attributes:
+        steps: Control steps that were done.
+        crashed: Whether a step after those was begun, and went wrong.
+    """
+
+    steps: Int[np.ndarray, "lanes"]
+    crashed: Bool[np.ndarray, "lanes"]
+    start: Float[np.ndarray, "lanes 3"]
+    pose: Float[np.ndarray, "lanes 3"]
+    velocity: Float[np.ndarray, "lanes 3"]
+    goal_index: Int[np.ndarray, "lanes"]
+
+
+class Recorder:
+    """The samples of one run of a program's lanes."""
+
+    def __init__(self, rate_hz: float, wanted: Callable[[EpisodeResult], bool]) -> None:
+        """Begins without samples.
+
+        Args:
+            rate_hz: Samples in a simulated second; made a whole fraction of the control rate.
+            wanted: Whether an episode with such a result is kept.
+        """
+        self._rate_hz = rate_hz
+        self._wanted = wanted
+        self._lanes = 0
+        self._stride = 1
+        self._control_s = 0.0
+        self._steps = 0
+        self._blocks: dict[str, list[np.ndarray]] = {}
+        self._held_bytes = 0
+        self._kept: list[tuple[int, int]] = []
+        self._ends: Ends | None = None
+
+    def begin(self, lanes: int, control_s: float) -> None:
+        """Prepares for lanes.
+
+        Args:
+            lanes: How many hold episodes.
+            control_s: Length of a control step.
+        """
+        self._lanes, self._control_s = lanes, control_s
+        self._stride = max(1, round(1.0 / (self._rate_hz * control_s)))
+        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "last_control", "last_ranges_m", "impulse_ns")
+        self._blocks = {name: [] for name in names}
+
+    def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
+        """Keeps the samples of a slice.
+
+        Args:
+            slice_: Its control steps.
+            steps: How many control steps each lane has done by its end.
+        """
+        impulse = np.asarray(slice_.impulse_ns)[: self._lanes]
+        length = impulse.shape[1]
+        numbers = np.arange(self._steps, self._steps + length)
+        begun = np.flatnonzero(numbers % self._stride == 0)
+        ended = np.flatnonzero((numbers + 1) % self._stride == 0)
+        self._add("impulse_ns", impulse.astype(np.float32))
+        for name in ("pose", "velocity", "goal_index"):
+            self._add(name, np.asarray(getattr(slice_, name))[: self._lanes, ended])
+        # Where a lane came to its end, wherever in the slice: what it had decided when it crashed.
+        last = np.clip(steps[: self._lanes] - self._steps, 0, length - 1)
+        for name in ("control", "ranges_m"):
+            whole = np.asarray(getattr(slice_, name))[: self._lanes]
+            self._add(name, whole[:, begun])
+            self._note_last(f"last_{name}", whole[np.arange(self._lanes), last], steps)
+        self._steps += length
+
+    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+        """Says how the lanes ended.
+
+        Args:
+            ends: Of all lanes.
+            rows: The lanes' results, in their order.
+        """
+        self._ends = ends
+        self._kept = [(lane, row.index) for lane, row in enumerate(rows) if self._wanted(row)]
+
+    @property
+    def episodes(self) -> list[int]:
+        """Returns the indices of the episodes that are kept."""
+        return [index for _, index in self._kept]
+
+    def parts(self) -> Iterator[Columns]:
+        """Yields the samples of the kept episodes, some episodes at a time, as columns of equal length.
+
+        They are ``index``, ``t_s``, ``pose``, ``velocity``, ``goal_index``, ``acted`` (whether a control was decided),
+        ``control``, ``ranges_m`` and ``impulse_ns``.
+        """
+        if not self._kept or self._ends is None:
+            return
+        each = 1 + sum(block[:1].nbytes for blocks in self._blocks.values() for block in blocks)
+        at_once = max(1, _PART_BYTES // each)
+        for first in range(0, len(self._kept), at_once):
+            group = self._kept[first : first + at_once]
+            lanes = np.array([lane for lane, _ in group])
+            yield self._columns(lanes, np.array([index for _, index in group]), self._ends)
+
+    def _note_last(self, name: str, found: np.ndarray, steps: Int[np.ndarray, "lanes"]) -> None:
+        """Keeps what was last of each lane; of a lane that had ended before this slice, what was noted then."""
+        if not self._blocks[name]:
+            self._blocks[name].append(found[:, None].copy())
+            return
+        moving = steps[: self._lanes] >= self._steps
+        self._blocks[name][0][moving, 0] = found[moving]
+
+    def _add(self, name: str, block: np.ndarray) -> None:
+        self._held_bytes += block.nbytes
+        full = self._held_bytes > _MEMORY_BYTES
+        self._blocks[name].append(_in_a_file(block) if full else np.ascontiguousarray(block))
+
+    def _columns(self, lanes: np.ndarray, indices: np.ndarray, ends: Ends) -> Columns:
+        """Returns the samples of some lanes. Slot j of a lane is its step j times the stride; behind them its end."""
+        steps, stride = ends.steps[lanes], self._stride
+        final = -(-steps // stride)
+        slots = np.arange(int(final.max()) + 1)
+        number = np.minimum(slots * stride, steps[:, None])
+        there = slots <= final[:, None]
+        at_end = slots == final[:, None]
+        acted = np.where(at_end, ends.crashed[lanes][:, None], there)
+        states = {name: self._states(name, lanes, ends, at_end) for name in ("pose", "velocity", "goal_index")}
+        actions = {name: self._actions(name, lanes, at_end) for name in ("control", "ranges_m")}
+        columns = {
+            "index": np.broadcast_to(indices[:, None], there.shape),
+            "t_s": np.round(number * self._control_s, 6),
+            **states,
+            "acted": acted,
+            **actions,
+            "impulse_ns": self._impulses(lanes, steps, len(slots)),
+        }
+        return {name: values[there] for name, values in columns.items()}
+
+    def _states(self, name: str, lanes: np.ndarray, ends: Ends, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
+        final = getattr(ends, name)[lanes]
+        first = ends.start[lanes].astype(final.dtype) if name == "pose" else np.zeros_like(final)
+        slots = _fitted([first[:, None], *(block[lanes] for block in self._blocks[name])], at_end.shape[1])
+        slots[at_end] = final
+        return slots
+
+    def _actions(self, name: str, lanes: np.ndarray, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
+        slots = _fitted([block[lanes] for block in self._blocks[name]], at_end.shape[1])
+        slots[at_end] = self._blocks[f"last_{name}"][0][lanes, 0]
+        return slots
+
+    def _impulses(
+        self, lanes: np.ndarray, steps: Int[np.ndarray, "lanes"], slots: int
+    ) -> Float32[np.ndarray, "lanes slots"]:
+        """Returns what contacts pushed with from each sample to the next."""
+        every = _fitted([block[lanes] for block in self._blocks["impulse_ns"]], slots * self._stride)
+        every[np.arange(every.shape[1]) >= steps[:, None]] = 0.0
+        return every.reshape(len(lanes), slots, self._stride).sum(2, dtype=np.float32)
+
+
+def _in_a_file(block: np.ndarray) -> np.ndarray:
+    """Returns a block that lies in a file without a name, which goes when the block does."""
+    if not block.size:
+        return block
+    with tempfile.TemporaryFile(prefix="simyard-recording-") as file:
+        file.write(np.ascontiguousarray(block).data)
+        file.flush()
+        return np.memmap(file, block.dtype, "r", shape=block.shape)
+
+
+def _fitted(blocks: Sequence[np.ndarray], slots: int) -> np.ndarray:
+    """Returns blocks side by side in the second axis, cut or filled up with zeros to so many slots."""
+    together = np.concatenate(blocks, axis=1)[:, :slots]
+    missing = slots - together.shape[1]
+    return np.pad(together, [(0, 0), (0, missing), *[(0, 0)] * (together.ndim - 2)]) if missing else together
