@@ -66,19 +66,25 @@ def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
     footprint = Box(*(rounded(side) for side in footprint))
     size = (int(np.ceil(footprint.width / CELL_M)), int(np.ceil(footprint.height / CELL_M)))
     touched, covered = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
-    low = [solid for solid in solids if solid.center_m[2] - solid.half_extents_m[2] < HEADROOM_M]
     x, y = footprint.x_min, footprint.y_min
-    for solid in low:
-        x_min, y_min, _, x_max, y_max, _ = bounds(solid)
-        rows = slice(max(int((x_min - x) / CELL_M), 0), int(np.ceil((x_max - x) / CELL_M)))
-        columns = slice(max(int((y_min - y) / CELL_M), 0), int(np.ceil((y_max - y) / CELL_M)))
-        touched[rows, columns] = True
-    clear = Clearance((x, y), touched, touched, covered)
-    for solid in low:
-        x_min, y_min, _, x_max, y_max, _ = bounds(solid)
-        covered[clear.cells(Box(x_min, y_min, x_max, y_max))] = True
-    distance = ndimage.distance_transform_edt(~touched, sampling=CELL_M)
-    return Clearance((x, y), touched, np.asarray(distance) - _GRID_SLACK_M, covered)
+    boxes = np.array([bounds(solid) for solid in solids]).reshape(-1, 6)
+    cells = (boxes[boxes[:, 2] < HEADROOM_M][:, [0, 1, 3, 4]] - [x, y, x, y]) / CELL_M
+    outer = np.concatenate([np.floor(cells[:, :2]), np.ceil(cells[:, 2:])], axis=1).astype(int).clip(0)
+    inner = np.concatenate([np.ceil(cells[:, :2] - 0.5), np.floor(cells[:, 2:] + 0.5)], axis=1).astype(int).clip(0)
+    for x_min, y_min, x_max, y_max in outer.tolist():
+        touched[x_min:x_max, y_min:y_max] = True
+    for x_min, y_min, x_max, y_max in inner.tolist():
+        covered[x_min:x_max, y_min:y_max] = True
+    return Clearance((x, y), touched, _distances(touched) - _GRID_SLACK_M, covered)
+
+
+def _distances(touched: Bool[np.ndarray, "x y"]) -> Float[np.ndarray, "x y"]:
+    """Returns the distance from each cell's centre to that of the nearest touched one (metres)."""
+    nearest: Int[np.ndarray, "2 x y"] = np.empty((2, *touched.shape), dtype=np.int32)
+    ndimage.distance_transform_edt(~touched, return_distances=False, return_indices=True, indices=nearest)
+    across = nearest[0] - np.arange(touched.shape[0], dtype=np.int32)[:, None]
+    along = nearest[1] - np.arange(touched.shape[1], dtype=np.int32)
+    return CELL_M * np.sqrt(across * across + along * along)
 
 
 def occupancy(clearance: Clearance) -> OccupancyMap:
