@@ -102,7 +102,7 @@ def cancel(
     arn: Annotated[str, typer.Argument(help="The ARN of a simulation job batch, or of one of its jobs.")],
     store: StoreUrl = None,
 ) -> None:
-    """Cancel a batch or one of its jobs; who works on it stops within seconds, and keeps what is done."""
+    """Cancel a batch or one of its jobs; what is done is kept, and who works on it stops within seconds."""
     from flows.inspecting import cancel as cancel_named
     from tasks.storage.opening import open_existing_store
 

@@ -21,6 +21,8 @@ from tasks.deploy.describe import (
     list_robots,
 )
 from tasks.export.describe import describe_export_job, summarise_export_job
+from tasks.simulate.batch import KIND as BATCH
+from tasks.simulate.batch import STOPPING
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
 from tasks.storage.records import JobRecord, read, records
@@ -35,8 +37,8 @@ _DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
     "world-export-job": lambda store, path: describe_export_job(read(store, "world-export-job", path)),
     "robot-application": describe_robot_application,
     "simulation-application": describe_simulation_application,
-    "simulation-job": describe_job,
-    "simulation-job-batch": describe_batch,
+    "simulation-job": lambda store, path: describe_job(store, _with_settled_batch(store, path)),
+    "simulation-job-batch": lambda store, path: describe_batch(store, _with_settled_batch(store, path)),
     "deployment-fleet": describe_fleet,
     "robot": describe_robot,
     "deployment-job": describe_deployment_job,
@@ -50,8 +52,8 @@ _LIST: Mapping[str, Callable[[Store], Iterable[Spec]]] = {
     "world-export-jobs": lambda store: [summarise_export_job(job) for job in records(store, "world-export-job")],
     "robot-applications": list_robot_applications,
     "simulation-applications": list_simulation_applications,
-    "simulation-jobs": list_jobs,
-    "simulation-job-batches": list_batches,
+    "simulation-jobs": lambda store: list_jobs(_with_settled_batches(store)),
+    "simulation-job-batches": lambda store: list_batches(_with_settled_batches(store)),
     "fleets": list_fleets,
     "robots": list_robots,
     "deployment-jobs": list_deployment_jobs,
@@ -91,7 +93,7 @@ def listed(store: Store, kind: str) -> Iterable[Spec]:
 
 
 def cancel(store: Store, text: str) -> None:
-    """Cancels what an ARN names: whoever works on it stops within seconds.
+    """Cancels what an ARN names: whoever works on it stops within seconds; where nobody does, it ends here and now.
 
     Raises:
         ResourceNotFound: The store has no such resource.
@@ -101,6 +103,23 @@ def cancel(store: Store, text: str) -> None:
     if reference.kind is None or reference.kind not in _CANCEL:
         raise _refused("arn", text, f"an ARN of a {' or '.join(_CANCEL)}")
     _CANCEL[reference.kind](store, reference.path)
+    _with_settled_batch(store, reference.path)
+
+
+def _with_settled_batch(store: Store, path: str) -> str:
+    """Returns ``<batch>`` or ``<batch>/<index>`` as it stands, having closed a batch that was stopped and left."""
+    batch = path.partition("/")[0]
+    if read(store, BATCH, batch).status in STOPPING:
+        from flows.closing import settled  # noqa: PLC0415 - it imports MuJoCo and Arrow, which describing does not need
+
+        settled(store, batch)
+    return path
+
+
+def _with_settled_batches(store: Store) -> Store:
+    for record in records(store, BATCH):
+        _with_settled_batch(store, record.id)
+    return store
 
 
 def _run_line(run: JobRecord) -> RunSummary:

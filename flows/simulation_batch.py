@@ -18,7 +18,8 @@ from tasks.applications.task import unpack_application
 from tasks.results.recordings import recordings_url, write_recordings
 from tasks.results.task import write_tables
 from tasks.simulate.batch import (
-    STOPPING,
+    GOING,
+    KIND,
     OpenBatch,
     close_batch,
     complete,
@@ -33,6 +34,8 @@ from tasks.simulate.resolving import output_location
 from tasks.simulate.streaming import parts
 from tasks.simulate.task import simulate_chunk
 from tasks.simulate.versions import batch_metadata
+from tasks.storage.claim import claimed
+from tasks.storage.keys import claim_key
 from tasks.storage.opening import open_store, store_id
 from tasks.storage.records import JobRecord, is_terminal
 from tasks.storage.store import Store
@@ -76,14 +79,18 @@ def simulation_batch(
 
 
 def _run(store: Store, batch: str, location: OutputLocation) -> JobRecord:
-    work = opened(store, batch)
-    try:
-        folders = {digest: unpack_application(store.url, digest) for digest in work.plan.digests()}
-        _simulate(work, folders, location)
-        return _closed(work, folders, location)
-    except (DocumentError, StageFailed) as exc:
-        close_batch(store, batch, "Failed", {}, str(exc))
-        raise
+    with claimed(store, claim_key(KIND, batch)):
+        work = opened(store, batch)
+        record = work.record()
+        if is_terminal(record):  # somebody who cancelled it closed it, while this process waited for the claim
+            return record
+        try:
+            folders = {digest: unpack_application(store.url, digest) for digest in work.plan.digests()}
+            _simulate(work, folders, location)
+            return _closed(work, folders, location)
+        except (DocumentError, StageFailed) as exc:
+            close_batch(store, batch, "Failed", {}, str(exc))
+            raise
 
 
 def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> None:
@@ -97,7 +104,7 @@ def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocati
             worked_s = before_s + time.monotonic() - start_s
             left_s = batch.plan.timeout_s - worked_s
             now = time_out(batch) if left_s <= 0 else batch.record()
-            if now.status in STOPPING:
+            if now.status not in GOING:
                 return
             progress(done, layout.episodes)
 
@@ -122,6 +129,8 @@ def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocati
 def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> JobRecord:
     """Returns the batch in its terminal state, its tables being written."""
     record = complete(batch)
+    if is_terminal(record):
+        return record
     metadata = batch_metadata(engines_used(batch.plan, folders))
     detail = write_tables(
         batch.store.url,

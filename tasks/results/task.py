@@ -11,12 +11,12 @@ from pydantic import JsonValue
 from specs.common import OutputLocation
 from specs.pipeline_simulation import SuccessRate
 from specs.report import Verdict as Answer
+from tasks.results.closing import write_batch_tables
 from tasks.results.evidence import Tested, gather, write_evidence
 from tasks.results.gate import Verdict, judge
-from tasks.results.job import Part, Variables, write_results
+from tasks.results.job import Part, Variables
 from tasks.results.success import EpisodeCounts
 from tasks.results.summary import summary_rows
-from tasks.storage.buckets import open_bucket
 from tasks.storage.opening import open_store
 
 _HEADINGS = ("episodes", "passed", "rate", "interval", "why not")
@@ -45,25 +45,14 @@ def write_tables(
         location: Where the tables go.
         metadata: For the files' footers.
     """
-    bucket = open_bucket(open_store(store_url), location.s3Bucket or "")
-    written, tally = write_results(bucket, location.s3Prefix, batch, parts(), variables=variables, metadata=metadata)
+    detail, tally = write_batch_tables(
+        open_store(store_url), batch, parts(), variables=variables, location=location, metadata=metadata
+    )
     rows: list[dict[str, Any]] = [
         dict(zip(_HEADINGS, row, strict=True)) for row in summary_rows(tally.summary())[:_ROWS_SHOWN]
     ]
     create_table_artifact(table=rows, key="batch-results", description=f"Results of {batch}")
-    counts = tally.counts()
-    why_not: list[JsonValue] = [
-        {"reason": name, "episodes": count, "sample": sample} for name, count, sample in tally.why_not()
-    ]
-    return {
-        **written,
-        "episodes": counts.episodes + counts.canceled,
-        "passed": counts.successes,
-        "simulated_s": round(tally.simulated_s, 3),
-        "counts": counts.model_dump(),
-        "failed_inside": sum(count for name, count, _ in tally.why_not() if name == "InternalServiceError"),
-        "why_not": why_not,
-    }
+    return detail
 
 
 @task(name="judge", cache_policy=NO_CACHE, persist_result=False)

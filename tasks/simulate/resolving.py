@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from pydantic import JsonValue
+
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.bundle import ApplicationKind, Version
@@ -10,6 +12,7 @@ from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.pipeline_simulation import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline_simulation import PipelineSimulationApplication as ScenarioUse
+from specs.simulation_batch import StartSimulationJobBatchRequest
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate, lane_count
 from tasks.simulate.layout import Layout
 
@@ -94,6 +97,12 @@ def output_location(section: SimulationBatch) -> OutputLocation:
         allowed = "one place for the whole batch, as simulationBatch.outputLocation"
         raise DocumentError([Fault(path=path, value=", ".join(sorted(places)), allowed=allowed)])
     return next(iter(places.values()), DEFAULT_OUTPUT)
+
+
+def recorded_location(request: Mapping[str, JsonValue]) -> OutputLocation:
+    """Returns where the tables of a batch go that was opened with a request, which has the place in each entry."""
+    entries = StartSimulationJobBatchRequest.model_validate(request).createSimulationJobRequests
+    return next((entry.outputLocation for entry in entries if entry.outputLocation), DEFAULT_OUTPUT)
 
 
 def _template(where: str, request: PipelineJobRequest, find_version: FindVersion) -> JobTemplate:

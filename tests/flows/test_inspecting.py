@@ -4,8 +4,10 @@ import pytest
 
 from flows.inspecting import cancel
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.storage.records import advance, submit
+from tasks.storage.claim import claimed
+from tasks.storage.keys import claim_key
 from tasks.storage.store import Store
+from tests.simulate.batch_factory import begun
 
 
 @pytest.mark.parametrize(
@@ -22,6 +24,7 @@ def test_a_batch_that_does_not_exist_is_not_cancelled(file_store: Store):
 
 
 def test_an_old_arn_of_robomaker_means_the_batch_of_that_name(file_store: Store):
-    batch = submit(file_store, "simulation-job-batch", {}, "tok").id
-    cancel(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch}")
-    assert advance(file_store, "simulation-job-batch", batch, "InProgress", only_from={"Pending"}).status == "Canceling"
+    batch = begun(file_store)
+    with claimed(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=0.3):
+        cancel(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch.id}")
+    assert batch.record().status == "Canceling"

@@ -1,0 +1,58 @@
+"""A batch that was stopped while no process worked on it, closed by whoever asks about it."""
+
+from typing import cast
+
+from pydantic import JsonValue
+
+from tasks.applications.publishing import unpack
+from tasks.results.closing import write_batch_tables
+from tasks.results.recordings import recordings_url
+from tasks.simulate.abandoned import give_up
+from tasks.simulate.batch import KIND, STOPPING, OpenBatch, close_batch, ending, opened
+from tasks.simulate.engines_used import engines_used
+from tasks.simulate.resolving import recorded_location
+from tasks.simulate.streaming import parts
+from tasks.simulate.versions import batch_metadata
+from tasks.storage.cache import cache_folder
+from tasks.storage.claim import claimed_unless_alive
+from tasks.storage.keys import claim_key
+from tasks.storage.records import JobRecord
+from tasks.storage.store import Store
+
+
+def settled(store: Store, batch: str) -> JobRecord:
+    """Returns a batch's record; one that is being stopped and that nobody works on is closed first.
+
+    Its tables have the rows of what was done, and Canceled ones for the rest. Where somebody works on it, or may
+    (a process on another machine is given 15 s to show that it lives), the record is returned as it stands.
+
+    Raises:
+        ResourceNotFound: No such batch.
+    """
+    work = opened(store, batch)
+    record = work.record()
+    if record.status not in STOPPING:
+        return record
+    with claimed_unless_alive(store, claim_key(KIND, batch)) as claim:
+        record = work.record()
+        return _closed(work) if claim and record.status in STOPPING else record
+
+
+def _closed(batch: OpenBatch) -> JobRecord:
+    give_up(batch)
+    folders = {digest: unpack(batch.store, digest, cache_folder() / "bundles") for digest in batch.plan.digests()}
+    metadata = batch_metadata(engines_used(batch.plan, folders))
+    record = batch.record()
+    location = recorded_location(cast("dict[str, JsonValue]", record.request["request"]))
+    detail, _ = write_batch_tables(
+        batch.store,
+        batch.id,
+        parts(batch),
+        variables=batch.plan.variables(),
+        location=location,
+        metadata=metadata,
+    )
+    if batch.plan.records():
+        detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
+    status, why = ending(record, cast("int", detail["failed_inside"]))
+    return close_batch(batch.store, batch.id, status, {**detail, "metadata": dict(metadata)}, why)

@@ -1,0 +1,114 @@
+"""A batch that was stopped while nobody worked on it is closed by whoever asks, and only then."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from flows.closing import settled
+from flows.inspecting import cancel, described, listed
+from specs.episode import EpisodeResult
+from specs.errors import DocumentError
+from tasks.applications.publishing import publish
+from tasks.simulate.batch import OpenBatch, time_out
+from tasks.simulate.batch_plan import BatchPlan
+from tasks.simulate.canceling import cancel_batch, cancel_job
+from tasks.simulate.chunk_store import begin_chunk, committed_chunk
+from tasks.simulate.committing import Part, run_chunk
+from tasks.storage.claim import claimed
+from tasks.storage.keys import claim_key
+from tasks.storage.store import Store
+from tests.simulate.batch_factory import all_pass, begun, plan, template
+from tests.simulate_factory import REPOSITORY, ROBOT, SCENARIO
+
+BATCH = "simulation-job-batch"
+
+
+@pytest.fixture
+def left(file_store: Store) -> OpenBatch:
+    """Six jobs in chunks of two: the first chunk is committed, the second was begun, the third was not."""
+    batch = begun(file_store, _shipped(file_store))
+    run_chunk(batch, 0, all_pass, lanes=2, left_s=9.0)
+    begin_chunk(file_store, batch.id, 1, 0.0)
+    return batch
+
+
+def _shipped(store: Store) -> BatchPlan:
+    """Returns a plan whose bundles are published, so that the engine can be told."""
+    robot = publish(store, "robot-application", "courier", REPOSITORY / "applications/courier")
+    scenario = publish(store, "simulation-application", "delivery", REPOSITORY / "applications/delivery")
+    launches = {
+        "robot": ROBOT.model_copy(update={"digest": robot.digest}),
+        "scenario": SCENARIO.model_copy(update={"digest": scenario.digest}),
+    }
+    return plan(store, lanes=2, templates=(template(**launches),))
+
+
+def results(batch: OpenBatch) -> pa.Table:
+    key = str(batch.record().detail["results_url"]).removeprefix(batch.store.url + "/")
+    return pq.read_table(pa.BufferReader(batch.store.get(key).body))
+
+
+def test_cancelling_a_batch_that_nobody_works_on_closes_it_with_the_rows_of_what_was_done(left: OpenBatch):
+    cancel_job(left.store, f"{left.id}/3")
+    cancel(left.store, left.record().arn)
+    assert left.record().status == "Canceled"
+    table = results(left)
+    assert table.column("status").to_pylist() == ["Completed"] * 2 + ["Canceled"] * 4
+    assert table.column("failure_code").to_pylist() == ["", "", "BatchCanceled", "", "BatchCanceled", "BatchCanceled"]
+
+
+ASK: dict[str, Callable[[Store, str], object]] = {
+    "describe": described,
+    "describe job": lambda store, arn: described(store, f"{arn.replace(BATCH, 'simulation-job')}/0"),
+    "list": lambda store, _: listed(store, "simulation-job-batches"),
+    "list jobs": lambda store, _: listed(store, "simulation-jobs"),
+}
+
+
+@pytest.mark.parametrize("ask", list(ASK))
+def test_whoever_asks_about_a_batch_that_was_stopped_and_left_finds_it_ended(left: OpenBatch, ask: str):
+    time_out(left)
+    ASK[ask](left.store, left.record().arn)
+    assert left.record().status == "TimedOut"
+    assert results(left).num_rows == 6
+
+
+def test_cancelling_again_closes_a_batch_whose_process_died_before_it_could(left: OpenBatch):
+    cancel_batch(left.store, left.id)
+    cancel(left.store, left.record().arn)
+    assert left.record().status == "Canceled"
+
+
+def test_a_batch_that_somebody_works_on_is_left_to_him(left: OpenBatch):
+    cancel_batch(left.store, left.id)
+    with claimed(left.store, claim_key(BATCH, left.id), ttl_s=0.3):
+        assert settled(left.store, left.id).status == "Canceling"
+    assert settled(left.store, left.id).status == "Canceled"
+
+
+def test_a_batch_that_nobody_stopped_is_left_to_be_continued(left: OpenBatch):
+    assert settled(left.store, left.id).status == "InProgress"
+    assert described(left.store, left.record().arn).model_dump()["status"] == "InProgress"
+
+
+def test_a_process_that_was_paused_meanwhile_cannot_commit_what_was_given_up(left: OpenBatch):
+    cancel_batch(left.store, left.id)
+
+    def slow(part: Part) -> list[EpisodeResult]:
+        settled(left.store, left.id)
+        return all_pass(part)
+
+    assert run_chunk(left, 1, slow, lanes=2, left_s=9.0).episodes == 2
+    assert {row.status for row in committed_chunk(left.store, left.id, 1) or ()} == {"Canceled"}
+    assert results(left).column("status").to_pylist()[2:4] == ["Canceled"] * 2
+
+
+def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Path):
+    cancel(left.store, left.record().arn)
+    before = left.record()
+    with pytest.raises(DocumentError, match="this one is Canceled"):
+        cancel(left.store, before.arn)
+    assert left.record() == before
