@@ -2,15 +2,13 @@
 
 from typing import cast
 
-from pydantic import JsonValue
-
 from tasks.applications.publishing import unpack
 from tasks.results.closing import write_batch_tables
 from tasks.results.recordings import recordings_url
 from tasks.simulate.abandoned import give_up
 from tasks.simulate.batch import KIND, STOPPING, OpenBatch, close_batch, ending, opened
 from tasks.simulate.engines_used import engines_used
-from tasks.simulate.resolving import recorded_location
+from tasks.simulate.requested import recorded_location
 from tasks.simulate.streaming import parts
 from tasks.simulate.versions import batch_metadata
 from tasks.storage.cache import cache_folder
@@ -43,7 +41,7 @@ def _closed(batch: OpenBatch) -> JobRecord:
     folders = {digest: unpack(batch.store, digest, cache_folder() / "bundles") for digest in batch.plan.digests()}
     metadata = batch_metadata(engines_used(batch.plan, folders))
     record = batch.record()
-    location = recorded_location(cast("dict[str, JsonValue]", record.request["request"]))
+    location = recorded_location(record)
     detail, _ = write_batch_tables(
         batch.store,
         batch.id,

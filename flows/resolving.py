@@ -75,7 +75,7 @@ def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
     """
 
     def find(kind: ApplicationKind, reference: str, version: str | None) -> Version:
-        brought = own.get(_key(kind, parse_reference(reference).path))
+        brought = own.get(_key(kind, _path(reference)))
         if brought and version in {None, LATEST}:
             return brought
         return resolve(store, kind, reference, version)
@@ -101,6 +101,14 @@ def batch_plan(section: SimulationBatch, worlds: Sequence[str], store: Store, fi
     """
     matrix = matrix_worlds(section, worlds)
     return plan_batch(section, matrix, _digests([*matrix, *requested_worlds(section)], store), find)
+
+
+def _path(reference: str) -> str:
+    """Returns what a reference names; one that is malformed stands for itself, and is refused where it is resolved."""
+    try:
+        return parse_reference(reference).path
+    except ValueError:
+        return reference
 
 
 def deployed_version(section: Deployment, store: Store, find: FindVersion, tested: Mapping[str, str] | None) -> Version:

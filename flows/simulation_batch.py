@@ -12,7 +12,7 @@ from flows.resolving import batch_plan, numbered_finder
 from specs.common import OutputLocation
 from specs.digests import canonical_document
 from specs.errors import DocumentError, StageFailed
-from specs.pipeline_requests import batch_request
+from specs.pipeline_requests import simulation_request
 from specs.pipeline_simulation import SimulationBatch
 from tasks.applications.task import unpack_application
 from tasks.results.recordings import recordings_url, write_recordings
@@ -68,7 +68,7 @@ def simulation_batch(
     location = output_location(spec)
 
     def work(given: str) -> JobRecord:
-        request = batch_request(spec, store_id=store_id(at), token=given)
+        request = simulation_request(spec, store_id=store_id(at), token=given)
         record = open_batch(at, plan, canonical_document(request), request.clientRequestToken or given)
         if is_terminal(record):
             return ended_well(record)

@@ -19,7 +19,7 @@ from specs.pipeline_simulation import (
     SimulationBatch,
 )
 from specs.pipeline_worlds import WorldExport, WorldGeneration
-from specs.simulation import SimulationJobRequest
+from specs.simulation import CreateSimulationJobRequest, SimulationJobRequest
 from specs.simulation_batch import StartSimulationJobBatchRequest
 from specs.world_jobs import CreateWorldExportJobRequest, CreateWorldGenerationJobRequest
 
@@ -73,26 +73,52 @@ def batch_request(section: SimulationBatch, *, store_id: str, token: str) -> Sta
         store_id: Id of the store that plain names belong to.
         token: Used where the section has no token of its own.
     """
-    document = _without(section, "matrix", "engine", "recordings", "outputLocation", "createSimulationJobRequests")
+    document = _without(
+        section, "operation", "matrix", "engine", "recordings", "outputLocation", "createSimulationJobRequests"
+    )
     jobs = [job_request(request, section, store_id=store_id) for request in section.createSimulationJobRequests]
     return StartSimulationJobBatchRequest.model_validate(
         {"clientRequestToken": token, **document, "createSimulationJobRequests": jobs}
     )
 
 
+def simulation_request(
+    section: SimulationBatch, *, store_id: str, token: str
+) -> StartSimulationJobBatchRequest | CreateSimulationJobRequest:
+    """Returns the request that a section stands for: one for a batch, or for a single job.
+
+    Args:
+        section: The section of the pipeline.
+        store_id: Id of the store that plain names belong to.
+        token: Used where the section has no token of its own.
+    """
+    if section.operation == "StartSimulationJobBatch":
+        return batch_request(section, store_id=store_id, token=token)
+    (request,) = section.createSimulationJobRequests
+    document = {
+        "clientRequestToken": section.clientRequestToken or token,
+        "iamRole": UNUSED_ROLE,
+        **_job_document(request, section, store_id),
+    }
+    document.pop("useDefaultApplications", None)  # which only entries of a batch have
+    return CreateSimulationJobRequest.model_validate(document)
+
+
 def job_request(request: PipelineJobRequest, section: SimulationBatch, *, store_id: str) -> SimulationJobRequest:
     """Returns one entry of a batch with ARNs for names, and the batch's output location where it has none."""
+    return SimulationJobRequest.model_validate(_job_document(request, section, store_id))
+
+
+def _job_document(request: PipelineJobRequest, section: SimulationBatch, store_id: str) -> dict[str, JsonValue]:
     document = _without(request, "robotApplications", "simulationApplications")
     if section.outputLocation is not None:
         document = {"outputLocation": canonical_document(section.outputLocation), **document}
-    robots = [
+    robots: list[JsonValue] = [
         {**canonical_document(use), "application": reference_arn("robot-application", use.application, store_id)}
         for use in request.robotApplications or ()
     ]
-    scenarios = [_scenario(use, store_id) for use in request.simulationApplications or ()]
-    return SimulationJobRequest.model_validate(
-        {**document, "robotApplications": robots or None, "simulationApplications": scenarios or None}
-    )
+    scenarios: list[JsonValue] = [_scenario(use, store_id) for use in request.simulationApplications or ()]
+    return {**document, "robotApplications": robots or None, "simulationApplications": scenarios or None}
 
 
 def deployment_request(section: Deployment, *, store_id: str, version: str, token: str) -> CreateDeploymentJobRequest:

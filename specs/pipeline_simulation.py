@@ -1,5 +1,6 @@
 """The sections of a pipeline that test and deploy: simulation batch, gate, deployment."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
@@ -20,8 +21,14 @@ from specs.common import (
 from specs.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
 from specs.launch import ApplicationUse
 from specs.pipeline_worlds import Destination, Seed, WorldChoice
-from specs.rules import distinct
-from specs.simulation import BatchedJobSettings
+from specs.rules import Finding, Ruled, distinct, items, part
+from specs.simulation import (
+    MAX_BATCHED_JOB_DURATION_S,
+    MAX_JOB_DURATION_S,
+    BatchedJobSettings,
+    JobDuration,
+    duration_rule,
+)
 from specs.simulation_batch import MAX_REQUESTS, BatchPolicy
 from specs.unions import member, told_apart
 
@@ -29,6 +36,7 @@ MAX_SEEDS = 10_000
 MAX_LOCAL_AGENTS = 20
 MAX_RECORDING_HZ = 20
 
+Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
 Engine = Literal["auto", "planar", "mjx", "mujoco"]
 Seeds = Annotated[
     Annotated[Integer, Field(ge=1, le=MAX_SEEDS), member("number")]
@@ -85,15 +93,19 @@ class PipelineSimulationApplication(ApplicationUse):
 class PipelineJobRequest(BatchedJobSettings):
     """One job of the batch, before the matrix multiplies it."""
 
+    maxJobDurationInSeconds: JobDuration = Field(title="Duration (s)", description="Simulated seconds at most.")
     robotApplications: Annotated[tuple[PipelineRobotApplication, ...], Field(min_length=1, max_length=1)] | None = None
     simulationApplications: (
         Annotated[tuple[PipelineSimulationApplication, ...], Field(min_length=1, max_length=1)] | None
     ) = None
 
 
-class SimulationBatch(Spec):
-    """Simulates; takes a StartSimulationJobBatch request as it stands."""
+class SimulationBatch(Ruled):
+    """Simulates; takes a StartSimulationJobBatch request as it stands, or stands for a single CreateSimulationJob."""
 
+    operation: Operation = Field(
+        default="StartSimulationJobBatch", title="Call", description="Which of RoboMaker's calls this stands for."
+    )
     batchPolicy: BatchPolicy | None = Field(default=None, title="Policy")
     outputLocation: Destination | None = Field(default=None, title="Output location")
     matrix: Matrix = Field(default_factory=Matrix, title="Matrix")
@@ -104,6 +116,21 @@ class SimulationBatch(Spec):
     recordings: Recordings = Field(default_factory=Recordings, title="Recordings")
     tags: TagMap | None = Field(default=None, title="Tags of the batch")
     clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields jobs that last longer than those of a batch may, and more of them than a single call makes."""
+        requests = items(part(data, "createSimulationJobRequests"))
+        if part(data, "operation") == "CreateSimulationJob":
+            if len(requests) > 1:
+                allowed = "one; a CreateSimulationJob makes one job"
+                yield Finding(("createSimulationJobRequests",), f"{len(requests)} requests", allowed)
+            return
+        for number, request in enumerate(requests):
+            seconds = part(request, "maxJobDurationInSeconds")
+            if type(seconds) is int and MAX_BATCHED_JOB_DURATION_S < seconds <= MAX_JOB_DURATION_S:
+                loc = ("createSimulationJobRequests", number, "maxJobDurationInSeconds")
+                yield Finding(loc, seconds, duration_rule(MAX_BATCHED_JOB_DURATION_S, " in a batch"))
 
 
 class SuccessRate(Spec):

@@ -6,6 +6,7 @@ from specs.base import Fault
 from specs.errors import DocumentError
 
 MAX_WORLDS = "SIMYARD_MAX_WORLDS"
+MIN_JOB_DURATION = "SIMYARD_MIN_JOB_DURATION"
 _ROBOMAKERS_MAX_WORLDS = 50
 
 
@@ -15,9 +16,24 @@ def max_worlds_of_job() -> int:
     Raises:
         DocumentError: SIMYARD_MAX_WORLDS is no number of worlds.
     """
-    text = os.environ.get(MAX_WORLDS)
+    return _number(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
+
+
+def min_job_duration_s() -> int:
+    """Returns how many simulated seconds a job must be given: 1, or SIMYARD_MIN_JOB_DURATION.
+
+    Only RoboMaker's console had a minimum, of 300 (semantics 3); an episode of a minute is a good test.
+
+    Raises:
+        DocumentError: SIMYARD_MIN_JOB_DURATION is no number of seconds.
+    """
+    return _number(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
+
+
+def _number(name: str, default: int, allowed: str) -> int:
+    text = os.environ.get(name)
     if not text:
-        return _ROBOMAKERS_MAX_WORLDS
+        return default
     if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise DocumentError([Fault(path=MAX_WORLDS, value=repr(text), allowed="a number of worlds, at least 1")])
+        raise DocumentError([Fault(path=name, value=repr(text), allowed=allowed)])
     return int(text)

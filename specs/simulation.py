@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from specs.base import Spec
 from specs.common import (
@@ -23,18 +23,34 @@ from specs.common import (
     TagMap,
 )
 from specs.launch import DEPRECATED, RobotApplicationConfigs, SimulationApplicationConfigs
-from specs.rules import within
+from specs.rules import broken
+from specs.settings import min_job_duration_s
 
 MAX_JOB_DURATION_S = 1_209_600
 MAX_BATCHED_JOB_DURATION_S = 691_200
+
+
+def duration_rule(most_s: int, where: str = "") -> str:
+    """Returns which durations a job may have, in plain words."""
+    return f"from {min_job_duration_s():,} to {most_s:,} seconds{where}"
+
+
+def _lasting(most_s: int, where: str = "") -> AfterValidator:
+    def check(seconds: int) -> int:
+        if min_job_duration_s() <= seconds <= most_s:
+            return seconds
+        raise broken(duration_rule(most_s, where))
+
+    return AfterValidator(check)
+
 
 FailureBehavior = Literal["Fail", "Continue"]
 DataSourceType = Literal["Prefix", "Archive", "File"]
 ComputeType = Literal["CPU", "GPU_AND_CPU"]
 SimulationUnit = Annotated[Integer, Field(ge=1, le=15)]
 GPUUnit = Annotated[Integer, Field(ge=0, le=1)]
-JobDuration = Annotated[Integer, within(1, MAX_JOB_DURATION_S, "seconds")]
-BatchedJobDuration = Annotated[Integer, within(1, MAX_BATCHED_JOB_DURATION_S, "seconds in a batch")]
+JobDuration = Annotated[Integer, _lasting(MAX_JOB_DURATION_S)]
+BatchedJobDuration = Annotated[Integer, _lasting(MAX_BATCHED_JOB_DURATION_S, " in a batch")]
 Subnets = Annotated[tuple[NonEmptyString, ...], Field(min_length=1, max_length=16)]
 SecurityGroups = Annotated[tuple[NonEmptyString, ...], Field(min_length=1, max_length=5)]
 
@@ -94,9 +110,8 @@ class CreateSimulationJobRequest(JobSettings):
 
 
 class BatchedJobSettings(JobSettings):
-    """What an entry of a batch has besides the applications, in a request as in a pipeline."""
+    """What an entry of a batch has besides the applications and its duration, in a request as in a pipeline."""
 
-    maxJobDurationInSeconds: BatchedJobDuration = Field(title="Duration (s)", description="Simulated seconds at most.")
     iamRole: IamRole | None = None
     useDefaultApplications: BoxedBoolean | None = None
 
@@ -104,6 +119,7 @@ class BatchedJobSettings(JobSettings):
 class SimulationJobRequest(BatchedJobSettings):
     """One job of a batch."""
 
+    maxJobDurationInSeconds: BatchedJobDuration
     robotApplications: RobotApplicationConfigs | None = None
     simulationApplications: SimulationApplicationConfigs | None = None
 

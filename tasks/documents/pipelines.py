@@ -11,9 +11,9 @@ from specs.rules import items, part
 from specs.template import TemplateBody
 from tasks.documents.parsing import parse
 from tasks.documents.reading import read_document
+from tasks.documents.requests import is_simulation_request, pipeline_of_request
 
 _BARE_REQUESTS = {
-    "createSimulationJobRequests": "simulationBatch",
     "deploymentApplicationConfigs": "deployment",
     "worldCount": "worldGeneration",
     "outputLocation": "worldExport",
@@ -23,12 +23,16 @@ _BARE_REQUESTS = {
 def read_pipeline(path: Path) -> PipelineSpec:
     """Returns the pipeline in a file; paths in it stay as they stand, relative to the file's folder.
 
-    A template in a file is checked with the document, and its faults are told with the document's.
+    A file may also hold a StartSimulationJobBatch or a CreateSimulationJob request of RoboMaker's, as it stands: a
+    pipeline of that batch, or of that job, named like the file. A template in a file is checked with the document, and
+    its faults are told with the document's.
 
     Raises:
         DocumentError: With every fault of the document, of its template, and of the paths that it names.
     """
     data = read_document(path)
+    if is_simulation_request(data):
+        return pipeline_of_request(data, path)
     _refuse_bare_request(data, path)
     beside = [*_template_faults(data, path.parent), *_missing_sources(data, path.parent)]
     try:

@@ -13,7 +13,7 @@ from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from specs.simulation import ListSimulationJobsRequest
-from specs.simulation_batch import MAX_REQUESTS, StartSimulationJobBatchRequest
+from specs.simulation_batch import MAX_REQUESTS
 from specs.simulation_descriptions import (
     BatchDescribeSimulationJobResponse,
     DescribeSimulationJobBatchResponse,
@@ -25,6 +25,7 @@ from specs.simulation_descriptions import (
 )
 from tasks.simulate.batch import KIND, job_of
 from tasks.simulate.job_states import Jobs
+from tasks.simulate.requested import policy_and_tags
 from tasks.storage.records import records
 from tasks.storage.store import Store
 
@@ -47,7 +48,7 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
     """
     jobs = Jobs(store, batch)
     record = jobs.record
-    request = StartSimulationJobBatchRequest.model_validate(record.request["request"])
+    policy, tags = policy_and_tags(record)
     return DescribeSimulationJobBatchResponse(
         arn=record.arn,
         status=record.status,  # pyright: ignore[reportArgumentType] - checked by pydantic
@@ -56,11 +57,11 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
         clientRequestToken=record.token,
         failureCode=record.failure_code or None,  # pyright: ignore[reportArgumentType] - as above
         failureReason=record.failure_reason or None,
-        batchPolicy=request.batchPolicy,
+        batchPolicy=policy,
         pendingRequests=_few(jobs.pending()),
         createdRequests=_few(jobs.created()) or (),
         failedRequests=_few(jobs.failed()),
-        tags=request.tags,
+        tags=tags,
     )
 
 

@@ -20,6 +20,7 @@ from specs.simulation_descriptions import (
 )
 from tasks.simulate.batch import opened
 from tasks.simulate.chunk_store import chunk_numbers, chunk_start, committed_chunk
+from tasks.simulate.requested import entries, is_single
 from tasks.simulate.streaming import STOP_CODES
 from tasks.storage.opening import store_id
 from tasks.storage.records import is_terminal
@@ -65,8 +66,8 @@ class Jobs:
         return (self._summary(index) for index in self._indices(first, begun=True))
 
     def pending(self) -> Iterator[SimulationJobRequest]:
-        """Yields what is asked of each job that is still to be begun."""
-        if not self._ended:
+        """Yields what is asked of each job that is still to be begun; a single job is no entry of a batch."""
+        if not self._ended and not is_single(self.record):
             for index in self._indices(0, begun=False):
                 yield SimulationJobRequest.model_validate(self._asked(index))
 
@@ -74,8 +75,9 @@ class Jobs:
         """Yields what was asked of each job that was not begun before the batch ended, and why it was not."""
         if self._ended:
             for index in self._indices(0, begun=False):
+                asked = {} if is_single(self.record) else {"request": self._asked(index)}
                 yield FailedCreateSimulationJobRequest.model_validate(
-                    {"request": self._asked(index), **self._why_not_begun(), "failedAt": self.record.updated_at_s}
+                    {**asked, **self._why_not_begun(), "failedAt": self.record.updated_at_s}
                 )
 
     def described(self, index: int) -> _Document:
@@ -88,14 +90,18 @@ class Jobs:
         if "dataSources" in asked:
             asked["dataSources"] = [_read_source(source) for source in cast("list[_Document]", asked["dataSources"])]
         started: _Document = {"lastStartedAt": start.started_at_s} if start else {}
-        return {**asked, **self._identity(index), **self._state(index), **started}
+        return {"failureBehavior": "Fail", **asked, **self._identity(index), **self._state(index), **started}
 
     def _summary(self, index: int) -> SimulationJobSummary:
         request = self._batch.layout.request(index)
+        asked = entries(self.record)[self._batch.layout.template_of(index)]
+        sources = [source["name"] for source in cast("list[_Document]", asked.get("dataSources") or [])]
         return SimulationJobSummary.model_validate(
             {
                 **self._identity(index),
                 "status": self._state(index)["status"],
+                "dataSourceNames": sources or None,
+                "computeType": cast("_Document", asked.get("compute") or {}).get("computeType"),
                 "robotApplicationNames": (request.robot.name,),
                 "simulationApplicationNames": (request.scenario.name,),
             }
@@ -151,8 +157,7 @@ class Jobs:
 
     def _asked(self, index: int) -> _Document:
         """Returns the entry of the batch that the job came from, with its own world and variables."""
-        document = cast("dict[str, list[_Document]]", self.record.request["request"])
-        entry = dict(document["createSimulationJobRequests"][self._batch.layout.template_of(index)])
+        entry = dict(entries(self.record)[self._batch.layout.template_of(index)])
         request = self._batch.layout.request(index)
         for kind, resolved in (("robotApplications", request.robot), ("simulationApplications", request.scenario)):
             (use,) = cast("list[_Document]", entry[kind])

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from pydantic import JsonValue
-
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.bundle import ApplicationKind, Version
@@ -12,7 +10,6 @@ from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.pipeline_simulation import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline_simulation import PipelineSimulationApplication as ScenarioUse
-from specs.simulation_batch import StartSimulationJobBatchRequest
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate, lane_count
 from tasks.simulate.layout import Layout
 
@@ -99,12 +96,6 @@ def output_location(section: SimulationBatch) -> OutputLocation:
     return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
-def recorded_location(request: Mapping[str, JsonValue]) -> OutputLocation:
-    """Returns where the tables of a batch go that was opened with a request, which has the place in each entry."""
-    entries = StartSimulationJobBatchRequest.model_validate(request).createSimulationJobRequests
-    return next((entry.outputLocation for entry in entries if entry.outputLocation), DEFAULT_OUTPUT)
-
-
 def _template(where: str, request: PipelineJobRequest, find_version: FindVersion) -> JobTemplate:
     robot = next(iter(request.robotApplications or ()))
     scenario = next(iter(request.simulationApplications or ()))
@@ -130,13 +121,12 @@ def _launch(
     except DocumentError as exc:
         placed = [fault.model_copy(update={"path": f"{where}.{fault.path}"}) for fault in exc.faults]
         raise type(exc)(placed, exc.source) from exc
-    launch_file = use.launchConfig.launchFile or ""
     return ApplicationLaunch(
         name=version.name,
         version=str(version.number),
         digest=version.digest,
         package=use.launchConfig.packageName or "",
-        launch_file=launch_file.removesuffix(".py"),
+        launch_file=(use.launchConfig.launchFile or "").removesuffix(".py").removesuffix(".launch"),
     )
 
 

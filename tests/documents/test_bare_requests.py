@@ -14,7 +14,6 @@ REQUESTS = Path(__file__).parents[1] / "data/samples/requests"
 @pytest.mark.parametrize(
     ("request_file", "section"),
     [
-        ("start-simulation-job-batch.json", "simulationBatch"),
         ("create-deployment-job.json", "deployment"),
         ("create-world-generation-job.json", "worldGeneration"),
         ("create-world-export-job.json", "worldExport"),

@@ -1,11 +1,15 @@
 """RoboMaker's answers about batches and jobs, while a batch runs and after it."""
 
+from typing import cast
+
 import pytest
+from pydantic import JsonValue
 
 from specs.common import Filter
 from specs.errors import DocumentError, ResourceNotFound
-from specs.simulation import ListSimulationJobsRequest
-from tasks.simulate.batch import OpenBatch, close_batch, complete, time_out
+from specs.simulation import CreateSimulationJobRequest, ListSimulationJobsRequest
+from specs.simulation_descriptions import DescribeSimulationJobResponse
+from tasks.simulate.batch import OpenBatch, close_batch, complete, open_batch, opened, time_out
 from tasks.simulate.canceling import cancel_batch, cancel_job, restart_job
 from tasks.simulate.chunk_store import begin_chunk
 from tasks.simulate.committing import run_chunk
@@ -18,7 +22,9 @@ from tasks.simulate.describe import (
     list_jobs_page,
 )
 from tasks.storage.store import Store
-from tests.simulate.batch_factory import ROBOT_ARN, all_pass, begun, mixed, plan, template
+from tests.simulate.batch_factory import ROBOT_ARN, all_pass, begun, mixed, plan, request, template
+
+_APPLICATIONS = {"robotApplications", "simulationApplications"}
 
 
 @pytest.fixture
@@ -107,6 +113,38 @@ def test_a_job_says_when_it_began_how_long_it_took_and_what_was_asked(running: O
     assert job.lastStartedAt
     pending = describe_job(running.store, f"{running.id}/11")
     assert (pending.status, pending.lastStartedAt, pending.simulationTimeMillis) == ("Pending", None, None)
+
+
+def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
+    made = plan(file_store, worlds=("g/w0",), seeds=(0,), lanes=16)
+    (entry,) = cast("list[dict[str, JsonValue]]", request(made)["createSimulationJobRequests"])
+    source: dict[str, JsonValue] = {"name": "maps", "s3Bucket": "data", "s3Keys": ["a.yaml"], "type": "File"}
+    asked: dict[str, JsonValue] = {
+        **entry,
+        "clientRequestToken": "tok",
+        "iamRole": "arn:aws:iam::1:role/r",
+        "maxJobDurationInSeconds": 1_209_600,
+        "outputLocation": {"s3Bucket": "mine", "s3Prefix": "p"},
+        "loggingConfig": {"recordAllRosTopics": True},
+        "vpcConfig": {"subnets": ["s-1"], "assignPublicIp": True},
+        "compute": {"simulationUnitLimit": 4, "computeType": "CPU"},
+        "tags": {"Region": "North"},
+        "dataSources": [source],
+    }
+    CreateSimulationJobRequest.model_validate(asked)
+    batch = opened(file_store, open_batch(file_store, made, asked, "tok").id)
+    assert describe_batch(file_store, batch.id).pendingRequests is None
+    run_chunk(batch, 0, mixed, lanes=16, left_s=9.0)
+    job = describe_job(file_store, f"{batch.id}/0").model_dump(mode="json", exclude_none=True)
+    assert {key: job[key] for key in asked if key not in {"dataSources", *_APPLICATIONS}} == {
+        key: value for key, value in asked.items() if key not in {"dataSources", *_APPLICATIONS}
+    }
+    assert job["dataSources"][0]["s3Keys"] == [{"s3Key": "a.yaml"}]
+    assert job["simulationApplications"][0]["worldConfigs"][0]["world"].endswith(":g/w0")
+    missing = DescribeSimulationJobResponse.model_fields.keys() - job.keys()
+    assert missing == {"networkInterface"}
+    (line,) = list_jobs(file_store)
+    assert (line.dataSourceNames, line.computeType) == (("maps",), "CPU")
 
 
 def test_several_jobs_are_described_and_those_that_are_not_are_named(running: OpenBatch):
