@@ -2,16 +2,13 @@
 
 from typing import cast
 
-from tasks.applications.publishing import unpack
 from tasks.results.closing import write_batch_tables
 from tasks.results.recordings import recordings_url
 from tasks.simulate.abandoned import give_up
 from tasks.simulate.batch import KIND, STOPPING, OpenBatch, close_batch, ending, opened
-from tasks.simulate.engines_used import engines_used
 from tasks.simulate.requested import recorded_location
 from tasks.simulate.streaming import parts
 from tasks.simulate.versions import batch_metadata
-from tasks.storage.cache import cache_folder
 from tasks.storage.claim import claimed_unless_alive
 from tasks.storage.keys import claim_key
 from tasks.storage.records import JobRecord
@@ -38,8 +35,6 @@ def settled(store: Store, batch: str) -> JobRecord:
 
 def _closed(batch: OpenBatch) -> JobRecord:
     give_up(batch)
-    folders = {digest: unpack(batch.store, digest, cache_folder() / "bundles") for digest in batch.plan.digests()}
-    metadata = batch_metadata(engines_used(batch.plan, folders))
     record = batch.record()
     location = recorded_location(record)
     detail, _ = write_batch_tables(
@@ -48,9 +43,9 @@ def _closed(batch: OpenBatch) -> JobRecord:
         parts(batch),
         variables=batch.plan.variables(),
         location=location,
-        metadata=metadata,
+        metadata=batch_metadata(batch.plan.lanes),
     )
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
-    return close_batch(batch.store, batch.id, status, {**detail, "metadata": dict(metadata)}, why)
+    return close_batch(batch.store, batch.id, status, detail, why)

@@ -29,7 +29,6 @@ from tasks.simulate.batch import (
     time_out,
 )
 from tasks.simulate.chunk_store import spent_s
-from tasks.simulate.engines_used import engines_used
 from tasks.simulate.resolving import output_location
 from tasks.simulate.streaming import parts
 from tasks.simulate.task import simulate_chunk
@@ -131,16 +130,15 @@ def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation
     record = complete(batch)
     if is_terminal(record):
         return record
-    metadata = batch_metadata(engines_used(batch.plan, folders))
     detail = write_tables(
         batch.store.url,
         batch.id,
         lambda: parts(batch),
         variables=batch.plan.variables(),
         location=location,
-        metadata=metadata,
+        metadata=batch_metadata(batch.plan.lanes),
     )
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
-    return close_batch(batch.store, batch.id, status, {**detail, "metadata": dict(metadata)}, why)
+    return close_batch(batch.store, batch.id, status, detail, why)

@@ -50,7 +50,7 @@ class EpisodeRequest(Spec):
 
 
 class EpisodeResult(Spec):
-    """What came of one lane; every field is a function of the request alone, so a rerun gives the same row.
+    """What came of one lane: a rerun of the request on the same kind of device gives the same row.
 
     Attributes:
         status: RoboMaker's job status.
@@ -76,6 +76,8 @@ class EpisodeResult(Spec):
         metrics: What the scenario measures by itself, by name.
         trajectory: Downsampled poses (t_s, x_m, y_m, yaw_rad), kept for failed episodes, else empty.
         recording: Name of the file with the episode's recording, beside others of the batch, or empty.
+        engine: The engine that drove it, or empty if it did not start or was stopped.
+        device: The kind of device that drove it, ``cpu`` or ``gpu``, or empty likewise.
     """
 
     index: int
@@ -103,6 +105,8 @@ class EpisodeResult(Spec):
     metrics: dict[str, float] = Field(default_factory=dict[str, float])
     trajectory: tuple[tuple[float, float, float, float], ...]
     recording: str = ""
+    engine: str = ""
+    device: str = ""
 
 
 def unfinished(

@@ -28,7 +28,7 @@ def write_batch_tables(
         parts: Its episodes in the order of their indices, some at a time.
         variables: The values that each environment variable takes in the batch.
         location: Where the tables go.
-        metadata: For the files' footers.
+        metadata: For the files' footers and the record; what the rows say of engines and devices is added.
     """
     bucket = open_bucket(store, location.s3Bucket or "")
     written, tally = write_results(bucket, location.s3Prefix, batch, parts, variables=variables, metadata=metadata)
@@ -38,6 +38,7 @@ def write_batch_tables(
     ]
     detail: dict[str, JsonValue] = {
         **written,
+        "metadata": {**metadata, **tally.ran_on()},
         "episodes": counts.episodes + counts.canceled,
         "passed": counts.successes,
         "simulated_s": round(tally.simulated_s, 3),

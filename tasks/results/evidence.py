@@ -17,7 +17,8 @@ from tasks.storage.keys import result_key
 from tasks.storage.store import Store
 
 EVIDENCE_FILE = "evidence.json"
-EVIDENCE_VERSION = "1"
+EVIDENCE_VERSION = "2"
+_RAN_ON = frozenset({"engine", "device", "lanes"})
 
 
 class ApplicationEvidence(Spec):
@@ -37,7 +38,9 @@ class Tested(Spec):
         worlds: SHA-256 of each world's document, by ``<generation>/<name>``; of the batch's worlds and no others.
         seeds: All seeds, sorted.
         environments: The values each environment variable took, sorted.
-        engine: What simulated, such as ``mjx``.
+        engine: What simulated, such as ``planar``.
+        device: The kind of device that it simulated on.
+        lanes: Episodes of a chunk.
         versions: Versions of what the numbers depend on, by package.
         files: SHA-256 of each result file, by its name.
     """
@@ -48,6 +51,8 @@ class Tested(Spec):
     seeds: tuple[int, ...]
     environments: dict[str, tuple[str, ...]]
     engine: str
+    device: str
+    lanes: int
     versions: dict[str, str]
     files: dict[str, str]
 
@@ -59,7 +64,7 @@ class Evidence(Tested):
         batch: Id of the simulation job batch.
     """
 
-    version: Literal["1"] = EVIDENCE_VERSION
+    version: Literal["2"] = EVIDENCE_VERSION
     batch: str
     verdict: Answer
     sentence: str
@@ -85,7 +90,7 @@ def tested(
         worlds: SHA-256 of each world's bytes in the store, by ``<generation>/<name>``.
         seeds: The seeds.
         variables: The values that each environment variable took; None where it was not set.
-        metadata: ``engine``, and versions by package.
+        metadata: ``engine``, ``device`` and ``lanes``, and versions by package.
         files: SHA-256 of the result files by name.
     """
     return Tested(
@@ -97,7 +102,9 @@ def tested(
             name: tuple(sorted({value for value in variables[name] if value is not None})) for name in sorted(variables)
         },
         engine=metadata["engine"],
-        versions={name: version for name, version in metadata.items() if name != "engine"},
+        device=metadata["device"],
+        lanes=int(metadata["lanes"]),
+        versions={name: version for name, version in metadata.items() if name not in _RAN_ON},
         files=dict(files),
     )
 

@@ -40,7 +40,8 @@ def write_results(
         batch_id: The batch.
         parts: All its episodes in the order of their indices, some at a time: requests, and a result for each.
         variables: The values that each environment variable takes in the batch; None where an episode lacks it.
-        metadata: For the files' footers: engine, versions, digests; no times, no places.
+        metadata: For the files' footers: versions, lanes; no times, no places. What the rows say of engine and device
+            is added.
 
     Raises:
         ValueError: The requests and results do not pair up.
@@ -72,4 +73,6 @@ def _write(
             tally.add(requests, answers)
             results.add(results_table(batch_id, requests, answers, swept))
             failures.add(failures_table(batch_id, requests, answers, swept))
+        for table in (results, failures):
+            table.note(tally.ran_on())
         return {RESULTS_FILE: results.sha256(), FAILURES_FILE: failures.sha256()}, tally

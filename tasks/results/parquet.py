@@ -57,6 +57,10 @@ class ParquetFile:
         while self._rows >= ROW_GROUP_ROWS:
             self._write(ROW_GROUP_ROWS)
 
+    def note(self, metadata: Mapping[str, str]) -> None:
+        """Adds metadata to the footer that is known only when the rows are; in the order of its keys."""
+        self._writer.add_key_value_metadata(dict(sorted(metadata.items())))
+
     def sha256(self) -> str:
         """Returns the SHA-256 of the file, which is whole then."""
         self._close()

@@ -7,7 +7,7 @@ change only together with ``SCHEMA_VERSION``.
 
 import pyarrow as pa
 
-SCHEMA_VERSION = "2"
+SCHEMA_VERSION = "3"
 SWEEP_PREFIX = "env_"
 
 _TEXT, _WHOLE, _COUNT, _REAL, _FLAG = pa.string(), pa.int64(), pa.int32(), pa.float64(), pa.bool_()
@@ -82,6 +82,10 @@ ANSWERED = [
     column("outcome", _TEXT, "", "Whether the robot did its task, as the scenario judges: Passed or Failed."),
     column("outcome_reason", _TEXT, "", "Why not: collision, timeout, stuck, out of bounds, crash; or empty."),
     column("success", _FLAG, "", "Completed and Passed: what the gate counts; null for Canceled.", nullable=True),
+    column(
+        "engine", _TEXT, "", "What drove the robot: planar, mjx or mujoco; empty if it did not start or was stopped."
+    ),
+    column("device", _TEXT, "", "The kind of device that it ran on, cpu or gpu; empty like engine."),
     column("recording", _TEXT, "", "File below recordings/<batch>/ that holds the episode's recording, or empty."),
 ]
 

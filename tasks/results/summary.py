@@ -67,6 +67,8 @@ class Tally:
         self._worlds: dict[str, _Counts] = {}
         self._variables: dict[str, dict[str, _Counts]] = {name: {} for name in sorted(variables)}
         self._samples: dict[str, str] = {}
+        self._engines: set[str] = set()
+        self._devices: set[str] = set()
 
     def add(self, requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]) -> None:
         """Counts episodes.
@@ -77,6 +79,8 @@ class Tally:
         for request, result in paired(requests, results):
             kind = (success(result), reason(result), result.status == "Failed")
             self.simulated_s += result.simulated_s
+            self._engines.add(result.engine)
+            self._devices.add(result.device)
             self._total[kind] += 1
             self._worlds.setdefault(request.world, Counter())[kind] += 1
             for name, groups in self._variables.items():
@@ -87,6 +91,10 @@ class Tally:
     def counts(self) -> EpisodeCounts:
         """Returns what a gate judges by."""
         return _counted(self._total)
+
+    def ran_on(self) -> dict[str, str]:
+        """Returns ``engine`` and ``device``, comma-separated where episodes differ; ``none`` if nothing ran."""
+        return {"engine": _named(self._engines), "device": _named(self._devices)}
 
     def summary(self, confidence: float = 0.95) -> BatchSummary:
         """Returns the groups of the batch so far."""
@@ -114,6 +122,10 @@ def summary_text(summary: BatchSummary) -> str:
     widths = [max(len(row[column]) for row in rows) for column in range(5)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows)
     return "\n".join(lines)
+
+
+def _named(names: set[str]) -> str:
+    return ", ".join(sorted(name for name in names if name)) or "none"
 
 
 def _counted(counts: _Counts) -> EpisodeCounts:

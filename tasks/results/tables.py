@@ -127,6 +127,8 @@ def _answered(results: Sequence[EpisodeResult]) -> _Columns:
         "outcome": [result.outcome for result in results],
         "outcome_reason": [result.outcome_reason for result in results],
         "success": [success(result) for result in results],
+        "engine": [result.engine for result in results],
+        "device": [result.device for result in results],
         "recording": [result.recording for result in results],
         **{name: [getattr(result, name) for result in results] for name in _MEASURES},
     }

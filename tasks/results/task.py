@@ -43,7 +43,7 @@ def write_tables(
         parts: Gives its episodes in the order of their indices, some at a time.
         variables: The values that each environment variable takes in the batch.
         location: Where the tables go.
-        metadata: For the files' footers.
+        metadata: For the files' footers, which get the engines and devices of the rows besides.
     """
     detail, tally = write_batch_tables(
         open_store(store_url), batch, parts(), variables=variables, location=location, metadata=metadata

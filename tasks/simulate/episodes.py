@@ -112,7 +112,7 @@ def _run(
     state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
     logger.info("%d episodes on %s in %.1f s", len(chunk.lanes), chunk.program.engine, time.monotonic() - started_s)
     rows = [
-        _explained(chunk.run, position, finished_row(lane, position, state, poses))
+        _explained(chunk, chunk.run, position, finished_row(lane, position, state, poses))
         if state.done[position]
         else canceled_row(lane.request)
         for position, lane in enumerate(chunk.lanes)
@@ -133,9 +133,10 @@ def _ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
     )
 
 
-def _explained(run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
-    """Returns a row with the reason of its crash, where the run knows more of it than the lane's state says."""
-    return row.model_copy(update={"failure_reason": run.crashes[position]}) if position in run.crashes else row
+def _explained(chunk: ReadyChunk, run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
+    """Returns a row with what drove it, and the reason of a crash where the run knows more than the lane's state."""
+    known = {"failure_reason": run.crashes[position]} if position in run.crashes else {}
+    return row.model_copy(update={"engine": chunk.program.engine, "device": device_kind(), **known})
 
 
 def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:

@@ -5,6 +5,10 @@ from importlib.metadata import version
 _PACKAGES = ("simyard", "mujoco", "mujoco-mjx", "jax", "numpy")
 
 
-def batch_metadata(engine: str) -> dict[str, str]:
-    """Returns the engine under ``engine``, and the versions of the packages that decide results, by package."""
-    return {"engine": engine, **{package: version(package) for package in _PACKAGES}}
+def batch_metadata(lanes: int) -> dict[str, str]:
+    """Returns the lanes of a chunk under ``lanes``, and the versions of the packages that decide results, by package.
+
+    Which engines and kinds of device ran stands in each row. The machine's name and cores decide no result, so that
+    they are in the batch's record alone (``tasks.simulate.machines``), and the tables are the same bytes elsewhere.
+    """
+    return {"lanes": str(lanes), **{package: version(package) for package in _PACKAGES}}

@@ -28,7 +28,7 @@ def evidence(successes: int = 40, worlds: dict[str, str] | None = None, seeds: t
         worlds=worlds or WORLDS,
         seeds=seeds,
         variables={"MODE": ["fast", None], "MAX_SPEED": ["0.6", "0.3"]},
-        metadata={"engine": "mjx", "mujoco": "3.17.0"},
+        metadata={"engine": "planar", "device": "cpu", "lanes": "192", "mujoco": "3.17.0"},
         files=FILES,
     )
     return gather("simb-1", RULE, judge(counted(batch(successes, 40 - successes)), RULE), facts)
@@ -40,7 +40,8 @@ def test_it_names_applications_worlds_seeds_and_files():
     assert [simulation.digest for simulation in found.simulations] == ["b" * 64]
     assert (found.worlds, found.seeds, found.files) == (WORLDS, (0, 1, 2), FILES)
     assert found.environments == {"MAX_SPEED": ("0.3", "0.6"), "MODE": ("fast",)}
-    assert (found.engine, found.versions) == ("mjx", {"mujoco": "3.17.0"})
+    assert (found.engine, found.device, found.lanes) == ("planar", "cpu", 192)
+    assert found.versions == {"mujoco": "3.17.0"}
 
 
 def test_the_same_facts_give_the_same_bytes():

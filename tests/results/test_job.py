@@ -8,9 +8,10 @@ import pytest
 
 from specs.errors import DocumentError
 from tasks.results.job import write_results
+from tasks.results.summary import Tally
 from tasks.storage.buckets import open_bucket
 from tasks.storage.opening import open_store
-from tests.episodes_factory import batch, request
+from tests.episodes_factory import batch, crashed, request
 
 RESULTS = batch(3, 2)
 REQUESTS = [request(index) for index in range(5)]
@@ -19,7 +20,7 @@ REQUESTS = [request(index) for index in range(5)]
 def written(folder: Path, bucket: str = "results", batch_id: str = "simb-1") -> tuple[dict[str, object], Path]:
     opened = open_bucket(open_store(folder.as_uri()), bucket)
     parts = [(REQUESTS[:2], RESULTS[:2]), (REQUESTS[2:], RESULTS[2:])]
-    detail, tally = write_results(opened, "/nightly/", batch_id, parts, variables={}, metadata={"engine": "mjx"})
+    detail, tally = write_results(opened, "/nightly/", batch_id, parts, variables={}, metadata={"mujoco": "3.17.0"})
     assert tally.counts().successes == 3
     return dict(detail), Path(opened.url.removeprefix("file://"))
 
@@ -35,6 +36,22 @@ def test_both_tables_lie_under_prefix_and_batch(tmp_path: Path, monkeypatch: pyt
         "results.parquet": hashlib.sha256(body).hexdigest(),
         "failures.parquet": hashlib.sha256((bucket / "nightly/simb-1/failures.parquet").read_bytes()).hexdigest(),
     }
+
+
+def test_footers_name_what_the_rows_ran_on(tmp_path: Path):
+    ran = {"engine": "planar", "device": "cpu"}
+    results = [*(row.model_copy(update=ran) for row in RESULTS[:4]), crashed(4)]
+    bucket = open_bucket(open_store(tmp_path.as_uri()), "results")
+    detail, tally = write_results(bucket, None, "b", [(REQUESTS, results)], variables={}, metadata={"jax": "1"})
+    assert tally.ran_on() == ran
+    assert detail.keys() == {"results_url", "failures_url", "sha256s"}
+    for name in ("results", "failures"):
+        footer = pq.read_metadata(Path(str(detail[f"{name}_url"]).removeprefix("file://"))).metadata
+        assert [footer[key] for key in (b"engine", b"device", b"jax")] == [b"planar", b"cpu", b"1"]
+
+
+def test_episodes_that_never_ran_ran_on_none():
+    assert Tally().ran_on() == {"engine": "none", "device": "none"}
 
 
 def test_another_store_gets_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
