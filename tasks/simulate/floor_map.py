@@ -32,36 +32,34 @@ def floor_map(world: World, obstacles: Obstacles, cells: int) -> HostMap:
     bounds = np.array([outer.x_min_m, outer.y_min_m, outer.x_max_m, outer.y_max_m])
     cell_m = max(CELL_M, _extent_m(world) / cells)
     origin = (bounds[:2] + bounds[2:]) / 2 - cell_m * (cells - 1) / 2
-    x, y = np.meshgrid(*(origin[axis] + cell_m * np.arange(cells) for axis in (0, 1)))
-    outside = (x < bounds[0]) | (x > bounds[2]) | (y < bounds[1]) | (y > bounds[3])
-    clearance = np.where(outside, 0.0, np.maximum(_distance(x, y, obstacles), 0.0))
-    return HostMap(
-        clearance.astype(np.float32),
-        origin.astype(np.float32),
-        np.asarray(cell_m, np.float32),
-        bounds.astype(np.float32),
-    )
+    x, y = (origin[axis] + cell_m * np.arange(cells) for axis in (0, 1))
+    columns, rows = (x >= bounds[0]) & (x <= bounds[2]), (y >= bounds[1]) & (y <= bounds[3])
+    clearance = np.zeros((cells, cells), np.float32)
+    clearance[np.ix_(rows, columns)] = np.maximum(_distance(x[columns], y[rows], obstacles), 0.0)
+    return HostMap(clearance, origin.astype(np.float32), np.asarray(cell_m, np.float32), bounds.astype(np.float32))
 
 
 def _distance(
-    x: Float64[np.ndarray, "rows columns"], y: Float64[np.ndarray, "rows columns"], obstacles: Obstacles
+    x: Float64[np.ndarray, "columns"], y: Float64[np.ndarray, "rows"], obstacles: Obstacles
 ) -> Float64[np.ndarray, "rows columns"]:
     """Returns the distance to the nearest obstacle, seen from above; 0 or less inside one."""
-    nearest = np.full(x.shape, np.inf)
+    squared = np.full((len(y), len(x)), np.inf)
     for box in obstacles.boxes.astype(np.float64):
-        nearest = np.minimum(nearest, _to_box(x, y, box))
+        np.minimum(squared, _to_box_squared(x, y, box), out=squared)
+    nearest = np.sqrt(squared)
     for cylinder in obstacles.cylinders.astype(np.float64):
-        nearest = np.minimum(nearest, np.hypot(x - cylinder[0], y - cylinder[1]) - cylinder[3])
+        away = np.sqrt((x - cylinder[0]) ** 2 + ((y - cylinder[1]) ** 2)[:, None]) - cylinder[3]
+        np.minimum(nearest, away, out=nearest)
     return nearest
 
 
-def _to_box(
-    x: Float64[np.ndarray, "rows columns"], y: Float64[np.ndarray, "rows columns"], box: Float64[np.ndarray, "8"]
+def _to_box_squared(
+    x: Float64[np.ndarray, "columns"], y: Float64[np.ndarray, "rows"], box: Float64[np.ndarray, "8"]
 ) -> Float64[np.ndarray, "rows columns"]:
-    dx, dy = x - box[0], y - box[1]
-    beyond_x = np.maximum(np.abs(box[6] * dx + box[7] * dy) - box[3], 0.0)
-    beyond_y = np.maximum(np.abs(box[6] * dy - box[7] * dx) - box[4], 0.0)
-    return np.hypot(beyond_x, beyond_y)
+    dx, dy, (half_x, half_y), (cos, sin) = x - box[0], (y - box[1])[:, None], box[3:5], box[6:8]
+    # Most boxes stand upright: how far a cell is beyond their faces is known by its row and column alone.
+    along, across = (dx, dy) if sin == 0.0 else (cos * dx + sin * dy, cos * dy - sin * dx)
+    return np.maximum(np.abs(along) - half_x, 0.0) ** 2 + np.maximum(np.abs(across) - half_y, 0.0) ** 2
 
 
 def _extent_m(world: World) -> float:
