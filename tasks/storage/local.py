@@ -88,6 +88,15 @@ class LocalStore:
         with self._explained(key):
             return path.is_file()
 
+    def mark(self, key: str) -> str:
+        """Returns the file's identity, size and time of its last change, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            found = path.stat()
+        if not path.is_file():
+            raise ObjectNotFound(f"{self.url}: no object {key}")
+        return f"{found.st_ino}-{found.st_size}-{found.st_mtime_ns}"
+
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys in the folder and below, sorted, without hidden files."""
         top = self._path(prefix.rstrip("/")) if prefix else self.root

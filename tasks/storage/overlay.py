@@ -49,6 +49,10 @@ class OverlayStore:
         """Returns whether there is an object; see Store."""
         return self._written[key] is not None if key in self._written else self._below.exists(key)
 
+    def mark(self, key: str) -> str:
+        """Returns what changes whenever the object is written; see Store."""
+        return self.get(key).etag if key in self._written else self._below.mark(key)
+
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys below a folder; see Store."""
         folder = f"{prefix.rstrip('/')}/" if prefix else ""

@@ -74,6 +74,14 @@ class S3Store:
         """Returns whether there is an object under the key."""
         return self._mark(key)[0] is not None
 
+    def mark(self, key: str) -> str:
+        """Returns the server's ETag and the time of the last change, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key):
+            answer: Answer = self._client.call("head_object", Bucket=self._bucket, Key=path)
+        metadata = cast("dict[str, str]", answer.get("Metadata") or {})
+        return f"{answer['ETag']}-{answer['LastModified']}-{metadata.get(_MARK, '')}"
+
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys in the folder and below, sorted, without hidden ones."""
         folder = f"{self._path(prefix.rstrip('/'))}/" if prefix else self._prefix

@@ -63,6 +63,16 @@ class Store(Protocol):
         """Returns whether there is an object under the key."""
         ...
 
+    def mark(self, key: str) -> str:
+        """Returns what changes whenever the object is written, found without reading it.
+
+        It is no etag, and tells nothing about objects of other keys or stores.
+
+        Raises:
+            ObjectNotFound: There is none under the key.
+        """
+        ...
+
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys in the folder ``prefix`` and below, sorted; all keys for an empty prefix.
 

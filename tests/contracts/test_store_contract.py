@@ -122,6 +122,19 @@ def test_exists_follows_creation_and_deletion(store: Store) -> None:
     assert seen == [False, True, False]
 
 
+def test_a_mark_stays_while_nobody_writes_and_changes_with_every_other_body(store: Store) -> None:
+    store.put("a.json", b"1")
+    first = store.mark("a.json")
+    assert store.mark("a.json") == first
+    store.put("a.json", b"2")
+    assert store.mark("a.json") != first
+    store.delete("a.json")
+    store.put("folder/a.json", b"1")
+    for key in ("a.json", "folder"):
+        with pytest.raises(ObjectNotFound, match=key.partition(".")[0]):
+            store.mark(key)
+
+
 def test_deleting_what_is_not_there_is_no_error(store: Store) -> None:
     store.delete("folder/none.json")
     assert store.keys("folder") == []
