@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from pydantic import JsonValue
@@ -19,9 +20,11 @@ from tasks.applications.publishing import publish, resolve, with_digest
 from tasks.deploy.planning import preflight
 from tasks.documents.templates import find_template
 from tasks.simulate.batch_plan import BatchPlan
+from tasks.simulate.data_pinning import pinned
 from tasks.simulate.resolving import FindVersion, matrix_worlds, output_location, plan_batch, requested_worlds
 from tasks.storage.archives import missing_files
 from tasks.storage.buckets import open_bucket
+from tasks.storage.cache import cache_folder
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 
@@ -100,7 +103,8 @@ def batch_plan(section: SimulationBatch, worlds: Sequence[str], store: Store, fi
         DocumentError: A request cannot be run.
     """
     matrix = matrix_worlds(section, worlds)
-    return plan_batch(section, matrix, _digests([*matrix, *requested_worlds(section)], store), find)
+    data = partial(pinned, store, cache_folder() / "data")
+    return plan_batch(section, matrix, _digests([*matrix, *requested_worlds(section)], store), find, data)
 
 
 def _path(reference: str) -> str:
@@ -153,7 +157,8 @@ def _batch_pins(section: SimulationBatch, store: Store, find: FindVersion) -> Pi
     plan = batch_plan(section, (), store, find)
     if faults := _launch_faults(plan, store):
         raise DocumentError(faults)
-    return {"bundles": [*plan.digests()], "worlds": {**plan.world_digests}}
+    data: Pins = {"data": [*plan.data_sources]} if plan.data_sources else {}
+    return {"bundles": [*plan.digests()], "worlds": {**plan.world_digests}, **data}
 
 
 def _deployment_pin(section: Deployment, batch: SimulationBatch | None, store: Store, find: FindVersion) -> str:

@@ -20,7 +20,6 @@ INERT_FIELDS = frozenset(
         "iamRole",
         "vpcConfig",
         "compute",
-        "dataSources",
         "tools",
         "useDefaultTools",
         "uploadConfigurations",

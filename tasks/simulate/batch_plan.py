@@ -2,9 +2,12 @@
 
 from typing import Literal
 
+from pydantic import Field
+
 from specs.base import Spec
 from specs.episode import ApplicationLaunch
 from specs.pipeline_simulation import Recordings
+from tasks.simulate.data_plan import PinnedSource
 
 # A CPU gains nothing from more lanes (physics.md: flat from 256 on), and a chunk that is lost costs what it took.
 DEFAULT_LANES = 256
@@ -16,7 +19,8 @@ class JobTemplate(Spec):
     """One of a batch's createSimulationJobRequests, with everything it refers to resolved.
 
     Attributes:
-        environment: The launch configurations' variables; the robot's win over the scenario's.
+        environment: The launch configurations' variables; the robot's win over the scenario's. Those of data sources
+            are ``data:<digest>`` (``tasks.simulate.data_plan``), and folders only where an episode is simulated.
         duration_s: Simulated seconds at most.
         worlds: ``<generation>/<world>`` of the request's own world; empty for the matrix's worlds.
         record: Whether its episodes are recorded whatever comes of them.
@@ -45,6 +49,7 @@ class BatchPlan(Spec):
         timeout_s: Wall seconds of work after which what is left is cancelled.
         world_digests: SHA-256 of each world's document.
         engine: The engine asked for.
+        data_sources: What episodes read from buckets, by digest.
         recordings: Which episodes are recorded besides those whose request says so, and at which rate.
     """
 
@@ -56,6 +61,7 @@ class BatchPlan(Spec):
     timeout_s: float
     world_digests: dict[str, str]
     engine: str
+    data_sources: dict[str, PinnedSource] = Field(default_factory=dict[str, PinnedSource])
     recordings: Recordings = Recordings()
 
     def digests(self) -> tuple[str, ...]:

@@ -12,9 +12,11 @@ from specs.world import World
 from tasks.simulate.batch import OpenBatch, time_out
 from tasks.simulate.chunk_store import begin_chunk, commit, committed_chunk
 from tasks.simulate.chunks import Chunk
+from tasks.simulate.data_mounting import Mounts
 from tasks.simulate.fitting import after_deaths, simulate_fitting
 from tasks.simulate.recording import Columns, Recorder
 from tasks.simulate.stopping import StopWatch
+from tasks.storage.cache import cache_folder
 from tasks.storage.keys import world_key
 from tasks.storage.opening import open_store
 
@@ -82,20 +84,22 @@ def run_chunk(
         return ChunkEnd(len(committed), lanes)
     start = begin_chunk(batch.store, batch.id, number, spent_s)
     chunk = batch.layout.chunk(number)
-    worlds, missing = _worlds(batch, chunk)
-    work = _Work(batch, chunk, worlds, left_s, simulate, recording=record is not None)
+    worlds, missing = load_worlds(batch, chunk.requests)
+    mounts = Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data")
+    unable = _unable(chunk, missing, mounts)
+    work = _Work(batch, _able(chunk, unable, mounts), worlds, left_s, simulate, recording=record is not None)
     rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
     by_index = {row.index: _canceled(row, work.watch) for row in rows}
     if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
         time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
     if record is not None:
         by_index |= _recorded(by_index, work.recorders, record, number)
-    ordered = [by_index.get(each.index) or _lost(each, missing[each.world]) for each in chunk.requests]
+    ordered = [by_index.get(each.index) or _lost(each, unable[each.index]) for each in chunk.requests]
     return ChunkEnd(len(commit(batch.store, batch.id, number, ordered)), lanes)
 
 
 class _Work:
-    """A chunk's episodes in worlds that are there, simulated part by part."""
+    """The episodes of a chunk that can be simulated, simulated part by part."""
 
     def __init__(
         self,
@@ -107,9 +111,8 @@ class _Work:
         *,
         recording: bool,
     ) -> None:
-        there = tuple(request for request in chunk.requests if request.world in worlds)
-        self.sound = chunk.model_copy(update={"requests": there})
-        self.watch = StopWatch(batch, [request.index for request in there], left_s)
+        self.sound = chunk
+        self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
         self.recorders: list[Recorder] = []
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
 
@@ -154,16 +157,28 @@ def canceled_row(index: int, code: str) -> EpisodeResult:
     return unfinished(index, "Canceled", failure_code=code, failure_reason=why)
 
 
+def _unable(chunk: Chunk, missing: Mapping[str, str], mounts: Mounts) -> dict[int, str]:
+    """Returns why episodes cannot be simulated, as code and reason: their world, or what they read."""
+    why = {each.index: missing.get(each.world) or mounts.failure(each) for each in chunk.requests}
+    return {index: reason for index, reason in why.items() if reason}
+
+
+def _able(chunk: Chunk, unable: Mapping[int, str], mounts: Mounts) -> Chunk:
+    """Returns the episodes that can be simulated, with the folders of their data sources."""
+    able = (mounts.resolved(each) for each in chunk.requests if each.index not in unable)
+    return chunk.model_copy(update={"requests": tuple(able)})
+
+
 def _lost(request: EpisodeRequest, why: str) -> EpisodeResult:
     code, _, reason = why.partition(": ")
     return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
 
 
-def _worlds(batch: OpenBatch, chunk: Chunk) -> tuple[dict[str, World], dict[str, str]]:
-    """Returns the chunk's worlds, and of those that cannot be used why, as code and reason."""
+def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, str]]:
+    """Returns the episodes' worlds, and of those that cannot be used why, as code and reason."""
     worlds: dict[str, World] = {}
     missing: dict[str, str] = {}
-    for reference in dict.fromkeys(request.world for request in chunk.requests):
+    for reference in dict.fromkeys(request.world for request in requests):
         try:
             worlds[reference] = _world(batch.store.url, reference, batch.plan.world_digests[reference])
         except ObjectNotFound:

@@ -10,17 +10,24 @@ from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.pipeline_simulation import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline_simulation import PipelineSimulationApplication as ScenarioUse
+from specs.simulation import DataSourceConfig
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate, lane_count
+from tasks.simulate.data_plan import DATA_PREFIX, PinnedSource, data_variable, unpinned, within_limits
 from tasks.simulate.layout import Layout
 
 FindVersion = Callable[[ApplicationKind, str, str | None], Version]
+FindData = Callable[[DataSourceConfig], PinnedSource]
 _REQUESTS = "simulationBatch.createSimulationJobRequests"
 DEFAULT_TIMEOUT_S = 86_400.0
 DEFAULT_OUTPUT = OutputLocation(s3Bucket="results")
 
 
 def plan_batch(
-    section: SimulationBatch, worlds: Sequence[str], world_digests: Mapping[str, str], find_version: FindVersion
+    section: SimulationBatch,
+    worlds: Sequence[str],
+    world_digests: Mapping[str, str],
+    find_version: FindVersion,
+    find_data: FindData = unpinned,
 ) -> BatchPlan:
     """Returns the plan of a batch.
 
@@ -29,6 +36,7 @@ def plan_batch(
         worlds: ``<generation>/<world>`` of each world of the matrix.
         world_digests: SHA-256 of each world's document, for all worlds that the batch uses.
         find_version: Gives the version that an application reference means.
+        find_data: Gives a data source with the content that it has now.
 
     Raises:
         DocumentError: A request lacks an application or a launch configuration; tells of all requests at once.
@@ -40,8 +48,12 @@ def plan_batch(
     ]
     if faults:
         raise DocumentError(faults)
+    data = [
+        within_limits(tuple(map(find_data, request.dataSources or ())))
+        for request in section.createSimulationJobRequests
+    ]
     templates = tuple(
-        _template(f"{_REQUESTS}[{number}]", request, find_version)
+        _template(f"{_REQUESTS}[{number}]", request, find_version, data[number])
         for number, request in enumerate(section.createSimulationJobRequests)
     )
     policy = section.batchPolicy
@@ -54,6 +66,7 @@ def plan_batch(
         timeout_s=float((policy and policy.timeoutInSeconds) or DEFAULT_TIMEOUT_S),
         world_digests=dict(world_digests),
         engine=section.engine,
+        data_sources={source.digest: source for sources in data for source in sources},
         recordings=section.recordings,
     )
     return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes)})
@@ -96,7 +109,9 @@ def output_location(section: SimulationBatch) -> OutputLocation:
     return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
-def _template(where: str, request: PipelineJobRequest, find_version: FindVersion) -> JobTemplate:
+def _template(
+    where: str, request: PipelineJobRequest, find_version: FindVersion, data: Sequence[PinnedSource]
+) -> JobTemplate:
     robot = next(iter(request.robotApplications or ()))
     scenario = next(iter(request.simulationApplications or ()))
     return JobTemplate(
@@ -106,6 +121,7 @@ def _template(where: str, request: PipelineJobRequest, find_version: FindVersion
             **(scenario.launchConfig.environmentVariables or {}),
             **(robot.launchConfig.environmentVariables or {}),
         },
+            **{data_variable(source.name): f"{DATA_PREFIX}{source.digest}" for source in data},
         duration_s=float(request.maxJobDurationInSeconds),
         failure_behavior=request.failureBehavior or "Fail",
         worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
@@ -157,3 +173,7 @@ def _faults(number: int, request: PipelineJobRequest) -> list[Fault]:
             if not value
         ]
     return faults
+    variables = [data_variable(source.name) for source in request.dataSources or ()]
+    if len(set(variables)) < len(variables):
+        allowed = "names that stay different in capital letters with _ for -, as variables have them"
+        faults.append(Fault(path=f"{where}.dataSources", value=", ".join(variables), allowed=allowed))

@@ -1,0 +1,131 @@
+"""Data sources where a chunk is simulated: a read-only folder for each, and a variable that names it."""
+
+import errno
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from specs.episode import EpisodeRequest
+from specs.errors import BundleRefused, ObjectNotFound, StoreAccessDenied, StoreUnreachable
+from tasks.simulate.data_cache import DataCache, discard
+from tasks.simulate.data_plan import DATA_PREFIX, PinnedSource
+from tasks.simulate.data_unpacking import unpack_archive
+from tasks.storage.buckets import open_bucket
+from tasks.storage.store import Store
+
+
+class Mounted(NamedTuple):
+    """A data source on this machine.
+
+    Attributes:
+        folder: What its variable says; None if it cannot be used.
+        failure: RoboMaker's code, a colon and a reason, if it cannot.
+    """
+
+    folder: Path | None
+    failure: str = ""
+
+
+class Mounts:
+    """The data sources of a batch, mounted when a chunk first needs them."""
+
+    def __init__(self, store: Store, sources: Mapping[str, PinnedSource], cache: Path) -> None:
+        """Mounts nothing yet.
+
+        Args:
+            store: What the buckets' places follow from.
+            sources: By digest.
+            cache: Folder of fetched files.
+        """
+        self._store, self._sources, self._cache = store, sources, DataCache(cache)
+        self._mounted: dict[str, Mounted] = {}
+
+    def failure(self, request: EpisodeRequest) -> str:
+        """Returns why an episode cannot be simulated, as a code, a colon and a reason, or an empty text."""
+        return next((found.failure for _, found in self._of(request) if found.failure), "")
+
+    def resolved(self, request: EpisodeRequest) -> EpisodeRequest:
+        """Returns an episode whose variables name folders of this machine; none of its data sources has failed."""
+        folders = {name: str(found.folder) for name, found in self._of(request)}
+        return request.model_copy(update={"environment": request.environment | folders}) if folders else request
+
+    def _of(self, request: EpisodeRequest) -> list[tuple[str, Mounted]]:
+        named = {
+            name: value.removeprefix(DATA_PREFIX)
+            for name, value in request.environment.items()
+            if value.startswith(DATA_PREFIX)
+        }
+        return [(name, self._mount(digest)) for name, digest in named.items() if digest in self._sources]
+
+    def _mount(self, digest: str) -> Mounted:
+        if digest not in self._mounted:
+            self._mounted[digest] = self._made(digest, self._sources[digest])
+        return self._mounted[digest]
+
+    def _made(self, digest: str, source: PinnedSource) -> Mounted:
+        if source.failure_code:
+            return Mounted(None, f"{source.failure_code}: {source.failure_reason}")
+        root = self._cache.mount(digest)
+        if not root.is_dir():
+            failure = self._fetch(source) or self._install(digest, source)
+            if failure:
+                return Mounted(None, failure)
+        return Mounted(root / source.destination)
+
+    def _fetch(self, source: PinnedSource) -> str:
+        """Returns why a file is not in the cache and cannot be fetched again, or an empty text."""
+        for file in source.files:
+            if self._cache.path(file.sha256).is_file():
+                continue
+            where = f"data source {source.name}: {source.bucket}/{file.key}"
+            try:
+                found = self._cache.fetched(open_bucket(self._store, source.bucket), file.key)
+            except (ObjectNotFound, StoreUnreachable):
+                return f"InvalidS3Resource: {where} does not exist any more"
+            except StoreAccessDenied:
+                return f"BadPermissionsS3Object: {where} must not be read"
+            if found.sha256 != file.sha256:
+                return f"MismatchedEtag: {where} is not what it was when the batch was planned"
+        return ""
+
+    def _install(self, digest: str, source: PinnedSource) -> str:
+        """Returns why the files cannot be put together, or an empty text."""
+        staged = self._cache.stage(digest)
+        try:
+            top = staged / source.destination
+            top.mkdir(parents=True, exist_ok=True)
+            for file in source.files:
+                put = _unpacked if source.type == "Archive" else _linked
+                put(file.key, self._cache.path(file.sha256), top)
+        except BundleRefused as exc:
+            discard(staged)
+            return f"InvalidS3Resource: data source {source.name}: {exc}"
+        except (FileExistsError, NotADirectoryError, IsADirectoryError) as exc:
+            discard(staged)
+            return f"InvalidInput: data source {source.name}: {exc.filename2 or exc.filename} would be two things"
+        self._cache.install(staged, digest)
+        return ""
+
+
+def _linked(key: str, content: Path, top: Path) -> None:
+    target = top / key
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        target.hardlink_to(content)
+    except FileExistsError:
+        raise
+    except OSError:  # on another disk, or one without links
+        shutil.copyfile(content, target)
+
+
+def _unpacked(key: str, content: Path, top: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=top, prefix=".archive-") as folder:
+        unpacked = Path(folder) / "content"
+        unpack_archive(content, key, unpacked)
+        for path in sorted(unpacked.iterdir()):
+            target = top / path.name
+            if target.exists():
+                raise FileExistsError(errno.EEXIST, "two archives hold it", str(target))
+            path.rename(target)
