@@ -31,6 +31,8 @@ def show_report(report: PipelineReport, console: Console) -> None:
             _line(console, stage.name, stage.arn)
         for artefact in stage.artefacts:
             _line(console, f"  {artefact.label}", artefact.url)
+    for alarm in (stage.facts["alarm"] for stage in report.stages if "alarm" in stage.facts):
+        console.print(Text(str(alarm), style="bold red"))
     console.print(_answer(report))
 
 

@@ -13,6 +13,7 @@ from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
 
 _REASONS_SHOWN = 2
+_ALARMING = frozenset({"SUSPECT", "NOT RUN"})
 _SAMPLE_CHARACTERS = 200
 
 
@@ -60,10 +61,11 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
         summary += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
     artefacts = tuple(
         Artefact(label=label, url=str(detail[f"{label}_url"]))
-        for label in ("results", "failures", "recordings")
+        for label in ("results", "failures", "recordings", "audit")
         if f"{label}_url" in detail
     )
-    return _stage("simulationBatch", record, summary, seconds, artefacts)
+    stage = _stage("simulationBatch", record, summary, seconds, artefacts)
+    return _with_audit(stage, cast("dict[str, JsonValue]", detail["audit"])) if "audit" in detail else stage
 
 
 def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
@@ -89,6 +91,15 @@ def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:
 
 def _mappings(detail: Mapping[str, JsonValue], key: str) -> Mapping[str, Mapping[str, JsonValue]]:
     return cast("Mapping[str, Mapping[str, JsonValue]]", detail.get(key, {}))
+
+
+def _with_audit(stage: StageReport, audit: dict[str, JsonValue]) -> StageReport:
+    """Returns a batch's report with its audit, and with an alarm unless the audit is sound or says less by design."""
+    verdict, sentence = str(audit["verdict"]), str(audit["sentence"])
+    facts: dict[str, JsonValue] = {"audit": audit}
+    if verdict in _ALARMING:
+        facts["alarm"] = f"The parity audit is {verdict}: {sentence}"
+    return stage.model_copy(update={"summary": f"{stage.summary}; audit {verdict}: {sentence}", "facts": facts})
 
 
 def _stage(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import cast
 
 from prefect import flow
+from pydantic import JsonValue
 
 from flows.ending import as_run, ended_well, run_name
 from flows.resolving import batch_plan, numbered_finder
@@ -31,7 +32,7 @@ from tasks.simulate.batch import (
 from tasks.simulate.chunk_store import spent_s
 from tasks.simulate.resolving import output_location
 from tasks.simulate.streaming import parts
-from tasks.simulate.task import simulate_chunk
+from tasks.simulate.task import audit_batch, simulate_chunk
 from tasks.simulate.versions import batch_metadata
 from tasks.storage.claim import claimed
 from tasks.storage.keys import claim_key
@@ -141,4 +142,17 @@ def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
+    if status == "Completed":
+        detail |= _audited(batch, folders, location)
     return close_batch(batch.store, batch.id, status, detail, why)
+
+
+def _audited(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> dict[str, JsonValue]:
+    """Returns what the batch's record says of its audit; nothing if it is turned off."""
+    lanes = min(batch.plan.audit, batch.layout.episodes)
+    if lanes == 0:
+        return {}
+    with watched("Audit", "audit-progress") as progress:
+        return audit_batch(
+            batch.store.url, batch.id, bundles=folders, location=location, progress=lambda done: progress(done, 2 * lanes)
+        )

@@ -74,7 +74,7 @@ def batch_request(section: SimulationBatch, *, store_id: str, token: str) -> Sta
         token: Used where the section has no token of its own.
     """
     document = _without(
-        section, "operation", "matrix", "engine", "recordings", "outputLocation", "createSimulationJobRequests"
+        section, "operation", "matrix", "engine", "recordings", "audit", "outputLocation", "createSimulationJobRequests"
     )
     jobs = [job_request(request, section, store_id=store_id) for request in section.createSimulationJobRequests]
     return StartSimulationJobBatchRequest.model_validate(

@@ -35,6 +35,7 @@ from specs.unions import member, told_apart
 MAX_SEEDS = 10_000
 MAX_LOCAL_AGENTS = 20
 MAX_RECORDING_HZ = 20
+AUDITED_LANES, MAX_AUDITED_LANES = 16, 256
 
 Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
 Engine = Literal["auto", "planar", "mjx", "mujoco"]
@@ -68,6 +69,14 @@ class Recordings(Spec):
     )
     rateHz: Annotated[Number, Field(gt=0, le=MAX_RECORDING_HZ)] = Field(
         default=10.0, title="Rate (Hz)", description="Samples a simulated second; a whole fraction of 20 is kept."
+    )
+
+
+class Audit(Spec):
+    """How much of a batch is driven again on C MuJoCo, to show that its engine can be relied on."""
+
+    lanes: Annotated[Integer, Field(ge=0, le=MAX_AUDITED_LANES)] = Field(
+        default=AUDITED_LANES, title="Lanes", description="Episodes, half of them failed ones; 0 audits nothing."
     )
 
 
@@ -114,6 +123,7 @@ class SimulationBatch(Ruled):
     ] = Field(title="Requests")
     engine: Engine = Field(default="auto", title="Engine")
     recordings: Recordings = Field(default_factory=Recordings, title="Recordings")
+    audit: Audit = Field(default_factory=Audit, title="Parity audit")
     tags: TagMap | None = Field(default=None, title="Tags of the batch")
     clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
 

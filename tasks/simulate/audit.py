@@ -1,133 +1,95 @@
 """Parity audit: a sample of a batch's lanes, driven again on C MuJoCo in double precision among all solids.
 
 The engine that made the rows drives the sample again too. That gives the ways to compare, and shows whether the rows
-are what it makes of their requests. This module imports no JAX itself, as ``tasks.simulate.runner``.
+are what it makes of their requests. Rows that C MuJoCo made are made again and compared with nothing: that an engine
+agrees with itself is no evidence.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from specs.base import Spec
-from specs.episode import EpisodeRequest, EpisodeResult
+from specs.episode import EpisodeResult
 from specs.world import World
-from tasks.simulate.devices import prepare_devices
+from tasks.simulate.audit_driving import Driven, driven
+from tasks.simulate.audit_report import AuditReport, Flip, FlipRate, deviation, judged
+from tasks.simulate.audit_sample import Sampled, row_failed
+from tasks.simulate.bundles import BundleCrash
+from tasks.simulate.devices import device_kind
 
-if TYPE_CHECKING:
-    from tasks.simulate.audit_driving import Driven
-
-AUDITED_LANES = 16
-_REFERENCE = "mujoco"
+REFERENCE = "mujoco"
 # What a row holds besides what the simulation gave it.
 _BESIDES = {"recording", "failure_reason"}
-
-
-class Deviation(Spec):
-    """How far apart the robots of two engines were, over the lanes of a sample (m)."""
-
-    median_m: float
-    p90_m: float
-    max_m: float
-
-
-class Flip(Spec):
-    """An episode that came to another end on C MuJoCo: ``Passed``, or why it failed."""
-
-    index: int
-    row: str
-    reference: str
-
-
-class AuditReport(Spec):
-    """What an audit found.
-
-    Attributes:
-        engine: Which made the rows.
-        reference: What it is compared with.
-        lanes: Episodes that were driven again.
-        final: Between the places where episodes ended.
-        way: The most at any control step that both had.
-        flips: Episodes with another outcome.
-        flip_rate: Their share, 0-1.
-        unreproduced: Episodes whose row is not what the engine makes of their request.
-    """
-
-    engine: str
-    reference: str
-    lanes: int
-    final: Deviation
-    way: Deviation
-    flips: tuple[Flip, ...]
-    flip_rate: float
-    unreproduced: tuple[int, ...]
-
-
-def audited_positions(episodes: int, lanes: int = AUDITED_LANES) -> list[int]:
-    """Returns which of so many episodes are audited: evenly spread, from the first to the last."""
-    return sorted({int(position) for position in np.linspace(0, episodes - 1, min(lanes, episodes)).round()})
+# All that is promised of a GPU, where the order of additions is not fixed.
+_ENDS = {"status", "failure_code", "outcome", "outcome_reason"}
 
 
 def audit(
-    requests: Sequence[EpisodeRequest],
-    rows: Sequence[EpisodeResult],
+    sample: Sequence[Sampled],
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
     *,
-    lanes: int = AUDITED_LANES,
+    lanes: int,
     engine: str = "auto",
-    chunk_lanes: int | None = None,
-) -> AuditReport | None:
-    """Returns what driving a sample of a batch again shows; None when no episode of it was driven to an end.
+    progress: Callable[[int], None] = lambda _: None,
+) -> AuditReport:
+    """Returns what driving a sample again shows.
 
     Args:
-        requests: Of the batch, or of its episodes at ``audited_positions``.
-        rows: Of the requests, in their order.
+        sample: At least one episode.
         worlds: At least those of the sample.
         bundles: Unpacked folders of the applications, by digest.
-        lanes: Most episodes to drive again.
+        lanes: Lanes of a program: no more than there are episodes, since a program's idle lanes cost as much.
         engine: What the batch asked for.
-        chunk_lanes: Lanes of the batch's chunks, whose compiled program serves again; else as many as are audited.
+        progress: Told how many episodes were driven again, on either engine.
 
     Raises:
         BundleCrash: An application that made rows before now fails.
-        JaxAlreadyImported: JAX was imported before its settings could be made.
     """
-    ended = [(request, row) for request, row in zip(requests, rows, strict=True) if _was_driven(row)]
-    sample = [ended[position] for position in audited_positions(len(ended), lanes)]
-    if not sample:
-        return None
-    asked = [request for request, _ in sample]
-    prepare_devices()
-    from tasks.simulate.audit_driving import driven  # noqa: PLC0415 - JAX reads its settings when it is imported
-
-    ours = driven(asked, worlds, bundles, lanes=chunk_lanes or lanes, engine=engine)
-    theirs = driven(asked, worlds, bundles, lanes=lanes, engine=_REFERENCE)
-    return _report([row for _, row in sample], ours, theirs)
-
-
-def _was_driven(row: EpisodeResult) -> bool:
-    return row.status != "Canceled" and row.simulated_s > 0.0
+    here = [each for each in sample if each.row.device == device_kind()]
+    ours = driven([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)
+    progress(len(here))
+    others = [each.request for each in sample if each.row.engine != REFERENCE]
+    theirs: dict[int, Driven] = {}
+    why = f"the rows were made by {REFERENCE}, the reference itself"
+    if others:
+        try:
+            theirs = driven(others, worlds, bundles, lanes=lanes, engine=REFERENCE)
+        except BundleCrash as crash:
+            why = crash.reason
+    progress(len(here) + len(others))
+    return judged(_report(sample, ours, theirs), why)
 
 
-def _report(rows: Sequence[EpisodeResult], ours: "Mapping[int, Driven]", theirs: "Mapping[int, Driven]") -> AuditReport:
-    both = [row for row in rows if row.index in ours and row.index in theirs]
-    flips = [
-        Flip(index=row.index, row=_end(row), reference=_end(theirs[row.index].row))
-        for row in both
-        if _end(row) != _end(theirs[row.index].row)
-    ]
+def _report(sample: Sequence[Sampled], ours: Mapping[int, Driven], theirs: Mapping[int, Driven]) -> AuditReport:
+    both = [each for each in sample if each.row.index in theirs]
+    flipped = {each.row.index for each in both if _end(each.row) != _end(theirs[each.row.index].row)}
+    here = [each.row for each in sample if each.row.device == device_kind()]
+    ways_m = [_most_apart_m(ours[each.row.index], theirs[each.row.index]) for each in both if each.row.index in ours]
     return AuditReport(
-        engine=", ".join(sorted({each.engine for each in ours.values()})),
-        reference=_REFERENCE,
-        lanes=len(both),
-        final=_deviation([_apart_m(row, theirs[row.index].row) for row in both]),
-        way=_deviation([_most_apart_m(ours[row.index], theirs[row.index]) for row in both]),
-        flips=tuple(flips),
-        flip_rate=len(flips) / len(both) if both else 0.0,
-        unreproduced=tuple(row.index for row in rows if not _reproduced(row, ours)),
+        verdict="NOT RUN",
+        sentence="",
+        engine=", ".join(sorted({each.row.engine for each in sample if each.row.engine})),
+        reference=REFERENCE,
+        lanes=len(sample),
+        compared=len(both),
+        final=deviation([_apart_m(each.row, theirs[each.row.index].row) for each in both]),
+        way=deviation(ways_m),
+        spread=_rate([each.row.index for each in both if each.spread], flipped),
+        failed=_rate([each.row.index for each in both if row_failed(each.row)], flipped),
+        flips=tuple(
+            Flip(index=row.index, row=_end(row), reference=_end(theirs[row.index].row))
+            for row in (each.row for each in both)
+            if row.index in flipped
+        ),
+        unreproduced=tuple(row.index for row in here if not _reproduced(row, ours)),
+        elsewhere=tuple(each.row.index for each in sample if each.row.device != device_kind()),
     )
+
+
+def _rate(indices: Sequence[int], flipped: set[int]) -> FlipRate:
+    return FlipRate(lanes=len(indices), flips=len(flipped.intersection(indices)))
 
 
 def _end(row: EpisodeResult) -> str:
@@ -138,17 +100,15 @@ def _apart_m(row: EpisodeResult, other: EpisodeResult) -> float:
     return float(np.hypot(row.final_x_m - other.final_x_m, row.final_y_m - other.final_y_m))
 
 
-def _most_apart_m(ours: "Driven", theirs: "Driven") -> float:
+def _most_apart_m(ours: Driven, theirs: Driven) -> float:
     steps = min(len(ours.places_m), len(theirs.places_m))
     return float(np.hypot(*(ours.places_m[:steps] - theirs.places_m[:steps]).T).max(initial=0.0))
 
 
-def _reproduced(row: EpisodeResult, ours: "Mapping[int, Driven]") -> bool:
-    return row.index in ours and row.model_dump(exclude=_BESIDES) == ours[row.index].row.model_dump(exclude=_BESIDES)
-
-
-def _deviation(apart_m: Sequence[float]) -> Deviation:
-    if not apart_m:
-        return Deviation(median_m=0.0, p90_m=0.0, max_m=0.0)
-    median, p90, most = np.quantile(apart_m, [0.5, 0.9, 1.0])
-    return Deviation(median_m=float(median), p90_m=float(p90), max_m=float(most))
+def _reproduced(row: EpisodeResult, ours: Mapping[int, Driven]) -> bool:
+    if row.index not in ours:
+        return False
+    again = ours[row.index].row
+    if device_kind() == "gpu":
+        return row.model_dump(include=_ENDS) == again.model_dump(include=_ENDS)
+    return row.model_dump(exclude=_BESIDES) == again.model_dump(exclude=_BESIDES)

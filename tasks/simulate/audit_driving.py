@@ -11,7 +11,7 @@ from jaxtyping import Float32
 from specs.episode import EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.chunks import plan_chunks
-from tasks.simulate.episodes import ready_chunk
+from tasks.simulate.episodes import ran_on, ready_chunk
 from tasks.simulate.outcomes import finished_row
 
 
@@ -69,7 +69,7 @@ def _driven_chunk(
     return [
         Driven(
             engine=chunk.program.engine,
-            row=finished_row(lane, position, end, poses),
+            row=ran_on(chunk.program.engine, finished_row(lane, position, end, poses)),
             places_m=path[position, : int(end.step[position]), :2],
         )
         for position, lane in enumerate(chunk.lanes)

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.episode import ApplicationLaunch
-from specs.pipeline_simulation import Recordings
+from specs.pipeline_simulation import AUDITED_LANES, Recordings
 from tasks.simulate.data_plan import PinnedSource
 
 # A CPU gains nothing from more lanes (physics.md: flat from 256 on), and a chunk that is lost costs what it took.
@@ -51,6 +51,7 @@ class BatchPlan(Spec):
         engine: The engine asked for.
         data_sources: What episodes read from buckets, by digest.
         recordings: Which episodes are recorded besides those whose request says so, and at which rate.
+        audit: Episodes that are driven again on C MuJoCo at the end; 0 for none.
     """
 
     templates: tuple[JobTemplate, ...]
@@ -63,6 +64,7 @@ class BatchPlan(Spec):
     engine: str
     data_sources: dict[str, PinnedSource] = Field(default_factory=dict[str, PinnedSource])
     recordings: Recordings = Recordings()
+    audit: int = AUDITED_LANES
 
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""

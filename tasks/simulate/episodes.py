@@ -136,7 +136,12 @@ def _ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
 def _explained(chunk: ReadyChunk, run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
     """Returns a row with what drove it, and the reason of a crash where the run knows more than the lane's state."""
     known = {"failure_reason": run.crashes[position]} if position in run.crashes else {}
-    return row.model_copy(update={"engine": chunk.program.engine, "device": device_kind(), **known})
+    return ran_on(chunk.program.engine, row).model_copy(update=known)
+
+
+def ran_on(engine: str, row: EpisodeResult) -> EpisodeResult:
+    """Returns a row that says what drove its robot."""
+    return row.model_copy(update={"engine": engine, "device": device_kind()})
 
 
 def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:

@@ -68,6 +68,7 @@ def plan_batch(
         engine=section.engine,
         data_sources={source.digest: source for sources in data for source in sources},
         recordings=section.recordings,
+        audit=section.audit.lanes,
     )
     return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes)})
 

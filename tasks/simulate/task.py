@@ -1,16 +1,24 @@
-"""One chunk of a batch as a Prefect task."""
+"""One chunk of a batch, and its audit, as Prefect tasks."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from prefect import task
+from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
+from pydantic import JsonValue
 
+from specs.common import OutputLocation
 from specs.episode import EpisodeResult
+from tasks.simulate.audit_report import AuditReport, AuditVerdict
+from tasks.simulate.auditing import audit_batch as audit_opened
 from tasks.simulate.batch import opened
 from tasks.simulate.committing import ChunkEnd, Part, Record, run_chunk
 from tasks.simulate.runner import simulate_chunk as simulate_lanes
 from tasks.storage.opening import open_store
+
+
+_MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
 
 
 @task(name="simulate-chunk", task_run_name="simulate-chunk-{number}", cache_policy=NO_CACHE, persist_result=False)
@@ -54,3 +62,29 @@ def simulate_chunk(
         )
 
     return run_chunk(work, number, simulate, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+
+
+@task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False)
+def audit_batch(
+    store_url: str,
+    batch: str,
+    *,
+    bundles: dict[str, Path],
+    location: OutputLocation,
+    progress: Callable[[int], None],
+) -> dict[str, JsonValue]:
+    """Returns what the batch's record says of its audit.
+
+    Args:
+        store_url: Where the batch's record, worlds and chunks are.
+        batch: The batch's id; all its chunks are committed.
+        bundles: Folder of each application's files, by digest.
+        location: The batch's output location.
+        progress: Told how many episodes were driven again.
+    """
+    detail = audit_opened(opened(open_store(store_url), batch), bundles, location, progress)
+    report = AuditReport.model_validate(detail["audit"])
+    mark = _MARKS[report.verdict]
+    body = f"# {mark} {report.verdict}\n\n{report.sentence}\n\nReport: `{detail['audit_url']}`"
+    create_markdown_artifact(body, key="parity-audit")
+    return detail

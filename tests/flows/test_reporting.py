@@ -1,8 +1,13 @@
 """What is told of a run, to the process that ran it and to one that waited for it."""
 
+import io
+from typing import cast
+
 import pytest
 from pydantic import JsonValue
+from rich.console import Console
 
+from flows.printing import show_report
 from flows.reporting import batch_report, deployment_report, generation_report, told
 from specs.errors import DocumentError, StageFailed
 from specs.report import PipelineReport, StageReport, Verdict
@@ -100,3 +105,23 @@ def test_a_batch_tells_its_most_frequent_reasons_and_a_sample(file_store: Store)
     }
     summary = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0).summary
     assert summary.endswith("; 8 x RobotApplicationCrash: no module go_to_gaol; 2 x timeout")
+
+
+@pytest.mark.parametrize(("verdict", "alarmed"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True)])
+def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: str, alarmed: bool):
+    detail: dict[str, JsonValue] = {
+        "passed": 4,
+        "episodes": 4,
+        "simulated_s": 61.5,
+        "results_url": "file:///r",
+        "audit_url": "file:///a",
+        "audit": {"verdict": verdict, "sentence": "1 of 4 rows", "unreproduced": [2]},
+    }
+    stage = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0)
+    assert stage.summary.endswith(f"; audit {verdict}: 1 of 4 rows")
+    assert [artefact.label for artefact in stage.artefacts] == ["results", "audit"]
+    assert stage.facts["audit"] == detail["audit"]
+    console = Console(file=io.StringIO(), width=200)
+    show_report(PipelineReport(run="run-1", name="n", stages=(stage,)), console)
+    shown = cast("io.StringIO", console.file).getvalue()
+    assert (f"The parity audit is {verdict}: 1 of 4 rows" in shown) is alarmed

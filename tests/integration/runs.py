@@ -98,6 +98,12 @@ def recordings(store: Store) -> dict[str, bytes]:
     return {key.removeprefix(folder): store.get(key).body for key in store.keys(folder)}
 
 
+def audit(store: Store) -> bytes:
+    """Returns the audit of the store's only batch, as it lies beside its tables."""
+    (batch,) = records(store, "simulation-job-batch")
+    return store.get(str(batch.detail["audit_url"]).removeprefix(store.url + "/")).body
+
+
 def worlds(store: Store) -> dict[str, bytes]:
     """Returns all worlds of the store."""
     return {key: store.get(key).body for key in store.keys("worlds")}

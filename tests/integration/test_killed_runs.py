@@ -7,6 +7,7 @@ import pytest
 from tasks.storage.opening import open_store
 from tests.integration.runs import (
     JOB_KINDS,
+    audit,
     finished,
     jobs,
     kill_when,
@@ -20,12 +21,13 @@ from tests.integration.runs import (
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
-# What a store holds while a stage is under way. The gate's window is between the batch's tables and its evidence.
+# What a store holds while a stage is under way. The gate's window is between the batch's audit and its evidence.
 _STAGES = {
     "world generation": "worlds/*/*.json",
     "world export": "jobs/world-export-job/*.json",
     "simulation": "chunks/*/000000.json",
-    "gate": "buckets/results/nightly/*/results.parquet",
+    "audit": "results/*/audit-begun.json",
+    "gate": "buckets/results/nightly/*/audit.json",
     "deployment": "robots/*/desired.json",
 }
 
@@ -47,4 +49,5 @@ def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(tmp_path: Path, s
     assert all(tables(ours)[name].equals(table) for name, table in tables(theirs).items())
     assert worlds(ours) == worlds(theirs)
     assert recordings(ours) == recordings(theirs)
+    assert audit(ours) == audit(theirs)
     assert list(recordings(ours)) == ["/000000.parquet", "/000001.parquet"]

@@ -1,0 +1,98 @@
+"""The sample of an audit: spread over the batch, half of it failed episodes, found without listing them all."""
+
+import itertools
+from collections.abc import Sequence
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from specs.episode import EpisodeResult
+from tasks.simulate.audit_sample import audited_positions, sampled
+from tasks.simulate.batch_plan import BatchPlan
+from tasks.simulate.layout import Layout
+from tests.episodes_factory import canceled, collided, crashed, passed
+from tests.simulate.batch_factory import template
+
+LANES = 50
+
+
+def layout(seeds: int) -> Layout:
+    plan = BatchPlan(
+        templates=(template(),),
+        worlds=("g/a", "g/b"),
+        seeds=tuple(range(seeds)),
+        sweep={},
+        lanes=LANES,
+        timeout_s=1.0,
+        world_digests={},
+        engine="auto",
+    )
+    return Layout(plan)
+
+
+class Rows:
+    """The rows of a batch in which every so manieth collides; says which chunks were read."""
+
+    def __init__(self, seeds: int, collides_each: int) -> None:
+        self.layout, self.each, self.read = layout(seeds), collides_each, list[int]()
+
+    def __call__(self, number: int) -> Sequence[EpisodeResult]:
+        self.read.append(number)
+        made = (request.index for request in self.layout.chunk(number).requests)
+        return [collided(index) if index % self.each == 0 else passed(index) for index in made]
+
+
+def test_half_of_the_sample_failed_where_so_many_did():
+    rows = Rows(100, 10)
+    found = sampled(rows.layout, rows, 16)
+    failed = [each for each in found if each.row.outcome == "Failed"]
+    assert len([each for each in failed if not each.spread]) <= 8
+    assert len(failed) >= 8
+    assert sum(each.spread for each in found) == 8
+    assert [each.request.index for each in found] == [each.row.index for each in found]
+
+
+def test_without_failures_all_are_evenly_spread():
+    rows = Rows(100, 10**9)
+    found = sampled(rows.layout, rows, 16)
+    # the first one collides: 0 is a multiple of everything
+    assert [each.request.index for each in found if each.spread][-1] == 199
+    assert len([each for each in found if each.spread]) >= 15
+
+
+def test_a_large_batch_is_not_read_as_a_whole():
+    rows = Rows(50_000, 10)
+    found = sampled(rows.layout, rows, 16)
+    assert rows.layout.chunks == 2000
+    assert len(rows.read) == len(set(rows.read)) <= 16
+    assert len(found) <= 16
+
+
+def test_what_was_canceled_or_never_began_is_left_out():
+    made = {
+        0: canceled(0),
+        1: crashed(1).model_copy(update={"simulated_s": 0.0}),
+        2: passed(2),
+        3: collided(3),
+    }
+    small = layout(2)
+    found = sampled(small, lambda number: [made[r.index] for r in small.chunk(number).requests], 16)
+    assert [each.request.index for each in found] == [2, 3]
+
+
+@given(st.integers(1, 400), st.integers(1, 50), st.integers(1, 64))
+def test_the_sample_is_the_same_again_and_never_too_large(seeds: int, each: int, lanes: int):
+    rows = Rows(seeds, each)
+    found = sampled(rows.layout, rows, lanes)
+    assert found == sampled(rows.layout, rows, lanes)
+    assert 1 <= len(found) <= lanes
+
+
+@given(st.integers(1, 100_000), st.integers(1, 64))
+def test_positions_are_spread_from_the_first_to_the_last(episodes: int, lanes: int):
+    positions = audited_positions(episodes, lanes)
+    assert len(positions) == min(lanes, episodes)
+    assert positions[0] == 0
+    assert positions[-1] == episodes - 1 or lanes == 1
+    gaps = {after - before for before, after in itertools.pairwise(positions)}
+    assert not gaps or max(gaps) - min(gaps) <= 1
