@@ -1,6 +1,7 @@
 """Simulation side by side: what one writes with MuJoCo's Python package, and Simyard's engines; closed loop with lidar.
 
     .venv/bin/python benchmarks/simulation.py [--scaling] [--batch] [--repeats N] [--without NAME ...] [--json FILE]
+    .venv/bin/python benchmarks/simulation.py --document docs/engines.md    # all of it, into the document
 
 One robot, one controller, 32 rays at 20 Hz, physics at 200 Hz, 100 obstacles, 256 lanes in 16 worlds. The variants take
 turns, and medians over the turns are shown, with the processor time of a lane's control step, which a busy machine
@@ -9,38 +10,36 @@ changes less. Stock MJX is so slow that it runs few lanes for few steps; its rat
 
 import argparse
 import json
-import resource
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from benchmarks.tables import markdown
+from benchmarks.machine import machine
+from benchmarks.simulation_batch import batch_table
+from benchmarks.tables import markdown, with_tables
 from tasks.simulate.devices import device_count, prepare_devices
 
 prepare_devices()
 
 from benchmarks.simulation_variants import (  # noqa: E402 - JAX reads its settings when it is imported
     PHYSICS_STEPS,
+    BatchLoop,
     Ours,
     RolloutLoop,
     StepLoop,
     StockMjx,
     Variant,
 )
-from benchmarks.simulation_worlds import FOLDERS, bench_world, explorations  # noqa: E402
 
 LANES, OBSTACLES = 256, 100
 STOCK_LANES = 16
-LOOP, ROLLOUT, STOCK = "mj_step loop", "mujoco.rollout", "stock MJX"
-PLAIN_C = (LOOP, ROLLOUT)
+LOOP, ROLLOUT, BATCH, STOCK = "mj_step loop", "mujoco.rollout", "mujoco.batch", "stock MJX"
+PLAIN_C = (LOOP, ROLLOUT, BATCH)
 ENGINES = ("mujoco", "mjx", "planar")
 SCALED_LANES, SCALED_OBSTACLES = (1, 16, 64, 256, 1024, 4096), (25, 100, 400)
-BATCH_EPISODES, BATCH_WORLDS, BATCH_LANES, BATCH_S = 1000, 50, 256, 60.0
+SCALING_REPEATS, WARM_RUNS = 3, 2
 
 
 class Turn(NamedTuple):
@@ -57,6 +56,7 @@ def makers(lanes: int, obstacles: int) -> dict[str, Callable[[], Variant]]:
     return {
         LOOP: lambda: StepLoop(lanes, obstacles),
         ROLLOUT: lambda: RolloutLoop(lanes, obstacles, threads),
+        BATCH: lambda: BatchLoop(lanes, obstacles, threads),
         STOCK: lambda: StockMjx(min(lanes, STOCK_LANES), obstacles),
         **ours,
     }
@@ -65,7 +65,7 @@ def makers(lanes: int, obstacles: int) -> dict[str, Callable[[], Variant]]:
 def turns(variants: Mapping[str, Variant], repeats: int, steps: Mapping[str, int]) -> dict[str, list[Turn]]:
     """Returns each variant's measurements; the variants take turns after one turn that is not counted."""
     for name, variant in variants.items():
-        variant.run(min(steps[name], 25))
+        variant.run(min(steps[name], 5))
     found: dict[str, list[Turn]] = {name: [] for name in variants}
     for _ in range(repeats):
         for name, variant in variants.items():
@@ -82,10 +82,12 @@ def one_turn(variant: Variant, steps: int) -> Turn:
 
 
 def control_steps(name: str, lanes: int) -> int:
-    """Returns how long a turn is: the slow ones are kept short."""
+    """Returns how long a turn is: long enough to time, and the slow ones are kept short."""
     if name == STOCK:
         return 2
-    return 25 if name in PLAIN_C or lanes > LANES else 100
+    if name in PLAIN_C:
+        return 5 if lanes > LANES else 25
+    return 25 if lanes > LANES else 100
 
 
 def side_by_side(repeats: int, without: Sequence[str]) -> dict[str, list[Turn]]:
@@ -117,80 +119,52 @@ def rows(found: Mapping[str, Sequence[Turn]]) -> list[list[str]]:
 
 def scaling(repeats: int) -> dict[str, list[list[str]]]:
     """Returns tables over lanes and over obstacles, in thousands of lane-steps a second."""
-    names = (ROLLOUT, *ENGINES)
+    names = (BATCH, *ENGINES)
     sizes = {
         "lanes": [(lanes, OBSTACLES) for lanes in SCALED_LANES],
         "obstacles": [(LANES, count) for count in SCALED_OBSTACLES],
     }
     tables: dict[str, list[list[str]]] = {}
     for axis, pairs in sizes.items():
-        tables[axis] = [[axis, *names]]
+        tables[axis] = [[axis, *names, f"planar x {BATCH}"]]
         for lanes, obstacles in pairs:
             made = {name: makers(lanes, obstacles)[name]() for name in names}
-            found = turns(made, repeats, dict.fromkeys(names, 25))
+            found = turns(made, repeats, {name: control_steps(name, lanes) for name in names})
+            rates = {name: median(turn.rate for turn in found[name]) / 1e3 for name in names}
             size = lanes if axis == "lanes" else obstacles
-            tables[axis].append(
-                [f"{size:,}", *(f"{median(turn.rate for turn in found[name]) / 1e3:,.1f}" for name in names)]
-            )
+            cells = (f"{rate:,.1f}" for rate in rates.values())
+            tables[axis].append([f"{size:,}", *cells, f"{rates['planar'] / rates[BATCH]:.1f}"])
     return tables
 
 
-def run_batch(folder: Path) -> None:
-    """Simulates the batch in this process, from worlds that lie in a folder, and leaves its figures there."""
-    from specs.world import World  # noqa: PLC0415 - what a run imports counts as its start-up
-    from tasks.simulate.chunks import plan_chunks  # noqa: PLC0415
-    from tasks.simulate.runner import simulate_chunk  # noqa: PLC0415
-
-    worlds = {f"bench/{k}": World.model_validate_json((folder / f"{k}.json").read_bytes()) for k in range(BATCH_WORLDS)}
-    requests, passed = explorations(BATCH_EPISODES, BATCH_WORLDS, BATCH_S), 0
-    for chunk in plan_chunks(requests, BATCH_LANES):
-        ended = simulate_chunk(chunk, worlds, FOLDERS, lanes=BATCH_LANES, should_stop=lambda: False)
-        passed += sum(row.status == "Completed" and row.simulated_s == BATCH_S for row in ended)
-    peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    (folder / "figures.json").write_text(json.dumps({"completed": passed, "peak_mib": peak_mib}))
-
-
-def batch(repeats: int) -> list[list[str]]:
-    """Returns the seconds of 1,000 episodes of 60 s in 50 worlds, process start included, cold once and then warm."""
-    table = [["run", "wall s", "episodes", "peak MiB"]]
-    with tempfile.TemporaryDirectory(prefix="simyard-bench-") as name:
-        folder = Path(name)
-        for k in range(BATCH_WORLDS):
-            (folder / f"{k}.json").write_text(bench_world(k, OBSTACLES).model_dump_json())
-        for number in range(1 + repeats):
-            start_s = time.perf_counter()
-            subprocess.run([sys.executable, __file__, "--batch-once", name], check=True)
-            wall_s = time.perf_counter() - start_s
-            figures = json.loads((folder / "figures.json").read_text())
-            label = "first" if number == 0 else f"warm {number}"
-            table.append([label, f"{wall_s:.1f}", f"{figures['completed']:,}", f"{figures['peak_mib']:,.0f}"])
-    return table
-
-
 def main() -> None:
-    """Prints the tables."""
+    """Prints the tables, and puts them into a document."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", type=Path)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--without", nargs="*", default=[], help="variants to leave out")
     parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--batch", action="store_true")
-    parser.add_argument("--batch-once", type=Path)
+    parser.add_argument("--document", type=Path, help="measure everything, and put the tables into a document")
     options = parser.parse_args()
-    if options.batch_once:
-        run_batch(options.batch_once)
-        return
+    everything = options.document is not None
     tables: dict[str, list[list[str]]] = {}
-    if options.scaling:
-        tables |= scaling(options.repeats)
-    if options.batch:
-        tables["batch"] = batch(options.repeats)
-    if not tables:
+    if everything or not (options.scaling or options.batch):
         tables["side by side"] = rows(side_by_side(options.repeats, options.without))
+    if everything or options.scaling:
+        tables |= scaling(min(options.repeats, SCALING_REPEATS))
+    if everything or options.batch:
+        tables["batch"] = batch_table(min(options.repeats, WARM_RUNS))
     for title, table in tables.items():
         print(f"\n{title}\n\n{markdown(table)}", flush=True)
     if options.json:
         options.json.write_text(json.dumps(tables, indent=2))
+    if options.document:
+        texts = {"machine": machine()} | {title: markdown(table) for title, table in tables.items()}
+        document = options.document.read_text()
+        for title, text in texts.items():
+            document = with_tables(document, title, text)
+        options.document.write_text(document)
 
 
 if __name__ == "__main__":

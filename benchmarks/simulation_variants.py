@@ -1,4 +1,4 @@
-"""The same closed loop, seven ways: what a user would write with MuJoCo's Python package, and Simyard's engines.
+"""The same closed loop, several ways: what a user would write with MuJoCo's Python package, and Simyard's engines.
 
 Every variant has the same robot, the same controller, 32 rays at 20 Hz and physics at 200 Hz.
 """
@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from mujoco.rollout import Rollout
 
 from benchmarks.applications.explorer.explorer.reactive import Lidar, control
@@ -163,6 +164,35 @@ class RolloutLoop:
             self._states = self._path[:, -1].copy()
             self._time_s += CONTROL_S
         return control_steps
+
+
+class BatchLoop:
+    """``mujoco.batch``: all lanes stepped and their rays cast by one call each."""
+
+    def __init__(self, lanes: int, obstacles: int, threads: int) -> None:
+        self.lanes, self._time_s = lanes, 0.0
+        models = _models(obstacles)
+        self._batch = Batch(models[0], lanes, threads)
+        self._batch.set_models([models[lane % WORLDS] for lane in range(lanes)])
+        self._poses, self._controls = self._batch.bind("qpos"), self._batch.bind("ctrl")
+        self._poses[:] = starts(lanes)
+        self._base = int(models[0].jnt_bodyid[0])
+        self._angles = 2 * np.pi * np.arange(Lidar().rays) / Lidar().rays
+
+    def run(self, control_steps: int) -> int:
+        """Scans, decides and steps all lanes at once."""
+        for _ in range(control_steps):
+            self._controls[:] = control(self._poses, self._scan(), self._time_s, np)
+            self._batch.step(nstep=PHYSICS_STEPS)
+            self._time_s += CONTROL_S
+        return control_steps
+
+    def _scan(self) -> np.ndarray:
+        lidar, angles = Lidar(), self._poses[:, 2:] + self._angles
+        ways = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
+        eyes = np.insert(self._poses[:, :2], 2, lidar.height_m, axis=1)[:, None]
+        distances = self._batch.ray(eyes, ways, bodyexclude=self._base)[0]
+        return np.where(distances < 0.0, lidar.range_m, np.minimum(distances, lidar.range_m))
 
 
 class StockMjx:

@@ -24,6 +24,8 @@ class Verdict(NamedTuple):
 class Timed:
     """Judges nothing."""
 
+    arrived_m = None  # nobody goes anywhere: no shortest way is looked for
+
     def place(self, world: object, floor: object, hull_radius_m: float, rng: np.random.Generator) -> Placement:  # noqa: ARG002 - the contract's
         """Returns a start around the origin, facing any way."""
         return Placement(np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(-np.pi, np.pi)]), np.zeros((1, 2)))
