@@ -110,6 +110,19 @@ def cancel(
     typer.echo(f"canceling {arn}")
 
 
+@app.command()
+def restart(
+    arn: Annotated[str, typer.Argument(help="The ARN of a simulation job that is running.")],
+    store: StoreUrl = None,
+) -> None:
+    """Restart a running job: it is simulated once more, with the bundles of its batch."""
+    from flows.inspecting import restart as restart_named
+    from tasks.storage.opening import open_existing_store
+
+    restart_named(open_existing_store(store), arn)
+    typer.echo(f"restarting {arn}")
+
+
 @app.command("list")
 def list_(
     kind: Annotated[str, typer.Argument(help=_KINDS)],

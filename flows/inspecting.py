@@ -1,4 +1,4 @@
-"""`simyard describe`, `list` and `cancel`: RoboMaker's answers, whatever the kind of resource."""
+"""`simyard describe`, `list`, `cancel` and `restart`: RoboMaker's answers, whatever the kind of resource."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -25,6 +25,7 @@ from tasks.simulate.batch import KIND as BATCH
 from tasks.simulate.batch import STOPPING
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
+from tasks.simulate.restarting import restart_job
 from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
 from tasks.worlds.describe import describe_generation_job, summarise_generation_job
@@ -104,6 +105,19 @@ def cancel(store: Store, text: str) -> None:
         raise _refused("arn", text, f"an ARN of a {' or '.join(_CANCEL)}")
     _CANCEL[reference.kind](store, reference.path)
     _with_settled_batch(store, reference.path)
+
+
+def restart(store: Store, text: str) -> None:
+    """Restarts the simulation job that an ARN names.
+
+    Raises:
+        ResourceNotFound: The store has no such job.
+        DocumentError: The text is no ARN of a job, or the job is not running.
+    """
+    reference = _reference(text)
+    if reference.kind != "simulation-job":
+        raise _refused("arn", text, "an ARN of a simulation-job")
+    restart_job(store, _with_settled_batch(store, reference.path))
 
 
 def _with_settled_batch(store: Store, path: str) -> str:

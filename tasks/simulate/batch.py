@@ -11,6 +11,7 @@ missing, and since a chunk's results depend on the plan alone, an unbroken run w
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import cast
 
 from pydantic import JsonValue
 
@@ -27,6 +28,7 @@ STOPPING = frozenset({"Canceling", "TimingOut"})
 GOING = frozenset({"Pending", "InProgress"})
 _LAYOUTS_KEPT = 4
 _CANCELED_JOB = "canceledJob/"
+_RESTARTED_JOB = "restartedJob/"
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,20 @@ def canceled_job_mark(index: int) -> str:
 def canceled_jobs(record: JobRecord) -> frozenset[int]:
     """Returns the indices of the jobs that were cancelled by themselves."""
     return frozenset(int(key.removeprefix(_CANCELED_JOB)) for key in record.detail if key.startswith(_CANCELED_JOB))
+
+
+def restarted_job_mark(index: int) -> str:
+    """Returns the key in a batch's detail that says when a job was last restarted, in seconds since 1970."""
+    return f"{_RESTARTED_JOB}{index}"
+
+
+def restarted_jobs(record: JobRecord) -> dict[int, float]:
+    """Returns when jobs were last restarted, by index."""
+    return {
+        int(key.removeprefix(_RESTARTED_JOB)): cast("float", at_s)
+        for key, at_s in record.detail.items()
+        if key.startswith(_RESTARTED_JOB)
+    }
 
 
 def close_batch(

@@ -1,4 +1,4 @@
-"""CancelSimulationJobBatch, CancelSimulationJob, and why RestartSimulationJob is refused (semantics 3 and 4)."""
+"""CancelSimulationJobBatch and CancelSimulationJob (semantics 3 and 4)."""
 
 from pydantic import JsonValue
 
@@ -47,23 +47,6 @@ def cancel_job(store: Store, path: str) -> None:
             return
     status = ended.get(index, f"in a batch that is {record.status}")
     raise _refused(path, f"a job that has not ended; this one is {status}")
-
-
-def restart_job(store: Store, path: str) -> None:
-    """Refuses: RestartSimulationJob reads an application anew, and a batch's applications are fixed by their digests.
-
-    A restarted episode would give the row that it would have given anyway.
-
-    Raises:
-        ResourceNotFound: No such job.
-        DocumentError: Always.
-    """
-    job_of(store, path)
-    raise _refused(
-        path,
-        "no restart: a job's result follows from its request, and its batch pins the content of the applications; "
-        "run the document again to test new content",
-    )
 
 
 def _refused(value: str, allowed: str) -> DocumentError:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from specs.episode import EpisodeRequest, EpisodeResult, unfinished
 from specs.errors import ObjectNotFound, SimyardError
 from specs.world import World
-from tasks.simulate.batch import OpenBatch, time_out
+from tasks.simulate.batch import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.chunk_store import begin_chunk, commit, committed_chunk
 from tasks.simulate.chunks import Chunk
 from tasks.simulate.data_mounting import Mounts
@@ -89,7 +89,7 @@ def run_chunk(
     unable = _unable(chunk, missing, mounts)
     work = _Work(batch, _able(chunk, unable, mounts), worlds, left_s, simulate, recording=record is not None)
     rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
-    by_index = {row.index: _canceled(row, work.watch) for row in rows}
+    by_index = {row.index: _canceled(row, work.watch) for row in [*rows, *work.restarted(lanes)]}
     if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
         time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
     if record is not None:
@@ -114,6 +114,7 @@ class _Work:
         self.sound = chunk
         self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
         self.recorders: list[Recorder] = []
+        self._restarts = restarted_jobs(batch.record())
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
 
     def part(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
@@ -123,6 +124,29 @@ class _Work:
         if recorder is not None:
             self.recorders.append(recorder)
         return rows
+
+    def restarted(self, lanes: int) -> list[EpisodeResult]:
+        """Returns the rows of jobs that were restarted since the work began, simulated anew until none was meanwhile.
+
+        They are what they were: a second run leaves no recording, and one that is stopped no row.
+        """
+        rows: list[EpisodeResult] = []
+        while again := self._restarted_since():
+            requests = tuple(request for request in self.sound.requests if request.index in again)
+            chunk = self.sound.model_copy(update={"requests": requests})
+            found = simulate_fitting(chunk, lanes, self._unrecorded, self.watch).rows
+            rows += [row for row in found if row.status != "Canceled"]
+        return rows
+
+    def _unrecorded(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
+        return self._simulate(Part(chunk, self._worlds, lanes, self.watch, None))
+
+    def _restarted_since(self) -> frozenset[int]:
+        """Returns the jobs that were restarted since this was last asked; none when the work shall end."""
+        now = {} if self.watch() else restarted_jobs(self._batch.record())
+        new = {index for index, at_s in now.items() if self._restarts.get(index) != at_s}
+        self._restarts |= now
+        return frozenset(new) & frozenset(request.index for request in self.sound.requests)
 
     def _wanted(self, row: EpisodeResult) -> bool:
         plan, layout = self._batch.plan, self._batch.layout

@@ -18,7 +18,7 @@ from specs.simulation_descriptions import (
     FailedCreateSimulationJobRequest,
     SimulationJobSummary,
 )
-from tasks.simulate.batch import opened
+from tasks.simulate.batch import STOPPING, canceled_jobs, opened, restarted_jobs
 from tasks.simulate.chunk_store import chunk_numbers, chunk_start, committed_chunk
 from tasks.simulate.requested import entries, is_single
 from tasks.simulate.streaming import STOP_CODES
@@ -89,7 +89,8 @@ class Jobs:
         }
         if "dataSources" in asked:
             asked["dataSources"] = [_read_source(source) for source in cast("list[_Document]", asked["dataSources"])]
-        started: _Document = {"lastStartedAt": start.started_at_s} if start else {}
+        restarted_s = restarted_jobs(self.record).get(index, 0.0)
+        started: _Document = {"lastStartedAt": max(start.started_at_s, restarted_s)} if start else {}
         return {"failureBehavior": "Fail", **asked, **self._identity(index), **self._state(index), **started}
 
     def _summary(self, index: int) -> SimulationJobSummary:
@@ -122,7 +123,17 @@ class Jobs:
         if self._ended:
             why = self._why_not_begun()
             return {**why, "status": "Failed" if why["failureCode"] == "InternalServiceError" else "Canceled"}
-        return {"status": "Running" if chunk in self._chunks.begun else "Pending"}
+        return {"status": self._active(index, chunk)}
+
+    def _active(self, index: int, chunk: int) -> str:
+        begun = chunk in self._chunks.begun
+        if index in canceled_jobs(self.record):  # its row is still to be written, and says so
+            return "Terminating" if begun else "Canceled"
+        if self.record.status in STOPPING and begun:
+            return "Terminating"
+        if not begun:
+            return "Pending"
+        return "Restarting" if index in restarted_jobs(self.record) else "Running"
 
     def _state_of(self, row: EpisodeResult, index: int) -> _Document:
         state: _Document = {"status": row.status, "simulationTimeMillis": round(1000 * row.simulated_s)}

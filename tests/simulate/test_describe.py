@@ -10,7 +10,7 @@ from specs.errors import DocumentError, ResourceNotFound
 from specs.simulation import CreateSimulationJobRequest, ListSimulationJobsRequest
 from specs.simulation_descriptions import DescribeSimulationJobResponse
 from tasks.simulate.batch import OpenBatch, close_batch, complete, open_batch, opened, time_out
-from tasks.simulate.canceling import cancel_batch, cancel_job, restart_job
+from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.chunk_store import begin_chunk
 from tasks.simulate.committing import run_chunk
 from tasks.simulate.describe import (
@@ -217,8 +217,11 @@ def test_only_what_has_not_ended_can_be_cancelled(running: OpenBatch):
         cancel_batch(store, running.id)
 
 
-def test_a_restart_is_refused_and_says_why(running: OpenBatch):
-    with pytest.raises(DocumentError, match="a job's result follows from its request"):
-        restart_job(running.store, f"{running.id}/0")
-    with pytest.raises(ResourceNotFound):
-        restart_job(running.store, f"{running.id}/12")
+def test_a_job_that_is_being_stopped_is_terminating_and_one_that_never_began_is_canceled(running: OpenBatch):
+    for index in (4, 11):
+        cancel_job(running.store, f"{running.id}/{index}")
+    states = [str(describe_job(running.store, f"{running.id}/{index}").status) for index in (3, 4, 5, 10, 11)]
+    assert states == ["Failed", "Terminating", "Running", "Pending", "Canceled"]
+    cancel_batch(running.store, running.id)
+    states = [str(describe_job(running.store, f"{running.id}/{index}").status) for index in (3, 4, 5, 10, 11)]
+    assert states == ["Failed", "Terminating", "Terminating", "Pending", "Canceled"]
