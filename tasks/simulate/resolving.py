@@ -121,8 +121,8 @@ def _template(
         environment={
             **(scenario.launchConfig.environmentVariables or {}),
             **(robot.launchConfig.environmentVariables or {}),
-        },
             **{data_variable(source.name): f"{DATA_PREFIX}{source.digest}" for source in data},
+        },
         duration_s=float(request.maxJobDurationInSeconds),
         failure_behavior=request.failureBehavior or "Fail",
         worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
@@ -173,8 +173,8 @@ def _faults(number: int, request: PipelineJobRequest) -> list[Fault]:
             )
             if not value
         ]
-    return faults
     variables = [data_variable(source.name) for source in request.dataSources or ()]
     if len(set(variables)) < len(variables):
         allowed = "names that stay different in capital letters with _ for -, as variables have them"
         faults.append(Fault(path=f"{where}.dataSources", value=", ".join(variables), allowed=allowed))
+    return faults
