@@ -1,4 +1,7 @@
-"""The courier's controller: plans on the map, follows the plan, and keeps off what its lidar sees."""
+"""The courier's controller: plans on the map, follows the plan, and keeps off what its lidar sees.
+
+Wherever its sensors are ideal, so is the program: noise costs only those who ask for it.
+"""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
@@ -6,15 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
-from .planning import RADIUS_M, cost_to_goal, point_ahead
+from .localizing import Belief, belief_at_start, corrected, matched
+from .planning import RADIUS_M, Ways, point_ahead, ways_to_goals
 
 if TYPE_CHECKING:
     from tasks.simulate.contract import FloorMap, Observation
 
 DEFAULT_SPEED_M_S = 0.5
-_AHEAD_CELLS = 5
+_AHEAD_CELLS = 6
 _TURN_GAIN = 3.0
 _MOST_TURN_RAD_S = 2.5
 # Solids nearer than this to the hull push the heading away.
@@ -24,6 +28,7 @@ _PUSH_GAIN = 1.2
 _BRAKE_M_S2 = 0.8
 _GAP_M = 0.04
 _LEAST_SPEED_M_S = 0.05
+Number = float | Float[jax.Array, ""]
 
 
 class Lidar(NamedTuple):
@@ -32,38 +37,52 @@ class Lidar(NamedTuple):
     rays: int = 32
     range_m: float = 10.0
     height_m: float = 0.2
+    sigma_m: Number = 0.0
+    dropout: Number = 0.0
 
 
-class Plan(NamedTuple):
-    """The map, and one cost field for each goal: going on to the next goal is reading another field."""
+class Odometry(NamedTuple):
+    """How the pose that the wheels count drifts, after a metre and after a radian."""
 
-    floor: "FloorMap"
-    costs: Float[jax.Array, "goals rows columns"]
+    sigma_m_per_m: Number
+    sigma_rad_per_m: Number
+    sigma_rad_per_rad: Number
+
+
+class Kept(NamedTuple):
+    """The plan, and where a robot that counts its wheels' turns believes to be; None for one that knows."""
+
+    ways: Ways
+    belief: Belief | None
 
 
 class GoToGoal:
-    """Follows the cost field to the current goal at up to MAX_SPEED metres a second."""
+    """Follows the ways to the current goal at up to MAX_SPEED metres a second."""
 
-    lidar = Lidar()
-
-    def __init__(self, most_m_s: "float | Float[jax.Array, '']") -> None:
+    def __init__(self, most_m_s: Number, lidar: Lidar, odometry: Odometry | None = None) -> None:
         self._most_m_s = most_m_s
+        self.lidar = lidar
+        self.odometry = odometry
 
-    def init(self, floor: "FloorMap", goals_m: Float[jax.Array, "goals 2"]) -> Plan:
+    def init(self, floor: "FloorMap", goals_m: Float[jax.Array, "goals 2"]) -> Kept:
         """Returns the plan: ways to all goals."""
-        return Plan(floor, jax.vmap(lambda goal: cost_to_goal(floor, goal))(goals_m))
+        return Kept(ways_to_goals(floor, goals_m), None if self.odometry is None else belief_at_start(floor))
 
-    def step(self, state: Plan, observation: "Observation") -> tuple[Plan, Float[jax.Array, "3"]]:
+    def step(self, state: Kept, observation: "Observation") -> tuple[Kept, Float[jax.Array, "3"]]:
         """Returns the plan as it is, and the control (forward m/s, turn rad/s, sideways m/s)."""
-        place, yaw = observation.pose[:2], observation.pose[2]
-        ahead = point_ahead(state.floor, state.costs[observation.goal_index], place, _AHEAD_CELLS)
-        close = jnp.sum((observation.goal_m - place) ** 2) < (_AHEAD_CELLS * state.floor.cell_m) ** 2
+        belief, pose = state.belief, observation.pose
+        if belief is not None:
+            belief = matched(belief, pose, observation.ranges_m, jnp.asarray(_angles_rad()), self.lidar.range_m)
+            pose = corrected(belief, pose)
+        place, yaw = pose[:2], pose[2]
+        ahead = point_ahead(state.ways, observation.goal_index, place, _AHEAD_CELLS)
+        close = jnp.sum((observation.goal_m - place) ** 2) < (_AHEAD_CELLS * state.ways.cell_m) ** 2
         target = jnp.where(close, observation.goal_m, ahead)
         heading_x, heading_y = _heading(target - place, yaw, observation.ranges_m)
         error = jnp.arctan2(heading_y, heading_x)
         turn = jnp.clip(_TURN_GAIN * error, -_MOST_TURN_RAD_S, _MOST_TURN_RAD_S)
         forward = self._speed(error, observation.ranges_m)
-        return state, jnp.stack([forward, turn, jnp.zeros_like(turn)])
+        return Kept(state.ways, belief), jnp.stack([forward, turn, jnp.zeros_like(turn)])
 
     def _speed(self, error: jax.Array, ranges_m: Float[jax.Array, "rays"]) -> jax.Array:
         """Returns the speed that suits the turn to make, and lets it stop before what lies ahead."""
@@ -74,20 +93,42 @@ class GoToGoal:
         return jnp.minimum(jnp.maximum(self._most_m_s * aligned, creeping), stopping)
 
 
-def controller(environment: Mapping[str, "str | Float[jax.Array, '']"]) -> GoToGoal:
-    """Returns the controller; MAX_SPEED is the speed limit in metres a second.
+def controller(environment: Mapping[str, str | Number]) -> GoToGoal:
+    """Returns the controller.
+
+    Args:
+        environment: MAX_SPEED is the speed limit in metres a second; LIDAR_SIGMA, LIDAR_DROPOUT and ODOMETRY_SIGMA
+            say how bad the sensors are. Without ODOMETRY_SIGMA the robot knows its pose.
 
     Raises:
-        ValueError: MAX_SPEED is not a number.
+        ValueError: One of them is not a number.
     """
-    limit = environment.get("MAX_SPEED", DEFAULT_SPEED_M_S)
-    if isinstance(limit, str):
-        raise ValueError(f"MAX_SPEED: {limit!r}: must be a number of metres a second, such as 0.5")  # noqa: TRY004 - the text is the wrong value of a variable
-    return GoToGoal(limit)
+    lidar = Lidar(
+        sigma_m=_number(environment, "LIDAR_SIGMA", 0.0, "metres, such as 0.02"),
+        dropout=_number(environment, "LIDAR_DROPOUT", 0.0, "lost rays among all, such as 0.05"),
+    )
+    odometry = None
+    if "ODOMETRY_SIGMA" in environment:
+        odometry = Odometry(*[_number(environment, "ODOMETRY_SIGMA", 0.0, "metres a metre, such as 0.01")] * 3)
+    return GoToGoal(
+        _number(environment, "MAX_SPEED", DEFAULT_SPEED_M_S, "metres a second, such as 0.5"), lidar, odometry
+    )
+
+
+def _number(environment: Mapping[str, str | Number], name: str, default: float, meaning: str) -> Number:
+    value = environment.get(name, default)
+    if isinstance(value, str):
+        raise ValueError(f"{name}: {value!r}: must be a number of {meaning}")  # noqa: TRY004 - the text is the wrong value of a variable
+    return value
+
+
+def _angles_rad() -> Float32[np.ndarray, "rays"]:
+    """Returns the directions of the lidar's rays in the robot's frame."""
+    return (2 * np.pi * np.arange(Lidar().rays) / Lidar().rays).astype(np.float32)
 
 
 def _rays() -> tuple[Float[jax.Array, "rays"], Float[jax.Array, "rays"]]:
-    """Returns the directions of the lidar's rays in the robot's frame."""
+    """Returns the same as vectors."""
     angles = 2 * np.pi * np.arange(Lidar().rays) / Lidar().rays
     return jnp.asarray(np.cos(angles), jnp.float32), jnp.asarray(np.sin(angles), jnp.float32)
 
