@@ -154,5 +154,9 @@ def _audited(batch: OpenBatch, folders: dict[str, Path], location: OutputLocatio
         return {}
     with watched("Audit", "audit-progress") as progress:
         return audit_batch(
-            batch.store.url, batch.id, bundles=folders, location=location, progress=lambda done: progress(done, 2 * lanes)
+            batch.store.url,
+            batch.id,
+            bundles=folders,
+            location=location,
+            progress=lambda done: progress(done, 2 * lanes),
         )

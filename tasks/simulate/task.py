@@ -17,7 +17,6 @@ from tasks.simulate.committing import ChunkEnd, Part, Record, run_chunk
 from tasks.simulate.runner import simulate_chunk as simulate_lanes
 from tasks.storage.opening import open_store
 
-
 _MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
 
 
