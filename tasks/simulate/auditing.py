@@ -20,7 +20,7 @@ from tasks.simulate.audit_sample import sampled
 from tasks.simulate.batch import OpenBatch
 from tasks.simulate.bundles import BundleCrash
 from tasks.simulate.chunk_store import committed_chunk
-from tasks.simulate.committing import load_worlds
+from tasks.simulate.committing import load_worlds, mounts
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.buckets import open_bucket
 from tasks.storage.encoding import decoded, encoded
@@ -65,7 +65,13 @@ def audit_batch(
 def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) -> AuditReport:
     found = sampled(batch.layout, lambda number: committed_chunk(batch.store, batch.id, number) or (), batch.plan.audit)
     worlds, missing = load_worlds(batch, [each.request for each in found])
-    sample = [each for each in found if each.request.world in worlds]
+    mounted = mounts(batch)
+    missing |= {f"data of {k}": why for k, each in enumerate(found) if (why := mounted.failure(each.request))}
+    sample = [
+        each._replace(request=mounted.resolved(each.request))
+        for each in found
+        if each.request.world in worlds and not mounted.failure(each.request)
+    ]
     if not sample:
         return not_run(next(iter(missing.values()), "no episode was driven to an end"))
     prepare_devices()

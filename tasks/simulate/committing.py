@@ -85,9 +85,9 @@ def run_chunk(
     start = begin_chunk(batch.store, batch.id, number, spent_s)
     chunk = batch.layout.chunk(number)
     worlds, missing = load_worlds(batch, chunk.requests)
-    mounts = Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data")
-    unable = _unable(chunk, missing, mounts)
-    work = _Work(batch, _able(chunk, unable, mounts), worlds, left_s, simulate, recording=record is not None)
+    mounted = mounts(batch)
+    unable = _unable(chunk, missing, mounted)
+    work = _Work(batch, _able(chunk, unable, mounted), worlds, left_s, simulate, recording=record is not None)
     rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
     by_index = {row.index: _canceled(row, work.watch) for row in [*rows, *work.restarted(lanes)]}
     if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
@@ -181,21 +181,26 @@ def canceled_row(index: int, code: str) -> EpisodeResult:
     return unfinished(index, "Canceled", failure_code=code, failure_reason=why)
 
 
-def _unable(chunk: Chunk, missing: Mapping[str, str], mounts: Mounts) -> dict[int, str]:
+def _unable(chunk: Chunk, missing: Mapping[str, str], mounted: Mounts) -> dict[int, str]:
     """Returns why episodes cannot be simulated, as code and reason: their world, or what they read."""
-    why = {each.index: missing.get(each.world) or mounts.failure(each) for each in chunk.requests}
+    why = {each.index: missing.get(each.world) or mounted.failure(each) for each in chunk.requests}
     return {index: reason for index, reason in why.items() if reason}
 
 
-def _able(chunk: Chunk, unable: Mapping[int, str], mounts: Mounts) -> Chunk:
+def _able(chunk: Chunk, unable: Mapping[int, str], mounted: Mounts) -> Chunk:
     """Returns the episodes that can be simulated, with the folders of their data sources."""
-    able = (mounts.resolved(each) for each in chunk.requests if each.index not in unable)
+    able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
     return chunk.model_copy(update={"requests": tuple(able)})
 
 
 def _lost(request: EpisodeRequest, why: str) -> EpisodeResult:
     code, _, reason = why.partition(": ")
     return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
+
+
+def mounts(batch: OpenBatch) -> Mounts:
+    """Returns the data sources of a batch on this machine."""
+    return Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data")
 
 
 def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, str]]:

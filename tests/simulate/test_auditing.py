@@ -8,6 +8,7 @@ from pydantic import JsonValue
 
 from specs.common import OutputLocation
 from specs.episode import EpisodeRequest
+from specs.simulation import DataSourceConfig
 from specs.world import World
 from tasks.simulate import audit as auditing_module
 from tasks.simulate import auditing
@@ -17,8 +18,11 @@ from tasks.simulate.auditing import audit_batch
 from tasks.simulate.batch import OpenBatch
 from tasks.simulate.bundles import BundleCrash
 from tasks.simulate.committing import run_chunk
+from tasks.simulate.data_pinning import pinned
+from tasks.simulate.data_plan import DATA_PREFIX
+from tasks.storage.buckets import open_bucket
 from tasks.storage.store import Store
-from tests.simulate.batch_factory import begun, mixed, plan
+from tests.simulate.batch_factory import begun, mixed, plan, template
 from tests.worlds_factory import apartment
 
 PLACE = OutputLocation(s3Bucket="results", s3Prefix="nightly")
@@ -119,3 +123,19 @@ def test_worlds_that_are_gone_leave_the_others(batch: OpenBatch, audited: Calls,
     assert {each.request.world for each in audited[0]} == {"g/w1"}
     gone.add("g/w1")
     assert report(audit_batch(batch, {}, PLACE)).sentence == "not run: it does not exist"
+
+
+def test_it_reads_the_data_sources_that_the_batch_read(
+    file_store: Store, audited: Calls, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    open_bucket(file_store, "data").put("map", b"content")
+    asked = DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "data", "s3Keys": ["map"]})
+    source = pinned(file_store, tmp_path / "cache" / "data", asked)
+    reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
+    made = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
+    for number in range(made.layout.chunks):
+        run_chunk(made, number, mixed, lanes=4, left_s=9.0)
+    audit_batch(made, {}, PLACE)
+    folders = {Path(each.request.environment["DATA_SOURCE_MAPS"]) for each in audited[0]}
+    assert {(folder / "map").read_bytes() for folder in folders} == {b"content"}
