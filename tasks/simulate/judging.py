@@ -22,6 +22,8 @@ from tasks.simulate.lane_state import (
 from tasks.simulate.robot import CONTROL_S
 from tasks.simulate.sensing import feel
 
+# What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.
+_MOST = 1e10
 TIMEOUT = 2  # index in contract.REASONS
 CRASH = 5
 
@@ -39,11 +41,11 @@ def settle(
     """
     body, work, clearance_m = motion
     finite_control = jnp.isfinite(decided.control).all()
-    finite_body = jnp.stack([jnp.isfinite(each).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
+    sound_body = jnp.stack([(jnp.abs(each) < _MOST).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
     step = state.step + 1
     truth = _truth(inputs, body, work, clearance_m, step)
     scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
-    crash = jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~finite_body, SIMULATION_CRASH, NO_CRASH))
+    crash = jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~sound_body, SIMULATION_CRASH, NO_CRASH))
     timeout = ~verdict.done & (step >= inputs.last_step)
     reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, verdict.reason))
     moved = LaneState(

@@ -16,7 +16,7 @@ from tasks.simulate.staging import Lane
 POSE_STEPS = 10
 _CRASHES: dict[int, tuple[CrashCode, str]] = {
     ROBOT_CRASH: ("RobotApplicationCrash", "controller.step: returned a control that is not finite"),
-    ROBOT_CRASH + 1: ("SimulationApplicationCrash", "the robot's position or velocity is no longer finite"),
+    ROBOT_CRASH + 1: ("SimulationApplicationCrash", "the robot's position or velocity is not finite, or beyond 1e10"),
 }
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from tasks.simulate.contract import FloorMap, Observation
 
-SOUND, NOT_FINITE, TOO_STRONG = 0.0, 1.0, 2.0
+SOUND, NOT_FINITE, TOO_STRONG, EXPLODING = 0.0, 1.0, 2.0, 3.0
 Steps = jax.Array
 Control = jax.Array
 
@@ -33,6 +33,7 @@ class Pushing:
         control = jnp.stack([jnp.float32(0.4), jnp.float32(0.0), 1.2 * jnp.sin(0.9 * observation.time_s)])
         late = observation.time_s > 1.0
         control = jnp.where(late & (self._fault == NOT_FINITE), jnp.nan, control)
+        control = jnp.where(late & (self._fault == EXPLODING), 4e10, control)
         return state + 1.0, jnp.where(late & (self._fault == TOO_STRONG), 3e38, control)
 
 
