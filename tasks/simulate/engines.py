@@ -65,7 +65,7 @@ def choose_engine(asked: str, robot: Path, module: Path, device: DeviceKind) -> 
             refusals[engine] = str(refused)
         else:
             return EngineChoice(engine=engine, device=device, why=_why(asked, refusals, plain=plain), plain=plain)
-    raise RobotRefused("\n".join(refusals.values()))
+    raise RobotRefused("\n".join(dict.fromkeys(refusals.values())))
 
 
 def is_plain_python(module: Path) -> bool:

@@ -30,6 +30,8 @@ CYLINDER_SLOTS = 3
 _NEWTON_ITERATIONS = 2
 _LINE_SEARCHES = 4
 _SPECK_M = 0.05
+# Also on a GPU, where MJX may prefer Warp: it keeps forces and contacts elsewhere, and knows no window of obstacles.
+_IMPLEMENTATION = "jax"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def load_robot(path: Path) -> RobotModel:
     _tune(spec, alone, base)
     host = compiled(spec)
     try:
-        model = mjx.put_model(host)
+        model = mjx.put_model(host, impl=_IMPLEMENTATION)
         data = mjx.make_data(model)
     except NotImplementedError as exc:
         raise RobotRefused(f"robot.xml: MJX refuses: {exc}: set engine: mujoco") from exc

@@ -182,16 +182,26 @@ def _shorten_steps(spec: mujoco.MjSpec) -> None:
 def _require_planar(model: mujoco.MjModel, body: int, joints: list[int]) -> None:
     found = [(int(model.jnt_type[joint]), tuple(np.round(model.jnt_axis[joint], 6))) for joint in joints]
     if found != [(int(kind), axis) for kind, axis in _JOINTS]:
-        names = ", ".join(model.joint(joint).name or f"#{joint}" for joint in joints) or "none"
+        names = ", ".join(_described(model, joint) for joint in joints) or "none"
         raise RobotRefused(
-            f"robot.xml: joints {names} of body {model.body(body).name!r}: a base has either a free joint, or slide "
-            "along x, slide along y, hinge about z, in that order and no others"
+            f"robot.xml: joints of body {model.body(body).name!r}: {names}: it could not be driven about a floor: a "
+            "base has either a free joint, or slide along x, slide along y, hinge about z, in that order and no "
+            "others: put <freejoint/> in their place if it walks or rolls by itself, else those three"
         )
     upright = np.allclose(model.body_quat[body], (1, 0, 0, 0)) and np.allclose(model.body_pos[body][:2], 0)
     if not upright:
         raise RobotRefused(
             f"robot.xml: body {model.body(body).name!r}: a planar base hangs in the world at x = y = 0, unturned"
         )
+
+
+def _described(model: mujoco.MjModel, joint: int) -> str:
+    """Returns a joint's name, and how it moves where an axis along x, y or z says it."""
+    kind = mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
+    along = [letter for letter, part in zip("xyz", model.jnt_axis[joint], strict=True) if abs(part) > _LEVEL]
+    way = {"slide": "slide along", "hinge": "hinge about"}.get(kind)
+    moves = f"{way} {along[0]}" if way and along else kind
+    return f"{model.joint(joint).name or f'#{joint}'} ({moves})"
 
 
 def _collides(model: mujoco.MjModel, geom: int) -> bool:

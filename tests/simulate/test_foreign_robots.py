@@ -12,11 +12,13 @@ from specs.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.chunks import plan_chunks
 from tasks.simulate.engines import choose_engine
+from tasks.simulate.robot import RobotRefused
 from tasks.simulate.runner import simulate_chunk
 from tests.simulate_factory import BUNDLES, DELIVERY, FOLDERS, SCENARIO, hall
 
 LANES = 4
 ROBOTS = {"point": "1", "ant": "2", "humanoid": "3"}
+DRUM = "4"  # the point again, on a cylinder, which MJX collides with no box
 
 
 def gymnasiums(name: str) -> Path:
@@ -34,7 +36,13 @@ def bundles(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for name in ROBOTS:
         shutil.copytree(BUNDLES / "foreign", folder / name)
         shutil.copy(gymnasiums(name), folder / name / "robot.xml")
-    return {ROBOTS[name] * 64: folder / name for name in ROBOTS} | {DELIVERY: FOLDERS[DELIVERY]}
+    shutil.copytree(folder / "point", folder / "drum")
+    point = gymnasiums("point").read_text()
+    (folder / "drum" / "robot.xml").write_text(
+        point.replace('size="0.5" type="sphere"', 'size="0.5 0.4" type="cylinder"')
+    )
+    shipped = {DRUM * 64: folder / "drum", DELIVERY: FOLDERS[DELIVERY]}
+    return {ROBOTS[name] * 64: folder / name for name in ROBOTS} | shipped
 
 
 def request(index: int, robot: str, launch: str, environment: Mapping[str, str], duration_s: float) -> EpisodeRequest:
@@ -43,7 +51,7 @@ def request(index: int, robot: str, launch: str, environment: Mapping[str, str],
         world="hand/hall",
         seed=index,
         robot=ApplicationLaunch(
-            name=robot, version="1", digest=ROBOTS[robot] * 64, package="foreign", launch_file=launch
+            name=robot, version="1", digest=ROBOTS.get(robot, DRUM) * 64, package="foreign", launch_file=launch
         ),
         scenario=SCENARIO,
         environment=dict(environment),
@@ -51,9 +59,11 @@ def request(index: int, robot: str, launch: str, environment: Mapping[str, str],
     )
 
 
-def run(requests: Sequence[EpisodeRequest], world: World, bundles: dict[str, Path]) -> list[EpisodeResult]:
+def run(
+    requests: Sequence[EpisodeRequest], world: World, bundles: dict[str, Path], engine: str = "auto"
+) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(requests, LANES)
-    return simulate_chunk(chunk, {"hand/hall": world}, bundles, lanes=LANES, should_stop=lambda: False)
+    return simulate_chunk(chunk, {"hand/hall": world}, bundles, lanes=LANES, engine=engine, should_stop=lambda: False)
 
 
 def test_gymnasiums_point_delivers(bundles: dict[str, Path]):
@@ -63,6 +73,26 @@ def test_gymnasiums_point_delivers(bundles: dict[str, Path]):
     assert [row.failure_reason for row in rows] == [""] * LANES
     assert {(row.status, row.outcome, row.goals_reached) for row in rows} == {("Completed", "Passed", 2)}
     assert all(row.path_length_m > 2.0 for row in rows)
+
+
+def test_a_robot_that_mjx_refuses_is_told_why_and_delivers_on_mujoco(bundles: dict[str, Path]):
+    requests = [request(0, "drum", "to_and_fro", {}, 120.0)]
+    (refused,) = run(requests, hall(1.45), bundles, engine="mjx")
+    assert (refused.status, refused.failure_code) == ("Failed", "RobotApplicationCrash")
+    assert "geom 'pointbody': MJX cannot collide a cylinder with boxes: use a sphere" in refused.failure_reason
+    assert "or set engine: mujoco" in refused.failure_reason
+    for engine in ("auto", "mujoco"):
+        (row,) = run(requests, hall(1.45), bundles, engine=engine)
+        assert (row.engine, row.outcome, row.failure_reason) == ("mujoco", "Passed", "")
+
+
+@pytest.mark.parametrize("robot", ["half_cheetah", "hopper"])
+def test_a_robot_that_stays_in_an_upright_plane_is_refused_once_with_the_remedy(tmp_path: Path, robot: str):
+    with pytest.raises(
+        RobotRefused, match=r"rootz \(slide along z\), rooty \(hinge about y\).*put <freejoint/>"
+    ) as told:
+        choose_engine("auto", gymnasiums(robot), tmp_path / "absent.py", "cpu")
+    assert str(told.value).count("rootz") == 1
 
 
 @pytest.mark.parametrize(("robot", "actuators"), [("ant", "x8"), ("humanoid", "x17")])

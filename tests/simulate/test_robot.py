@@ -47,7 +47,8 @@ def test_scenery_in_a_robots_file_is_left_out():
 def test_a_robot_with_other_joints_is_refused(tmp_path: Path):
     legged = PLANAR.format(geom=BALL).replace('type="slide" axis="0 1 0"', 'type="hinge" axis="0 1 0"')
     with pytest.raises(
-        RobotRefused, match=r"joints x, y, t of body 'b': .*free joint, or slide along x, slide along y"
+        RobotRefused,
+        match=r"body 'b': x \(slide along x\), y \(hinge about y\), t .*free joint, or slide along x, slide along y",
     ):
         read_robot(robot(tmp_path, legged))
 
