@@ -11,7 +11,7 @@ from jaxtyping import Float32
 from specs.episode import EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.chunks import plan_chunks
-from tasks.simulate.episodes import ran_on, ready_chunk
+from tasks.simulate.episodes import keep_timing, ran_on, ready_chunk
 from tasks.simulate.outcomes import finished_row
 
 
@@ -65,6 +65,8 @@ def _driven_chunk(
     while not np.all(state.done):
         state, record = chunk.run.advance(state)
         poses.append(np.asarray(record.pose))
+        chunk.watch.mark()
+    keep_timing(chunk)
     end, path = jax.device_get(state._replace(controller=None, scenario=None)), np.concatenate(poses, axis=1)
     return [
         Driven(

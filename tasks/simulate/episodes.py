@@ -2,7 +2,6 @@
 
 import functools
 import logging
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -16,18 +15,19 @@ from specs.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.applications import Applications, check_robot, check_scenario
 from tasks.simulate.bundles import BundleCrash, load_factory
-from tasks.simulate.chunks import Chunk, split_environment
+from tasks.simulate.chunks import Chunk, program_key, split_environment
 from tasks.simulate.contract import Placement
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines import choose_engine
 from tasks.simulate.lane_state import NO_CRASH, LaneState
 from tasks.simulate.loading import load_program
 from tasks.simulate.outcomes import canceled_row, failed_row, finished_row
-from tasks.simulate.program import Program, Run
+from tasks.simulate.program import SLICE_STEPS, Program, Run
 from tasks.simulate.recording import Ends, Recorder
 from tasks.simulate.robot import CONTROL_S, RobotRefused
 from tasks.simulate.sensors import read_sensors
-from tasks.simulate.staging import Lane, Stage, place, stack_lanes, stage_worlds, with_shortest_paths
+from tasks.simulate.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
+from tasks.simulate.timings import ChunkWatch, remember
 
 logger = logging.getLogger(__name__)
 _PROGRAMS_KEPT = 8
@@ -41,12 +41,14 @@ class ReadyChunk(NamedTuple):
         lanes: The episodes that can run, in the lanes' order.
         run: None when no episode can run.
         rows: Of the episodes that cannot.
+        watch: Takes the times.
     """
 
     program: Program
     lanes: list[Lane]
     run: Run | None
     rows: list[EpisodeResult]
+    watch: ChunkWatch
 
 
 def run_chunk(
@@ -89,28 +91,31 @@ def ready_chunk(
     Raises:
         BundleCrash: The applications do not import, or raise when they are traced; or the engine refuses the robot.
     """
+    watch = ChunkWatch()
     program = _program_of(requests[0], bundles, lanes, engine)
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     stages = stage_worlds(used, program.hull, program.applications.lidar)
     ready, rows = _place_all(program, requests, used, stages)
     if not ready:
-        return ReadyChunk(program, ready, None, rows)
+        return ReadyChunk(program, ready, None, rows, watch)
     inputs = stack_lanes(ready, program.applications.names, program.lanes)
     one = jax.tree.map(lambda array: array[0], inputs)
     joints = program.body().joints
     check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.actuators, joints=joints)
     check_scenario(program.applications, one.goals_m, one.numbers, one.given)
-    return ReadyChunk(program, ready, program.ready(inputs, ready, used), rows)
+    run = program.ready(inputs, ready, used)
+    watch.mark()
+    return ReadyChunk(program, ready, run, rows, watch)
 
 
 def _run(
     chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None], recorder: Recorder | None
 ) -> list[EpisodeResult]:
-    started_s = time.monotonic()
     if chunk.run is None:
         return chunk.rows
     state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
-    logger.info("%d episodes on %s in %.1f s", len(chunk.lanes), chunk.program.engine, time.monotonic() - started_s)
+    if np.all(state.done):
+        keep_timing(chunk)
     rows = [
         _explained(chunk, chunk.run, position, finished_row(lane, position, state, poses))
         if state.done[position]
@@ -137,6 +142,22 @@ def _explained(chunk: ReadyChunk, run: Run, position: int, row: EpisodeResult) -
     """Returns a row with what drove it, and the reason of a crash where the run knows more than the lane's state."""
     known = {"failure_reason": run.crashes[position]} if position in run.crashes else {}
     return ran_on(chunk.program.engine, row).model_copy(update=known)
+
+
+def keep_timing(chunk: ReadyChunk) -> None:
+    """Remembers what a chunk took that came to its end, for plans to come."""
+    requests = [lane.request for lane in chunk.lanes]
+    timing = chunk.watch.timing(
+        chunk.program.engine,
+        device_kind(),
+        lanes=chunk.program.lanes,
+        episodes=len(requests),
+        most_slices=-(-max(last_step(request) for request in requests) // SLICE_STEPS) - 1,
+    )
+    if timing is not None:
+        took_s = timing.ready_s + timing.first_s + timing.slices_s
+        logger.info("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
+        remember(program_key(requests[0]), timing)
 
 
 def ran_on(engine: str, row: EpisodeResult) -> EpisodeResult:
@@ -223,6 +244,7 @@ def _advance_until_done(
     while not np.all(state.done) and not should_stop():
         state, record = run.advance(state)
         poses.append(np.asarray(record.pose))
+        chunk.watch.mark()
         if recorder is not None:
             recorder.keep(record, np.asarray(state.step))
         progress(len(chunk.rows) + int(np.count_nonzero(np.asarray(state.done)[: len(chunk.lanes)])))
