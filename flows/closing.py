@@ -30,11 +30,14 @@ def settled(store: Store, batch: str) -> JobRecord:
         return record
     with claimed_unless_alive(store, claim_key(KIND, batch)) as claim:
         record = work.record()
-        return _closed(work) if claim and record.status in STOPPING else record
+        if claim is None or record.status not in STOPPING:
+            return record
+        give_up(work)
+        return close_with_tables(work)
 
 
-def _closed(batch: OpenBatch) -> JobRecord:
-    give_up(batch)
+def close_with_tables(batch: OpenBatch) -> JobRecord:
+    """Returns a batch in its terminal state, its tables being written; every chunk that was begun is committed."""
     record = batch.record()
     location = recorded_location(record)
     detail, _ = write_batch_tables(
