@@ -8,12 +8,14 @@ from specs.world import World
 from tasks.simulate.chunks import plan_chunks
 from tasks.simulate.runner import simulate_chunk
 from tests.simulate.conftest import LANES, Simulate
-from tests.simulate_factory import FOLDERS, delivery, pen
+from tests.simulate_factory import FOLDERS, delivery, pen, pushing
 
 REQUESTS = [
     delivery(k, world=f"hand/apartment-{k % 4}", seed=k // 4, speed=("0.4", "0.7")[k % 2], duration_s=40.0)
     for k in range(LANES)
 ]
+
+PUSHES = [pushing(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=6.0) for k in range(256)]
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +43,24 @@ def test_a_sweep_over_numbers_reaches_each_lane(together: list[EpisodeResult]):
     slow = [row.path_length_m / row.simulated_s for row in together[::2]]
     fast = [row.path_length_m / row.simulated_s for row in together[1::2]]
     assert max(slow) <= 0.4 < min(fast) <= max(fast) <= 0.7
+
+
+@pytest.fixture(scope="module", params=["planar", "mujoco", "mjx"])
+def large(request: pytest.FixtureRequest, pens: dict[str, World]) -> tuple[str, list[EpisodeResult]]:
+    """A batch of 256 robots that push on blindly, on each engine."""
+    (chunk,) = plan_chunks(PUSHES, len(PUSHES))
+    return request.param, simulate_chunk(
+        chunk, pens, FOLDERS, lanes=len(PUSHES), engine=request.param, should_stop=lambda: False
+    )
+
+
+def test_a_batch_of_one_is_the_lane_in_a_batch_of_256(large: tuple[str, list[EpisodeResult]], pens: dict[str, World]):
+    engine, rows = large
+    assert sum(row.collisions > 0 for row in rows[::17]) >= 8
+    for position in range(0, len(PUSHES), 17):
+        (chunk,) = plan_chunks([PUSHES[position]], 1)
+        alone = simulate_chunk(chunk, pens, FOLDERS, lanes=1, engine=engine, should_stop=lambda: False)
+        assert alone == [rows[position]]
 
 
 @pytest.mark.parametrize("engine", ["planar", "mujoco"])
