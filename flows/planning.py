@@ -1,19 +1,26 @@
 """`simyard plan`: what a run would do, without doing it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from flows.resolving import finder, pins
-from specs.episode import EpisodeRequest
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
+from tasks.applications.publishing import unpack
 from tasks.results.gate import episodes_needed
-from tasks.simulate.layout import Layout
-from tasks.simulate.preview import engine_plan
+from tasks.simulate.cost import Span
+from tasks.simulate.preview import Basis, EnginePlan, engine_plan
 from tasks.simulate.resolving import FindVersion, matrix_worlds, plan_batch
+from tasks.storage.cache import cache_folder
 from tasks.storage.overlay import OverlayStore
 from tasks.storage.store import Store
+
+_BASES: Mapping[Basis, str] = {
+    "this very program": "from what this program took here",
+    "other programs": "from what other programs took here",
+    "nothing": "a guess, since nothing has run here yet",
+}
 
 
 def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
@@ -39,9 +46,9 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     episodes = 0
     if spec.simulationBatch:
-        requests, lanes = _requests(spec.simulationBatch, worlds, finder(trial, own))
-        episodes = len(requests)
-        yield from _batch_lines(requests, lanes, spec.simulationBatch.engine)
+        plan, section, longest_s = _batch(spec.simulationBatch, worlds, finder(trial, own), trial)
+        episodes = plan.episodes
+        yield from _batch_lines(plan, section, longest_s)
     if spec.gate:
         yield from _gate_lines(spec, episodes)
     if spec.deployment:
@@ -50,20 +57,52 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"no effect         {field}"
 
 
-def _requests(section: SimulationBatch, worlds: int, find: FindVersion) -> tuple[list[EpisodeRequest], int]:
-    """Returns the episodes, over stand-ins for worlds that are not made yet, and the lanes of a chunk."""
+def _batch(
+    section: SimulationBatch, worlds: int, find: FindVersion, store: Store
+) -> tuple[EnginePlan, SimulationBatch, float]:
+    """Returns how the batch would be simulated, over stand-ins for worlds that are not made yet."""
     names = [f"planned/world-{number}" for number in range(worlds)]
     plan = plan_batch(section, matrix_worlds(section, names), {}, find)
-    return list(Layout(plan).requests()), plan.lanes
+    folders = {digest: unpack(store, digest, cache_folder() / "bundles") for digest in plan.digests()}
+    longest_s = max((template.duration_s for template in plan.templates), default=0.0)
+    return engine_plan(plan, folders), section, longest_s
 
 
-def _batch_lines(requests: list[EpisodeRequest], lanes: int, engine: str) -> Iterator[str]:
-    plan = engine_plan(requests, lanes)
-    longest_s = max((request.duration_s for request in requests), default=0.0)
-    yield f"simulationBatch   {len(requests)} episodes of at most {longest_s:g} simulated seconds"
-    yield f"                  engine {engine} on {plan.devices} devices, {plan.compilations} compiled programs"
+def _batch_lines(plan: EnginePlan, section: SimulationBatch, longest_s: float) -> Iterator[str]:
+    yield f"simulationBatch   {plan.episodes:,} episodes of at most {longest_s:g} simulated seconds"
+    for robot in plan.robots:
+        if robot.choice is None:
+            refusal = " ".join(robot.refusal.split())
+            yield f"                  {robot.robot}: NO ENGINE, its episodes will fail: {refusal}"
+        else:
+            yield f"                  {robot.robot}: engine {robot.choice.engine}, {robot.choice.why}"
+    chunks = f"{plan.chunks:,} chunks of {plan.lanes} lanes on {plan.devices} {plan.device} devices"
     steps = f"at most {plan.lane_steps_at_most:,} physics steps"
-    yield f"                  {plan.chunks} chunks of {plan.lanes} lanes, {steps}"
+    yield f"                  {chunks}, {plan.compilations} compiled programs, {steps}"
+    yield f"                  about {_time(plan.wall_s)} and {_gigabytes(plan.memory_bytes)}; {_BASES[plan.known_from]}"
+    yield f"                  {_recordings(section)}; {_audit(plan)}"
+
+
+def _time(span: Span) -> str:
+    for unit, seconds in (("h", 3600.0), ("min", 60.0)):
+        if span.high >= 2 * seconds:
+            return f"{span.low / seconds:.1f} to {span.high / seconds:.1f} {unit}"
+    return f"{span.low:.0f} to {span.high:.0f} s"
+
+
+def _gigabytes(span: Span) -> str:
+    return f"{span.low / 1e9:.1f} to {span.high / 1e9:.1f} GB of memory"
+
+
+def _recordings(section: SimulationBatch) -> str:
+    asked = section.recordings
+    if asked.episodes == "none":
+        return "no recordings"
+    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz"
+
+
+def _audit(plan: EnginePlan) -> str:
+    return f"{plan.audited} episodes audited on C MuJoCo" if plan.audited else "no audit"
 
 
 def _gate_lines(spec: PipelineSpec, episodes: int) -> Iterator[str]:

@@ -68,6 +68,10 @@ class Layout:
         """Yields the episodes from ``first`` to before ``end``, or to the last."""
         yield from map(self.request, range(first, self.episodes if end is None else end))
 
+    def programs(self) -> list[tuple[EpisodeRequest, int]]:
+        """Returns an episode of each program, and how many episodes share it, in the order of their chunks."""
+        return [(self._at(group, 0), group.size) for group in self._groups]
+
     def template_of(self, index: int) -> int:
         """Returns the position of the request that an episode came from."""
         return bisect.bisect_right(self._offsets, index) - 1

@@ -1,0 +1,51 @@
+"""`simyard plan` tells engine and reason, chunks, a range of time and memory, audit and recordings."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.planning import planned
+from tasks.documents.pipelines import read_pipeline
+from tasks.storage.store import Store
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+
+    def tell(**batch: object) -> str:
+        spec = read_pipeline(ROOT / "examples/quickstart.yaml")
+        assert spec.simulationBatch
+        section = type(spec.simulationBatch).model_validate(
+            {**spec.simulationBatch.model_dump(mode="json", exclude_none=True), **batch}
+        )
+        changed = spec.model_copy(update={"simulationBatch": section})
+        return "\n".join(planned(changed, ROOT / "examples", file_store))
+
+    return tell
+
+
+def test_the_quickstart_is_told_before_it_runs(lines: Any):
+    told = lines()
+    assert "384 episodes of at most 60 simulated seconds" in told
+    assert "courier: engine planar, the fastest of all" in told
+    assert re.search(r"2 chunks of 192 lanes on \d+ cpu devices, 1 compiled programs", told)
+    assert re.search(r"about \S+ to \S+ (s|min|h) and \S+ to \S+ GB of memory; a guess", told)
+    assert "recordings of failed episodes at 10 Hz; 16 episodes audited on C MuJoCo" in told
+
+
+def test_what_is_turned_off_is_said(lines: Any):
+    told = lines(recordings={"episodes": "none"}, audit={"lanes": 0}, engine="mujoco")
+    assert "courier: engine mujoco, asked for" in told
+    assert "no recordings; no audit" in told
+
+
+def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Any):
+    told = lines(matrix={"seeds": 10_000}, engine="mujoco")
+    assert "80,000 episodes" in told
+    assert re.search(r"about \S+ to \S+ h and", told)
+    assert "417 chunks of 192 lanes" in told
