@@ -5,32 +5,27 @@ Everything here is seen by cameras and hit by rays, and touches nothing.
 
 import math
 from collections.abc import Sequence
-from typing import Literal
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from specs.digests import digest
-from specs.world import Finish, Room, Window, World
-from tasks.export.mjcf_solids import GRID_SPACING_M, WALL_GROUP, add_plane
-from tasks.export.skins import SKIN_LIFT_M, Panel, Side, wall_panels, windows_of
+from specs.world import Finish, Room, World
+from tasks.export.mjcf_solids import GRID_SPACING_M, WALL_GROUP, add_plane, add_solid
+from tasks.export.sheets import FLOOR_PREFIX, WALLS_PREFIX, finish_key
+from tasks.export.skins import SKIN_LIFT_M, Panel, wall_panels
 from tasks.export.textures import texture_of
+from tasks.export.window_parts import window_parts
 
-FLOOR_PREFIX = "floor/"
-WALLS_PREFIX = "walls/"
-WINDOW_PREFIX = "window/"
 TEXTURE_FOLDER = "textures"
 
 FLOOR_LIFT_M = 0.001
-_FRAME_M, _FRAME_DEPTH_M = 0.05, 0.02
-_PANE_RGBA, _FRAME_RGBA = (0.72, 0.84, 0.93, 1.0), (0.95, 0.95, 0.94, 1.0)
 
 
 def add_floor(spec: mujoco.MjSpec, room: Room) -> None:
     """Adds the sheet that shows a room's flooring, a millimetre above the ground."""
     geom = add_plane(spec, FLOOR_PREFIX + room.name, room.floor, FLOOR_LIFT_M)
-    geom.material = name = f"floor-{_key(room.flooring)}"
+    geom.material = name = f"floor-{finish_key(room.flooring)}"
     _untouchable(geom)
     if spec.material(name) is not None:
         return
@@ -63,21 +58,15 @@ def add_walls(spec: mujoco.MjSpec, world: World, room: Room, number: int) -> Non
         group=WALL_GROUP,
     )
     _untouchable(geom)
-    geom.material = name = f"walls-{_key(room.walls)}"
+    geom.material = name = f"walls-{finish_key(room.walls)}"
     if spec.material(name) is None:
         _add_material(spec, name, room.walls)
 
 
 def add_windows(spec: mujoco.MjSpec, world: World, room: Room) -> None:
-    """Adds a room's windows: a pane and its frame, on either face of the wall."""
-    for number, (side, window) in enumerate(windows_of(world, room), start=1):
-        outside = Side(side.along, side.at_m - side.inwards * world.wall_thickness_m, _opposite(side), 0.0, 0.0)
-        for face, where in ((side, "in"), (outside, "out")):
-            _window(spec, face, window, f"{WINDOW_PREFIX}{room.name}/{number}/{where}")
-
-
-def _key(finish: Finish) -> str:
-    return f"{finish.pattern}-{digest(finish)[:12]}"
+    """Adds a room's windows."""
+    for part in window_parts(world, room):
+        _untouchable(add_solid(spec.worldbody, part, WALL_GROUP))
 
 
 def _add_material(spec: mujoco.MjSpec, name: str, finish: Finish) -> mujoco.MjsMaterial:
@@ -87,43 +76,13 @@ def _add_material(spec: mujoco.MjSpec, name: str, finish: Finish) -> mujoco.MjsM
     if texture is None:
         material.rgba = [*finish.color, 1.0]
         return material
-    key = _key(finish)
+    key = finish_key(finish)
     if spec.texture(key) is None:
         file = f"{TEXTURE_FOLDER}/{key}.png"
         spec.assets = {**spec.assets, file: texture.png}
         spec.add_texture(name=key, type=mujoco.mjtTexture.mjTEXTURE_2D, file=file)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = key
     return material
-
-
-def _opposite(side: Side) -> Literal[1, -1]:
-    return -1 if side.inwards == 1 else 1
-
-
-def _window(spec: mujoco.MjSpec, face: Side, window: Window, name: str) -> None:
-    middle_m = window.center_m[0] if face.along == "x" else window.center_m[1]
-    half_m, height_m = window.width_m / 2, (window.top_m + window.bottom_m) / 2
-    tall_m, bar_m = (window.top_m - window.bottom_m) / 2, _FRAME_M / 2
-    parts = [
-        ("pane", middle_m, height_m, half_m, tall_m, SKIN_LIFT_M, _PANE_RGBA),
-        ("sill", middle_m, window.bottom_m + bar_m, half_m, bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
-        ("head", middle_m, window.top_m - bar_m, half_m, bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
-        ("first", middle_m - half_m + bar_m, height_m, bar_m, tall_m - 2 * bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
-        ("last", middle_m + half_m - bar_m, height_m, bar_m, tall_m - 2 * bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
-        ("mullion", middle_m, height_m, bar_m, tall_m - 2 * bar_m, _FRAME_DEPTH_M, _FRAME_RGBA),
-    ]
-    for part, along_m, z_m, half_along_m, half_up_m, depth_m, rgba in parts:
-        x_m, y_m = face.point_m(along_m, depth_m / 2)
-        flat = [half_along_m, depth_m / 2] if face.along == "x" else [depth_m / 2, half_along_m]
-        geom = spec.worldbody.add_geom(
-            name=f"{name}/{part}",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[x_m, y_m, z_m],
-            size=[*flat, half_up_m],
-            rgba=list(rgba),
-            group=WALL_GROUP,
-        )
-        _untouchable(geom)
 
 
 def _untouchable(geom: mujoco.MjsGeom) -> None:

@@ -22,8 +22,8 @@ from jaxtyping import Float, Float64
 from specs.world import World
 from tasks.export.cutaway import cut_open
 from tasks.export.mjcf import GROUND, world_spec
-from tasks.export.mjcf_finishes import WINDOW_PREFIX
 from tasks.export.render import CAPTION_LINE, READY, REQUEST, Pixels
+from tasks.export.window_parts import WINDOW_PREFIX
 
 _CUT_M = 1.45  # above tables and sills, below heads: one looks into every room over its walls
 _FOVY_RAD = math.radians(28.0)

@@ -12,6 +12,7 @@ from specs.world_descriptions import (
     WorldGenerationJobSummary,
     WorldSummary,
 )
+from specs.world_doors import world_description
 from tasks.storage.records import JobRecord
 
 _SUMMARISED = ("template", "worldCount")
@@ -63,29 +64,6 @@ def describe_world(world: World, record: JobRecord) -> DescribeWorldResponse:
     if world.doors:
         fields["worldDescriptionBody"] = canonical_json(world_description(world)).decode()
     return DescribeWorldResponse.model_validate(fields)
-
-
-def world_description(world: World) -> dict[str, JsonValue]:
-    """Returns what RoboMaker's ``world_description.json`` is for: the doors, by the names that exports use.
-
-    The guide says that doors are listed and prints no example, so the keys are Simyard's own.
-    """
-    doors: list[JsonValue] = []
-    for door in world.doors:
-        passage = world.passages[door.passage]
-        doors.append(
-            {
-                "name": door.name,
-                "rooms": list(passage.rooms),
-                "opensInto": door.opens_into,
-                "hinge": {"x": door.hinge_m[0], "y": door.hinge_m[1]},
-                "width": passage.width_m,
-                "closedYaw": door.closed_yaw_rad,
-                "openYaw": door.open_yaw_rad,
-                "openPercent": door.open_percent,
-            }
-        )
-    return {"world": world.name, "doors": doors}
 
 
 def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from specs.world import Solid, World, solids
 from tasks.export.mjcf import CEILING, GROUND, MJCF_FILE, OVERVIEW_CAMERA, mjcf_files, world_spec
-from tasks.export.mjcf_finishes import FLOOR_LIFT_M, FLOOR_PREFIX, WALLS_PREFIX
+from tasks.export.mjcf_finishes import FLOOR_LIFT_M
+from tasks.export.sheets import FLOOR_PREFIX, WALLS_PREFIX
 from tasks.export.skins import SKIN_LIFT_M
 from tasks.export.textures import draw_texture
 from tests.export.variants import DOOR, with_door, with_windows
