@@ -96,6 +96,22 @@ class StoreUnreachable(StoreError):  # noqa: N818 - a state
     """The store does not answer, or the place it names does not exist."""
 
 
+class BucketNotFound(StoreUnreachable):
+    """The server answers, and has no such bucket."""
+
+
+class StoreThrottled(StoreUnreachable):
+    """The store asks to be asked less often, and went on doing so while it was asked less often."""
+
+
+class StoreFull(StoreError):  # noqa: N818 - a state
+    """There is no room for the object: a full disk, a quota, or more than an object may hold."""
+
+
+class StoreDamaged(StoreError):  # noqa: N818 - a state
+    """What arrived is not what was sent."""
+
+
 class StoreUnsafe(StoreError):  # noqa: N818 - a state
     """The store ignores conditions on writes, so two writers could both believe they were first."""
 

@@ -11,16 +11,18 @@ from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
+HIDDEN = ".tmp-"
+
 
 @contextmanager
-def hidden_file(folder: Path) -> Generator[tuple[BinaryIO, Path]]:
-    """Makes a file under a hidden name in the folder, and removes that name at the end.
+def hidden_file(folder: Path, mark: str = "") -> Generator[tuple[BinaryIO, Path]]:
+    """Makes a file under a hidden name, which begins with ``HIDDEN`` and the mark, and removes that name at the end.
 
     The caller writes, calls ``settle``, and links or renames; a writer that is killed leaves a name that starts with
     a dot, which no store lists.
     """
     make_folder(folder)
-    path = folder / f".tmp-{uuid4().hex}"
+    path = folder / f"{HIDDEN}{mark}{uuid4().hex}"
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     try:
         with os.fdopen(descriptor, "wb") as file:

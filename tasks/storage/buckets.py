@@ -27,7 +27,8 @@ def open_bucket(store: Store, bucket: str) -> Store:
 
     Raises:
         DocumentError: The name is no bucket's.
-        StoreUnreachable: There is no such bucket, or nothing answers.
+        BucketNotFound: There is no such bucket.
+        StoreUnreachable: Nothing answers.
         StoreAccessDenied: The credentials do not reach it.
     """
     opened = connect(bucket_url(store, bucket))
@@ -36,7 +37,5 @@ def open_bucket(store: Store, bucket: str) -> Store:
     except ObjectNotFound:
         return opened
     except StoreUnreachable as exc:
-        raise StoreUnreachable(
-            f"bucket {bucket} ({opened.url}): {exc}; SIMYARD_BUCKETS says where buckets lie"
-        ) from exc
+        raise type(exc)(f"bucket {bucket} ({opened.url}): {exc}; SIMYARD_BUCKETS says where buckets lie") from exc
     return opened

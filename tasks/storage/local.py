@@ -19,17 +19,20 @@ from specs.errors import (
     ObjectExists,
     ObjectNotFound,
     StoreAccessDenied,
+    StoreDamaged,
     StoreError,
+    StoreFull,
     StoreUnreachable,
     StoreUnsafe,
 )
-from tasks.storage.atomic import hidden_file, make_folder, settle, settle_names, whole_file
+from tasks.storage.atomic import HIDDEN, hidden_file, make_folder, settle, settle_names, whole_file
 from tasks.storage.keys import checked_key
 from tasks.storage.store import Stored
 
 _LOCKS = ".locks"
 _NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
 _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
 
@@ -121,12 +124,21 @@ class LocalStore:
     def upload(self, key: str, source: Path) -> None:
         """Copies the file under the key; readers see the old object or the whole new one."""
         path = self._path(key)
-        with source.open("rb") as reader, self._explained(key), hidden_file(path.parent) as (file, hidden):
+        with source.open("rb") as reader, self._explained(key), hidden_file(path.parent, _mark(key)) as (file, hidden):
             shutil.copyfileobj(reader, file, 1 << 20)
             settle(file)
+            if hidden.stat().st_size != reader.tell():
+                raise StoreDamaged(f"{self.url}: {key}: what was written is not what was to be")
             with self._locked(key):
                 hidden.replace(path)
             settle_names(path.parent)
+
+    def sweep(self, key: str) -> None:
+        """Removes what uploads of the key that were killed have left."""
+        path = self._path(key)
+        with self._explained(key):
+            for left in path.parent.glob(f"{HIDDEN}{_mark(key)}*"):
+                left.unlink(missing_ok=True)
 
     def download(self, key: str, target: Path) -> None:
         """Copies the object to the file, which appears whole or not at all."""
@@ -173,6 +185,11 @@ class LocalStore:
             raise _store_error(exc, self.url, key) from exc
 
 
+def _mark(key: str) -> str:
+    """Returns what the hidden names of a key's uploads have in common."""
+    return f"{hashlib.blake2b(key.encode(), digest_size=8).hexdigest()}-"
+
+
 def _etag(body: bytes) -> str:
     return hashlib.blake2b(body, digest_size=16).hexdigest()
 
@@ -187,4 +204,6 @@ def _store_error(exc: OSError, url: str, key: str) -> StoreError:
         return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
     if exc.errno in (*_NOTHING_THERE, errno.EEXIST):
         return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
+    if exc.errno in _NO_ROOM:
+        return StoreFull(f"{url}: {key}: {exc.strerror}")
     return StoreError(f"{url}: {key}: {exc.strerror}")

@@ -5,16 +5,19 @@ and then refused, because its own first copy is there: the mark tells that copy 
 trap 3).
 """
 
+import hashlib
+import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 from uuid import uuid4
 
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreUnreachable
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreDamaged, StoreUnreachable
 from tasks.storage.atomic import whole_file
+from tasks.storage.etags import is_etag_of
 from tasks.storage.keys import checked_key
-from tasks.storage.s3_client import Answer, S3Client
+from tasks.storage.s3_client import PART_BYTES, Answer, S3Client
 from tasks.storage.s3_errors import FAULTS, explained
 from tasks.storage.store import Stored
 
@@ -111,12 +114,34 @@ class S3Store:
         source.open("rb").close()  # a missing file is the caller's fault, not the store's
         with self._explained(key):
             self._client.send(source, self._bucket, path)
+            etag = str(self._client.call("head_object", Bucket=self._bucket, Key=path)["ETag"])
+        if not is_etag_of(etag, source, PART_BYTES) and not self._holds(key, source):
+            raise StoreDamaged(f"{self.url}: {key}: what arrived is not what was sent")
+
+    def sweep(self, key: str) -> None:
+        """Tells the server to forget the parts of uploads that never came to their end."""
+        path = self._path(key)
+        with self._explained(key):
+            answer = self._client.call("list_multipart_uploads", Bucket=self._bucket, Prefix=path)
+            for upload in cast("list[dict[str, str]]", answer.get("Uploads", [])):
+                if upload["Key"] == path:
+                    self._client.call(
+                        "abort_multipart_upload", Bucket=self._bucket, Key=path, UploadId=upload["UploadId"]
+                    )
 
     def download(self, key: str, target: Path) -> None:
         """Writes the object to the file, which appears whole or not at all."""
         path = self._path(key)
         with whole_file(target) as file, self._explained(key):
             self._client.stream(self._bucket, path, file)
+
+    def _holds(self, key: str, source: Path) -> bool:
+        """Returns whether the object has the bytes of the file, from reading it: encryption makes other etags."""
+        with tempfile.TemporaryDirectory(prefix="simyard-verify-") as folder:
+            copy = Path(folder) / "copy"
+            self.download(key, copy)
+            with copy.open("rb") as ours, source.open("rb") as theirs:
+                return hashlib.file_digest(ours, "sha256").digest() == hashlib.file_digest(theirs, "sha256").digest()
 
     def _path(self, key: str) -> str:
         return self._prefix + checked_key(key)

@@ -18,7 +18,7 @@ Answer = Mapping[str, object]
 # A store that is not there shall be told within seconds; one that has answered before may be slow.
 _FIRST_ANSWER_S = 12.0
 _ANSWER_S = 60.0
-_PART_BYTES = 16 << 20
+PART_BYTES = 16 << 20
 _CONFIG: Mapping[str, object] = {
     "connect_timeout": 2,
     "read_timeout": 30,
@@ -74,7 +74,7 @@ class S3Client:
 
     def send(self, source: Path, bucket: str, key: str) -> None:
         """Writes the file's bytes as an object, in parts when it is big; it shows when the last part has arrived."""
-        self._files.put_file(str(source), f"{bucket}/{key}", chunksize=_PART_BYTES)
+        self._files.put_file(str(source), f"{bucket}/{key}", chunksize=PART_BYTES)
 
     def _run(self, ask: Callable[[], Awaitable[Result]]) -> Result:
         limit_s = _ANSWER_S if self._has_answered else _FIRST_ANSWER_S

@@ -5,6 +5,7 @@ different ways for different servers (fleet.md, trap 2), and botocore's own erro
 carry neither the server's text nor credentials.
 """
 
+import errno
 import os
 from collections.abc import Mapping
 from typing import Protocol, TypeGuard
@@ -20,12 +21,27 @@ from botocore.exceptions import (
     ProfileNotFound,
 )
 
-from specs.errors import ObjectConflict, ObjectNotFound, StoreAccessDenied, StoreError, StoreUnreachable
+from specs.errors import (
+    BucketNotFound,
+    ObjectConflict,
+    ObjectNotFound,
+    StoreAccessDenied,
+    StoreError,
+    StoreFull,
+    StoreThrottled,
+    StoreUnreachable,
+)
 
 FAULTS = (OSError, BotoCoreError, ClientError, BrokenConnection)
 _NO_CREDENTIALS = (NoCredentialsError, PartialCredentialsError, CredentialRetrievalError, ProfileNotFound)
 _NO_ANSWER = (TimeoutError, ConnectionError, BotoCoreError, BrokenConnection)
 _DENIED_CODES = frozenset({"AccessDenied", "ExpiredToken", "InvalidToken", "InvalidAccessKeyId"})
+_THROTTLED_CODES = frozenset(
+    {"SlowDown", "Throttling", "ThrottlingException", "RequestThrottled", "RequestLimitExceeded", "TooManyRequests"}
+)
+_FULL_CODES = frozenset({"EntityTooLarge", "QuotaExceeded", "XMinioStorageFull", "InsufficientCapacity"})
+_FULL_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+_TOO_MANY_REQUESTS, _NO_ROOM = 429, 507
 _ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _CREDENTIALS = "check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
 
@@ -49,7 +65,8 @@ def explained(exc: BaseException, url: str, key: str) -> StoreError:
     if isinstance(exc, _NO_CREDENTIALS):
         return StoreAccessDenied(f"{place}: no usable credentials ({type(exc).__name__}); {_CREDENTIALS}")
     if isinstance(exc, OSError) and not isinstance(exc, _NO_ANSWER):
-        return StoreError(f"{place}: {exc.strerror or exc}")  # of this machine, such as a full disk
+        kind = StoreFull if exc.errno in _FULL_DISK else StoreError  # of this machine
+        return kind(f"{place}: {exc.strerror or exc}")
     return StoreUnreachable(
         f"{place}: no answer from {_endpoint()} ({type(exc).__name__}); is it running and reachable?"
     )
@@ -57,7 +74,7 @@ def explained(exc: BaseException, url: str, key: str) -> StoreError:
 
 def _refusal(status: int, code: str, place: str) -> StoreError:
     if code == "NoSuchBucket":
-        return StoreUnreachable(f"{place}: the bucket does not exist; create it, or name another")
+        return BucketNotFound(f"{place}: the bucket does not exist; create it, or name another")
     if status == 404:
         return ObjectNotFound(f"{place}: no such object")
     if status in {409, 412}:
@@ -68,6 +85,10 @@ def _refusal(status: int, code: str, place: str) -> StoreError:
 
 
 def _disturbance(status: int, code: str, place: str) -> StoreError:
+    if status == _TOO_MANY_REQUESTS or code in _THROTTLED_CODES:
+        return StoreThrottled(f"{place}: {_endpoint()} asks for fewer requests ({code}, {status}); try again later")
+    if status == _NO_ROOM or code in _FULL_CODES:
+        return StoreFull(f"{place}: {_endpoint()} has no room for it ({code}, {status})")
     if status >= 500:
         return StoreUnreachable(f"{place}: {_endpoint()} answers {code} ({status}); try again later")
     if 300 <= status < 400:

@@ -85,7 +85,18 @@ class Store(Protocol):
         ...
 
     def upload(self, key: str, source: Path) -> None:
-        """Writes the file's bytes under the key, streamed; readers see the old object or the whole new one."""
+        """Writes the file's bytes under the key, streamed; readers see the old object or the whole new one.
+
+        Raises:
+            StoreDamaged: What arrived is not what was sent.
+        """
+        ...
+
+    def sweep(self, key: str) -> None:
+        """Removes what uploads of the key that were killed have left where nobody sees it.
+
+        Only for who alone uploads to the key: an upload that is under way would fail.
+        """
         ...
 
     def download(self, key: str, target: Path) -> None:

@@ -10,10 +10,13 @@ from botocore.exceptions import (
 )
 
 from specs.errors import (
+    BucketNotFound,
     ObjectConflict,
     ObjectNotFound,
     StoreAccessDenied,
     StoreError,
+    StoreFull,
+    StoreThrottled,
     StoreUnreachable,
 )
 from tasks.storage.s3_errors import explained
@@ -29,15 +32,19 @@ def _refused(status: int, code: str) -> ClientError:
     [
         (404, "NoSuchKey", ObjectNotFound),
         (404, "404", ObjectNotFound),
-        (404, "NoSuchBucket", StoreUnreachable),
+        (404, "NoSuchBucket", BucketNotFound),
         (412, "PreconditionFailed", ObjectConflict),
         (409, "ConditionalRequestConflict", ObjectConflict),
         (403, "AccessDenied", StoreAccessDenied),
         (403, "InvalidAccessKeyId", StoreAccessDenied),
         (400, "ExpiredToken", StoreAccessDenied),
         (301, "PermanentRedirect", StoreUnreachable),
-        (503, "SlowDown", StoreUnreachable),
-        (400, "EntityTooLarge", StoreError),
+        (500, "InternalError", StoreUnreachable),
+        (503, "SlowDown", StoreThrottled),
+        (429, "TooManyRequests", StoreThrottled),
+        (400, "EntityTooLarge", StoreFull),
+        (507, "XMinioStorageFull", StoreFull),
+        (400, "MalformedXML", StoreError),
     ],
 )
 def test_status_and_code_decide_the_error(status: int, code: str, error: type[StoreError]) -> None:
@@ -76,5 +83,5 @@ def test_no_credentials_is_denied() -> None:
 
 def test_a_full_disk_here_is_not_blamed_on_the_server() -> None:
     found = explained(OSError(errno.ENOSPC, "No space left on device"), "s3://bucket", "key")
-    assert type(found) is StoreError
+    assert type(found) is StoreFull
     assert "No space left" in str(found)
