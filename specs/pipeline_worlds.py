@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
@@ -26,16 +26,10 @@ from specs.world import ROBOT_RADIUS_M
 
 MAX_SEED = 2**32 - 1
 MAX_WORLDS_OF_EXPORT = 100
-PLANNED_FORMATS = ("sdf", "map")
-
-WorldFormat = Literal["mjcf", "svg"]
+WorldFormat = Literal["world", "sdf", "mjcf", "map", "svg", "glb", "usd"]
+FORMATS: tuple[WorldFormat, ...] = get_args(WorldFormat)
+"""In the order in which they stand in a zip."""
 Seed = Annotated[Integer, Field(ge=0, le=MAX_SEED)]
-
-
-def _writable(name: object) -> object:
-    if name in PLANNED_FORMATS:
-        raise broken(f"mjcf or svg; {name} is planned and cannot be written yet")
-    return name
 
 
 def _with_bucket(location: OutputLocation) -> OutputLocation:
@@ -54,9 +48,7 @@ def _json_text_as_object(template: object) -> object:
 
 
 Destination = Annotated[OutputLocation, AfterValidator(_with_bucket)]
-Formats = Annotated[
-    tuple[Annotated[WorldFormat, BeforeValidator(_writable)], ...], Field(min_length=1), AfterValidator(distinct)
-]
+Formats = Annotated[tuple[WorldFormat, ...], Field(min_length=1), AfterValidator(distinct)]
 WorldChoice = Annotated[
     Annotated[Literal["all"], member("text")]
     | Annotated[
@@ -115,7 +107,7 @@ class WorldExport(Spec):
 
     worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
     outputLocation: Destination = Field(title="Output location")
-    formats: Formats = Field(default=("mjcf", "svg"), title="Formats")
+    formats: Formats = Field(default=("mjcf", "sdf", "map", "svg"), title="Formats")
     iamRole: IamRole | None = Field(default=None, title="IAM role", description="Kept; has no effect.")
     tags: TagMap | None = Field(default=None, title="Tags of the job")
     clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")

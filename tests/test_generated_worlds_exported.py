@@ -9,7 +9,7 @@ import pytest
 
 from specs.template import TemplateBody
 from specs.world import World, solids
-from tasks.export.bundle import WORLD_FILE, world_files
+from tasks.export.formats import format_files
 from tasks.export.mjcf import MJCF_FILE, mjcf_files, world_spec
 from tasks.export.svg import floor_plan_svg
 from tasks.results.trajectory_svg import failure_map_svg
@@ -27,7 +27,7 @@ def world(request: pytest.FixtureRequest) -> World:
 
 
 def test_the_zip_holds_the_very_bytes_of_the_store(world: World):
-    assert world_files(world, [])[WORLD_FILE] == encode_world(world)
+    assert list(format_files(world, "world").values()) == [encode_world(world)]
 
 
 def test_mujoco_sees_every_solid(world: World):

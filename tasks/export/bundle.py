@@ -1,10 +1,11 @@
 """All worlds of an export job in one zip, the same bytes for the same worlds.
 
-manifest.json                               SHA-256 and size of every other file
-worlds/<generation>/<world>/world.json      the world itself, as the store has it
-worlds/<generation>/<world>/world.xml       MJCF, with format mjcf
-worlds/<generation>/<world>/textures/*.png  what its floors and walls look like
-worlds/<generation>/<world>/floorplan.svg   with format svg
+    manifest.json                       the formats, and SHA-256 and size of every other file
+    world/<generation>/<world>.json     the worlds themselves, always
+    ...                                 a folder for each format (tasks.export.formats)
+
+Files that worlds share, such as models of furniture, stand there once. MJCF comes after all other XML, since
+``MjSpec.from_zip`` takes the last it finds.
 """
 
 import hashlib
@@ -14,30 +15,18 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from pydantic import JsonValue
 
-from specs.digests import canonical_document, canonical_json
-from specs.pipeline_worlds import WorldFormat
+from specs.digests import canonical_json
+from specs.pipeline_worlds import FORMATS, WorldFormat
 from specs.world import World
-from tasks.export.mjcf import mjcf_files
-from tasks.export.svg import floor_plan_svg
-from tasks.storage.keys import checked_name
+from tasks.export.formats import SOURCE_FOLDER, format_files
+from tasks.export.ros_packages import package_files
+from tasks.export.sdf import sdf_name
 
 MANIFEST = "manifest.json"
-WORLD_FILE = "world.json"
-PLAN_FILE = "floorplan.svg"
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can say
 _UNIX = 3
 _READ_WRITE = 0o100644 << 16
-
-
-def world_files(world: World, formats: Collection[WorldFormat]) -> dict[str, bytes]:
-    """Returns the files of one world by their names: the world itself, then the formats asked for."""
-    files = {WORLD_FILE: canonical_json(canonical_document(world))}
-    if "mjcf" in formats:
-        files |= mjcf_files(world)
-    if "svg" in formats:
-        files[PLAN_FILE] = floor_plan_svg(world).encode()
-    return files
 
 
 def write_zip(worlds: Iterable[World], formats: Collection[WorldFormat], target: Path) -> str:
@@ -52,23 +41,48 @@ def write_zip(worlds: Iterable[World], formats: Collection[WorldFormat], target:
         DocumentError: A world's name or generation may not stand in a path.
         ValueError: A world comes twice.
     """
-    listed: dict[str, JsonValue] = {}
-    with ZipFile(target, "w", ZIP_DEFLATED) as bundle:
+    wanted: set[WorldFormat] = {*formats, "world"}
+    chosen: list[WorldFormat] = [name for name in FORMATS if name in wanted]
+    with ZipFile(target, "w", ZIP_DEFLATED) as file:
+        bundle = _Bundle(file)
+        seen: set[tuple[str, str]] = set()
         for world in worlds:
-            folder = f"worlds/{checked_name(world.generation, 'generation')}/{checked_name(world.name, 'world')}"
-            if f"{folder}/{WORLD_FILE}" in listed:
-                raise ValueError(f"{folder} comes twice")
-            for name, body in world_files(world, formats).items():
-                _add(bundle, f"{folder}/{name}", body)
-                listed[f"{folder}/{name}"] = {"sha256": hashlib.sha256(body).hexdigest(), "bytes": len(body)}
-        _add(bundle, MANIFEST, canonical_json({"formats": [*sorted(formats)], "files": listed}))
+            if "sdf" in chosen and not seen:
+                bundle.add({f"{SOURCE_FOLDER}/{path}": body for path, body in package_files(sdf_name(world)).items()})
+            if (world.generation, world.name) in seen:
+                raise ValueError(f"{world.generation}/{world.name} comes twice")
+            seen.add((world.generation, world.name))
+            for name in chosen:
+                bundle.add(format_files(world, name))
+        bundle.close([*chosen])
     with target.open("rb") as written:
         return hashlib.file_digest(written, "sha256").hexdigest()
 
 
-def _add(bundle: ZipFile, name: str, body: bytes) -> None:
-    info = ZipInfo(name, _EPOCH)
-    # Both are otherwise taken from the machine.
-    info.create_system = _UNIX
-    info.external_attr = _READ_WRITE
-    bundle.writestr(info, body, ZIP_DEFLATED)
+class _Bundle:
+    """A zip that lists what is in it."""
+
+    def __init__(self, file: ZipFile) -> None:
+        self._file = file
+        self._listed: dict[str, JsonValue] = {}
+
+    def add(self, files: dict[str, bytes]) -> None:
+        """Adds files; one that is there must be the same."""
+        for name, body in files.items():
+            facts: JsonValue = {"sha256": hashlib.sha256(body).hexdigest(), "bytes": len(body)}
+            if name not in self._listed:
+                self._listed[name] = facts
+                self._write(name, body)
+            elif self._listed[name] != facts:
+                raise ValueError(f"{name} comes twice, with other bytes")
+
+    def close(self, formats: list[JsonValue]) -> None:
+        """Adds the list."""
+        self._write(MANIFEST, canonical_json({"formats": formats, "files": self._listed}))
+
+    def _write(self, name: str, body: bytes) -> None:
+        info = ZipInfo(name, _EPOCH)
+        # Both are otherwise taken from the machine.
+        info.create_system = _UNIX
+        info.external_attr = _READ_WRITE
+        self._file.writestr(info, body, ZIP_DEFLATED)

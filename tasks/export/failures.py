@@ -1,12 +1,15 @@
 """What RoboMaker calls the reasons for which an export fails (WorldExportJobErrorCode)."""
 
 from specs.errors import (
+    BucketNotFound,
     DocumentError,
+    LimitExceeded,
     ObjectNotFound,
     ResourceNotFound,
     SimyardError,
     StoreAccessDenied,
-    StoreUnreachable,
+    StoreFull,
+    StoreThrottled,
 )
 
 _LONGEST_REASON = 1024  # GenericString
@@ -15,8 +18,11 @@ _LONGEST_REASON = 1024  # GenericString
 _CODES: tuple[tuple[type[SimyardError], str], ...] = (
     (StoreAccessDenied, "AccessDenied"),
     (ObjectNotFound, "ResourceNotFound"),
-    (StoreUnreachable, "ResourceNotFound"),  # a bucket that is gone (semantics 7)
+    (BucketNotFound, "ResourceNotFound"),  # a bucket that is gone (semantics 7)
+    (StoreThrottled, "RequestThrottled"),
+    (StoreFull, "LimitExceeded"),
     (ResourceNotFound, "ResourceNotFound"),
+    (LimitExceeded, "LimitExceeded"),
     (DocumentError, "InvalidInput"),
 )
 

@@ -20,8 +20,10 @@ from specs.world import World
 from specs.world_jobs import CreateWorldExportJobRequest
 from tasks.export.bundle import write_zip
 from tasks.export.failures import failure_code, failure_reason
+from tasks.export.installed import require_writable
 from tasks.export.stored import SOURCE, read_world
 from tasks.export.svg import floor_plan_svg
+from tasks.export.uploading import put, upload
 from tasks.storage.buckets import open_bucket
 from tasks.storage.claim import claimed
 from tasks.storage.keys import claim_key, output_key
@@ -67,12 +69,23 @@ def run_export_job(
             advance(store, KIND, job, "Running")
         try:
             detail = _export(store, request, formats, job, progress)
+        except _Canceling:
+            return advance(store, KIND, job, "Canceled")
         except SimyardError as exc:
             _log.warning("export %s failed: %s", job, exc)
             return advance(
                 store, KIND, job, "Failed", failure_code=failure_code(exc), failure_reason=failure_reason(exc)
             )
         return _ended(store, job, detail)
+
+
+class _Canceling(Exception):  # noqa: N818 - a state
+    """Somebody cancelled the job; nothing was uploaded."""
+
+
+def _go_on(store: Store, job: str) -> None:
+    if read(store, KIND, job).status == "Canceling":
+        raise _Canceling
 
 
 def _ended(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecord:
@@ -88,6 +101,7 @@ def _export(
     job: str,
     progress: Progress,
 ) -> dict[str, JsonValue]:
+    require_writable(formats, SOURCE)
     references = _references(request.worlds)
     bucket = open_bucket(store, request.outputLocation.s3Bucket or "")
     prefix = request.outputLocation.s3Prefix
@@ -95,6 +109,7 @@ def _export(
 
     def read_worlds() -> Iterator[World]:
         for number, reference in enumerate(references, start=1):
+            _go_on(store, job)
             world = read_world(store, reference)
             if "svg" in formats:
                 plans[_plan_name(reference, references)] = floor_plan_svg(world)
@@ -104,13 +119,14 @@ def _export(
     with tempfile.TemporaryDirectory(prefix="simyard-export-") as folder:
         target = Path(folder) / f"{job}.zip"
         sha256 = write_zip(read_worlds(), formats, target)
+        urls: list[JsonValue] = []
+        for name, plan in plans.items():
+            _go_on(store, job)
+            key = output_key(prefix, f"{job}/{name}")
+            put(bucket, key, plan.encode())
+            urls.append(f"{bucket.url}/{key}")
         zip_key = output_key(prefix, target.name)
-        bucket.upload(zip_key, target)
-    urls: list[JsonValue] = []
-    for name, plan in plans.items():
-        key = output_key(prefix, f"{job}/{name}")
-        bucket.put(key, plan.encode())
-        urls.append(f"{bucket.url}/{key}")
+        upload(bucket, zip_key, target)  # last: where it lies, all lies
     return {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256}
 
 

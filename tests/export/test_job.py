@@ -9,9 +9,13 @@ import pytest
 
 from specs.digests import canonical_document, canonical_json
 from specs.errors import (
+    BucketNotFound,
     IdempotentParameterMismatch,
     StoreAccessDenied,
+    StoreDamaged,
     StoreError,
+    StoreFull,
+    StoreThrottled,
     StoreUnreachable,
 )
 from specs.world import World
@@ -75,6 +79,9 @@ class BrokenBucket:
         self._fail()
         self._bucket.upload(key, source)
 
+    def sweep(self, key: str) -> None:
+        self._bucket.sweep(key)
+
     def _fail(self) -> None:
         if next(self._errors, self._error) is not None:
             raise self._error
@@ -83,6 +90,7 @@ class BrokenBucket:
 @pytest.fixture
 def broken(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     with monkeypatch.context() as patch:
+        patch.setattr("tasks.export.uploading._WAITS_S", (0.0, 0.0))
         yield patch
 
 
@@ -111,9 +119,8 @@ def test_the_zip_holds_each_world_of_the_request_once(store: Store, tmp_path: Pa
     record = run(store, request(ARNS[0], ARNS[0]))
     open_bucket(store, "worlds").download(f"nightly/{record.id}.zip", tmp_path / "out.zip")
     with zipfile.ZipFile(tmp_path / "out.zip") as bundle:
-        assert [name for name in bundle.namelist() if name.endswith("world.json")] == [
-            f"worlds/{GENERATION}/world-1-1/world.json"
-        ]
+        worlds = [name for name in bundle.namelist() if name.startswith("world/")]
+    assert worlds == [f"world/{GENERATION}/world-1-1.json"]
 
 
 def test_plans_of_worlds_with_one_name_do_not_overwrite_each_other(store: Store):
@@ -182,7 +189,11 @@ def test_a_world_of_another_version_fails_as_invalid_input(store: Store):
     ("error", "code"),
     [
         (StoreAccessDenied("no"), "AccessDenied"),
-        (StoreUnreachable("gone"), "ResourceNotFound"),
+        (BucketNotFound("gone"), "ResourceNotFound"),
+        (StoreUnreachable("no answer"), "InternalServiceError"),
+        (StoreThrottled("slow down"), "RequestThrottled"),
+        (StoreFull("no room"), "LimitExceeded"),
+        (StoreDamaged("other bytes"), "InternalServiceError"),
         (StoreError("disk full\nreally"), "InternalServiceError"),
     ],
 )
@@ -205,6 +216,48 @@ def test_a_job_killed_between_two_uploads_is_completed_by_the_next_run(store: St
     broken.undo()
     assert run(store).status == "Completed"
     assert len(open_bucket(store, "worlds").keys("")) == 3
+
+
+def test_the_zip_comes_last_so_that_where_it_lies_all_lies(store: Store, broken: pytest.MonkeyPatch):
+    break_bucket(broken, StoreAccessDenied("no"), writes=2)
+    run(store)
+    assert [key.endswith(".svg") for key in open_bucket(store, "worlds").keys("")] == [True, True]
+
+
+def test_a_bucket_that_answers_again_gets_everything(store: Store, broken: pytest.MonkeyPatch):
+    bucket = open_bucket(store, "worlds")
+    uploads = iter([StoreThrottled("slow down"), StoreUnreachable("no answer")])
+
+    def upload(key: str, source: Path) -> None:
+        error = next(uploads, None)
+        if error:
+            raise error
+        type(bucket).upload(bucket, key, source)
+
+    broken.setattr(bucket, "upload", upload)
+    broken.setattr("tasks.export.job.open_bucket", lambda _store, _name: bucket)
+    assert run(store).status == "Completed"
+    assert next(uploads, None) is None
+
+
+def test_a_job_that_is_canceled_among_its_worlds_stops_there_and_uploads_nothing(store: Store):
+    def cancel(done: int, _total: int) -> None:
+        assert done == 1
+        job = submit(store, KIND, {**canonical_document(request()), "formats": ["mjcf", "svg"]}, TOKEN)
+        advance(store, KIND, job.id, "Canceling")
+
+    record = run_export_job(store, request(), formats=("mjcf", "svg"), token=TOKEN, progress=cancel)
+    assert record.status == "Canceled"
+    assert open_bucket(store, "worlds").keys("") == []
+
+
+def test_a_format_whose_library_is_missing_fails_the_job_and_says_what_to_install(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("tasks.export.installed.find_spec", lambda _: None)
+    record = run_export_job(store, request(), formats=("usd",), token=TOKEN, progress=lambda *_: None)
+    assert (record.status, record.failure_code) == ("Failed", "InvalidInput")
+    assert "pip install 'simyard[usd]'" in record.failure_reason
 
 
 def test_a_job_that_is_being_canceled_ends_canceled_and_uploads_nothing(store: Store):

@@ -4,6 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from specs.pipeline import PipelineSpec, canonical_digest, inert_fields
+from specs.pipeline_worlds import FORMATS
 
 JOB: dict[str, Any] = {
     "maxJobDurationInSeconds": 60,
@@ -86,11 +87,10 @@ def test_50_worlds_are_allowed():
     spec(worldGeneration={**GENERATION, "worldCount": {"floorplanCount": 10, "interiorCountPerFloorplan": 5}})
 
 
-@pytest.mark.parametrize("planned", ["sdf", "map"])
-def test_a_planned_format_is_refused_by_name(planned: str):
-    errors = faults(worldGeneration=GENERATION, worldExport={"outputLocation": PLACE, "formats": [planned]})
-
-    assert ("worldExport.formats.0", f"mjcf or svg; {planned} is planned and cannot be written yet") in errors
+def test_all_formats_are_known_by_name_and_no_other():
+    spec(worldGeneration=GENERATION, worldExport={"outputLocation": PLACE, "formats": list(FORMATS)})
+    errors = dict(faults(worldGeneration=GENERATION, worldExport={"outputLocation": PLACE, "formats": ["fbx"]}))
+    assert all(name in errors["worldExport.formats.0"] for name in FORMATS)
 
 
 def test_an_output_location_needs_a_bucket():
