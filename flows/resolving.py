@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache
 from pathlib import Path
 
 from pydantic import JsonValue
@@ -15,12 +15,14 @@ from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.pipeline import ApplicationSource, PipelineSpec
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import Deployment, LocalFleet, SimulationBatch
+from specs.simulation import DataSourceConfig
 from specs.template import template_digest
 from tasks.applications.publishing import publish, resolve, with_digest
 from tasks.deploy.planning import preflight
 from tasks.documents.templates import find_template
 from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.data_pinning import pinned
+from tasks.simulate.data_plan import PinnedSource
 from tasks.simulate.resolving import FindVersion, matrix_worlds, output_location, plan_batch, requested_worlds
 from tasks.storage.archives import missing_files
 from tasks.storage.buckets import open_bucket
@@ -70,13 +72,14 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
 
 
 def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
-    """Returns a function that finds versions; one that a document brings along stands for its own newest.
+    """Returns a function that finds versions, each once; one that a document brings along stands for its own newest.
 
     Args:
         store: Where versions are.
         own: Versions of bundles that the document brings along, by ``<kind>/<name>``.
     """
 
+    @cache  # a thousand requests use one application
     def find(kind: ApplicationKind, reference: str, version: str | None) -> Version:
         brought = own.get(_key(kind, _path(reference)))
         if brought and version in {None, LATEST}:
@@ -103,8 +106,18 @@ def batch_plan(section: SimulationBatch, worlds: Sequence[str], store: Store, fi
         DocumentError: A request cannot be run.
     """
     matrix = matrix_worlds(section, worlds)
-    data = partial(pinned, store, cache_folder() / "data")
-    return plan_batch(section, matrix, _digests([*matrix, *requested_worlds(section)], store), find, data)
+
+    @cache
+    def look(source: str) -> PinnedSource:
+        return pinned(store, cache_folder() / "data", DataSourceConfig.model_validate_json(source))
+
+    return plan_batch(
+        section,
+        matrix,
+        _digests([*matrix, *requested_worlds(section)], store),
+        find,
+        lambda source: look(source.model_dump_json()),
+    )
 
 
 def _path(reference: str) -> str:

@@ -6,12 +6,14 @@ from typing import Any
 
 import pytest
 
+from flows import resolving
 from flows.planning import planned
 from flows.resolving import batch_plan, deployed_version, finder, numbered_finder, pins, tested_bundles
+from specs.bundle import ApplicationKind, Version
 from specs.digests import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline import PipelineSpec
-from tasks.applications.publishing import applications, publish
+from tasks.applications.publishing import applications, publish, resolve
 from tasks.simulate.layout import Layout
 from tasks.simulate.resolving import output_location
 from tasks.storage.keys import world_key
@@ -175,3 +177,20 @@ def test_a_missing_application_is_told_with_its_place_in_the_document(file_store
     place = r"createSimulationJobRequests\[1\]\.robotApplications\[0\]\.application"
     with pytest.raises(DocumentError, match=place):
         pins(_generated(_request(), _request("nobody")), file_store, ROOT / "examples")
+
+
+def test_a_thousand_requests_look_up_each_application_once(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    asked: list[str] = []
+
+    def counted(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Version:
+        asked.append(reference)
+        return resolve(store, kind, reference, version)
+
+    monkeypatch.setattr(resolving, "resolve", counted)
+    world = _put_world(file_store, "apartment")
+    requests = [_request(worldConfigs=[{"world": world}]) for _ in range(1000)]
+    section = _spec(simulationBatch={"createSimulationJobRequests": requests}).simulationBatch
+    assert section
+    plan = batch_plan(section, (), file_store, finder(file_store, {}))
+    assert (len(plan.templates), Layout(plan).chunks) == (1000, 4)
+    assert asked == ["courier", "delivery"]
