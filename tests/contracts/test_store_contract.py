@@ -195,6 +195,15 @@ def test_a_reader_never_sees_half_of_an_upload(store: Store, tmp_path: Path) -> 
     assert seen <= {source.read_bytes() for source in sources}
 
 
+def test_sweeping_leaves_what_was_uploaded_and_what_others_upload(store: Store, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.write_bytes(b"body")
+    store.upload("a/b.bin", source)
+    store.sweep("a/b.bin")
+    store.sweep("a/none.bin")
+    assert store.get("a/b.bin").body == b"body"
+
+
 def test_uploading_a_missing_file_is_the_callers_error(store: Store, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         store.upload("a.bin", tmp_path / "none")

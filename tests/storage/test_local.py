@@ -5,6 +5,7 @@ import os
 import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
 from threading import Thread
 
@@ -12,6 +13,7 @@ import pytest
 
 from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, StoreUnsafe
 from tasks.storage.local import LocalStore
+from tasks.storage.opening import open_store
 from tasks.storage.store import Store
 
 _NOBODY = 65534
@@ -158,3 +160,23 @@ def test_a_read_only_disk_is_denied(folder: LocalStore, monkeypatch: pytest.Monk
 
 def _path_of(descriptor: int) -> str:
     return str(Path(f"/proc/self/fd/{descriptor}").readlink())
+
+
+def test_what_a_killed_upload_left_is_swept_and_nothing_else(tmp_path: Path) -> None:
+    store = open_store((tmp_path / "store").as_uri())
+    source = tmp_path / "big"
+    with source.open("wb") as file:
+        file.truncate(1 << 30)
+    work = f"from tests.storage.racers import upload; upload({store.url!r}, 'big.bin', {str(source)!r})"
+    child = subprocess.Popen([sys.executable, "-c", work])
+    while not list((tmp_path / "store").glob(".tmp-*")):
+        assert child.poll() is None
+        time.sleep(0.001)
+    child.kill()
+    child.wait()
+    if store.exists("big.bin"):
+        pytest.skip("this disk is faster than this test")
+    store.sweep("other.bin")
+    assert list((tmp_path / "store").glob(".tmp-*"))
+    store.sweep("big.bin")
+    assert not list((tmp_path / "store").glob(".tmp-*"))

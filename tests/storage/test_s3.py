@@ -13,9 +13,10 @@ from uuid import uuid4
 import botocore.session
 import pytest
 
-from specs.errors import ObjectConflict, ObjectExists, StoreAccessDenied, StoreUnreachable
+from specs.errors import ObjectConflict, ObjectExists, StoreAccessDenied, StoreDamaged, StoreUnreachable
 from tasks.storage import s3_client
 from tasks.storage.opening import open_store
+from tasks.storage.s3_client import S3Client
 from tasks.storage.store import Store
 from tests.seaweed import READER_KEY, READER_SECRET, Seaweed
 from tests.storage.faulty_proxy import FaultyProxy, faulty_proxy
@@ -168,6 +169,21 @@ def test_an_upload_that_is_killed_leaves_nothing_under_the_key(
     child.wait()
     assert not s3_store.exists("big.bin")
     assert s3_store.keys("") == ["store.json"]
+    s3_store.sweep("other.bin")
+    assert _uploads_under_way(seaweed, s3_store)
+    s3_store.sweep("big.bin")
+    assert not _uploads_under_way(seaweed, s3_store)
+
+
+def test_an_upload_that_arrives_damaged_is_told(
+    s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sent").write_bytes(b"sent")
+    (tmp_path / "other").write_bytes(b"other")
+    send = S3Client.send
+    monkeypatch.setattr(S3Client, "send", lambda self, _, bucket, key: send(self, tmp_path / "other", bucket, key))
+    with pytest.raises(StoreDamaged, match=r"a\.bin"):
+        s3_store.upload("a.bin", tmp_path / "sent")
 
 
 def _uploads_under_way(seaweed: Seaweed, store: Store) -> bool:
