@@ -1,7 +1,7 @@
 """Parquet files whose bytes depend on the rows and the metadata alone, however the rows came."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -21,13 +21,22 @@ class ParquetFile:
     names.
     """
 
-    def __init__(self, path: Path, schema: pa.Schema, metadata: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        schema: pa.Schema,
+        metadata: Mapping[str, str] | None = None,
+        *,
+        dictionary: Sequence[str] | None = None,
+    ) -> None:
         """Begins the file.
 
         Args:
             path: A local file, overwritten.
             schema: Its metadata goes into the footer too.
             metadata: More for the footer, such as engine and versions; no times, no paths.
+            dictionary: Columns in which values are repeated; all if None. Numbers that hardly are cost five times the
+                time and half as much space again with one.
         """
         footer = {**_text(schema.metadata), **(metadata or {})}
         self._path = path
@@ -41,7 +50,7 @@ class ParquetFile:
             data_page_version="1.0",  # every reader has it
             compression="zstd",
             compression_level=3,
-            use_dictionary=True,
+            use_dictionary=True if dictionary is None else list(dictionary),  # pyright: ignore[reportArgumentType] - stubs
             write_statistics=True,
         )
 

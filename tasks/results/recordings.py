@@ -21,6 +21,7 @@ from tasks.storage.opening import open_store
 
 RECORDINGS_FOLDER = "recordings"
 SCHEMA_VERSION = "1"
+_REPEATED = ("index", "t_s", "goal_index")
 _REALS = pa.list_(pa.float32())
 RECORDING = pa.schema(
     [
@@ -73,7 +74,7 @@ def write_recordings(
     key = f"{_key(location, batch_id)}/{name}"
     with tempfile.TemporaryDirectory(prefix="simyard-recordings-") as folder:
         rows = 0
-        with ParquetFile(Path(folder) / name, RECORDING) as file:
+        with ParquetFile(Path(folder) / name, RECORDING, dictionary=_REPEATED) as file:
             for part in parts:
                 file.add(recording_table(part))
                 rows += len(part["index"])

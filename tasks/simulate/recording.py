@@ -5,7 +5,6 @@ the scan it saw then, the control that was decided on it, and what contacts push
 The last sample of an episode is the state in which it ended.
 """
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
@@ -13,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from specs.episode import EpisodeResult
+from tasks.simulate.overflow import Kept, Overflow
 
 Columns = Mapping[str, np.ndarray]
 # Samples of a usual chunk stay in memory; those of long episodes lie in a file that nobody sees.
@@ -86,8 +86,9 @@ class Recorder:
         self._stride = 1
         self._control_s = 0.0
         self._steps = 0
-        self._blocks: dict[str, list[np.ndarray]] = {}
-        self._held_bytes = 0
+        self._blocks: dict[str, list[Kept]] = {}
+        self._last: dict[str, np.ndarray] = {}
+        self._overflow = Overflow(_MEMORY_BYTES)
         self._kept: list[tuple[int, int]] = []
         self._ends: Ends | None = None
 
@@ -100,7 +101,7 @@ class Recorder:
         """
         self._lanes, self._control_s = lanes, control_s
         self._stride = max(1, round(1.0 / (self._rate_hz * control_s)))
-        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "last_control", "last_ranges_m", "impulse_ns")
+        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
         self._blocks = {name: [] for name in names}
 
     def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
@@ -123,7 +124,7 @@ class Recorder:
         for name in ("control", "ranges_m"):
             whole = np.asarray(getattr(slice_, name))[: self._lanes]
             self._add(name, whole[:, begun])
-            self._note_last(f"last_{name}", whole[np.arange(self._lanes), last], steps)
+            self._note_last(name, whole[np.arange(self._lanes), last], steps)
         self._steps += length
 
     def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
@@ -149,7 +150,7 @@ class Recorder:
         """
         if not self._kept or self._ends is None:
             return
-        each = 1 + sum(block[:1].nbytes for blocks in self._blocks.values() for block in blocks)
+        each = 1 + sum(kept.row_bytes for blocks in self._blocks.values() for kept in blocks)
         at_once = max(1, _PART_BYTES // each)
         for first in range(0, len(self._kept), at_once):
             group = self._kept[first : first + at_once]
@@ -158,16 +159,18 @@ class Recorder:
 
     def _note_last(self, name: str, found: np.ndarray, steps: Int[np.ndarray, "lanes"]) -> None:
         """Keeps what was last of each lane; of a lane that had ended before this slice, what was noted then."""
-        if not self._blocks[name]:
-            self._blocks[name].append(found[:, None].copy())
+        if name not in self._last:
+            self._last[name] = found.copy()
             return
         moving = steps[: self._lanes] >= self._steps
-        self._blocks[name][0][moving, 0] = found[moving]
+        self._last[name][moving] = found[moving]
 
     def _add(self, name: str, block: np.ndarray) -> None:
-        self._held_bytes += block.nbytes
-        full = self._held_bytes > _MEMORY_BYTES
-        self._blocks[name].append(_in_a_file(block) if full else np.ascontiguousarray(block))
+        self._blocks[name].append(self._overflow.keep(block))
+
+    def _of(self, name: str, lanes: np.ndarray) -> list[np.ndarray]:
+        """Returns what was added under a name, of some lanes."""
+        return [self._overflow.get(kept)[lanes] for kept in self._blocks[name]]
 
     def _columns(self, lanes: np.ndarray, indices: np.ndarray, ends: Ends) -> Columns:
         """Returns the samples of some lanes. Slot j of a lane is its step j times the stride; behind them its end."""
@@ -193,32 +196,22 @@ class Recorder:
     def _states(self, name: str, lanes: np.ndarray, ends: Ends, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
         final = getattr(ends, name)[lanes]
         first = ends.start[lanes].astype(final.dtype) if name == "pose" else np.zeros_like(final)
-        slots = _fitted([first[:, None], *(block[lanes] for block in self._blocks[name])], at_end.shape[1])
+        slots = _fitted([first[:, None], *self._of(name, lanes)], at_end.shape[1])
         slots[at_end] = final
         return slots
 
     def _actions(self, name: str, lanes: np.ndarray, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
-        slots = _fitted([block[lanes] for block in self._blocks[name]], at_end.shape[1])
-        slots[at_end] = self._blocks[f"last_{name}"][0][lanes, 0]
+        slots = _fitted(self._of(name, lanes), at_end.shape[1])
+        slots[at_end] = self._last[name][lanes]
         return slots
 
     def _impulses(
         self, lanes: np.ndarray, steps: Int[np.ndarray, "lanes"], slots: int
     ) -> Float32[np.ndarray, "lanes slots"]:
         """Returns what contacts pushed with from each sample to the next."""
-        every = _fitted([block[lanes] for block in self._blocks["impulse_ns"]], slots * self._stride)
+        every = _fitted(self._of("impulse_ns", lanes), slots * self._stride)
         every[np.arange(every.shape[1]) >= steps[:, None]] = 0.0
         return every.reshape(len(lanes), slots, self._stride).sum(2, dtype=np.float32)
-
-
-def _in_a_file(block: np.ndarray) -> np.ndarray:
-    """Returns a block that lies in a file without a name, which goes when the block does."""
-    if not block.size:
-        return block
-    with tempfile.TemporaryFile(prefix="simyard-recording-") as file:
-        file.write(np.ascontiguousarray(block).data)
-        file.flush()
-        return np.memmap(file, block.dtype, "r", shape=block.shape)
 
 
 def _fitted(blocks: Sequence[np.ndarray], slots: int) -> np.ndarray:

@@ -1,8 +1,8 @@
 """`simyard plan` tells engine and reason, chunks, a range of time and memory, audit and recordings."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -11,10 +11,11 @@ from tasks.documents.pipelines import read_pipeline
 from tasks.storage.store import Store
 
 ROOT = Path(__file__).parents[2]
+Tell = Callable[..., str]
 
 
 @pytest.fixture
-def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Tell:
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
 
     def tell(**batch: object) -> str:
@@ -29,7 +30,7 @@ def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     return tell
 
 
-def test_the_quickstart_is_told_before_it_runs(lines: Any):
+def test_the_quickstart_is_told_before_it_runs(lines: Tell):
     told = lines()
     assert "384 episodes of at most 60 simulated seconds" in told
     assert "courier: engine planar, the fastest of all" in told
@@ -38,13 +39,13 @@ def test_the_quickstart_is_told_before_it_runs(lines: Any):
     assert "recordings of failed episodes at 10 Hz; 16 episodes audited on C MuJoCo" in told
 
 
-def test_what_is_turned_off_is_said(lines: Any):
+def test_what_is_turned_off_is_said(lines: Tell):
     told = lines(recordings={"episodes": "none"}, audit={"lanes": 0}, engine="mujoco")
     assert "courier: engine mujoco, asked for" in told
     assert "no recordings; no audit" in told
 
 
-def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Any):
+def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
     told = lines(matrix={"seeds": 10_000}, engine="mujoco")
     assert "80,000 episodes" in told
     assert re.search(r"about \S+ to \S+ h and", told)
