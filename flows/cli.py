@@ -87,14 +87,16 @@ def validate(file: Document) -> None:
 
 @app.command()
 def describe(
-    arn: Annotated[str, typer.Argument(help="An ARN that `simyard run` or `simyard list` printed.")],
+    arns: Annotated[list[str], typer.Argument(metavar="ARN...", help="What `simyard run` or `simyard list` printed.")],
     store: StoreUrl = None,
 ) -> None:
-    """Print what RoboMaker's Describe call answers, as JSON."""
-    from flows.inspecting import described
+    """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
+    from flows.inspecting import described, described_together
     from tasks.storage.opening import open_existing_store
 
-    typer.echo(described(open_existing_store(store), arn).model_dump_json(indent=2, exclude_none=True))
+    opened = open_existing_store(store)
+    answer = described(opened, arns[0]) if len(arns) == 1 else described_together(opened, arns)
+    typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
 
 
 @app.command()

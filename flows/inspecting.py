@@ -1,11 +1,12 @@
 """`simyard describe`, `list`, `cancel` and `restart`: RoboMaker's answers, whatever the kind of resource."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from specs.arn import KINDS, Reference, ResourceKind, parse_reference
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
 from specs.report import RunSummary
+from specs.simulation import BatchDescribeSimulationJobRequest
 from tasks.applications.describe import (
     describe_robot_application,
     describe_simulation_application,
@@ -20,11 +21,12 @@ from tasks.deploy.describe import (
     list_fleets,
     list_robots,
 )
+from tasks.documents.parsing import parse
 from tasks.export.describe import describe_export_job, summarise_export_job
 from tasks.simulate.batch import KIND as BATCH
 from tasks.simulate.batch import STOPPING
 from tasks.simulate.canceling import cancel_batch, cancel_job
-from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
+from tasks.simulate.describe import batch_describe_jobs, describe_batch, describe_job, list_batches, list_jobs
 from tasks.simulate.restarting import restart_job
 from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
@@ -80,6 +82,16 @@ def described(store: Store, text: str) -> Spec:
     if reference.kind is None:
         raise _refused("arn", text, f"an ARN, arn:simyard:<kind>:...; kinds are {', '.join(KINDS)}")
     return _DESCRIBE[reference.kind](store, reference.path)
+
+
+def described_together(store: Store, arns: Sequence[str]) -> Spec:
+    """Returns what BatchDescribeSimulationJob answers: the jobs, and the ARNs of those that do not exist.
+
+    Raises:
+        DocumentError: They are more than 100, or some of them no ARNs.
+    """
+    request = parse(BatchDescribeSimulationJobRequest, {"jobs": [*arns]}, "simyard")
+    return batch_describe_jobs(store, request.jobs)
 
 
 def listed(store: Store, kind: str) -> Iterable[Spec]:

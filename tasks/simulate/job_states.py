@@ -52,6 +52,8 @@ class Jobs:
         self._ended = is_terminal(self.record)
         self._store_id = store_id(store)
         self._chunks = chunk_numbers(store, batch)
+        self._canceled, self._restarted = canceled_jobs(self.record), restarted_jobs(self.record)
+        self._entries = entries(self.record)
         self._rows = functools.lru_cache(maxsize=_CHUNKS_KEPT)(self._read_rows)
 
     def counts(self) -> JobCounts:
@@ -89,13 +91,13 @@ class Jobs:
         }
         if "dataSources" in asked:
             asked["dataSources"] = [_read_source(source) for source in cast("list[_Document]", asked["dataSources"])]
-        restarted_s = restarted_jobs(self.record).get(index, 0.0)
+        restarted_s = self._restarted.get(index, 0.0)
         started: _Document = {"lastStartedAt": max(start.started_at_s, restarted_s)} if start else {}
         return {"failureBehavior": "Fail", **asked, **self._identity(index), **self._state(index), **started}
 
     def _summary(self, index: int) -> SimulationJobSummary:
         request = self._batch.layout.request(index)
-        asked = entries(self.record)[self._batch.layout.template_of(index)]
+        asked = self._entries[self._batch.layout.template_of(index)]
         sources = [source["name"] for source in cast("list[_Document]", asked.get("dataSources") or [])]
         return SimulationJobSummary.model_validate(
             {
@@ -127,13 +129,13 @@ class Jobs:
 
     def _active(self, index: int, chunk: int) -> str:
         begun = chunk in self._chunks.begun
-        if index in canceled_jobs(self.record):  # its row is still to be written, and says so
+        if index in self._canceled:  # its row is still to be written, and says so
             return "Terminating" if begun else "Canceled"
         if self.record.status in STOPPING and begun:
             return "Terminating"
         if not begun:
             return "Pending"
-        return "Restarting" if index in restarted_jobs(self.record) else "Running"
+        return "Restarting" if index in self._restarted else "Running"
 
     def _state_of(self, row: EpisodeResult, index: int) -> _Document:
         state: _Document = {"status": row.status, "simulationTimeMillis": round(1000 * row.simulated_s)}
@@ -168,7 +170,7 @@ class Jobs:
 
     def _asked(self, index: int) -> _Document:
         """Returns the entry of the batch that the job came from, with its own world and variables."""
-        entry = dict(entries(self.record)[self._batch.layout.template_of(index)])
+        entry = dict(self._entries[self._batch.layout.template_of(index)])
         request = self._batch.layout.request(index)
         for kind, resolved in (("robotApplications", request.robot), ("simulationApplications", request.scenario)):
             (use,) = cast("list[_Document]", entry[kind])

@@ -1,9 +1,10 @@
-"""`simyard cancel` knows what can be cancelled."""
+"""`simyard cancel` knows what can be cancelled, and `simyard describe` several jobs at once."""
 
 import pytest
 
-from flows.inspecting import cancel
+from flows.inspecting import cancel, described_together
 from specs.errors import DocumentError, ResourceNotFound
+from specs.simulation_descriptions import BatchDescribeSimulationJobResponse
 from tasks.storage.claim import claimed
 from tasks.storage.keys import claim_key
 from tasks.storage.store import Store
@@ -28,3 +29,18 @@ def test_an_old_arn_of_robomaker_means_the_batch_of_that_name(file_store: Store)
     with claimed(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=0.3):
         cancel(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch.id}")
     assert batch.record().status == "Canceling"
+
+
+def test_several_jobs_are_described_at_once_and_those_that_are_not_there_are_named(file_store: Store):
+    job = begun(file_store).record().arn.replace("simulation-job-batch", "simulation-job")
+    asked = [f"{job}/5", f"{job}/6", f"{job}/0"]
+    answer = described_together(file_store, asked)
+    assert isinstance(answer, BatchDescribeSimulationJobResponse)
+    assert [each.arn for each in answer.jobs or ()] == [asked[0], asked[2]]
+    assert answer.unprocessedJobs == (asked[1],)
+
+
+@pytest.mark.parametrize("arns", [["arn:x"] * 101, ["arn:x", "job"]])
+def test_a_hundred_arns_are_described_at_once_at_most(file_store: Store, arns: list[str]):
+    with pytest.raises(DocumentError, match="jobs"):
+        described_together(file_store, arns)
