@@ -1,0 +1,61 @@
+"""docs/simulation-jobs.md names what there is, and its document runs as it stands."""
+
+import re
+from pathlib import Path
+from typing import get_args
+
+from flows.cli import app
+from flows.planning import planned
+from specs.pipeline import PipelineSpec
+from specs.simulation_batch import SimulationJobBatchStatus
+from specs.simulation_descriptions import SimulationJobErrorCode, SimulationJobStatus
+from tasks.documents.pipelines import read_pipeline
+from tasks.simulate.data_plan import data_variable
+from tasks.storage.buckets import open_bucket
+from tasks.storage.store import Store
+from tests.simulate.batch_factory import put_world
+
+PAGE = (Path(__file__).parents[1] / "docs/simulation-jobs.md").read_text()
+
+
+def _document(folder: Path) -> PipelineSpec:
+    (name, body), *more = re.findall(r"<!-- file: (\S+) -->\n```json\n(.*?)```", PAGE, re.DOTALL)
+    assert not more
+    (folder / name).write_text(body)
+    return read_pipeline(folder / name)
+
+
+def test_the_old_document_is_planned_as_it_stands(file_store: Store, tmp_path: Path):
+    put_world(file_store, "generation-1/world-1")
+    open_bucket(file_store, "my-data").put("maps/one", b"1")
+    lines = list(planned(_document(tmp_path), tmp_path, file_store))
+    assert lines[0].startswith("old-job, on ")
+    assert "no effect         simulationBatch.createSimulationJobRequests[*].iamRole" in lines
+
+
+def _first_column(heading: str) -> list[str]:
+    table = PAGE.partition(f"| {heading} |")[2].partition("\n\n")[0]
+    cells = [line.split("|")[1] for line in table.splitlines()[2:]]
+    return [name for cell in cells for name in re.findall("`([A-Za-z]+)`", cell)]
+
+
+def test_the_states_are_robomakers():
+    assert set(_first_column("of a batch")) == set(get_args(SimulationJobBatchStatus)) - {"Pending", "Failed"}
+    # Nothing has to be prepared, and nothing ends without a reason.
+    assert set(_first_column("of a job")) == set(get_args(SimulationJobStatus)) - {"Preparing", "Terminated"}
+
+
+def test_the_codes_are_robomakers():
+    named = set(re.findall(r"\| `([A-Z][A-Za-z0-9]+)` \|$", PAGE, re.MULTILINE))
+    assert named == {"InvalidS3Resource", "BadPermissionsS3Object", "MismatchedEtag", "LimitExceeded", "InvalidInput"}
+    assert named <= set(get_args(SimulationJobErrorCode))
+
+
+def test_the_commands_exist():
+    commands = {str(each.name or (each.callback and each.callback.__name__)) for each in app.registered_commands}
+    groups = {str(each.name) for each in app.registered_groups}
+    assert set(re.findall("`simyard ([a-z]+)", PAGE)) <= commands | groups
+
+
+def test_a_variable_is_named_as_the_page_says():
+    assert data_variable("my-maps") == "DATA_SOURCE_MY_MAPS"
