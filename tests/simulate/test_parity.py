@@ -20,9 +20,8 @@ def deviations_m(pens: dict[str, World]) -> np.ndarray:
     models = {name: reference_model(FOLDERS[FAULTY] / "robot.xml", world) for name, world in pens.items()}
     found: list[float] = []
     for first in range(0, len(requests), PUSHER_LANES):
-        _, lanes, run, _ = ready_chunk(
-            requests[first : first + PUSHER_LANES], pens, FOLDERS, lanes=PUSHER_LANES, engine="mjx"
-        )
+        ready = ready_chunk(requests[first : first + PUSHER_LANES], pens, FOLDERS, lanes=PUSHER_LANES, engine="mjx")
+        lanes, run = ready.lanes, ready.run
         assert run is not None
         state, records = run.begin(), []
         for _ in range(SLICES):
