@@ -25,7 +25,7 @@ from tasks.export.mjcf import GROUND, world_spec
 from tasks.export.render import CAPTION_LINE, READY, REQUEST, Pixels
 from tasks.export.window_parts import WINDOW_PREFIX
 
-_CUT_M = 1.45  # above tables and sills, below heads: one looks into every room over its walls
+CUT_M = 1.45  # above tables and sills, below heads: one looks into every room over its walls
 _FOVY_RAD = math.radians(28.0)
 _ELEVATION_RAD = math.radians(58.0)
 _AZIMUTH_RAD = math.radians(72.0)  # from the south, a little from the west, so that two faces of everything are seen
@@ -85,9 +85,13 @@ def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: Bina
 
 def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
     """Returns a picture of a world cut open; a GL context is current."""
-    model = _model(cut_open(world, _CUT_M), width, height)
+    return photographed(world_spec(cut_open(world, CUT_M)), framed(world, width / height), width, height, samples)
+
+
+def photographed(spec: mujoco.MjSpec, view: View, width: int, height: int, samples: int) -> Pixels:
+    """Returns a picture of a model that has a world's ground and sky; a GL context is current."""
+    model = _model(spec, width, height)
     data = mujoco.MjData(model)
-    view = framed(world, width / height)
     scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
     context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
@@ -135,7 +139,7 @@ def framed(world: World, aspect: float) -> View:
     deep = area.y_max_m - area.y_min_m > 1.4 * (area.x_max_m - area.x_min_m)
     azimuth_rad = _AZIMUTH_RAD + (math.pi / 2 if deep and aspect > 1.0 else 0.0)
     corners = np.array(
-        [(x, y, z) for x in (area.x_min_m, area.x_max_m) for y in (area.y_min_m, area.y_max_m) for z in (0.0, _CUT_M)]
+        [(x, y, z) for x in (area.x_min_m, area.x_max_m) for y in (area.y_min_m, area.y_max_m) for z in (0.0, CUT_M)]
     )
     view = View(corners.mean(axis=0), 10.0, azimuth_rad)
     half_height = math.tan(_FOVY_RAD / 2)
@@ -150,8 +154,7 @@ def framed(world: World, aspect: float) -> View:
     return view
 
 
-def _model(world: World, width: int, height: int) -> mujoco.MjModel:
-    spec = world_spec(world)
+def _model(spec: mujoco.MjSpec, width: int, height: int) -> mujoco.MjModel:
     for light in list(spec.lights):
         spec.delete(light)
     lamp = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=True)
