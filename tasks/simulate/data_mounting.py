@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from specs.episode import EpisodeRequest
-from specs.errors import BundleRefused, ObjectNotFound, StoreAccessDenied, StoreUnreachable
+from specs.errors import BundleRefused, ObjectNotFound, StoreAccessDenied
 from tasks.simulate.data_cache import DataCache, discard
 from tasks.simulate.data_plan import DATA_PREFIX, PinnedSource
 from tasks.simulate.data_unpacking import unpack_archive
@@ -43,7 +43,11 @@ class Mounts:
         self._mounted: dict[str, Mounted] = {}
 
     def failure(self, request: EpisodeRequest) -> str:
-        """Returns why an episode cannot be simulated, as a code, a colon and a reason, or an empty text."""
+        """Returns why an episode cannot be simulated, as a code, a colon and a reason, or an empty text.
+
+        Raises:
+            StoreError: A bucket does not answer, or is gone.
+        """
         return next((found.failure for _, found in self._of(request) if found.failure), "")
 
     def resolved(self, request: EpisodeRequest) -> EpisodeRequest:
@@ -82,7 +86,7 @@ class Mounts:
             where = f"data source {source.name}: {source.bucket}/{file.key}"
             try:
                 found = self._cache.fetched(open_bucket(self._store, source.bucket), file.key)
-            except (ObjectNotFound, StoreUnreachable):
+            except ObjectNotFound:
                 return f"InvalidS3Resource: {where} does not exist any more"
             except StoreAccessDenied:
                 return f"BadPermissionsS3Object: {where} must not be read"
@@ -93,18 +97,18 @@ class Mounts:
     def _install(self, digest: str, source: PinnedSource) -> str:
         """Returns why the files cannot be put together, or an empty text."""
         staged = self._cache.stage(digest)
-        try:
-            top = staged / source.destination
-            top.mkdir(parents=True, exist_ok=True)
-            for file in source.files:
-                put = _unpacked if source.type == "Archive" else _linked
+        top = staged / source.destination
+        top.mkdir(parents=True, exist_ok=True)
+        put = _unpacked if source.type == "Archive" else _linked
+        for file in source.files:
+            try:
                 put(file.key, self._cache.path(file.sha256), top)
-        except BundleRefused as exc:
-            discard(staged)
-            return f"InvalidS3Resource: data source {source.name}: {exc}"
-        except (FileExistsError, NotADirectoryError, IsADirectoryError) as exc:
-            discard(staged)
-            return f"InvalidInput: data source {source.name}: {exc.filename2 or exc.filename} would be two things"
+            except BundleRefused as exc:
+                discard(staged)
+                return f"InvalidS3Resource: data source {source.name}: {exc}"
+            except (FileExistsError, NotADirectoryError, IsADirectoryError):
+                discard(staged)  # what it says names places of this machine, and a row must not
+                return f"InvalidInput: data source {source.name}: {file.key} would be where another file is"
         self._cache.install(staged, digest)
         return ""
 

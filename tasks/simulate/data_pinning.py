@@ -5,13 +5,14 @@ Nothing here refuses a document: a job whose file is missing is a row that says 
 
 from pathlib import Path
 
-from specs.errors import BundleRefused, DocumentError, ObjectNotFound, StoreAccessDenied, StoreUnreachable
+from specs.errors import BundleRefused, DocumentError, ObjectNotFound, StoreAccessDenied
 from specs.simulation import DataSourceConfig
 from tasks.simulate.data_cache import DataCache
 from tasks.simulate.data_plan import MOST_BYTES, MOST_FILES, DataFailure, PinnedFile, PinnedSource, unpinned
 from tasks.simulate.data_unpacking import ENDINGS
 from tasks.storage.archives import safe_parts
 from tasks.storage.buckets import open_bucket
+from tasks.storage.keys import checked_key
 from tasks.storage.store import Store
 
 
@@ -30,31 +31,32 @@ def pinned(store: Store, cache: Path, source: DataSourceConfig) -> PinnedSource:
         source: As the request has it.
 
     Raises:
-        StoreError: The bucket fails in another way than by not being there.
+        StoreError: The bucket is not there, does not answer, or fails: that passes, and would be no job's fault.
     """
     found = unpinned(source)
     try:
         bucket = open_bucket(store, source.s3Bucket)
         safe_parts(found.destination)
         keys = _keys(bucket, source)
-        return found.model_copy(update={"files": tuple(_files(bucket, DataCache(cache), keys))})
+        return found.model_copy(update={"files": tuple(_files(bucket, source.s3Bucket, DataCache(cache), keys))})
     except _Unusable as exc:
         return found.failed(exc.code, str(exc))
-    except (ObjectNotFound, StoreUnreachable, DocumentError) as exc:
-        return found.failed("InvalidS3Resource", " ".join(str(exc).split()))
-    except StoreAccessDenied as exc:
-        return found.failed("BadPermissionsS3Object", " ".join(str(exc).split()))
+    except StoreAccessDenied:
+        return found.failed("BadPermissionsS3Object", f"bucket {source.s3Bucket} refuses to be read")
     except BundleRefused:
         return found.failed("InvalidInput", f"{source.destination!r} is no folder below a job's own")
 
 
-def _files(bucket: Store, cache: DataCache, keys: list[str]) -> list[PinnedFile]:
+def _files(bucket: Store, name: str, cache: DataCache, keys: list[str]) -> list[PinnedFile]:
     if len(keys) > MOST_FILES:
         raise _Unusable("LimitExceeded", f"{len(keys)} files; at most {MOST_FILES}")
     files: list[PinnedFile] = []
     for key in keys:
         _require_safe(key)
-        files.append(cache.fetched(bucket, key))
+        try:
+            files.append(cache.fetched(bucket, key))
+        except ObjectNotFound as exc:  # its text names places of this machine, and a row must not
+            raise _Unusable("InvalidS3Resource", f"there is no {name}/{key}") from exc
         if sum(file.size_bytes for file in files) > MOST_BYTES:
             raise _Unusable("LimitExceeded", f"more than {MOST_BYTES:,} bytes")
     return files
@@ -77,11 +79,13 @@ def _keys(bucket: Store, source: DataSourceConfig) -> list[str]:
 def _below(bucket: Store, prefix: str) -> list[str]:
     """Returns the keys that begin with a prefix, which need not be a whole folder's name."""
     folder, _, _ = prefix.rpartition("/")
+    if folder:
+        _require_safe(folder)
     return [key for key in bucket.keys(folder) if key.startswith(prefix)]
 
 
 def _require_safe(key: str) -> None:
     try:
-        safe_parts(key)
-    except BundleRefused as exc:
+        safe_parts(checked_key(key))
+    except (BundleRefused, DocumentError) as exc:
         raise _Unusable("InvalidInput", f"{key!r} is no relative path") from exc
