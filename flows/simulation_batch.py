@@ -30,6 +30,7 @@ from tasks.simulate.batch import (
     time_out,
 )
 from tasks.simulate.chunk_store import spent_s
+from tasks.simulate.machines import note_machine
 from tasks.simulate.resolving import output_location
 from tasks.simulate.streaming import parts
 from tasks.simulate.task import audit_batch, simulate_chunk
@@ -99,6 +100,7 @@ def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocati
     record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
     lanes, done = batch.plan.lanes, 0
+    note_machine(batch)
     with watched("Episodes", "episodes-progress") as progress:
         for number in range(layout.chunks):
             worked_s = before_s + time.monotonic() - start_s

@@ -1,0 +1,50 @@
+"""Which machines a batch ran on, in its record: no result depends on them, so that no table names them."""
+
+import os
+import platform
+from pathlib import Path
+
+from pydantic import JsonValue
+
+from tasks.simulate.batch import GOING, KIND, OpenBatch
+from tasks.simulate.devices import device_count, device_kind, prepare_devices
+from tasks.storage.records import advance
+
+_PROCESSORS = Path("/proc/cpuinfo")
+_NAME = "model name"
+_MARK = "machine/"
+
+
+def note_machine(batch: OpenBatch) -> None:
+    """Adds this machine to a batch's record, once however often the batch is continued here."""
+    name = f"{_device_name()}, {platform.system()} {platform.machine()}"
+    mark: dict[str, JsonValue] = {
+        f"{_MARK}{name}": {
+            "device": device_kind(),
+            "name": _device_name(),
+            "devices": device_count(),
+            "system": f"{platform.system()} {platform.machine()}",
+        }
+    }
+    record = batch.record()
+    if record.status in GOING and not mark.keys() <= record.detail.keys():
+        # Only as it was read: whoever stops the batch meanwhile is not overruled.
+        advance(batch.store, KIND, batch.id, record.status, only_from={record.status}, detail=mark)
+
+
+def _device_name() -> str:
+    if device_kind() == "gpu":
+        prepare_devices()
+        import jax  # noqa: PLC0415 - it reads its settings when it is imported
+
+        return str(jax.devices()[0].device_kind)
+    return _processor()
+
+
+def _processor() -> str:
+    try:
+        lines = _PROCESSORS.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith(_NAME))
+    return next(names, "") or platform.processor() or os.name
