@@ -11,13 +11,15 @@ from typing import TypeVar
 
 from specs.arn import parse_reference
 from specs.base import Fault
+from specs.common import FilteredPage
 from specs.errors import DocumentError, ResourceNotFound
 from specs.simulation import ListSimulationJobsRequest
-from specs.simulation_batch import MAX_REQUESTS
+from specs.simulation_batch import MAX_REQUESTS, ListSimulationJobBatchesRequest
 from specs.simulation_descriptions import (
     BatchDescribeSimulationJobResponse,
     DescribeSimulationJobBatchResponse,
     DescribeSimulationJobResponse,
+    ListSimulationJobBatchesResponse,
     ListSimulationJobsResponse,
     SimulationJob,
     SimulationJobBatchSummary,
@@ -26,7 +28,7 @@ from specs.simulation_descriptions import (
 from tasks.simulate.batch import KIND, job_of
 from tasks.simulate.job_states import Jobs
 from tasks.simulate.requested import policy_and_tags
-from tasks.storage.records import records
+from tasks.storage.records import JobRecord, records
 from tasks.storage.store import Store
 
 T = TypeVar("T")
@@ -67,21 +69,42 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
 
 def list_batches(store: Store) -> list[SimulationJobBatchSummary]:
     """Returns all batches, oldest first."""
-    summaries: list[SimulationJobBatchSummary] = []
-    for record in records(store, KIND):
-        counts = Jobs(store, record.id).counts()
-        summaries.append(
-            SimulationJobBatchSummary(
-                arn=record.arn,
-                createdAt=record.created_at_s,
-                lastUpdatedAt=record.updated_at_s,
-                status=record.status,  # pyright: ignore[reportArgumentType] - as above
-                pendingRequestCount=counts.pending,
-                createdRequestCount=counts.created,
-                failedRequestCount=counts.failed,
-            )
-        )
-    return summaries
+    return [_batch_summary(store, record) for record in records(store, KIND)]
+
+
+def list_batches_page(store: Store, request: ListSimulationJobBatchesRequest) -> ListSimulationJobBatchesResponse:
+    """Returns one page of the batches, oldest first.
+
+    Args:
+        store: Where they are.
+        request: Pages hold 1,000 batches if it does not say. The filter is ``status``; several are alternatives.
+
+    Raises:
+        DocumentError: The token is none that a page gave, or a filter has another name.
+    """
+    wanted = {value for _, value in _pairs(request, ("status",))}
+    rest = list(itertools.dropwhile(lambda record: request.nextToken not in {None, record.id}, records(store, KIND)))
+    if request.nextToken and not rest:
+        raise _refused("nextToken", request.nextToken, "the nextToken of a page")
+    later = [record for record in rest if not wanted or record.status in wanted]
+    size = request.maxResults or _PAGE
+    return ListSimulationJobBatchesResponse(
+        simulationJobBatchSummaries=tuple(_batch_summary(store, record) for record in later[:size]),
+        nextToken=later[size].id if len(later) > size else None,
+    )
+
+
+def _batch_summary(store: Store, record: JobRecord) -> SimulationJobBatchSummary:
+    counts = Jobs(store, record.id).counts()
+    return SimulationJobBatchSummary(
+        arn=record.arn,
+        createdAt=record.created_at_s,
+        lastUpdatedAt=record.updated_at_s,
+        status=record.status,  # pyright: ignore[reportArgumentType] - as above
+        pendingRequestCount=counts.pending,
+        createdRequestCount=counts.created,
+        failedRequestCount=counts.failed,
+    )
 
 
 def list_jobs(store: Store) -> Iterator[SimulationJobSummary]:
@@ -177,13 +200,19 @@ def _position(token: str | None) -> tuple[str, int]:
 
 
 def _filters(request: ListSimulationJobsRequest) -> Callable[[SimulationJobSummary], bool]:
+    pairs = _pairs(request, tuple(_FILTERED))
+    return lambda job: not pairs or any(value in _FILTERED[name](job) for name, value in pairs)
+
+
+def _pairs(request: FilteredPage, names: Sequence[str]) -> list[tuple[str, str]]:
+    """Returns the names and values that a list request filters by."""
     pairs: list[tuple[str, str]] = []
     for each in request.filters or ():
         name = each.name or ""
-        if name not in _FILTERED:
-            raise _refused("filters.name", name, f"one of {', '.join(_FILTERED)}")
+        if name not in names:
+            raise _refused("filters.name", name, f"one of {', '.join(names)}")
         pairs += [(name, value) for value in each.values or ()]
-    return lambda job: not pairs or any(value in _FILTERED[name](job) for name, value in pairs)
+    return pairs
 
 
 def _refused(path: str, value: str, allowed: str) -> DocumentError:

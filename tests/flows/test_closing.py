@@ -9,6 +9,8 @@ import pytest
 
 from flows.closing import settled
 from flows.inspecting import cancel, described, listed
+from flows.simulation_batch import _run
+from specs.common import OutputLocation
 from specs.episode import EpisodeResult
 from specs.errors import DocumentError
 from tasks.applications.publishing import publish
@@ -112,3 +114,10 @@ def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Pa
     with pytest.raises(DocumentError, match="this one is Canceled"):
         cancel(left.store, before.arn)
     assert left.record() == before
+
+
+def test_a_process_that_waited_for_a_batch_that_was_closed_meanwhile_does_nothing(left: OpenBatch):
+    cancel(left.store, left.record().arn)
+    before = left.record()
+    assert _run(left.store, left.id, OutputLocation(s3Bucket="results")) == before
+    assert committed_chunk(left.store, left.id, 2) is None

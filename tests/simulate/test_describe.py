@@ -8,6 +8,7 @@ from pydantic import JsonValue
 from specs.common import Filter
 from specs.errors import DocumentError, ResourceNotFound
 from specs.simulation import CreateSimulationJobRequest, ListSimulationJobsRequest
+from specs.simulation_batch import ListSimulationJobBatchesRequest
 from specs.simulation_descriptions import DescribeSimulationJobResponse
 from tasks.simulate.batch import OpenBatch, close_batch, complete, open_batch, opened, time_out
 from tasks.simulate.canceling import cancel_batch, cancel_job
@@ -18,6 +19,7 @@ from tasks.simulate.describe import (
     describe_batch,
     describe_job,
     list_batches,
+    list_batches_page,
     list_jobs,
     list_jobs_page,
 )
@@ -175,6 +177,29 @@ def test_pages_together_are_the_list(running: OpenBatch):
             break
     assert found == [str(job.arn) for job in list_jobs(running.store)]
     assert len(found) == 8 + 2
+
+
+def test_pages_of_batches_together_are_their_list(running: OpenBatch):
+    store = running.store
+    others = [begun(store, name=f"other-{number}").id for number in range(4)]
+    cancel_batch(store, others[1])
+    found: list[str | None] = []
+    token = None
+    for _ in range(10):
+        page = list_batches_page(store, ListSimulationJobBatchesRequest(maxResults=2, nextToken=token))
+        found += [batch.arn for batch in page.simulationJobBatchSummaries or ()]
+        token = page.nextToken
+        if token is None:
+            break
+    assert found == [batch.arn for batch in list_batches(store)]
+    assert len(found) == 5
+    canceling = ListSimulationJobBatchesRequest(filters=(Filter(name="status", values=("Canceling",)),))
+    only = [str(batch.arn) for batch in list_batches_page(store, canceling).simulationJobBatchSummaries or ()]
+    assert [arn.rpartition(":")[2] for arn in only] == [others[1]]
+    with pytest.raises(DocumentError, match="nextToken"):
+        list_batches_page(store, ListSimulationJobBatchesRequest(nextToken="simb-0"))
+    with pytest.raises(DocumentError, match="colour"):
+        list_batches_page(store, ListSimulationJobBatchesRequest(filters=(Filter(name="colour", values=("red",)),)))
 
 
 def test_filters_are_alternatives(running: OpenBatch):
