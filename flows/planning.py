@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from flows.resolving import finder, pins
+from flows.resolving import failing_sources, finder, pins
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
@@ -49,6 +49,8 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         plan, section, longest_s = _batch(spec.simulationBatch, worlds, finder(trial, own), trial)
         episodes = plan.episodes
         yield from _batch_lines(plan, section, longest_s)
+        for reason in failing_sources(section, trial, finder(trial, own)):
+            yield f"jobs will fail    {reason}"
     if spec.gate:
         yield from _gate_lines(spec, episodes)
     if spec.deployment:

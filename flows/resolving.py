@@ -128,6 +128,12 @@ def _path(reference: str) -> str:
         return reference
 
 
+def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -> list[str]:
+    """Returns which data sources of a batch cannot be used, and why: the jobs that need them will fail."""
+    sources = batch_plan(section, (), store, find).data_sources.values()
+    return [f"{source.failure_code}: {source.failure_reason}" for source in sources if source.failure_code]
+
+
 def deployed_version(section: Deployment, store: Store, find: FindVersion, tested: Mapping[str, str] | None) -> Version:
     """Returns the version that a deployment rolls out: the one it names, else the tested one, else the newest.
 
