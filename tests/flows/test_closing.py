@@ -1,6 +1,7 @@
 """A batch that was stopped while nobody worked on it is closed by whoever asks, and only then."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pyarrow as pa
@@ -13,17 +14,14 @@ from flows.simulation_batch import _run
 from specs.common import OutputLocation
 from specs.episode import EpisodeResult
 from specs.errors import DocumentError
-from tasks.applications.publishing import publish
 from tasks.simulate.batch import OpenBatch, time_out
-from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.chunk_store import begin_chunk, committed_chunk
 from tasks.simulate.committing import Part, run_chunk
 from tasks.storage.claim import claimed
 from tasks.storage.keys import claim_key
 from tasks.storage.store import Store
-from tests.simulate.batch_factory import all_pass, begun, plan, template
-from tests.simulate_factory import REPOSITORY, ROBOT, SCENARIO
+from tests.simulate.batch_factory import all_pass, begun, plan
 
 BATCH = "simulation-job-batch"
 
@@ -31,21 +29,10 @@ BATCH = "simulation-job-batch"
 @pytest.fixture
 def left(file_store: Store) -> OpenBatch:
     """Six jobs in chunks of two: the first chunk is committed, the second was begun, the third was not."""
-    batch = begun(file_store, _shipped(file_store))
+    batch = begun(file_store, plan(file_store, lanes=2))
     run_chunk(batch, 0, all_pass, lanes=2, left_s=9.0)
     begin_chunk(file_store, batch.id, 1, 0.0)
     return batch
-
-
-def _shipped(store: Store) -> BatchPlan:
-    """Returns a plan whose bundles are published, so that the engine can be told."""
-    robot = publish(store, "robot-application", "courier", REPOSITORY / "applications/courier")
-    scenario = publish(store, "simulation-application", "delivery", REPOSITORY / "applications/delivery")
-    launches = {
-        "robot": ROBOT.model_copy(update={"digest": robot.digest}),
-        "scenario": SCENARIO.model_copy(update={"digest": scenario.digest}),
-    }
-    return plan(store, lanes=2, templates=(template(**launches),))
 
 
 def results(batch: OpenBatch) -> pa.Table:
@@ -114,6 +101,23 @@ def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Pa
     with pytest.raises(DocumentError, match="this one is Canceled"):
         cancel(left.store, before.arn)
     assert left.record() == before
+
+
+def test_on_s3_it_is_the_same(s3_store: Store):
+    batch = begun(s3_store, plan(s3_store, lanes=2))
+    run_chunk(batch, 0, all_pass, lanes=2, left_s=9.0)
+    cancel(s3_store, batch.record().arn)
+    assert batch.record().status == "Canceled"
+    assert results(batch).column("status").to_pylist() == ["Completed"] * 2 + ["Canceled"] * 4
+
+
+def test_of_many_that_ask_at_once_one_closes_it_and_all_see_the_same_end(left: OpenBatch):
+    cancel_batch(left.store, left.id)
+    with ThreadPoolExecutor(4) as askers:
+        list(askers.map(lambda _: settled(left.store, left.id), range(4)))
+    end = left.record()
+    assert end.status == "Canceled"
+    assert settled(left.store, left.id) == end
 
 
 def test_a_process_that_waited_for_a_batch_that_was_closed_meanwhile_does_nothing(left: OpenBatch):
