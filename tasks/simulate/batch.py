@@ -102,10 +102,10 @@ def ending(record: JobRecord, failed_inside: int) -> tuple[str, str]:
         record: As it stood when its last episode ended.
         failed_inside: How many jobs failed with InternalServiceError: others that Failed do not fail the batch.
     """
+    if record.status == "Canceling":  # which leads nowhere else, whatever went wrong before
+        return "Canceled", "canceled on request"
     if failed_inside:
         return "Failed", f"{failed_inside} jobs could not be simulated; their rows say why"
-    if record.status == "Canceling":
-        return "Canceled", "canceled on request"
     if record.status == "TimingOut":
         return "TimedOut", f"the batch's {plan_of(record).timeout_s:.0f} s were over"
     return "Completed", ""

@@ -46,6 +46,12 @@ def test_jobs_that_failed_do_not_fail_the_batch_unless_it_was_our_fault(file_sto
     assert (failed.status, failed.failure_code) == ("Failed", "InternalServiceError")
 
 
+def test_a_cancelled_batch_is_canceled_and_a_late_one_failed_if_jobs_failed_by_our_fault(file_store: Store):
+    cancelled, late = begun(file_store, name="a"), begun(file_store, name="b")
+    assert ending(cancel_batch(file_store, cancelled.id), 1)[0] == "Canceled"
+    assert ending(time_out(late), 1)[0] == "Failed"
+
+
 def test_a_record_does_not_grow_with_worlds_times_requests_times_seeds(file_store: Store):
     worlds = tuple(f"g/w{number}" for number in range(100))
     few = plan(file_store, worlds=worlds, templates=(template(),) * 2, seeds=tuple(range(2)))
