@@ -48,7 +48,7 @@ def deployment_sync(
     def work(given: str) -> JobRecord:
         request = deployment_request(spec, store_id=store_id(opened), version=str(version.number), token=given)
         job_token, robots = request.clientRequestToken, _robots(spec, opened)
-        return roll_out(opened.url, request, digest=version.digest, token=job_token, robots=robots)
+        return roll_out(opened.url, request, digest=version.digest, token=job_token, rules=spec.rollOut, robots=robots)
 
     identity = {"spec": canonical_document(spec), "digest": version.digest}
     return as_run(opened, "deployment-sync", identity, token, work)

@@ -1,7 +1,7 @@
 """`simyard fleet`: a fleet of real robots, made by hand. Thin; what it needs is imported when it runs."""
 # ruff: noqa: PLC0415 - see above
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -53,3 +53,59 @@ def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
     from tasks.storage.opening import open_store
 
     typer.echo(describe_fleet(open_store(store), fleet).model_dump_json(indent=2, exclude_none=True))
+
+
+@fleet_app.command("sync")
+def sync(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Bring a fleet to its latest deployment: robots that joined later, were away, or failed."""
+    from uuid import uuid4
+
+    from tasks.deploy.describe import describe_deployment_job
+    from tasks.deploy.job import run_sync_job
+    from tasks.storage.opening import open_existing_store
+
+    opened = open_existing_store(store)
+    record = run_sync_job(
+        opened, fleet, token=uuid4().hex, progress=lambda ended, robots: typer.echo(f"{ended} of {robots} robots")
+    )
+    typer.echo(describe_deployment_job(opened, record.id).model_dump_json(indent=2, exclude_none=True))
+    raise typer.Exit(0 if record.status == "Succeeded" else 1)
+
+
+@fleet_app.command("pause")
+def pause(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Let the deployment that is under way ask no further robot; those that were asked finish."""
+    _steered(fleet, store, "pause")
+
+
+@fleet_app.command("resume")
+def resume(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Let a paused deployment go on."""
+    _steered(fleet, store, "go")
+
+
+@fleet_app.command("watch")
+def watch(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Show a fleet's last deployment, robot by robot, until it ends; exits with 1 unless it succeeded."""
+    from rich.console import Console
+
+    from flows.fleet_watch import watch_deployment
+    from tasks.deploy.fleets import read_fleet
+    from tasks.storage.opening import open_existing_store
+
+    opened = open_existing_store(store)
+    deployment = read_fleet(opened, fleet)[0].deployment
+    if not deployment:
+        typer.echo(f"nothing was deployed to {fleet} yet")
+        return
+    job = watch_deployment(opened, deployment, Console())
+    raise typer.Exit(0 if job.status == "Succeeded" else 1)
+
+
+def _steered(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
+    from tasks.deploy.steering import active_deployment, steer
+    from tasks.storage.opening import open_existing_store
+
+    opened = open_existing_store(store)
+    record = steer(opened, active_deployment(opened, fleet), wish)
+    typer.echo(f"{'paused' if wish == 'pause' else 'going on'}: {record.arn}")

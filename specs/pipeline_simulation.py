@@ -21,6 +21,7 @@ from specs.common import (
 from specs.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
 from specs.launch import ApplicationUse
 from specs.pipeline_worlds import Destination, Seed, WorldChoice
+from specs.roll_out import RollOutRules
 from specs.rules import Finding, Ruled, distinct, items, part
 from specs.simulation import (
     MAX_BATCHED_JOB_DURATION_S,
@@ -186,6 +187,7 @@ class Deployment(Spec):
         told_apart("a name, an ARN, or {name: ..., localAgents: ...}", text=str, LocalFleet=dict),
     ] = Field(title="Fleet")
     deploymentConfig: DeploymentConfig | None = Field(default=None, title="Roll-out")
+    rollOut: RollOutRules = Field(default_factory=RollOutRules, title="Rules beyond RoboMaker's")
     deploymentApplicationConfigs: Annotated[
         tuple[PipelineDeployedApplication, ...], Field(min_length=1, max_length=1)
     ] = Field(title="Application")

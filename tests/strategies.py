@@ -243,5 +243,6 @@ def _deployments() -> Documents:
             "deploymentApplicationConfigs": st.lists(application, min_size=1, max_size=1),
         },
         deploymentConfig=shape("DeploymentConfig"),
+        rollOut=optional({}, canaryRobots=st.integers(0, 1000), leastExecutedRobots=st.integers(0, 1000)),
         clientRequestToken=_TOKEN,
     )

@@ -16,14 +16,17 @@ from specs.common import S3Object
 from specs.deployment import DeploymentLaunchConfig
 from specs.errors import StoreError
 from tasks.deploy.robots import ask, read_desired, read_reported
-from tasks.deploy.rollout import Limits, Move, Phase, next_move
+from tasks.deploy.rollout import Limits, Move, Phase, Wish, next_move
 from tasks.deploy.states import WAITING, Desired, RobotProgress, progress_of
 from tasks.storage.claim import Claim
-from tasks.storage.records import JobRecord, advance
+from tasks.storage.records import JobRecord, advance, is_terminal, read
 from tasks.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
 _KIND = "deployment-job"
+WISH = "wish"
+"""Where a job's detail says what somebody wants of it (tasks.deploy.steering)."""
+_WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 _PROGRESS = TypeAdapter(dict[str, RobotProgress])
 _PHASES: Mapping[str, Phase] = {
     "Available": Phase.WAITING,
@@ -35,6 +38,12 @@ _PHASES: Mapping[str, Phase] = {
     "NoResponse": Phase.FAILED,
 }
 ABORTED = "RobotDeploymentAborted"
+FLEET_TIMEOUT_S = 30 * 86_400.0  # semantics 8
+_WHY: Mapping[str, str] = {
+    "canary": "a canary failed",
+    "time": "the fleet's time was over",
+    "canceled": "canceled on request",
+}
 
 
 class Plan(Spec):
@@ -45,6 +54,9 @@ class Plan(Spec):
         at_once: How many robots may be in flight.
         failures: How many failures stop the roll-out.
         timeout_s: How long one robot may take.
+        canaries: How many robots must be in sync before any other is asked.
+        least_ended: How many robots must have ended before failures stop the roll-out.
+        fleet_timeout_s: How long the fleet may take.
     """
 
     fleet: str
@@ -57,6 +69,14 @@ class Plan(Spec):
     at_once: int
     failures: int
     timeout_s: float
+    canaries: int = 0
+    least_ended: int = 0
+    fleet_timeout_s: float = FLEET_TIMEOUT_S
+
+    @property
+    def limits(self) -> Limits:
+        """Returns the roll-out's bounds."""
+        return Limits(self.at_once, self.failures, self.canaries, self.least_ended)
 
 
 @dataclass(frozen=True)
@@ -101,8 +121,11 @@ def roll_out(
     while True:
         if claim.lost:
             raise StoreError(f"{store.url}: another process has taken over deployment {record.id}")
+        now = read(store, _KIND, record.id)
+        if is_terminal(now):  # somebody closed it: whoever was asked is on its own
+            return now
         seen = _observe(store, plan, asked, known, pace.now_s())
-        move = next_move(_phases(seen), Limits(at_once=plan.at_once, failures=plan.failures))
+        move = next_move(_phases(seen), plan.limits, _wish(now, plan, pace.now_s()))
         for robot in move.start:
             asked[robot] = ask(store, _wanted(plan, record.id, robot, claim.epoch, pace.now_s()))
         seen |= {robot: _aborted(pace.now_s()) for robot in move.abort}
@@ -116,6 +139,12 @@ def roll_out(
         known = seen
         if not move.start:
             pace.sleep(pace.poll_s)
+
+
+def _wish(record: JobRecord, plan: Plan, now_s: float) -> Wish:
+    if now_s - record.created_at_s > plan.fleet_timeout_s:
+        return "time out"
+    return _WISH.validate_python(record.detail.get(WISH, "go"))
 
 
 def _asked_before(store: Store, plan: Plan, deployment: str) -> dict[str, Desired]:
@@ -176,14 +205,27 @@ def _conclude(store: Store, record: JobRecord, plan: Plan, move: Move, seen: Map
     detail: dict[str, JsonValue] = {"progress": _dumped(seen)}
     if move.verdict == "Succeeded":
         return advance(store, _KIND, record.id, "Succeeded", detail=detail)
-    failed = {robot: each.failure_code for robot, each in seen.items() if _phase(each) is Phase.FAILED}
-    aborted = sum(_phase(each) is Phase.ABORTED for each in seen.values())
-    names = ", ".join(f"{robot}: {code}" for robot, code in list(failed.items())[:5])
-    reason = f"{len(failed)} of {len(seen)} robots failed ({names}), and {plan.failures} stop the roll-out"
-    if aborted:
-        reason += f"; {aborted} were left as they were"
-    code = "FailureThresholdBreached"
+    if move.verdict == "Canceled":
+        return advance(
+            store, _KIND, record.id, "Canceled", failure_reason=_left_out(_WHY["canceled"], seen), detail=detail
+        )
+    code = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
+    reason = _left_out(_failures(plan, move, seen), seen)
     return advance(store, _KIND, record.id, "Failed", failure_code=code, failure_reason=reason, detail=detail)
+
+
+def _failures(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> str:
+    failed = {robot: each.failure_code for robot, each in seen.items() if _phase(each) is Phase.FAILED}
+    names = ", ".join(f"{robot}: {code}" for robot, code in list(failed.items())[:5])
+    what = f"{len(failed)} of {len(seen)} robots failed" + (f" ({names})" if names else "")
+    if move.why in _WHY:
+        return f"{_WHY[move.why]}; {what}"
+    return f"{what}, and {plan.failures} stop the roll-out"
+
+
+def _left_out(reason: str, seen: Mapping[str, RobotProgress]) -> str:
+    aborted = sum(_phase(each) is Phase.ABORTED for each in seen.values())
+    return reason + (f"; {aborted} were left as they were" if aborted else "")
 
 
 def _aborted(now_s: float) -> RobotProgress:

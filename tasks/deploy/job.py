@@ -3,14 +3,17 @@
 import logging
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 
 from specs.base import Fault
 from specs.deployment import CreateDeploymentJobRequest
 from specs.digests import canonical_document
 from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
+from specs.roll_out import RollOutRules
 from tasks.deploy.controller import Pace, Plan, roll_out
 from tasks.deploy.fleets import fleet_name, read_fleet
 from tasks.deploy.planning import check_request, plan_deployment
+from tasks.deploy.syncing import latest_deployment, plan_sync, sync_request
 from tasks.storage.claim import claimed, claimed_unless_alive
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import claim_key, fleet_key
@@ -21,6 +24,20 @@ _LOG = logging.getLogger(__name__)
 _KIND = "deployment-job"
 
 
+@dataclass(frozen=True)
+class _Work:
+    """A deployment job's request, and what it comes to.
+
+    Attributes:
+        plan: Says what it comes to, once the fleet has its members.
+        check: Refuses what can never be planned, while the fleet may have none yet.
+    """
+
+    request: CreateDeploymentJobRequest
+    plan: Callable[[], Plan]
+    check: Callable[[], None]
+
+
 def run_deployment_job(
     store: Store,
     request: CreateDeploymentJobRequest,
@@ -28,10 +45,11 @@ def run_deployment_job(
     digest: str,
     token: str,
     progress: Callable[[int, int], None],
+    rules: RollOutRules | None = None,
     pace: Pace | None = None,
     robots: Callable[[], AbstractContextManager[object]] | None = None,
 ) -> JobRecord:
-    """Returns the deployment job's record, Succeeded or Failed; an ended job is returned as it ended.
+    """Returns the deployment job's record, Succeeded, Failed or Canceled; an ended job is returned as it ended.
 
     Args:
         store: Where fleet, robots and versions are.
@@ -39,6 +57,7 @@ def run_deployment_job(
         digest: Of the bundle that was tested; the version must be that one.
         token: The client request token.
         progress: Called with robots that have ended and robots in all, whenever that changes.
+        rules: What RoboMaker's request has no words for.
         pace: Clock and poll interval.
         robots: Makes the fleet's members, which answer inside its ``with`` block; entered only while the fleet is
             this job's, so that a job which is refused touches no robot. None: the fleet has its members already.
@@ -50,25 +69,71 @@ def run_deployment_job(
         IdempotentParameterMismatch: The token came with another request before.
         StoreError: The store fails, or another process has taken the job over.
     """
-    job = job_id(_KIND, token)
+    work = _Work(
+        request,
+        plan=lambda: plan_deployment(store, request, digest, rules),
+        check=lambda: check_request(store, request, digest),
+    )
+    return _run(store, work, token, progress, pace=pace or Pace(), robots=robots)
+
+
+def run_sync_job(
+    store: Store,
+    fleet: str,
+    *,
+    token: str,
+    progress: Callable[[int, int], None],
+    pace: Pace | None = None,
+) -> JobRecord:
+    """Returns the record of a job that brings a fleet to its latest deployment, Succeeded, Failed or Canceled.
+
+    Args:
+        store: Where fleet and robots are.
+        fleet: Its name or ARN.
+        token: The client request token.
+        progress: Called with robots that have ended and robots in all, whenever that changes.
+        pace: Clock and poll interval.
+
+    Raises:
+        ResourceNotFound: No such fleet, or nothing was deployed to it yet.
+        ConcurrentDeployment: A deployment to the fleet is under way.
+        StoreError: The store fails, or another process has taken the job over.
+    """
+    last = latest_deployment(store, fleet)
+    known = _known(store, job_id(_KIND, token))
+    request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
+    work = _Work(request, plan=lambda: plan_sync(store, last), check=lambda: None)
+    return _run(store, work, token, progress, pace=pace or Pace(), robots=None)
+
+
+def _run(
+    store: Store,
+    work: _Work,
+    token: str,
+    progress: Callable[[int, int], None],
+    *,
+    pace: Pace,
+    robots: Callable[[], AbstractContextManager[object]] | None,
+) -> JobRecord:
+    job, document = job_id(_KIND, token), canonical_document(work.request)
     with claimed(store, claim_key(_KIND, job)) as claim:
         known = _known(store, job)
         if known and is_terminal(known):
-            return submit(store, _KIND, canonical_document(request), token)
-        fleet = fleet_name(request.fleet)
+            return submit(store, _KIND, document, token)
+        fleet = fleet_name(work.request.fleet)
         plan = _recorded_plan(known)
         if plan is None and robots is None:
-            plan = plan_deployment(store, request, digest)
+            plan = work.plan()
         elif plan is None:
-            check_request(store, request, digest)
+            work.check()
         _free_fleet(store, fleet, job)
-        record = submit(store, _KIND, canonical_document(request), token)
+        record = submit(store, _KIND, document, token)
         _take_fleet(store, fleet, job)
         with robots() if robots else nullcontext():
-            plan = plan or plan_deployment(store, request, digest)
+            plan = plan or work.plan()
             detail = {"plan": plan.model_dump(mode="json")}
             record = advance(store, _KIND, record.id, "Preparing" if known is None else "InProgress", detail=detail)
-            return roll_out(store, record, plan, claim, pace=pace or Pace(), progress=progress)
+            return roll_out(store, record, plan, claim, pace=pace, progress=progress)
 
 
 def _known(store: Store, job: str) -> JobRecord | None:

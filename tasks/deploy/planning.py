@@ -12,12 +12,13 @@ from specs.deployment import (
     DeploymentLaunchConfig,
 )
 from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceNotFound
+from specs.roll_out import RollOutRules
 from tasks.deploy import environment
 from tasks.deploy.controller import Plan
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.local_agents import local_names
 from tasks.deploy.robots import known_robot, members
-from tasks.deploy.rollout import limits
+from tasks.deploy.rollout import Limits, limits
 from tasks.deploy.states import RobotRecord
 from tasks.storage.archives import bundled_files, safe_parts
 from tasks.storage.encoding import decoded
@@ -32,13 +33,16 @@ _CONCURRENT_PERCENT = 20
 _THRESHOLD_PERCENT = 40
 
 
-def plan_deployment(store: Store, request: CreateDeploymentJobRequest, digest: str) -> Plan:
+def plan_deployment(
+    store: Store, request: CreateDeploymentJobRequest, digest: str, extra: RollOutRules | None = None
+) -> Plan:
     """Returns what the request comes to now.
 
     Args:
         store: Where fleet, robots and versions are.
         request: What to deploy where.
         digest: Of the bundle that was tested; the version must be that one.
+        extra: Rules that RoboMaker's requests have no words for.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
@@ -49,11 +53,7 @@ def plan_deployment(store: Store, request: CreateDeploymentJobRequest, digest: s
     version = _checked(store, request, digest, _fleet_faults(fleet.name, robots, "fleet"))
     config = request.deploymentApplicationConfigs[0]
     rules = request.deploymentConfig or DeploymentConfig()
-    bounds = limits(
-        len(robots),
-        concurrent_percent=rules.concurrentDeploymentPercentage or _CONCURRENT_PERCENT,
-        threshold_percent=rules.failureThresholdPercentage or _THRESHOLD_PERCENT,
-    )
+    bounds = bounds_for(len(robots), request)
     variables, tags = config.launchConfig.environmentVariables or {}, request.tags or {}
     return Plan(
         fleet=fleet.name,
@@ -66,6 +66,18 @@ def plan_deployment(store: Store, request: CreateDeploymentJobRequest, digest: s
         at_once=bounds.at_once,
         failures=bounds.failures,
         timeout_s=rules.robotDeploymentTimeoutInSeconds or _TIMEOUT_S,
+        canaries=extra.canaryRobots if extra else 0,
+        least_ended=extra.leastExecutedRobots if extra else 0,
+    )
+
+
+def bounds_for(robots: int, request: CreateDeploymentJobRequest) -> Limits:
+    """Returns how many of so many robots a request has in flight at once, and how many failures stop it."""
+    rules = request.deploymentConfig or DeploymentConfig()
+    return limits(
+        robots,
+        concurrent_percent=rules.concurrentDeploymentPercentage or _CONCURRENT_PERCENT,
+        threshold_percent=rules.failureThresholdPercentage or _THRESHOLD_PERCENT,
     )
 
 

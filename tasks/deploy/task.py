@@ -7,6 +7,7 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from specs.deployment import CreateDeploymentJobRequest
+from specs.roll_out import RollOutRules
 from tasks.deploy.job import run_deployment_job
 from tasks.storage.opening import open_store
 from tasks.storage.records import JobRecord
@@ -20,9 +21,12 @@ def roll_out(
     *,
     digest: str,
     token: str,
+    rules: RollOutRules | None = None,
     robots: Callable[[], AbstractContextManager[object]] | None = None,
 ) -> JobRecord:
-    """Returns the ended deployment job of the token; ``robots`` as in `run_deployment_job`."""
+    """Returns the ended deployment job of the token; ``rules`` and ``robots`` as in `run_deployment_job`."""
     store = open_store(store_url)
     with watched("Deployment", "deployment-progress") as progress:
-        return run_deployment_job(store, request, digest=digest, token=token, progress=progress, robots=robots)
+        return run_deployment_job(
+            store, request, digest=digest, token=token, progress=progress, rules=rules, robots=robots
+        )

@@ -26,4 +26,3 @@ def is_etag_of(etag: str, file: Path, part_bytes: int) -> bool:
             together.update(hashlib.md5(part, usedforsecurity=False).digest())
             count += 1
     return (digest, parts) == (together.hexdigest(), str(count))
-

@@ -28,6 +28,7 @@ class PuppetRobots:
         silent: Robots that never answer.
         failing: Robots that fail.
         died: Raised once instead of sleeping, after so many sleeps, as a controller dies between two looks.
+        pace_sleep: What a controller does instead of sleeping, if a test wants something else.
     """
 
     def __init__(self, store: Store, robots: int, *, step_s: float = 1.0) -> None:
@@ -36,6 +37,7 @@ class PuppetRobots:
         self.silent: set[str] = set()
         self.failing: set[str] = set()
         self.dies_after: int | None = None
+        self.pace_sleep: Callable[[float], None] | None = None
         self._now_s = time.time()
         self._step_s = step_s
         for name in self.names:
@@ -44,7 +46,7 @@ class PuppetRobots:
 
     @property
     def pace(self) -> Pace:
-        return Pace(now_s=lambda: self._now_s, sleep=self._sleep)
+        return Pace(now_s=lambda: self._now_s, sleep=self.pace_sleep or self._sleep)
 
     def asked(self) -> list[Desired]:
         latest = [read_desired(self.store, name)[0] for name in self.names]

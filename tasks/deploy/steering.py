@@ -1,0 +1,64 @@
+"""What somebody wants of a deployment that is under way: pause it, go on, cancel it.
+
+The wish stands in the job's record, where its controller looks before each step; so it reaches a controller on another
+machine, and one that takes over.
+"""
+
+from typing import Literal
+
+from specs.base import Fault
+from specs.errors import DocumentError, ResourceNotFound
+from tasks.deploy.controller import WISH
+from tasks.deploy.fleets import read_fleet
+from tasks.storage.claim import claimed_unless_alive
+from tasks.storage.keys import claim_key
+from tasks.storage.records import JobRecord, advance, is_terminal, read
+from tasks.storage.store import Store
+
+_KIND = "deployment-job"
+_GOING = frozenset({"Pending", "Preparing", "InProgress"})
+
+
+def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> JobRecord:
+    """Returns the record of a deployment job of which that is wanted now.
+
+    Paused, it asks no further robot; those that were asked finish. Cancelled, it asks no further robot ever; when those
+    that were asked have ended it is Canceled, at once if no controller is alive.
+
+    Raises:
+        ResourceNotFound: No such job.
+        DocumentError: It has ended, or is being cancelled.
+    """
+    before = read(store, _KIND, job)
+    if is_terminal(before):
+        raise _refused(job, f"a deployment that is under way; this one is {before.status}")
+    if before.detail.get(WISH) == "cancel" and wish != "cancel":
+        raise _refused(job, "a deployment that is not being canceled")
+    record = advance(store, _KIND, job, before.status, only_from={before.status}, detail={WISH: wish})
+    while record.detail.get(WISH) != wish and not is_terminal(record):  # its status changed meanwhile
+        record = advance(store, _KIND, job, record.status, only_from={record.status}, detail={WISH: wish})
+    return _closed_if_left(store, record) if wish == "cancel" else record
+
+
+def active_deployment(store: Store, fleet: str) -> str:
+    """Returns the id of the deployment that is under way on a fleet, by the fleet's name or ARN.
+
+    Raises:
+        ResourceNotFound: No such fleet, or it has no deployment under way.
+    """
+    record, _ = read_fleet(store, fleet)
+    if record.deployment and not is_terminal(read(store, _KIND, record.deployment)):
+        return record.deployment
+    raise ResourceNotFound([Fault(path="fleet", value=repr(fleet), allowed="a fleet with a deployment under way")])
+
+
+def _closed_if_left(store: Store, record: JobRecord) -> JobRecord:
+    with claimed_unless_alive(store, claim_key(_KIND, record.id)) as claim:
+        if claim is None:
+            return record
+        reason = "canceled on request, when nobody worked on it"
+        return advance(store, _KIND, record.id, "Canceled", only_from=_GOING, failure_reason=reason)
+
+
+def _refused(value: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path="arn", value=repr(value), allowed=allowed)], source="simyard")

@@ -1,0 +1,62 @@
+"""SyncDeploymentJob: what a fleet ran last, on those of its robots that do not run it (semantics 8).
+
+They joined later, were away, or failed; with a failed one, a sync is how only the failed are tried again.
+"""
+
+from specs.base import Fault
+from specs.deployment import CreateDeploymentJobRequest
+from specs.errors import ResourceNotFound
+from tasks.deploy import environment
+from tasks.deploy.controller import Plan
+from tasks.deploy.fleets import read_fleet
+from tasks.deploy.planning import bounds_for
+from tasks.deploy.robots import members, read_desired, read_reported
+from tasks.deploy.states import RobotRecord
+from tasks.storage.records import JobRecord, read
+from tasks.storage.store import Store
+
+_KIND = "deployment-job"
+
+
+def latest_deployment(store: Store, fleet: str) -> JobRecord:
+    """Returns the fleet's last deployment job that was planned, however it ended; ``fleet`` is its name or ARN.
+
+    Raises:
+        ResourceNotFound: No such fleet, or nothing was deployed to it yet.
+    """
+    record, _ = read_fleet(store, fleet)
+    last = read(store, _KIND, record.deployment) if record.deployment else None
+    if last is None or "plan" not in last.detail:
+        fault = Fault(path="fleet", value=repr(fleet), allowed="a fleet to which something was deployed")
+        raise ResourceNotFound([fault], source="SyncDeploymentJob")
+    return last
+
+
+def sync_request(last: JobRecord, token: str) -> CreateDeploymentJobRequest:
+    """Returns a deployment's request made again under another token; a sync has no tags."""
+    document = {name: value for name, value in last.request.items() if name != "tags"}
+    return CreateDeploymentJobRequest.model_validate({**document, "clientRequestToken": token})
+
+
+def plan_sync(store: Store, last: JobRecord) -> Plan:
+    """Returns the last deployment's plan for those members of its fleet that are not in sync with it.
+
+    Bytes and launch are those of the last plan, whatever was published since; shares are of those that take part, and
+    variables follow robots' tags.
+    """
+    plan = Plan.model_validate(last.detail["plan"])
+    request = CreateDeploymentJobRequest.model_validate(last.request)
+    variables = request.deploymentApplicationConfigs[0].launchConfig.environmentVariables or {}
+    behind = [robot for robot in members(store, plan.fleet) if not _runs(store, robot, plan.digest)]
+    given = {robot.name: environment.environment(variables, robot.tags, request.tags or {}) for robot in behind}
+    bounds = bounds_for(len(given), request)
+    return plan.model_copy(update={"environments": given, "at_once": bounds.at_once, "failures": bounds.failures})
+
+
+def _runs(store: Store, robot: RobotRecord, digest: str) -> bool:
+    desired, _ = read_desired(store, robot.name)
+    reported = read_reported(store, robot.name)
+    if desired is None or reported is None or desired.digest != digest:
+        return False
+    answered = (reported.deployment, reported.sequence) == (desired.deployment, desired.sequence)
+    return answered and reported.status == "InSync"

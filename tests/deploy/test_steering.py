@@ -1,0 +1,100 @@
+"""A roll-out is paused, goes on, and is cancelled, from wherever and whoever works on it."""
+
+import pytest
+
+from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from tasks.deploy.controller import recorded_progress
+from tasks.deploy.fleets import read_fleet
+from tasks.deploy.steering import active_deployment, steer
+from tasks.storage.records import read
+from tests.deploy.puppets import PuppetRobots, run
+from tests.deploy.yard import FLEET, STAYS_UP, Yard
+
+KIND = "deployment-job"
+
+
+def job_of(yard: Yard) -> str:
+    return read_fleet(yard.store, FLEET)[0].deployment
+
+
+def test_a_canceled_deployment_asks_nobody_further_and_those_asked_finish(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP})
+
+    def cancel_at_the_first(ended: int, _robots: int) -> None:
+        if ended == 2:
+            steer(yard.store, job_of(yard), "cancel")
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest, cancel_at_the_first)
+
+    assert record.status == "Canceled"
+    statuses = [progress.failure_code for progress in recorded_progress(record).values()]
+    assert statuses.count("RobotDeploymentAborted") == 5 - len(robots.asked())
+    assert 2 <= len(robots.asked()) <= 4
+    assert {robot.status for robot in recorded_progress(record).values() if not robot.failure_code} == {"InSync"}
+
+
+def test_a_deployment_that_nobody_works_on_is_canceled_at_once(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP})
+    robots.dies_after = 1
+    with pytest.raises(StageFailed):
+        run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert steer(yard.store, job_of(yard), "cancel").status == "Canceled"
+    assert run(yard, robots, yard.request(version, "one"), version.digest).status == "Canceled"
+    assert run(yard, robots, yard.request(version, "two"), version.digest).status == "Succeeded"
+
+
+def test_a_paused_deployment_waits_and_goes_on_where_it_was(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP})
+    waited: list[int] = []
+    sleep = robots.pace.sleep
+
+    def look(seconds: float) -> None:
+        sleep(seconds)
+        waited.append(len(robots.asked()))
+        if len(waited) == 1:
+            steer(yard.store, job_of(yard), "pause")
+        if len(waited) == 12:
+            steer(yard.store, job_of(yard), "go")
+
+    robots.pace_sleep = look
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert record.status == "Succeeded"
+    assert set(waited[2:12]) == {waited[1]}
+    assert waited[1] < 5
+
+
+def test_one_that_takes_over_knows_that_the_deployment_is_paused(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP})
+    robots.dies_after = 0
+    with pytest.raises(StageFailed):
+        run(yard, robots, yard.request(version, "one"), version.digest)
+    steer(yard.store, job_of(yard), "pause")
+    asked = len(robots.asked())
+    robots.dies_after = 6
+    with pytest.raises(StageFailed):
+        run(yard, robots, yard.request(version, "one"), version.digest)
+    assert len(robots.asked()) == asked
+    assert read(yard.store, KIND, job_of(yard)).status == "InProgress"
+
+
+def test_an_ended_deployment_is_not_steered(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 1), yard.publish({"run.sh": STAYS_UP})
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+    with pytest.raises(DocumentError, match="Succeeded"):
+        steer(yard.store, record.id, "cancel")
+    with pytest.raises(ResourceNotFound, match="under way"):
+        active_deployment(yard.store, FLEET)
+
+
+def test_what_is_being_canceled_does_not_go_on(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP})
+
+    def steer_twice(ended: int, _robots: int) -> None:
+        if ended == 2:
+            steer(yard.store, job_of(yard), "cancel")
+            with pytest.raises(DocumentError, match="being canceled"):
+                steer(yard.store, job_of(yard), "go")
+
+    assert run(yard, robots, yard.request(version, "one"), version.digest, steer_twice).status == "Canceled"
