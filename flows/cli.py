@@ -101,10 +101,12 @@ def describe(
 
 @app.command()
 def cancel(
-    arn: Annotated[str, typer.Argument(help="The ARN of a simulation job batch, or of one of its jobs.")],
+    arn: Annotated[
+        str, typer.Argument(help="The ARN of a job: of world generation, export, simulation or deployment, or a batch.")
+    ],
     store: StoreUrl = None,
 ) -> None:
-    """Cancel a batch or one of its jobs; what is done is kept, and who works on it stops within seconds."""
+    """Cancel a job; what is done is kept, and who works on it stops within seconds."""
     from flows.inspecting import cancel as cancel_named
     from tasks.storage.opening import open_existing_store
 

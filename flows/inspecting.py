@@ -21,6 +21,7 @@ from tasks.deploy.describe import (
     list_fleets,
     list_robots,
 )
+from tasks.deploy.steering import steer
 from tasks.documents.parsing import parse
 from tasks.export.describe import describe_export_job, summarise_export_job
 from tasks.simulate.batch import KIND as BATCH
@@ -28,6 +29,7 @@ from tasks.simulate.batch import STOPPING
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.describe import batch_describe_jobs, describe_batch, describe_job, list_batches, list_jobs
 from tasks.simulate.restarting import restart_job
+from tasks.storage.canceling import cancel_job as cancel_making
 from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
 from tasks.worlds.describe import describe_generation_job, summarise_generation_job
@@ -66,6 +68,9 @@ _LIST: Mapping[str, Callable[[Store], Iterable[Spec]]] = {
 _CANCEL: Mapping[ResourceKind, Callable[[Store, str], object]] = {
     "simulation-job-batch": cancel_batch,
     "simulation-job": cancel_job,
+    "world-generation-job": lambda store, path: cancel_making(store, "world-generation-job", path),
+    "world-export-job": lambda store, path: cancel_making(store, "world-export-job", path),
+    "deployment-job": lambda store, path: steer(store, path, "cancel"),
 }
 
 
@@ -116,7 +121,8 @@ def cancel(store: Store, text: str) -> None:
     if reference.kind is None or reference.kind not in _CANCEL:
         raise _refused("arn", text, f"an ARN of a {' or '.join(_CANCEL)}")
     _CANCEL[reference.kind](store, reference.path)
-    _with_settled_batch(store, reference.path)
+    if reference.kind in {"simulation-job", BATCH}:
+        _with_settled_batch(store, reference.path)
 
 
 def restart(store: Store, text: str) -> None:

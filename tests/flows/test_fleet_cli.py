@@ -64,3 +64,17 @@ def test_a_fleet_is_shown_with_its_robots(file_store: Store) -> None:
         ("r1", "Registered"),
         ("r2", "Registered"),
     ]
+
+
+def test_nothing_is_paused_where_nothing_is_under_way(file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+    for command in ("pause", "resume"):
+        with pytest.raises(ResourceNotFound, match="under way"):
+            _simyard(file_store, command, "couriers")
+
+
+def test_a_fleet_to_which_nothing_was_deployed_has_nothing_to_watch_or_sync(file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+    assert "nothing was deployed" in _simyard(file_store, "watch", "couriers").output
+    with pytest.raises(ResourceNotFound, match="something was deployed"):
+        _simyard(file_store, "sync", "couriers")

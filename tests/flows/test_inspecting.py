@@ -7,6 +7,7 @@ from specs.errors import DocumentError, ResourceNotFound
 from specs.simulation_descriptions import BatchDescribeSimulationJobResponse
 from tasks.storage.claim import claimed
 from tasks.storage.keys import claim_key
+from tasks.storage.records import JobKind, read, submit
 from tasks.storage.store import Store
 from tests.simulate.batch_factory import begun
 
@@ -44,3 +45,16 @@ def test_several_jobs_are_described_at_once_and_those_that_are_not_there_are_nam
 def test_a_hundred_arns_are_described_at_once_at_most(file_store: Store, arns: list[str]):
     with pytest.raises(DocumentError, match="jobs"):
         described_together(file_store, arns)
+
+
+@pytest.mark.parametrize("kind", ["world-generation-job", "world-export-job"])
+def test_a_job_that_makes_or_writes_worlds_is_cancelled(file_store: Store, kind: JobKind):
+    record = submit(file_store, kind, {}, "one")
+    cancel(file_store, record.arn)
+    assert read(file_store, kind, record.id).status == "Canceled"
+
+
+def test_a_deployment_is_cancelled(file_store: Store):
+    record = submit(file_store, "deployment-job", {}, "one")
+    cancel(file_store, record.arn)
+    assert read(file_store, "deployment-job", record.id).status == "Canceled"
