@@ -17,6 +17,11 @@ from tasks.storage.archives import safe_parts
 
 _FIRST_PAUSE_S = 0.5
 _LONGEST_PAUSE_S = 30.0
+_CRASHES = 5
+
+
+class CrashLoop(Exception):  # noqa: N818 - a state
+    """An application ends again and again, soon after each start."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,7 @@ class Application:
         self._pause_s = _FIRST_PAUSE_S
         self._started_s = 0.0
         self._ended_s: float | None = None
+        self._crashes = 0
         self._running = self._launch()
 
     def settle(self) -> None:
@@ -108,19 +114,30 @@ class Application:
         """Starts it again if it has ended and its pause is over; returns at once.
 
         Raises:
+            CrashLoop: It has ended five times, none of them long after its start; told again after five more.
             StepFailed: The launch file is missing or cannot be executed.
         """
-        if self._running.exit_code is None:
+        code = self._running.exit_code
+        if code is None:
             return
         if self._ended_s is None:
             self._running.end()
             self._ended_s = time.monotonic()
-            if self._ended_s - self._started_s > _LONGEST_PAUSE_S:
-                self._pause_s = _FIRST_PAUSE_S
+            self._count(code)
         if time.monotonic() - self._ended_s >= self._pause_s:
             self._ended_s = None
             self._pause_s = min(self._pause_s * 2, _LONGEST_PAUSE_S)
             self._running = self._launch()
+
+    def _count(self, code: int) -> None:
+        if time.monotonic() - self._started_s > _LONGEST_PAUSE_S:
+            self._pause_s, self._crashes = _FIRST_PAUSE_S, 0
+            return
+        self._crashes += 1
+        if self._crashes % _CRASHES == 0:
+            log = _log(self._place, self.desired, "launch")
+            last = f"{self.desired.launch.launchFile} {_exit(code)} the last time; its output is in {log}"
+            raise CrashLoop(f"the application ended {self._crashes} times, each soon after its start; {last}")
 
     def end(self) -> None:
         """Ends it and everything that it started."""

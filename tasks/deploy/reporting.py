@@ -12,7 +12,7 @@ from tasks.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
 _PERCENT_INTERVAL_S = 0.5
-_REASON_CHARACTERS = 1024
+REASON_CHARACTERS = 1024
 
 
 class Reporter:
@@ -89,5 +89,5 @@ class Attempt:
 
     def failed(self, code: DeploymentJobErrorCode, reason: str) -> Reported:
         """Returns the report that ends the attempt badly, at the step where it is."""
-        change = {"status": "Failed", "failure_code": code, "failure_reason": reason[:_REASON_CHARACTERS]}
+        change = {"status": "Failed", "failure_code": code, "failure_reason": reason[:REASON_CHARACTERS]}
         return self._latest.model_copy(update={**change, "finished_at_s": time.time()})

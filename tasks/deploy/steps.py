@@ -7,15 +7,16 @@ uptime.
 """
 
 import logging
+import time
 from uuid import uuid4
 
 from specs.deployment import RobotDeploymentStep
 from tasks.deploy.condition import ask_condition
 from tasks.deploy.disk import Disk
 from tasks.deploy.install import StepFailed, fetch
-from tasks.deploy.launch import Application, Place, run_script, validate
+from tasks.deploy.launch import Application, CrashLoop, Place, run_script, validate
 from tasks.deploy.processes import end_all
-from tasks.deploy.reporting import Attempt, Reporter
+from tasks.deploy.reporting import REASON_CHARACTERS, Attempt, Reporter
 from tasks.deploy.states import Desired
 from tasks.storage.store import Store
 
@@ -67,6 +68,9 @@ class Robot:
                 self._application.supervise()
         except StepFailed as exc:
             _LOG.warning("cannot start the application again: %s", exc)
+        except CrashLoop as exc:
+            _LOG.warning("%s", exc)
+            self._go_back_for_good(str(exc))
 
     def end(self) -> None:
         """Ends the application and everything that was ever started in this folder."""
@@ -121,6 +125,29 @@ class Robot:
         if self._application and self._application.desired != self._state.running:
             self._end_application()
         self._restore()
+
+    def _go_back_for_good(self, why: str) -> None:
+        """Returns from a version that does not stay up to the one before it, and tells; without one, it goes on trying.
+
+        What was InSync is Failed then: whoever looks at the fleet shall not believe in a version that does not run.
+        """
+        running, previous, outcome = self._state.running, self._state.previous, self._state.outcome
+        if not (running and previous and outcome) or previous.digest == running.digest:
+            return
+        told = f"{why}; went back to version {previous.version}"
+        failed = outcome.model_copy(
+            update={
+                "status": "Failed",
+                "failure_code": "EnvironmentSetupError",
+                "failure_reason": told[:REASON_CHARACTERS],
+                "running_digest": previous.digest,
+                "finished_at_s": time.time(),
+            }
+        )
+        self._end_application()
+        self._save(running=previous, previous=None, outcome=failed)
+        self._restore()
+        self._reporter.tell(failed)
 
     def _restore(self) -> None:
         """Makes the links show what runs, and runs it."""
