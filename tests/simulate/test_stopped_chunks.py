@@ -1,7 +1,8 @@
 """A chunk that is stopped while the engine runs it: what had ended keeps its row, bit for bit."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
+import numpy as np
 import pytest
 
 from specs.episode import EpisodeResult
@@ -9,7 +10,8 @@ from tasks.simulate.batch import OpenBatch
 from tasks.simulate.batch_plan import JobTemplate
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.chunk_store import committed_chunk
-from tasks.simulate.committing import Part, run_chunk
+from tasks.simulate.committing import Part, Record, run_chunk
+from tasks.simulate.recording import Columns
 from tasks.simulate.restarting import restart_job
 from tasks.simulate.runner import simulate_chunk
 from tasks.storage.store import Store
@@ -23,7 +25,12 @@ Act = Callable[[OpenBatch, Part], None]
 
 def _entry(duration_s: float) -> JobTemplate:
     return JobTemplate(
-        robot=PUSHER, scenario=ENDLESS, environment={"FAULT": "0"}, duration_s=duration_s, failure_behavior="Fail"
+        robot=PUSHER,
+        scenario=ENDLESS,
+        environment={"FAULT": "0"},
+        duration_s=duration_s,
+        failure_behavior="Fail",
+        record=True,
     )
 
 
@@ -38,7 +45,7 @@ def _nothing(batch: OpenBatch, part: Part) -> None:
     pass
 
 
-def _rows(batch: OpenBatch, act: Act = _nothing) -> list[EpisodeResult]:
+def _rows(batch: OpenBatch, act: Act = _nothing, record: Record | None = None) -> list[EpisodeResult]:
     """Returns the chunk's rows; something happens when the first lane has ended."""
     happened: list[None] = []
 
@@ -50,10 +57,16 @@ def _rows(batch: OpenBatch, act: Act = _nothing) -> list[EpisodeResult]:
                 part.watch._next_look_s = 0.0  # as if a second had passed
 
         return simulate_chunk(
-            part.chunk, part.worlds, FOLDERS, lanes=part.lanes, should_stop=part.watch, progress=progress
+            part.chunk,
+            part.worlds,
+            FOLDERS,
+            lanes=part.lanes,
+            should_stop=part.watch,
+            progress=progress,
+            recorder=part.recorder,
         )
 
-    run_chunk(batch, 0, simulate, lanes=PUSHER_LANES, left_s=999.0)
+    run_chunk(batch, 0, simulate, record, lanes=PUSHER_LANES, left_s=999.0)
     return committed_chunk(batch.store, batch.id, 0) or []
 
 
@@ -92,3 +105,24 @@ def test_a_restarted_job_ends_with_the_same_bits(file_store: Store):
     before = _rows(_batch(file_store, SHORT_S, 4 * SHORT_S, 5 * SHORT_S, name="before"))
     batch = _batch(file_store, SHORT_S, 4 * SHORT_S, 5 * SHORT_S)
     assert _rows(batch, lambda batch, _: restart_job(batch.store, f"{batch.id}/1")) == before
+
+
+class Recorded:
+    """Keeps what is recorded."""
+
+    def __init__(self) -> None:
+        self.columns: list[dict[str, list[object]]] = []
+
+    def __call__(self, number: int, parts: Iterable[Columns]) -> str:
+        self.columns = [{name: np.asarray(column).tolist() for name, column in part.items()} for part in parts]
+        return f"{number}.parquet"
+
+
+def test_a_restarted_job_is_recorded_once(file_store: Store):
+    recorded, again = Recorded(), Recorded()
+    before = _rows(_batch(file_store, SHORT_S, 4 * SHORT_S, name="before"), record=recorded)
+    batch = _batch(file_store, SHORT_S, 4 * SHORT_S)
+    assert _rows(batch, lambda batch, _: restart_job(batch.store, f"{batch.id}/1"), again) == before
+    assert {row.recording for row in before} == {"0.parquet"}
+    assert again.columns == recorded.columns
+    assert recorded.columns
