@@ -11,7 +11,7 @@ changes less. Stock MJX is so slow that it runs few lanes for few steps; its rat
 import argparse
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple
@@ -117,24 +117,24 @@ def rows(found: Mapping[str, Sequence[Turn]]) -> list[list[str]]:
     return table
 
 
-def scaling(repeats: int) -> dict[str, list[list[str]]]:
-    """Returns tables over lanes and over obstacles, in thousands of lane-steps a second."""
+def scaling(repeats: int) -> Iterator[tuple[str, list[list[str]]]]:
+    """Yields tables over lanes and over obstacles, in thousands of lane-steps a second."""
+    yield "lanes", scaled("lanes", [(lanes, OBSTACLES) for lanes in SCALED_LANES], repeats)
+    yield "obstacles", scaled("obstacles", [(LANES, count) for count in SCALED_OBSTACLES], repeats)
+
+
+def scaled(axis: str, sizes: Sequence[tuple[int, int]], repeats: int) -> list[list[str]]:
+    """Returns a table over sizes, each (lanes, obstacles)."""
     names = (BATCH, *ENGINES)
-    sizes = {
-        "lanes": [(lanes, OBSTACLES) for lanes in SCALED_LANES],
-        "obstacles": [(LANES, count) for count in SCALED_OBSTACLES],
-    }
-    tables: dict[str, list[list[str]]] = {}
-    for axis, pairs in sizes.items():
-        tables[axis] = [[axis, *names, f"planar x {BATCH}"]]
-        for lanes, obstacles in pairs:
-            made = {name: makers(lanes, obstacles)[name]() for name in names}
-            found = turns(made, repeats, {name: control_steps(name, lanes) for name in names})
-            rates = {name: median(turn.rate for turn in found[name]) / 1e3 for name in names}
-            size = lanes if axis == "lanes" else obstacles
-            cells = (f"{rate:,.1f}" for rate in rates.values())
-            tables[axis].append([f"{size:,}", *cells, f"{rates['planar'] / rates[BATCH]:.1f}"])
-    return tables
+    table = [[axis, *names, f"planar x {BATCH}"]]
+    for lanes, obstacles in sizes:
+        made = {name: makers(lanes, obstacles)[name]() for name in names}
+        found = turns(made, repeats, {name: control_steps(name, lanes) for name in names})
+        rates = {name: median(turn.rate for turn in found[name]) / 1e3 for name in names}
+        cells = (f"{rate:,.1f}" for rate in rates.values())
+        size = lanes if axis == "lanes" else obstacles
+        table.append([f"{size:,}", *cells, f"{rates['planar'] / rates[BATCH]:.1f}"])
+    return table
 
 
 def main() -> None:
@@ -147,24 +147,31 @@ def main() -> None:
     parser.add_argument("--batch", action="store_true")
     parser.add_argument("--document", type=Path, help="measure everything, and put the tables into a document")
     options = parser.parse_args()
-    everything = options.document is not None
-    tables: dict[str, list[list[str]]] = {}
-    if everything or not (options.scaling or options.batch):
-        tables["side by side"] = rows(side_by_side(options.repeats, options.without))
-    if everything or options.scaling:
-        tables |= scaling(min(options.repeats, SCALING_REPEATS))
-    if everything or options.batch:
-        tables["batch"] = batch_table(min(options.repeats, WARM_RUNS))
-    for title, table in tables.items():
-        print(f"\n{title}\n\n{markdown(table)}", flush=True)
-    if options.json:
-        options.json.write_text(json.dumps(tables, indent=2))
+    found: dict[str, list[list[str]]] = {}
     if options.document:
-        texts = {"machine": machine()} | {title: markdown(table) for title, table in tables.items()}
-        document = options.document.read_text()
-        for title, text in texts.items():
-            document = with_tables(document, title, text)
-        options.document.write_text(document)
+        _put(options.document, "machine", machine())
+    for title, table in measured(options):
+        print(f"\n{title}\n\n{markdown(table)}", flush=True)
+        found[title] = table
+        if options.document:
+            _put(options.document, title, markdown(table))
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2))
+
+
+def measured(options: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
+    """Yields each table that was asked for when it is measured, under its title."""
+    everything = options.document is not None
+    if everything or not (options.scaling or options.batch):
+        yield "side by side", rows(side_by_side(options.repeats, options.without))
+    if everything or options.batch:
+        yield "batch", batch_table(min(options.repeats, WARM_RUNS))
+    if everything or options.scaling:
+        yield from scaling(min(options.repeats, SCALING_REPEATS))
+
+
+def _put(document: Path, name: str, text: str) -> None:
+    document.write_text(with_tables(document.read_text(), name, text))
 
 
 if __name__ == "__main__":
