@@ -50,31 +50,38 @@ def heights(world: World) -> list[float]:
     return sorted(round(middle, 3) for middle in middles)
 
 
-def in_mujoco(world: World, height_m: float) -> Float64[np.ndarray, "rays"]:
-    """Returns how far rays from above the origin come among what collides."""
+def load(world: World) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Returns the world in MuJoCo; what only shows floorings, wall coverings and windows is no obstacle to rays."""
     model = world_spec(world).compile()
+    model.geom_group[:] = np.where((model.geom_contype | model.geom_conaffinity) > 0, 0, 5)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    # What only shows floorings, wall coverings and windows does not stop a robot.
-    model.geom_group[:] = np.where((model.geom_contype | model.geom_conaffinity) > 0, 0, 5)
+    return model, data
+
+
+def in_mujoco(loaded: tuple[mujoco.MjModel, mujoco.MjData], height_m: float) -> Float64[np.ndarray, "rays"]:
+    """Returns how far rays from above the origin come among what collides."""
+    model, data = loaded
     groups = np.array([1, 0, 0, 0, 0, 0], np.uint8)
-    met = np.zeros(1, np.int32)
-    found = [
-        mujoco.mj_ray(model, data, np.array([0.0, 0.0, height_m]), direction, groups, 1, -1, met)
-        for direction in directions()
-    ]
-    return np.array([distance if distance >= 0 else FAR_M for distance in found])
+    met, distances = np.zeros(RAYS, np.int32), np.zeros(RAYS)
+    origin = np.array([0.0, 0.0, height_m])
+    mujoco.mj_multiRay(model, data, origin, directions().ravel(), groups, 1, -1, met, distances, None, RAYS, FAR_M)
+    return np.where(distances >= 0, distances, FAR_M)
 
 
-def in_glb(world: World, height_m: float) -> Float64[np.ndarray, "rays"]:
-    """Returns the same among the meshes of the solids."""
+def solids_of_glb(world: World) -> trimesh.Trimesh:
+    """Returns the meshes of the solids as one, in the world's frame."""
     scene = trimesh.load_scene(io.BytesIO(glb(world)), file_type="glb")
     scene.apply_transform(np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]]))
     parts: list[trimesh.Trimesh] = []
     for solid in solids(world):
         matrix, geometry = scene.graph[solid.name]
         parts.append(scene.geometry[geometry].copy().apply_transform(matrix))
-    mesh = cast("trimesh.Trimesh", trimesh.util.concatenate(parts))
+    return cast("trimesh.Trimesh", trimesh.util.concatenate(parts))
+
+
+def in_glb(mesh: trimesh.Trimesh, height_m: float) -> Float64[np.ndarray, "rays"]:
+    """Returns the same among the meshes of the solids."""
     origins = np.tile([0.0, 0.0, height_m], (RAYS, 1))
     places, rays, _ = mesh.ray.intersects_location(origins, directions())
     found = np.full(RAYS, FAR_M)
@@ -93,8 +100,9 @@ def in_map(world: World) -> Float64[np.ndarray, "rays"]:
 
 
 def test_rays_meet_the_same_in_mujoco_and_in_the_glb(world: World):
+    mesh, loaded = solids_of_glb(world), load(world)
     for height_m in (0.1037, 0.4037, 1.1037):  # no surface lies there
-        np.testing.assert_allclose(in_glb(world, height_m), in_mujoco(world, height_m), atol=0.01)
+        np.testing.assert_allclose(in_glb(mesh, height_m), in_mujoco(loaded, height_m), atol=0.01)
 
 
 def footprints(world: World) -> Float64[np.ndarray, "solids 4"]:
@@ -110,7 +118,8 @@ def footprints(world: World) -> Float64[np.ndarray, "solids 4"]:
 
 
 def test_a_ray_in_the_map_ends_where_the_first_solid_does_or_within_a_cell_of_one(world: World):
-    nearest_m = np.min([in_mujoco(world, height_m) for height_m in heights(world)], axis=0)
+    loaded = load(world)
+    nearest_m = np.min([in_mujoco(loaded, height_m) for height_m in heights(world)], axis=0)
     mapped_m = in_map(world)
     assert np.max(mapped_m - nearest_m) < world.map.resolution_m
     ends = directions()[:, :2] * mapped_m[:, None]
