@@ -20,6 +20,7 @@ from specs.template import template_digest
 from tasks.applications.publishing import publish, resolve, with_digest
 from tasks.deploy.planning import preflight
 from tasks.documents.templates import find_template
+from tasks.export.installed import require_writable
 from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.data_pinning import pinned
 from tasks.simulate.data_plan import PinnedSource
@@ -59,6 +60,7 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
     if spec.worldExport:
         export = spec.worldExport
         open_bucket(store, export.outputLocation.s3Bucket or "")
+        _keep(faults, lambda: require_writable(export.formats, "document", "worldExport.formats"))
         _keep(faults, lambda: found.update(export={**_digests(() if export.worlds == "all" else export.worlds, store)}))
     if spec.simulationBatch:
         batch = spec.simulationBatch

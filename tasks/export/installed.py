@@ -10,8 +10,8 @@ from specs.pipeline_worlds import WorldFormat
 _EXTRAS: Mapping[WorldFormat, tuple[str, ...]] = {"glb": ("trimesh", "PIL"), "usd": ("pxr",)}
 
 
-def require_writable(formats: Collection[WorldFormat], source: str) -> None:
-    """Refuses formats whose writers are not installed here.
+def require_writable(formats: Collection[WorldFormat], source: str, path: str = "formats") -> None:
+    """Refuses formats whose writers are not installed here; ``path`` is where the document has them.
 
     Raises:
         DocumentError: Some are not; says what to install.
@@ -19,7 +19,7 @@ def require_writable(formats: Collection[WorldFormat], source: str) -> None:
     missing = [name for name in sorted(set(formats)) if not _is_installed(name)]
     if missing:
         faults = [
-            Fault(path="formats", value=name, allowed=f"a format that is installed: pip install 'simyard[{name}]'")
+            Fault(path=path, value=name, allowed=f"a format that is installed: pip install 'simyard[{name}]'")
             for name in missing
         ]
         raise DocumentError(faults, source=source)

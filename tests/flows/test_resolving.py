@@ -194,3 +194,17 @@ def test_a_thousand_requests_look_up_each_application_once(file_store: Store, mo
     plan = batch_plan(section, (), file_store, finder(file_store, {}))
     assert (len(plan.templates), Layout(plan).chunks) == (1000, 4)
     assert asked == ["courier", "delivery"]
+
+
+def test_a_format_that_cannot_be_written_here_is_refused_before_anything_runs(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("tasks.export.installed.find_spec", lambda _: None)
+    world = _put_world(file_store, "world-1-1")
+    export = {"worlds": [world], "formats": ["usd", "svg", "glb"], "outputLocation": {"s3Bucket": "worlds"}}
+    with pytest.raises(DocumentError) as caught:
+        pins(_spec(worldExport=export), file_store, tmp_path)
+    assert [(fault.path, fault.value) for fault in caught.value.faults] == [
+        ("worldExport.formats", "glb"),
+        ("worldExport.formats", "usd"),
+    ]
