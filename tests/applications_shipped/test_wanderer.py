@@ -30,7 +30,7 @@ def seen(ranges: jax.Array, goal: tuple[float, float] = (2.0, 0.0), *, bumps: bo
 def driven(observation: Observation, times: int = 1, **environment: float) -> tuple[float, float]:
     """Returns forward speed and turn rate after some equal observations, a control step apart."""
     robot = controller({name: jnp.float32(value) for name, value in environment.items()})
-    mood, control = robot.init(None, None), jnp.zeros(3)
+    mood, control = robot.init(None, jnp.zeros((1, 2))), jnp.zeros(3)
     for step in range(times):
         mood, control = robot.step(mood, observation._replace(time_s=observation.time_s + 0.05 * step))
     left, right, sideways = (float(each) for each in control)

@@ -92,11 +92,13 @@ class Wanderer:
     def __init__(self, most_m_s: Number, seek: Number, lidar: Lidar) -> None:
         self._most_m_s, self._seek, self.lidar = most_m_s, seek, lidar
 
-    def init(self, floor: Any, goals_m: Any) -> Mood:  # noqa: ANN401, ARG002 - it looks at neither
-        """Returns the mood to begin with; the map is not looked at."""
+    def init(self, floor: Any, goals_m: Float[jax.Array, "goals 2"]) -> Mood:  # noqa: ANN401, ARG002 - no map
+        """Returns the mood to begin with; the map is not looked at, and of the goals only dice are made."""
         none, zero = jnp.zeros((), jnp.int32), jnp.zeros(())
         never = jnp.full((), -1e3)
-        return Mood(none, zero, jnp.full((), jnp.inf), none, never, zero, zero + 1.0, jnp.zeros((), jnp.uint32))
+        centimetres = jnp.round(100.0 * goals_m[0]).astype(jnp.int32).astype(jnp.uint32)
+        dice = _thrown(centimetres[0] + jnp.uint32(65537) * centimetres[1])
+        return Mood(none, zero, jnp.full((), jnp.inf), none, never, zero, zero + 1.0, dice)
 
     def step(self, state: Mood, observation: "Observation") -> tuple[Mood, Float[jax.Array, "3"]]:
         """Returns the mood, and the control (left wheel m/s, right wheel m/s, sideways m/s)."""
@@ -105,7 +107,7 @@ class Wanderer:
         to_goal = jnp.sqrt(jnp.sum(observation.goal_robot_m**2))
         needed = jnp.where(seeks, jnp.minimum(_OPEN_M, to_goal), _OPEN_M)
         is_open = ways > needed
-        mood = _rolled(state, observation)
+        mood = _noticed(state, observation)
         passing = observation.time_s - mood.bumped_s < _BACKING_S + _TURNING_S + _PASSING_S
         bearing = jnp.where(
             seeks & ~passing, jnp.arctan2(observation.goal_robot_m[1], observation.goal_robot_m[0]), 0.0
@@ -115,6 +117,8 @@ class Wanderer:
         sought = _seeking(mood, observation, to_goal, between(headings[onwards], bearing), is_open)
         mood = jax.tree.map(lambda one, other: jnp.where(seeks, one, other), sought, _roaming(mood, observation, ways))
         beside = along_wall(mood.side, observation.ranges_m, _angles_rad(self.lidar), is_open, _HEADINGS_RAD)
+        changed = (mood.side != state.side) | (mood.bumped_s != state.bumped_s)
+        mood = mood._replace(dice=jnp.where(changed, _thrown(mood.dice), mood.dice))
         chosen = jnp.where((mood.side == 0) | passing, onwards, beside)
         chosen = jnp.where(is_open.any(), chosen, jnp.argmax(ways))
         return mood, self._control(mood, observation, headings[chosen], ways)
@@ -165,24 +169,20 @@ def _angles_rad(lidar: Lidar) -> Host:
     return np.linspace(-lidar.fov_rad / 2, lidar.fov_rad / 2, lidar.rays)
 
 
-def _rolled(mood: Mood, observation: "Observation") -> Mood:
-    """Returns the mood with dice thrown, the bump noticed, and the best distance forgotten when the goal is a new one.
-
-    The dice are a linear congruential generator that the scan stirs, so that robots at different places differ.
-    """
-    stir = jax.lax.bitcast_convert_type(jnp.sum(observation.ranges_m), jnp.uint32)
-    dice = (mood.dice ^ stir) * jnp.uint32(1664525) + jnp.uint32(1013904223)
+def _noticed(mood: Mood, observation: "Observation") -> Mood:
+    """Returns the mood with the bump noticed, and the best distance forgotten when the goal is a new one."""
     now_s = observation.time_s
     moves = jnp.sqrt(jnp.sum(observation.velocity[:2] ** 2)) > _STILL_M_S
     bumped = observation.bumper.any() | (now_s - mood.moved_s > _STILL_S)
     bumped &= now_s - mood.bumped_s > _BACKING_S + _TURNING_S
     renewed = observation.goal_index != mood.goal_index
     return mood._replace(
-        dice=dice,
         bumped_s=jnp.where(bumped, now_s, mood.bumped_s),
         moved_s=jnp.where(bumped | moves, now_s, mood.moved_s),
         turn_rad_s=jnp.where(
-            bumped, jnp.where(_chance(dice, 16) < 0.5, 1.0, -1.0) * (1.0 + 2.5 * _chance(dice, 24)), mood.turn_rad_s
+            bumped,
+            jnp.where(_chance(mood.dice, 16) < 0.5, 1.0, -1.0) * (1.0 + 2.5 * _chance(mood.dice, 24)),
+            mood.turn_rad_s,
         ),
         best_m=jnp.where(renewed, jnp.inf, mood.best_m),
         side=jnp.where(renewed, 0, mood.side),
@@ -233,6 +233,14 @@ def _roaming(mood: Mood, observation: "Observation", ways: Float[jax.Array, "ray
         side=jnp.where(over, side, mood.side).astype(jnp.int32),
         until_s=jnp.where(over, now_s + lasts_s, mood.until_s),
     )
+
+
+def _thrown(dice: UInt32[jax.Array, ""]) -> UInt32[jax.Array, ""]:
+    """Returns the dice thrown again: a linear congruential generator.
+
+    They are thrown when something happens, not as time goes by, so that another engine's last bits do not change them.
+    """
+    return dice * jnp.uint32(1664525) + jnp.uint32(1013904223)
 
 
 def _chance(dice: UInt32[jax.Array, ""], bits: int) -> Float[jax.Array, ""]:
