@@ -85,14 +85,16 @@ class Speed(Spec):
     peak_bytes: dict[int, int] = Field(default_factory=dict[int, int])
 
 
-def remembered_speed(timings: Sequence[ChunkTiming], *, same_program: bool) -> Speed | None:
+def remembered_speed(timings: Sequence[ChunkTiming], lanes: int, *, same_program: bool) -> Speed | None:
     """Returns what timings of an engine say; None if there are none of driving.
 
     Args:
         timings: Of one engine and kind of device.
+        lanes: Of the chunks that are asked about: chunks of very different sizes are left out if there are others.
         same_program: Whether they are of the very applications that are asked about.
     """
-    known = [each for each in timings if each.slices > 0]
+    driven = [each for each in timings if each.slices > 0]
+    known = [each for each in driven if lanes <= 2 * each.lanes <= 4 * lanes] or driven
     if not known:
         return None
     drive = [each.slices_s / (each.slices * _slice_s(_COSTS[each.engine], each.lanes)) for each in known]
@@ -141,7 +143,7 @@ def compiling_s(engine: str, speed: Speed) -> Span:
         return speed.first
     cost = _COSTS[engine]
     ready = max(0.5, min(2.0, median([speed.ready.low, speed.ready.high])))
-    return Span(low=0.5 * cost.load_s * ready, high=1.5 * cost.compile_s * ready)
+    return Span(low=0.5 * cost.load_s * ready, high=2.5 * cost.compile_s * ready)
 
 
 def memory_bytes(engine: str, speed: Speed, lanes: int) -> Span:

@@ -29,7 +29,7 @@ Basis = Literal["this very program", "other programs", "nothing"]
 _BASES: Sequence[Basis] = ("this very program", "other programs", "nothing")
 _STEPS_A_SECOND = 200
 # Importing JAX and Prefect, the server's start, and for each episode its row in chunk and tables.
-_START_S = Span(low=4.0, high=12.0)
+_START_S = Span(low=4.0, high=20.0)
 _ROW_S = Span(low=0.2e-3, high=1e-3)
 _REFERENCE = "mujoco"
 
@@ -90,7 +90,7 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
     layout, kind = Layout(plan), device_kind()
     choices = {launch: _robot(plan.engine, launch, folders, kind) for launch in _robots(plan)}
     programs = [
-        _Program(request, episodes, choice.engine, kind)
+        _Program(request, episodes, choice.engine, kind, plan.lanes)
         for request, episodes in layout.programs()
         if (choice := choices[request.robot].choice)
     ]
@@ -115,16 +115,16 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
 class _Program:
     """A program of a batch, and what is known of its speed."""
 
-    def __init__(self, request: EpisodeRequest, episodes: int, engine: str, device: DeviceKind) -> None:
+    def __init__(self, request: EpisodeRequest, episodes: int, engine: str, device: DeviceKind, lanes: int) -> None:
         self.device: DeviceKind = device
         self.request, self.episodes, self.engine = request, episodes, engine
         self.speed: Speed
         self.basis: Basis
-        self.speed, self.basis = _speed(request, engine, device)
+        self.speed, self.basis = _speed(request, engine, device, lanes)
 
-    def reference(self) -> "_Program":
+    def reference(self, lanes: int) -> "_Program":
         """Returns the program that audits it."""
-        return _Program(self.request, self.episodes, _REFERENCE, self.device)
+        return _Program(self.request, self.episodes, _REFERENCE, self.device, lanes)
 
     def wall_s(self, episodes: int, lanes: int, longest_s: float) -> Span:
         """Returns what some of its episodes take, with so many lanes."""
@@ -133,17 +133,17 @@ class _Program:
         return drive.plus(compiling_s(self.engine, self.speed))
 
 
-def _speed(request: EpisodeRequest, engine: str, device: DeviceKind) -> tuple[Speed, Basis]:
+def _speed(request: EpisodeRequest, engine: str, device: DeviceKind, lanes: int) -> tuple[Speed, Basis]:
     own = [each for each in recalled(program_key(request)) if (each.engine, each.device) == (engine, device)]
-    if (speed := remembered_speed(own, same_program=True)) is not None:
+    if (speed := remembered_speed(own, lanes, same_program=True)) is not None:
         return speed, "this very program"
-    speed = _speed_of_engine(engine, device)
+    speed = _speed_of_engine(engine, device, lanes)
     return (speed, "other programs") if speed is not None else (probed_speed(device_count()), "nothing")
 
 
 @functools.cache
-def _speed_of_engine(engine: str, device: DeviceKind) -> Speed | None:
-    return remembered_speed(recalled_of_engine(engine, device), same_program=False)
+def _speed_of_engine(engine: str, device: DeviceKind, lanes: int) -> Speed | None:
+    return remembered_speed(recalled_of_engine(engine, device), lanes, same_program=False)
 
 
 def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
@@ -173,7 +173,7 @@ def _wall_s(programs: Sequence[_Program], episodes: int, lanes: int, longest_s: 
         wall = wall.plus(program.wall_s(program.episodes, lanes, longest_s))
     if audited:  # as if they were all of the first program
         program = programs[0]
-        for each in (program, program.reference()):
+        for each in (program, program.reference(min(audited, lanes))):
             wall = wall.plus(each.wall_s(audited, min(audited, lanes), longest_s))
     return wall
 
@@ -182,7 +182,7 @@ def _most(programs: Sequence[_Program], lanes: int, audited: int) -> Span:
     """Returns the most memory: programs follow one another in one process, which keeps what the largest took."""
     spans = [memory_bytes(each.engine, each.speed, lanes) for each in programs]
     if audited:
-        reference = programs[0].reference()
+        reference = programs[0].reference(min(audited, lanes))
         spans.append(memory_bytes(reference.engine, reference.speed, min(audited, lanes)))
     low, high = max((span.low for span in spans), default=0.0), max((span.high for span in spans), default=0.0)
     return Span(low=low, high=high)

@@ -100,7 +100,8 @@ def test_what_the_program_took_here_is_what_is_predicted():
     found = engine_plan(plan(audit=0), FOLDERS)
     assert found.known_from == "this very program"
     assert found.wall_s.low <= 3 * 10.0 <= found.wall_s.high
-    assert found.wall_s.high < 3 * 10.0 * 2
+    starting_s = 20.0  # Python, JAX and Prefect on a busy machine
+    assert found.wall_s.high < 3 * 10.0 * 1.5 + starting_s
     assert found.memory_bytes.low < 3 << 30 < found.memory_bytes.high
 
 
