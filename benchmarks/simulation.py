@@ -145,7 +145,7 @@ def main() -> None:
     parser.add_argument("--without", nargs="*", default=[], help="variants to leave out")
     parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--batch", action="store_true")
-    parser.add_argument("--document", type=Path, help="measure everything, and put the tables into a document")
+    parser.add_argument("--document", type=Path, help="put the tables into a document; all of them if no part is named")
     options = parser.parse_args()
     found: dict[str, list[list[str]]] = {}
     if options.document:
@@ -161,8 +161,9 @@ def main() -> None:
 
 def measured(options: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
     """Yields each table that was asked for when it is measured, under its title."""
-    everything = options.document is not None
-    if everything or not (options.scaling or options.batch):
+    parts = options.scaling or options.batch
+    everything = options.document is not None and not parts
+    if not parts:
         yield "side by side", rows(side_by_side(options.repeats, options.without))
     if everything or options.batch:
         yield "batch", batch_table(min(options.repeats, WARM_RUNS))
