@@ -109,3 +109,37 @@ def _steered(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> Non
     opened = open_existing_store(store)
     record = steer(opened, active_deployment(opened, fleet), wish)
     typer.echo(f"{'paused' if wish == 'pause' else 'going on'}: {record.arn}")
+
+
+@fleet_app.command("deregister")
+def deregister(
+    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)], store: _StoreUrl = None
+) -> None:
+    """Take a robot out of its fleet; what it runs, it keeps running."""
+    from tasks.deploy.robots import deregister_robot, read_robot
+    from tasks.storage.opening import open_existing_store
+
+    opened = open_existing_store(store)
+    name = deregister_robot(opened, read_robot(opened, robot)[0].name).name
+    typer.echo(f"{name} is in no fleet now")
+
+
+@fleet_app.command("delete")
+def delete(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Delete a fleet; its robots are in no fleet then."""
+    from tasks.deploy.deleting import delete_fleet
+    from tasks.storage.opening import open_existing_store
+
+    left = delete_fleet(open_existing_store(store), fleet)
+    typer.echo(f"{fleet} is deleted" + (f"; in no fleet now: {', '.join(left)}" if left else ""))
+
+
+@fleet_app.command("delete-robot")
+def delete_robot(
+    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)], store: _StoreUrl = None
+) -> None:
+    """Forget a robot, also in the middle of a deployment."""
+    from tasks.deploy.deleting import delete_robot as delete_named
+    from tasks.storage.opening import open_existing_store
+
+    typer.echo(f"{delete_named(open_existing_store(store), robot)} is deleted")

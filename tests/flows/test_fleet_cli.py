@@ -78,3 +78,14 @@ def test_a_fleet_to_which_nothing_was_deployed_has_nothing_to_watch_or_sync(file
     assert "nothing was deployed" in _simyard(file_store, "watch", "couriers").output
     with pytest.raises(ResourceNotFound, match="something was deployed"):
         _simyard(file_store, "sync", "couriers")
+
+
+def test_robots_and_fleets_leave_as_they_came(file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+    for robot in ("r1", "r2"):
+        _simyard(file_store, "register", "couriers", robot)
+    assert _simyard(file_store, "deregister", "r1").output == "r1 is in no fleet now\n"
+    assert _simyard(file_store, "delete", "couriers").output == "couriers is deleted; in no fleet now: r2\n"
+    assert _simyard(file_store, "delete-robot", "r2").output == "r2 is deleted\n"
+    assert [robot.name for robot in robots(file_store)] == ["r1"]
+    assert fleets(file_store) == []

@@ -1,0 +1,41 @@
+"""DeleteFleet and DeleteRobot (semantics 8). What a robot runs goes on running: there is nobody left to say otherwise."""
+
+from specs.base import Fault
+from specs.errors import ConcurrentDeployment
+from tasks.deploy.fleets import read_fleet
+from tasks.deploy.robots import deregister_robot, members, read_robot
+from tasks.storage.keys import fleet_key, robot_record_key
+from tasks.storage.records import is_terminal, read
+from tasks.storage.store import Store
+
+_KIND = "deployment-job"
+
+
+def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
+    """Returns the names of the robots that are in no fleet now, because theirs was deleted.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        ConcurrentDeployment: A deployment to it is under way.
+    """
+    fleet, _ = read_fleet(store, reference)
+    if fleet.deployment and not is_terminal(read(store, _KIND, fleet.deployment)):
+        allowed = "a fleet without an active deployment; cancel it, or wait"
+        raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
+    left = tuple(robot.name for robot in members(store, fleet.name))
+    for robot in left:
+        deregister_robot(store, robot)
+    store.delete(fleet_key(fleet.name))
+    return left
+
+
+def delete_robot(store: Store, reference: str) -> str:
+    """Returns the name of the robot that was deleted, also in the middle of a deployment; there it will not answer.
+
+    Raises:
+        ResourceNotFound: No such robot.
+    """
+    name = read_robot(store, reference)[0].name
+    # Its desired state stays: a robot refuses a sequence that is lower than one it had, and may come back by this name.
+    store.delete(robot_record_key(name))
+    return name
