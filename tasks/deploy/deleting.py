@@ -1,4 +1,4 @@
-"""DeleteFleet and DeleteRobot (semantics 8). What a robot runs goes on running: there is nobody left to say otherwise."""
+"""DeleteFleet and DeleteRobot (semantics 8). What a robot runs goes on running: nobody is left to say otherwise."""
 
 from specs.base import Fault
 from specs.errors import ConcurrentDeployment
