@@ -23,6 +23,7 @@ from tasks.simulate.engines import EngineChoice, choose_engine
 from tasks.simulate.layout import Layout
 from tasks.simulate.robot import RobotRefused
 from tasks.simulate.timings import recalled, recalled_of_engine
+from tasks.storage.cache import cache_folder
 
 Basis = Literal["this very program", "other programs", "nothing"]
 # From what is known best.
@@ -137,12 +138,13 @@ def _speed(request: EpisodeRequest, engine: str, device: DeviceKind, lanes: int)
     own = [each for each in recalled(program_key(request)) if (each.engine, each.device) == (engine, device)]
     if (speed := remembered_speed(own, lanes, same_program=True)) is not None:
         return speed, "this very program"
-    speed = _speed_of_engine(engine, device, lanes)
+    speed = _speed_of_engine(engine, device, lanes, cache_folder())
     return (speed, "other programs") if speed is not None else (probed_speed(device_count()), "nothing")
 
 
 @functools.cache
-def _speed_of_engine(engine: str, device: DeviceKind, lanes: int) -> Speed | None:
+def _speed_of_engine(engine: str, device: DeviceKind, lanes: int, _cache: Path) -> Speed | None:
+    """Returns what programs of an engine took; read once for each cache folder, however many programs a batch has."""
     return remembered_speed(recalled_of_engine(engine, device), lanes, same_program=False)
 
 
