@@ -1,5 +1,7 @@
 """The map a robot plans on: clearance to the nearest solid, on a grid of one size for all worlds."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float64
 
@@ -8,16 +10,27 @@ from tasks.simulate.contract import HostMap
 from tasks.simulate.obstacles import Obstacles
 
 CELL_M = 0.1
-_LEAST_CELLS = 128
-_MOST_CELLS = 512
+_SIZES = (128, 192, 256, 384, 512)
 
 
 def grid_cells(world: World) -> int:
-    """Returns how many cells a side the world's grid has: 128, 256 or 512, so that few array shapes exist."""
-    cells = _LEAST_CELLS
-    while cells < _MOST_CELLS and cells * CELL_M < _extent_m(world):
-        cells *= 2
-    return cells
+    """Returns how many cells a side the world's grid has: one of five sizes, so that few array shapes exist."""
+    return next((cells for cells in _SIZES if cells * CELL_M >= _extent_m(world)), _SIZES[-1])
+
+
+def floor_maps(worlds: Sequence[World], solids: Sequence[Obstacles]) -> list[HostMap]:
+    """Returns the worlds' maps, all as large as the largest.
+
+    A world's own cells are the same numbers whatever worlds are beside it: its map grows by cells without clearance
+    behind its last row and column, so that an episode does not depend on what else its chunk holds.
+    """
+    sizes = [grid_cells(world) for world in worlds]
+    maps = map(floor_map, worlds, solids, sizes)
+    most = max(sizes, default=0)
+    return [
+        each._replace(clearance_m=np.pad(each.clearance_m, (0, most - size)))
+        for each, size in zip(maps, sizes, strict=True)
+    ]
 
 
 def floor_map(world: World, obstacles: Obstacles, cells: int) -> HostMap:

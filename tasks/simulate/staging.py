@@ -13,7 +13,7 @@ from specs.world import World
 from tasks.simulate.bundles import BundleCrash, guarded
 from tasks.simulate.chunks import split_environment
 from tasks.simulate.contract import FloorMap, HostMap, Placement, Scenario
-from tasks.simulate.floor_map import floor_map, grid_cells
+from tasks.simulate.floor_map import floor_maps
 from tasks.simulate.geodesic import shortest_paths_m
 from tasks.simulate.lane_state import LaneInputs
 from tasks.simulate.noise import seed_words
@@ -46,8 +46,7 @@ def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[
     """Returns the worlds as arrays, all of the same shapes."""
     touched = [obstacles(world, hull.low_m, hull.high_m) for world in worlds.values()]
     seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
-    cells = max((grid_cells(world) for world in worlds.values()), default=0)
-    floors = [floor_map(world, each, cells) for world, each in zip(worlds.values(), touched, strict=True)]
+    floors = floor_maps(list(worlds.values()), touched)
     stages = map(Stage, padded(touched), padded_silhouettes(map(silhouettes, seen)), floors)
     return dict(zip(worlds, stages, strict=True))
 

@@ -75,3 +75,16 @@ def test_where_in_a_large_batch_a_lane_lies_does_not_matter(engine: str):
 
     in_order = run(requests)
     assert run([requests[k] for k in order]) == [in_order[k] for k in order]
+
+
+def test_a_larger_world_in_the_chunk_changes_no_bit_of_a_lane():
+    small, large = delivery(0, world="hand/small", seed=3, duration_s=8.0), delivery(1, world="hand/large", seed=3)
+    worlds = {"hand/small": pen(6.0, 1), "hand/large": pen(30.0, 2)}
+
+    def run(*requests: EpisodeRequest) -> EpisodeResult:
+        (chunk,) = plan_chunks(requests, 8)
+        return simulate_chunk(chunk, worlds, FOLDERS, lanes=8, should_stop=lambda: False)[0]
+
+    present = {name: worlds[name] for name in ("hand/small",)}
+    (alone,) = plan_chunks([small], 8)
+    assert simulate_chunk(alone, present, FOLDERS, lanes=8, should_stop=lambda: False) == [run(small, large)]

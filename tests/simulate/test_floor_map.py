@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.world import Rectangle, Solid, solids
-from tasks.simulate.floor_map import cell_of, floor_map, grid_cells
+from tasks.simulate.floor_map import cell_of, floor_map, floor_maps, grid_cells
 from tasks.simulate.obstacles import obstacles
 from tests.simulate_factory import pen
 from tests.worlds_factory import apartment
@@ -50,7 +50,18 @@ def test_the_cell_of_a_point_holds_it():
 def test_apartments_up_to_12_8_m_share_a_grid_size():
     wide = WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-7, y_min_m=-2, x_max_m=7, y_max_m=2)})
     assert grid_cells(WORLD) == 128
-    assert grid_cells(wide) == 256
+    assert grid_cells(wide) == 192
+
+
+def test_a_worlds_own_cells_are_the_same_numbers_beside_a_larger_world():
+    larger = WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-15, y_min_m=-2, x_max_m=15, y_max_m=2)})
+    both = (WORLD, larger)
+    alone, (beside, _) = FLOOR, floor_maps(both, [obstacles(each, 0.02, 0.38) for each in both])
+    assert beside.clearance_m.shape == (384, 384)
+    assert np.array_equal(beside.clearance_m[:128, :128], alone.clearance_m)
+    assert not beside.clearance_m[128:].any()
+    assert not beside.clearance_m[:, 128:].any()
+    assert all(np.array_equal(one, other) for one, other in zip(beside[1:], alone[1:], strict=True))
 
 
 def test_a_huge_apartment_gets_coarser_cells_and_not_more_of_them():
