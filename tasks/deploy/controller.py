@@ -25,6 +25,7 @@ from tasks.storage.store import Store
 _LOG = logging.getLogger(__name__)
 _KIND = "deployment-job"
 WISH = "wish"
+CANCELED = "canceled"
 """Where a job's detail says what somebody wants of it (tasks.deploy.steering)."""
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 _PROGRESS = TypeAdapter(dict[str, RobotProgress])
@@ -119,9 +120,7 @@ def roll_out(
     known = recorded_progress(record)
     asked = _asked_before(store, plan, record.id)
     while True:
-        if claim.lost:
-            raise StoreError(f"{store.url}: another process has taken over deployment {record.id}")
-        now = read(store, _KIND, record.id)
+        now = _still_ours(store, record.id, claim)
         if is_terminal(now):  # somebody closed it: whoever was asked is on its own
             return now
         seen = _observe(store, plan, asked, known, pace.now_s())
@@ -141,7 +140,15 @@ def roll_out(
             pace.sleep(pace.poll_s)
 
 
+def _still_ours(store: Store, job: str, claim: Claim) -> JobRecord:
+    if claim.lost:
+        raise StoreError(f"{store.url}: another process has taken over deployment {job}")
+    return read(store, _KIND, job)
+
+
 def _wish(record: JobRecord, plan: Plan, now_s: float) -> Wish:
+    if CANCELED in record.detail:
+        return "cancel"
     if now_s - record.created_at_s > plan.fleet_timeout_s:
         return "time out"
     return _WISH.validate_python(record.detail.get(WISH, "go"))

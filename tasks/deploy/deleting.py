@@ -1,9 +1,11 @@
 """DeleteFleet and DeleteRobot (semantics 8). What a robot runs goes on running: nobody is left to say otherwise."""
 
 from specs.base import Fault
-from specs.errors import ConcurrentDeployment
+from specs.errors import ConcurrentDeployment, ObjectConflict
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.robots import deregister_robot, members, read_robot
+from tasks.deploy.states import FleetRecord
+from tasks.storage.encoding import encoded
 from tasks.storage.keys import fleet_key, robot_record_key
 from tasks.storage.records import is_terminal, read
 from tasks.storage.store import Store
@@ -18,15 +20,26 @@ def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
         ResourceNotFound: No such fleet.
         ConcurrentDeployment: A deployment to it is under way.
     """
-    fleet, _ = read_fleet(store, reference)
-    if fleet.deployment and not is_terminal(read(store, _KIND, fleet.deployment)):
-        allowed = "a fleet without an active deployment; cancel it, or wait"
-        raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
+    fleet = _marked(store, reference)
     left = tuple(robot.name for robot in members(store, fleet.name))
     for robot in left:
         deregister_robot(store, robot)
     store.delete(fleet_key(fleet.name))
     return left
+
+
+def _marked(store: Store, reference: str) -> FleetRecord:
+    """Returns a fleet that nobody deploys to from now on: the mark and a deployment's claim exclude each other."""
+    while True:
+        fleet, etag = read_fleet(store, reference, deleted=True)
+        if fleet.deployment and not is_terminal(read(store, _KIND, fleet.deployment)):
+            allowed = "a fleet without an active deployment; cancel it, or wait"
+            raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
+        try:
+            store.replace(fleet_key(fleet.name), encoded(fleet.model_copy(update={"deleted": True})), etag)
+        except ObjectConflict:
+            continue
+        return fleet
 
 
 def delete_robot(store: Store, reference: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import PurePosixPath
 
 from specs.arn import parse_reference
 from specs.base import Fault
-from specs.errors import ObjectExists, ObjectNotFound, ResourceNotFound
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from tasks.deploy.states import FleetRecord
 from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import fleet_key
@@ -22,15 +22,22 @@ def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None)
         DocumentError: The name is none.
     """
     record = FleetRecord(name=name, created_at_s=time.time(), tags=dict(tags or {}))
-    try:
-        store.create(fleet_key(name), encoded(record))
-    except ObjectExists:
-        return read_fleet(store, name)[0]
-    return record
+    while True:
+        try:
+            store.create(fleet_key(name), encoded(record))
+        except ObjectExists:
+            found, etag = read_fleet(store, name, deleted=True)
+            if not found.deleted:
+                return found
+            try:
+                store.replace(fleet_key(name), encoded(record), etag)
+            except ObjectConflict:  # whoever deletes it is done now
+                continue
+        return record
 
 
-def read_fleet(store: Store, reference: str) -> tuple[FleetRecord, str]:
-    """Returns a fleet and its etag, by name or ARN.
+def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[FleetRecord, str]:
+    """Returns a fleet and its etag, by name or ARN; one that is being deleted only if asked for.
 
     Raises:
         ResourceNotFound: No such fleet.
@@ -42,13 +49,16 @@ def read_fleet(store: Store, reference: str) -> tuple[FleetRecord, str]:
         stored = store.get(key)
     except ObjectNotFound as exc:
         raise _missing(reference, f"a fleet in {store.url}; see simyard list fleets") from exc
-    return decoded(FleetRecord, stored, store, key), stored.etag
+    record = decoded(FleetRecord, stored, store, key)
+    if record.deleted and not deleted:
+        raise _missing(reference, f"a fleet in {store.url}; this one is being deleted")
+    return record, stored.etag
 
 
 def fleets(store: Store) -> list[FleetRecord]:
     """Returns all fleets, oldest first."""
-    found = [read_fleet(store, PurePosixPath(key).stem)[0] for key in store.keys(_FLEETS)]
-    return sorted(found, key=lambda fleet: (fleet.created_at_s, fleet.name))
+    found = [read_fleet(store, PurePosixPath(key).stem, deleted=True)[0] for key in store.keys(_FLEETS)]
+    return sorted((fleet for fleet in found if not fleet.deleted), key=lambda fleet: (fleet.created_at_s, fleet.name))
 
 
 def fleet_name(reference: str) -> str:

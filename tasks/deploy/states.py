@@ -20,12 +20,14 @@ class FleetRecord(Spec):
 
     Attributes:
         deployment: Id of its last deployment job, which is active until that job's record is terminal; or empty.
+        deleted: Whether it is being deleted: nobody sees it any more.
     """
 
     name: str
     created_at_s: float
     tags: dict[str, str]
     deployment: str = ""
+    deleted: bool = False
 
 
 class RobotRecord(Spec):

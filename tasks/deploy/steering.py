@@ -6,9 +6,11 @@ machine, and one that takes over.
 
 from typing import Literal
 
+from pydantic import JsonValue
+
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.deploy.controller import WISH
+from tasks.deploy.controller import CANCELED, WISH
 from tasks.deploy.fleets import read_fleet
 from tasks.storage.claim import claimed_unless_alive
 from tasks.storage.keys import claim_key
@@ -32,11 +34,13 @@ def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> Job
     before = read(store, _KIND, job)
     if is_terminal(before):
         raise _refused(job, f"a deployment that is under way; this one is {before.status}")
-    if before.detail.get(WISH) == "cancel" and wish != "cancel":
+    if CANCELED in before.detail and wish != "cancel":
         raise _refused(job, "a deployment that is not being canceled")
-    record = advance(store, _KIND, job, before.status, only_from={before.status}, detail={WISH: wish})
-    while record.detail.get(WISH) != wish and not is_terminal(record):  # its status changed meanwhile
-        record = advance(store, _KIND, job, record.status, only_from={record.status}, detail={WISH: wish})
+    # A key of its own, so that who resumes at the same moment does not take a cancellation back.
+    detail: dict[str, JsonValue] = {CANCELED: True} if wish == "cancel" else {WISH: wish}
+    record = advance(store, _KIND, job, before.status, only_from={before.status}, detail=detail)
+    while not detail.items() <= record.detail.items() and not is_terminal(record):  # its status changed meanwhile
+        record = advance(store, _KIND, job, record.status, only_from={record.status}, detail=detail)
     return _closed_if_left(store, record) if wish == "cancel" else record
 
 

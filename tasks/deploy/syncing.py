@@ -3,6 +3,8 @@
 They joined later, were away, or failed; with a failed one, a sync is how only the failed are tried again.
 """
 
+from collections.abc import Mapping
+
 from specs.base import Fault
 from specs.deployment import CreateDeploymentJobRequest
 from specs.errors import ResourceNotFound
@@ -11,8 +13,7 @@ from tasks.deploy.controller import Plan
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.planning import bounds_for
 from tasks.deploy.robots import members, read_desired, read_reported
-from tasks.deploy.states import RobotRecord
-from tasks.storage.records import JobRecord, read
+from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
 
 _KIND = "deployment-job"
@@ -26,7 +27,11 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
     """
     record, _ = read_fleet(store, fleet)
     last = read(store, _KIND, record.deployment) if record.deployment else None
-    if last is None or "plan" not in last.detail:
+    if last is not None and "plan" not in last.detail:
+        # It was killed before it was planned, and asked nobody: what counts is the one before it.
+        planned = [job for job in records(store, _KIND) if _plan_of(job).get("fleet") == record.name]
+        last = planned[-1] if planned else None
+    if last is None:
         fault = Fault(path="fleet", value=repr(fleet), allowed="a fleet to which something was deployed")
         raise ResourceNotFound([fault], source="SyncDeploymentJob")
     return last
@@ -46,17 +51,27 @@ def plan_sync(store: Store, last: JobRecord) -> Plan:
     """
     plan = Plan.model_validate(last.detail["plan"])
     request = CreateDeploymentJobRequest.model_validate(last.request)
-    variables = request.deploymentApplicationConfigs[0].launchConfig.environmentVariables or {}
-    behind = [robot for robot in members(store, plan.fleet) if not _runs(store, robot, plan.digest)]
-    given = {robot.name: environment.environment(variables, robot.tags, request.tags or {}) for robot in behind}
+    variables, tags = (
+        request.deploymentApplicationConfigs[0].launchConfig.environmentVariables or {},
+        request.tags or {},
+    )
+    wanted = {robot.name: environment.environment(variables, robot.tags, tags) for robot in members(store, plan.fleet)}
+    given = {robot: each for robot, each in wanted.items() if not _runs(store, robot, plan, each)}
     bounds = bounds_for(len(given), request)
     return plan.model_copy(update={"environments": given, "at_once": bounds.at_once, "failures": bounds.failures})
 
 
-def _runs(store: Store, robot: RobotRecord, digest: str) -> bool:
-    desired, _ = read_desired(store, robot.name)
-    reported = read_reported(store, robot.name)
-    if desired is None or reported is None or desired.digest != digest:
+def _runs(store: Store, robot: str, plan: Plan, variables: Mapping[str, str]) -> bool:
+    """Returns whether a robot runs the plan's bytes as the plan launches them, with these variables."""
+    desired, _ = read_desired(store, robot)
+    reported = read_reported(store, robot)
+    if desired is None or reported is None:
         return False
+    wanted = (plan.digest, plan.launch, dict(variables))
     answered = (reported.deployment, reported.sequence) == (desired.deployment, desired.sequence)
-    return answered and reported.status == "InSync"
+    return answered and reported.status == "InSync" and (desired.digest, desired.launch, desired.environment) == wanted
+
+
+def _plan_of(job: JobRecord) -> Mapping[str, object]:
+    plan = job.detail.get("plan")
+    return plan if isinstance(plan, dict) else {}

@@ -4,8 +4,10 @@ import pytest
 
 from specs.errors import ConcurrentDeployment, ResourceNotFound, StageFailed
 from tasks.deploy.deleting import delete_fleet, delete_robot
-from tasks.deploy.fleets import create_fleet, fleets
+from tasks.deploy.fleets import create_fleet, fleets, read_fleet
 from tasks.deploy.robots import create_robot, read_desired, read_robot, register_robot, robots
+from tasks.storage.encoding import encoded
+from tasks.storage.keys import fleet_key
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
@@ -52,3 +54,29 @@ def test_a_robot_that_comes_back_by_its_old_name_is_asked_with_a_higher_sequence
     desired, _ = read_desired(yard.store, "r0")
     assert desired
     assert desired.sequence == 2
+
+
+def test_a_deletion_that_was_killed_halfway_is_finished_by_the_next(
+    yard: Yard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    PuppetRobots(yard.store, 2)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tasks.deploy.deleting.deregister_robot", killed)
+        with pytest.raises(KeyboardInterrupt):
+            delete_fleet(yard.store, FLEET)
+    assert fleets(yard.store) == []
+    with pytest.raises(ResourceNotFound, match="being deleted"):
+        register_robot(yard.store, FLEET, "r0")
+    assert delete_fleet(yard.store, FLEET) == ("r0", "r1")
+    assert create_fleet(yard.store, FLEET).deployment == ""
+
+
+def test_a_fleet_is_made_anew_while_the_old_one_is_being_deleted(yard: Yard) -> None:
+    record, etag = read_fleet(yard.store, FLEET)
+    yard.store.replace(fleet_key(FLEET), encoded(record.model_copy(update={"deleted": True})), etag)
+    assert not create_fleet(yard.store, FLEET).deleted
+    assert [fleet.name for fleet in fleets(yard.store)] == [FLEET]

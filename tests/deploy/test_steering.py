@@ -3,10 +3,12 @@
 import pytest
 
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from tasks.deploy import steering
 from tasks.deploy.controller import recorded_progress
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.steering import active_deployment, steer
-from tasks.storage.records import read
+from tasks.storage.records import JobKind, JobRecord, read
+from tasks.storage.store import Store
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
@@ -98,3 +100,28 @@ def test_what_is_being_canceled_does_not_go_on(yard: Yard) -> None:
                 steer(yard.store, job_of(yard), "go")
 
     assert run(yard, robots, yard.request(version, "one"), version.digest, steer_twice).status == "Canceled"
+
+
+def test_who_resumes_at_the_same_moment_takes_no_cancellation_back(yard: Yard, monkeypatch: pytest.MonkeyPatch) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP})
+    read_record = steering.read
+
+    def cancel_after_the_look(store: Store, kind: JobKind, job: str) -> JobRecord:
+        found = read_record(store, kind, job)
+        monkeypatch.undo()
+        steer(store, job, "cancel")
+        return found
+
+    def resume(ended: int, _robots: int) -> None:
+        if ended == 2:
+            monkeypatch.setattr(steering, "read", cancel_after_the_look)
+            steer(yard.store, job_of(yard), "go")
+
+    assert run(yard, robots, yard.request(version, "one"), version.digest, resume).status == "Canceled"
+
+
+def test_a_fleet_whose_time_is_over_fails_with_a_code_of_its_own(yard: Yard, monkeypatch: pytest.MonkeyPatch) -> None:
+    robots, version = PuppetRobots(yard.store, 5, step_s=31 * 86_400.0), yard.publish({"run.sh": STAYS_UP})
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+    assert (record.status, record.failure_code) == ("Failed", "FleetDeploymentTimeout")
+    assert record.failure_reason.startswith("the fleet's time was over")

@@ -97,3 +97,38 @@ def test_a_failed_canary_leaves_the_fleet_alone(yard: Yard) -> None:
     assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
     assert record.failure_reason.startswith("a canary failed; 1 of 5 robots failed (r0: PreLaunchFileFailure)")
     assert [desired.robot for desired in robots.asked()] == ["r0"]
+
+
+def test_robots_that_run_the_bytes_in_another_way_are_brought_along(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP, "other.sh": STAYS_UP})
+    run(yard, robots, yard.request(version, "one"), version.digest)
+    robots.failing = {"r0", "r1"}
+    other = yard.request(version, "two", launchFile="other.sh", environmentVariables={"SPEED": "2"})
+    assert run(yard, robots, other, version.digest).status == "Failed"
+    robots.failing = set()
+
+    assert sync(yard, robots).status == "Succeeded"
+
+    assert {desired.launch.launchFile for desired in robots.asked()} == {"other.sh"}
+    assert all(desired.environment == {"SPEED": "2"} for desired in robots.asked())
+
+
+def test_a_deployment_that_was_killed_before_its_plan_does_not_hide_the_one_before(
+    yard: Yard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots, version = PuppetRobots(yard.store, 2), yard.publish({"run.sh": STAYS_UP})
+    run(yard, robots, yard.request(version, "one"), version.digest)
+
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tasks.deploy.job.advance", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run(yard, robots, yard.request(version, "two"), version.digest)
+    create_robot(yard.store, "late")
+    register_robot(yard.store, FLEET, "late")
+    robots.names.append("late")
+    record = sync(yard, robots)
+    assert record.status == "Succeeded"
+    assert list(recorded_progress(record)) == ["late"]
