@@ -29,12 +29,21 @@ _CONFIG: Mapping[str, object] = {
 }
 
 
+class _ExactKeys(S3FileSystem):
+    """Takes every key as it is: s3fs would cut off ``?versionId=`` and write over another object."""
+
+    def split_path(self, path: str) -> tuple[str, str, None]:
+        """Returns the bucket and the key of ``<bucket>/<key>``."""
+        bucket, _, key = path.partition("/")
+        return bucket, key, None
+
+
 class S3Client:
     """Calls to one server, from any thread."""
 
     def __init__(self) -> None:
         # Shared instances and cached listings would show what was, not what is (fleet.md, trap 6).
-        self._files = S3FileSystem(
+        self._files = _ExactKeys(
             skip_instance_cache=True, use_listings_cache=False, max_concurrency=4, config_kwargs=dict(_CONFIG)
         )
         self._files.retries = 1  # botocore retries already

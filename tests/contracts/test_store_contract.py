@@ -181,6 +181,33 @@ def test_an_upload_overwrites(store: Store, tmp_path: Path) -> None:
     assert store.get("a.bin").body == b"second"
 
 
+@pytest.mark.parametrize(
+    ("key", "other"),
+    [
+        ("a?versionId=x", "a"),
+        ("a/b?versionId=x/c.bin", "a/b"),
+        ("a#b", "a"),
+        ("a::b", "b"),
+        ("a*b", "acb"),
+        ("a[b]", "ab"),
+        ("a%3Fb", "a?b"),
+        ("a b+c&d=e", "a"),
+        ("{b}", "b"),
+    ],
+)
+def test_a_key_is_taken_letter_by_letter_whatever_urls_and_patterns_mean_by_them(
+    store: Store, tmp_path: Path, key: str, other: str
+) -> None:
+    source, target = tmp_path / "source", tmp_path / "target"
+    source.write_bytes(b"odd")
+    store.put(other, b"other")
+    store.sweep(key)
+    store.upload(key, source)
+    store.download(key, target)
+    assert (store.get(key).body, store.get(other).body, target.read_bytes()) == (b"odd", b"other", b"odd")
+    assert store.keys("") == sorted([key, other, "store.json"])
+
+
 def test_a_reader_never_sees_half_of_an_upload(store: Store, tmp_path: Path) -> None:
     sources = [tmp_path / "a", tmp_path / "b"]
     for source, size in zip(sources, (3 << 20, 1 << 20), strict=True):
