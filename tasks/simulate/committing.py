@@ -3,7 +3,7 @@
 import functools
 import hashlib
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from specs.episode import EpisodeRequest, EpisodeResult, unfinished
@@ -89,11 +89,11 @@ def run_chunk(
     unable = _unable(chunk, missing, mounted)
     work = _Work(batch, _able(chunk, unable, mounted), worlds, left_s, simulate, recording=record is not None)
     rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
-    by_index = {row.index: _canceled(row, work.watch) for row in [*rows, *work.restarted(lanes)]}
+    by_index = _settled(work, [*rows, *work.restarted(lanes)])
     if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
         time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
     if record is not None:
-        by_index |= _recorded(by_index, work.recorders, record, number)
+        by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
     ordered = [by_index.get(each.index) or _lost(each, unable[each.index]) for each in chunk.requests]
     return ChunkEnd(len(commit(batch.store, batch.id, number, ordered)), lanes)
 
@@ -143,7 +143,9 @@ class _Work:
 
     def _restarted_since(self) -> frozenset[int]:
         """Returns the jobs that were restarted since this was last asked; none when the work shall end."""
-        now = {} if self.watch() else restarted_jobs(self._batch.record())
+        record = self._batch.record()
+        self.watch.look(record)
+        now = {} if self.watch() else restarted_jobs(record)
         new = {index for index, at_s in now.items() if self._restarts.get(index) != at_s}
         self._restarts |= now
         return frozenset(new) & frozenset(request.index for request in self.sound.requests)
@@ -157,13 +159,26 @@ class _Work:
         return asked or plan.recordings.episodes == "all" or (failed and plan.recordings.episodes == "failed")
 
 
+def _settled(work: _Work, rows: Iterable[EpisodeResult]) -> dict[int, EpisodeResult]:
+    """Returns rows by index, later ones before earlier ones, as they stand after what was cancelled until now."""
+    return {row.index: _canceled(row, work.watch) for row in rows}
+
+
 def _recorded(
-    rows: Mapping[int, EpisodeResult], recorders: Sequence[Recorder], record: Record, number: int
+    work: _Work, rows: Mapping[int, EpisodeResult], record: Callable[[Iterable[Columns]], str], lanes: int
 ) -> dict[int, EpisodeResult]:
-    """Returns the rows of those episodes that are recorded, with the name of the file that they are in."""
-    name = record(number, itertools.chain.from_iterable(recorder.parts() for recorder in recorders))
-    indices = [index for recorder in recorders for index in recorder.episodes]
-    return {index: rows[index].model_copy(update={"recording": name}) for index in indices}
+    """Returns the rows, those of recorded episodes with the name of the file that they are in.
+
+    Writing takes a while, and what is asked meanwhile was promised too: who is restarted runs again, and without who is
+    cancelled the recordings are written anew.
+    """
+    while True:
+        unwanted = work.watch.canceled
+        name = record(itertools.chain.from_iterable(recorder.parts(unwanted) for recorder in work.recorders))
+        recorded = {index for recorder in work.recorders for index in recorder.episodes} - unwanted
+        rows = _settled(work, [*rows.values(), *work.restarted(lanes)])
+        if not recorded & work.watch.canceled:
+            return rows | {index: rows[index].model_copy(update={"recording": name}) for index in sorted(recorded)}
 
 
 def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:

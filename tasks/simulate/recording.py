@@ -5,7 +5,7 @@ the scan it saw then, the control that was decided on it, and what contacts push
 The last sample of an episode is the state in which it ended.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -142,18 +142,19 @@ class Recorder:
         """Returns the indices of the episodes that are kept."""
         return [index for _, index in self._kept]
 
-    def parts(self) -> Iterator[Columns]:
+    def parts(self, unwanted: Collection[int] = ()) -> Iterator[Columns]:
         """Yields the samples of the kept episodes, some episodes at a time, as columns of equal length.
 
-        They are ``index``, ``t_s``, ``pose``, ``velocity``, ``goal_index``, ``acted`` (whether a control was decided),
-        ``control``, ``ranges_m`` and ``impulse_ns``.
+        Those of the indices ``unwanted`` are left out. The columns are ``index``, ``t_s``, ``pose``, ``velocity``,
+        ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``.
         """
-        if not self._kept or self._ends is None:
+        wanted = [(lane, index) for lane, index in self._kept if index not in unwanted]
+        if not wanted or self._ends is None:
             return
         each = 1 + sum(kept.row_bytes for blocks in self._blocks.values() for kept in blocks)
         at_once = max(1, _PART_BYTES // each)
-        for first in range(0, len(self._kept), at_once):
-            group = self._kept[first : first + at_once]
+        for first in range(0, len(wanted), at_once):
+            group = wanted[first : first + at_once]
             lanes = np.array([lane for lane, _ in group])
             yield self._columns(lanes, np.array([index for _, index in group]), self._ends)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection
 from typing import Literal
 
 from tasks.simulate.batch import OpenBatch, canceled_jobs
+from tasks.storage.records import JobRecord
 
 StopCode = Literal["", "BatchTimedOut", "BatchCanceled"]
 _POLL_S = 1.0
@@ -42,13 +43,13 @@ class StopWatch:
         now_s = self._clock()
         if now_s >= self._next_look_s:
             self._next_look_s = now_s + _POLL_S
-            self._look()
+            self.look(self._batch.record())
         if not self.code and now_s >= self._deadline_s:
             self.code = "BatchTimedOut"
         return bool(self.code) or self._jobs <= self.canceled
 
-    def _look(self) -> None:
-        record = self._batch.record()
+    def look(self, record: JobRecord) -> None:
+        """Notes what the batch's record says now; for who has read it anyway, or must not wait for the next look."""
         self.canceled = canceled_jobs(record)
         if record.status == "Canceling":
             self.code = "BatchCanceled"

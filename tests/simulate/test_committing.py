@@ -12,10 +12,11 @@ from tasks.simulate.chunk_store import chunk_numbers, chunk_start, committed_chu
 from tasks.simulate.committing import Part, run_chunk
 from tasks.simulate.lane_state import Record
 from tasks.simulate.recording import Columns, Ends
+from tasks.simulate.restarting import restart_job
 from tasks.simulate.streaming import parts
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
-from tests.episodes_factory import passed
+from tests.episodes_factory import collided, passed
 from tests.simulate.batch_factory import all_pass, begun, mixed, plan, put_world, stops_after, template
 
 
@@ -231,6 +232,54 @@ def test_a_cancelled_job_leaves_no_recording(file_store: Store):
 
     run_chunk(batch, 0, simulate, recorded.write, lanes=4, left_s=9.0)
     assert recorded.written == {0: [3]}
+
+
+def test_who_is_cancelled_while_recordings_are_written_is_canceled_and_leaves_none(file_store: Store):
+    batch, recorded = begun(file_store), Recorded()
+
+    def slow(number: int, parts: Iterable[Columns]) -> str:
+        name = recorded.write(number, parts)
+        if recorded.written[number] == [1, 3]:
+            for index in (0, 1):
+                cancel_job(file_store, f"{batch.id}/{index}")
+        return name
+
+    run_chunk(batch, 0, recorded.simulate, slow, lanes=4, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.status for row in rows[:3]] == ["Canceled", "Canceled", "Completed"]
+    assert recorded.written == {0: [3]}
+    assert [row.recording for row in rows] == ["", "", "", "0.parquet"]
+
+
+def test_who_is_restarted_while_recordings_are_written_runs_once_more(file_store: Store):
+    batch, recorded = begun(file_store), Recorded()
+    parts_run: list[list[int]] = []
+
+    def simulate(part: Part) -> list[EpisodeResult]:
+        parts_run.append([request.index for request in part.chunk.requests])
+        return recorded.simulate(part) if part.recorder else [collided(1)]
+
+    def slow(number: int, parts: Iterable[Columns]) -> str:
+        restart_job(file_store, f"{batch.id}/1")
+        return recorded.write(number, parts)
+
+    run_chunk(batch, 0, simulate, slow, lanes=4, left_s=9.0)
+    assert parts_run == [[0, 1, 2, 3], [1]]
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.recording for row in rows] == ["", "0.parquet", "", "0.parquet"]
+
+
+def test_who_is_cancelled_right_after_the_last_look_is_canceled_all_the_same(file_store: Store):
+    batch = begun(file_store)
+
+    def simulate(part: Part) -> list[EpisodeResult]:
+        rows = all_pass(part)  # looks; the next look of its own would be in a second
+        cancel_job(file_store, f"{batch.id}/2")
+        return rows
+
+    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.status for row in rows] == ["Completed", "Completed", "Canceled", "Completed"]
 
 
 def test_the_same_world_is_read_again_when_it_comes_back(file_store: Store):
