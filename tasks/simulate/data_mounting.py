@@ -15,6 +15,8 @@ from tasks.simulate.data_unpacking import unpack_archive
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store import Store
 
+_BLOCK_BYTES = 1 << 20
+
 
 class Mounted(NamedTuple):
     """A data source on this machine.
@@ -97,31 +99,35 @@ class Mounts:
     def _install(self, digest: str, source: PinnedSource) -> str:
         """Returns why the files cannot be put together, or an empty text."""
         staged = self._cache.stage(digest)
-        top = staged / source.destination
+        try:
+            if failure := self._put_together(staged / source.destination, source):
+                return failure
+            self._cache.install(staged, digest)
+        finally:  # whatever went wrong; once installed, nothing is left of it
+            discard(staged)
+        return ""
+
+    def _put_together(self, top: Path, source: PinnedSource) -> str:
+        """Returns why the files cannot be put together in a folder, or an empty text."""
         top.mkdir(parents=True, exist_ok=True)
-        put = _unpacked if source.type == "Archive" else _linked
+        put = _unpacked if source.type == "Archive" else _copied
         for file in source.files:
             try:
                 put(file.key, self._cache.path(file.sha256), top)
             except BundleRefused as exc:
-                discard(staged)
                 return f"InvalidS3Resource: data source {source.name}: {exc}"
             except (FileExistsError, NotADirectoryError, IsADirectoryError):
-                discard(staged)  # what it says names places of this machine, and a row must not
+                # What it says names places of this machine, and a row must not.
                 return f"InvalidInput: data source {source.name}: {file.key} would be where another file is"
-        self._cache.install(staged, digest)
         return ""
 
 
-def _linked(key: str, content: Path, top: Path) -> None:
+def _copied(key: str, content: Path, top: Path) -> None:
+    """Copies a file; a link would let who writes into a mount, as root may, write into the cache."""
     target = top / key
     target.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        target.hardlink_to(content)
-    except FileExistsError:
-        raise
-    except OSError:  # on another disk, or one without links
-        shutil.copyfile(content, target)
+    with content.open("rb") as reader, target.open("xb") as writer:
+        shutil.copyfileobj(reader, writer, _BLOCK_BYTES)
 
 
 def _unpacked(key: str, content: Path, top: Path) -> None:

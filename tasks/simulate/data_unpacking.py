@@ -1,6 +1,8 @@
 """Archives of data sources unpacked, without trusting what is inside."""
 
+import errno
 import gzip
+import lzma
 import shutil
 import tempfile
 import zipfile
@@ -14,6 +16,20 @@ from tasks.storage.archives import ArchiveLimits, extract, safe_parts
 ENDINGS = (".zip", ".tar.gz")
 _LIMITS = ArchiveLimits(total_bytes=MOST_BYTES, entries=100_000)
 _BLOCK_BYTES = 1 << 20
+# What the readers of archives raise at damaged ones; RuntimeError is an encrypted one, ValueError a name or a place in
+# the file that cannot be.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    gzip.BadGzipFile,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+)
+# bzip2 says nothing but OSError, without a number; the others are a path too long and a place before the beginning.
+_DAMAGED_ERRNOS = (None, errno.ENAMETOOLONG, errno.EINVAL)
 
 
 def unpack_archive(archive: Path, key: str, target: Path) -> None:
@@ -32,8 +48,12 @@ def unpack_archive(archive: Path, key: str, target: Path) -> None:
             _unzip(archive, target)
         else:
             _untar(archive, target)
-    except (zipfile.BadZipFile, zlib.error, gzip.BadGzipFile, EOFError, NotImplementedError, RuntimeError) as exc:
+    except _DAMAGED as exc:
         raise BundleRefused(f"{key} cannot be unpacked: {exc}") from exc
+    except OSError as exc:
+        if exc.errno not in _DAMAGED_ERRNOS:  # a full disk, or what stands in the way: none of the archive's faults
+            raise
+        raise BundleRefused(f"{key} cannot be unpacked: {exc.strerror or exc}") from exc
 
 
 def _untar(archive: Path, target: Path) -> None:

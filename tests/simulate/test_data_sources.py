@@ -1,5 +1,6 @@
 """Files from buckets, pinned when a batch is planned and mounted read-only where its episodes are simulated."""
 
+import errno
 import io
 import stat
 import tarfile
@@ -91,6 +92,16 @@ def _zip(**files: bytes) -> bytes:
     return body.getvalue()
 
 
+def _damaged(method: int) -> bytes:
+    """Returns a zip whose only member's compressed bytes are not what they were."""
+    body = io.BytesIO()
+    with zipfile.ZipFile(body, "w", method) as archive:
+        archive.writestr("map", bytes(range(256)) * 40)
+    whole = bytearray(body.getvalue())
+    whole[60:80] = bytes(20)
+    return bytes(whole)
+
+
 def _tar(name: str, content: bytes) -> bytes:
     body = io.BytesIO()
     with tarfile.open(fileobj=body, mode="w:gz") as archive:
@@ -145,6 +156,33 @@ def test_an_archive_that_is_none_or_would_write_elsewhere_fails_its_jobs(
     rows = _rows_of_chunk(batch.store, batch.id, 0, run_chunk(batch, 0, _reading, lanes=16, left_s=9.0).episodes)
     assert {row.failure_code for row in rows} == {"InvalidS3Resource"}
     assert not list(tmp_path.rglob("out"))
+
+
+@pytest.mark.parametrize(
+    "method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA], ids=["deflate", "bzip2", "lzma"]
+)
+def test_a_damaged_archive_fails_its_jobs_and_leaves_nothing_behind(
+    file_store: Store, bucket: Store, tmp_path: Path, method: int
+):
+    bucket.put("a.zip", _damaged(method))
+    batch = begun(file_store, _planned(file_store, [source("a.zip", type="Archive")]))
+    run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert {row.failure_code for row in rows} == {"InvalidS3Resource"}
+    assert not list((cache(tmp_path) / "mounts").iterdir())
+
+
+def test_a_full_disk_is_no_fault_of_the_archive_and_leaves_nothing_behind(
+    file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    batch = begun(file_store, _planned(file_store, [source("maps/one.yaml")]))
+    monkeypatch.setattr("tasks.simulate.data_mounting.shutil.copyfileobj", full)
+    with pytest.raises(OSError, match="no space left"):
+        run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+    assert not list((cache(tmp_path) / "mounts").iterdir())
 
 
 def test_two_archives_with_the_same_file_are_told_by_name_and_not_by_place(
