@@ -60,15 +60,20 @@ def sync(fleet: _Fleet, store: _StoreUrl = None) -> None:
     """Bring a fleet to its latest deployment: robots that joined later, were away, or failed."""
     from uuid import uuid4
 
-    from tasks.deploy.describe import describe_deployment_job
     from tasks.deploy.job import run_sync_job
+    from tasks.deploy.syncing import latest_deployment, plan_sync
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
+    behind = list(plan_sync(opened, latest_deployment(opened, fleet)).environments)
+    if not behind:
+        typer.echo(f"all robots of {fleet} are in sync")
+        return
+    typer.echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")
     record = run_sync_job(
         opened, fleet, token=uuid4().hex, progress=lambda ended, robots: typer.echo(f"{ended} of {robots} robots")
     )
-    typer.echo(describe_deployment_job(opened, record.id).model_dump_json(indent=2, exclude_none=True))
+    typer.echo(f"{record.status} {record.arn}" + (f": {record.failure_reason}" if record.failure_reason else ""))
     raise typer.Exit(0 if record.status == "Succeeded" else 1)
 
 

@@ -11,6 +11,7 @@ from rich.table import Table
 from specs.arn import parse_reference
 from specs.deployment import DescribeDeploymentJobResponse, RobotDeployment
 from tasks.deploy.describe import describe_deployment_job
+from tasks.deploy.steering import wish_of
 from tasks.storage.store import Store
 
 _LOOK_S = 1.0
@@ -27,20 +28,21 @@ def watch_deployment(
         ResourceNotFound: No such job.
     """
     found = describe_deployment_job(store, job)
-    with Live(deployment_table(found), console=console, refresh_per_second=4) as live:
+    with Live(deployment_table(found, wish_of(store, job)), console=console, refresh_per_second=4) as live:
         while found.status not in _ENDED:
             sleep(_LOOK_S)
             found = describe_deployment_job(store, job)
-            live.update(deployment_table(found))
+            live.update(deployment_table(found, wish_of(store, job)))
     return found
 
 
-def deployment_table(job: DescribeDeploymentJobResponse) -> Table:
-    """Returns a deployment job as a table, a row a robot."""
+def deployment_table(job: DescribeDeploymentJobResponse, wish: str = "go") -> Table:
+    """Returns a deployment job as a table, a row a robot; ``wish`` is what somebody wants of it."""
     robots = job.robotDeploymentSummary or ()
     counts = Counter(robot.status for robot in robots)
     told = ", ".join(f"{count} {status}" for status, count in sorted(counts.items(), key=str))
-    table = Table(title=f"{job.status}: {told or 'no robot yet'}", caption=job.failureReason, title_justify="left")
+    wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
+    table = Table(title=f"{job.status}{wanted}: {told or 'no robot'}", caption=job.failureReason, title_justify="left")
     for name in ("robot", "status", "step", "done", "why"):
         table.add_column(name, justify="right" if name == "done" else "left", overflow="fold")
     for robot in robots:

@@ -64,10 +64,15 @@ def _status(status: str) -> Text:
 
 
 def _answer(report: PipelineReport) -> Text:
+    if report.passed and report.verdict is None and any(stage.name == "simulationBatch" for stage in report.stages):
+        return Text(
+            "Done. No gate was asked for, so nobody judged the batch: look at its numbers.", style="bold yellow"
+        )
     if report.passed:
         return Text("Done, and everything that was asked for passed.", style="bold green")
     if report.verdict not in (None, "PASS"):
-        return Text(f"The gate says {report.verdict}: nothing was deployed.", style="bold red")
+        left = "" if report.shipped is None else ": nothing was deployed"
+        return Text(f"The gate says {report.verdict}{left}.", style="bold red")
     return Text("The deployment failed.", style="bold red")
 
 

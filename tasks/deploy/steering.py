@@ -36,12 +36,24 @@ def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> Job
         raise _refused(job, f"a deployment that is under way; this one is {before.status}")
     if CANCELED in before.detail and wish != "cancel":
         raise _refused(job, "a deployment that is not being canceled")
+    if wish == "go" and before.detail.get(WISH) != "pause":
+        raise _refused(job, "a deployment that is paused")
     # A key of its own, so that who resumes at the same moment does not take a cancellation back.
     detail: dict[str, JsonValue] = {CANCELED: True} if wish == "cancel" else {WISH: wish}
     record = advance(store, _KIND, job, before.status, only_from={before.status}, detail=detail)
     while not detail.items() <= record.detail.items() and not is_terminal(record):  # its status changed meanwhile
         record = advance(store, _KIND, job, record.status, only_from={record.status}, detail=detail)
     return _closed_if_left(store, record) if wish == "cancel" else record
+
+
+def wish_of(store: Store, job: str) -> str:
+    """Returns what is wanted of a deployment: ``go``, ``pause`` or ``cancel``.
+
+    Raises:
+        ResourceNotFound: No such job.
+    """
+    detail = read(store, _KIND, job).detail
+    return "cancel" if CANCELED in detail else str(detail.get(WISH, "go"))
 
 
 def active_deployment(store: Store, fleet: str) -> str:

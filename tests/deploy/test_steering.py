@@ -114,6 +114,7 @@ def test_who_resumes_at_the_same_moment_takes_no_cancellation_back(yard: Yard, m
 
     def resume(ended: int, _robots: int) -> None:
         if ended == 2:
+            steer(yard.store, job_of(yard), "pause")
             monkeypatch.setattr(steering, "read", cancel_after_the_look)
             steer(yard.store, job_of(yard), "go")
 
@@ -125,3 +126,14 @@ def test_a_fleet_whose_time_is_over_fails_with_a_code_of_its_own(yard: Yard, mon
     record = run(yard, robots, yard.request(version, "one"), version.digest)
     assert (record.status, record.failure_code) == ("Failed", "FleetDeploymentTimeout")
     assert record.failure_reason.startswith("the fleet's time was over")
+
+
+def test_what_is_not_paused_is_not_resumed(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 3), yard.publish({"run.sh": STAYS_UP})
+
+    def resume(ended: int, _robots: int) -> None:
+        if ended == 1:
+            with pytest.raises(DocumentError, match="paused"):
+                steer(yard.store, job_of(yard), "go")
+
+    assert run(yard, robots, yard.request(version, "one"), version.digest, resume).status == "Succeeded"

@@ -5,8 +5,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.fleet_watch import watch_deployment
+from flows.fleet_watch import deployment_table, watch_deployment
+from tasks.deploy.describe import describe_deployment_job
 from tasks.deploy.fleets import create_fleet
+from tasks.deploy.steering import steer, wish_of
 from tasks.storage.records import advance
 from tasks.storage.store import Store
 from tests.deploy.puppets import PuppetRobots, run
@@ -49,3 +51,22 @@ def test_it_looks_again_until_the_deployment_ends(file_store: Store, tmp_path: P
 
     run(yard, robots, yard.request(version, "one"), version.digest, watch)
     assert seen == ["looked"]
+
+
+def test_a_paused_deployment_is_shown_as_paused(file_store: Store, tmp_path: Path) -> None:
+    create_fleet(file_store, FLEET)
+    yard, robots = Yard(file_store, tmp_path), PuppetRobots(file_store, 3)
+    version = yard.publish({"run.sh": STAYS_UP})
+    titles: list[str] = []
+
+    def pause(ended: int, _robots: int) -> None:
+        if ended == 1:
+            job = robots.asked()[0].deployment
+            for wish in ("pause", "go"):
+                steer(file_store, job, wish)  # pyright: ignore[reportArgumentType] - one of the two
+                titles.append(
+                    str(deployment_table(describe_deployment_job(file_store, job), wish_of(file_store, job)).title)
+                )
+
+    run(yard, robots, yard.request(version, "one"), version.digest, pause)
+    assert ["paused" in title for title in titles] == [True, False]

@@ -51,14 +51,17 @@ def test_the_version_is_documented():
     assert f"version {SCHEMA_VERSION} of their schema" in DOCUMENT
 
 
-@pytest.mark.parametrize("sql", [*QUERIES, *RECORDING_QUERIES])
-def test_the_queries_of_the_documents_run(sql: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(
+    ("sql", "place"), [*((sql, "simb-1") for sql in QUERIES), *((sql, ".") for sql in RECORDING_QUERIES)]
+)
+def test_the_queries_of_the_documents_run(sql: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     requests = [request(index, environment={"MAX_SPEED": "0.3"}) for index in range(6)]
-    write_parquet(results_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "results.parquet")
-    write_parquet(failures_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "failures.parquet")
-    (tmp_path / "recordings").mkdir()
-    write_parquet(recording_table(_collision(3)), tmp_path / "recordings" / "000000.parquet")
-    monkeypatch.chdir(tmp_path)
+    for folder in ("simb-1", "recordings/simb-1"):
+        (tmp_path / folder).mkdir(parents=True)
+    write_parquet(results_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "simb-1/results.parquet")
+    write_parquet(failures_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "simb-1/failures.parquet")
+    write_parquet(recording_table(_collision(3)), tmp_path / "recordings/simb-1/000000.parquet")
+    monkeypatch.chdir(tmp_path / place)
     with duckdb.connect() as connection:
         assert connection.execute(sql).fetchall()
 
