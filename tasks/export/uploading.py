@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from specs.errors import BucketNotFound, StoreAccessDenied, StoreUnreachable
+from specs.errors import BucketNotFound, StoreDamaged, StoreError, StoreUnreachable
 from tasks.storage.store import Store
 
 _WAITS_S = (1.0, 3.0, 9.0)
@@ -14,7 +14,7 @@ _log = logging.getLogger(__name__)
 
 
 def upload(bucket: Store, key: str, source: Path) -> None:
-    """Uploads a file whose key nobody else writes; tries again while the bucket does not answer.
+    """Uploads a file whose key nobody else writes; tries again while the bucket does not answer or damages it.
 
     What earlier uploads of the key have left is swept away first: parts that nobody sees are paid for.
 
@@ -40,7 +40,7 @@ def _patiently(write: Callable[[], object]) -> None:
             write()
         except BucketNotFound:
             raise
-        except StoreUnreachable as exc:
+        except (StoreDamaged, StoreUnreachable) as exc:
             # Spread, so that a hundred exports that failed together do not come back together.
             spread_s = wait_s * random.SystemRandom().uniform(0.5, 1.5)
             _log.warning("%s; trying again in %.1f s", exc, spread_s)
@@ -53,6 +53,7 @@ def _patiently(write: Callable[[], object]) -> None:
 def _sweep(bucket: Store, key: str) -> None:
     try:
         bucket.sweep(key)
-    except (StoreAccessDenied, StoreUnreachable) as exc:
-        # To list unfinished uploads is a permission of its own; whether one may write is told by writing.
-        _log.info("what broken uploads have left was not looked for: %s", exc)
+    except StoreError as exc:
+        # To list unfinished uploads is a permission of its own, and not every server can; whether one may write is
+        # told by writing.
+        _log.warning("what broken uploads have left stays: %s", exc)

@@ -10,10 +10,10 @@ import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from typing import NoReturn, cast
 from uuid import uuid4
 
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreDamaged, StoreUnreachable
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreDamaged, StoreError, StoreUnreachable
 from tasks.storage.atomic import whole_file
 from tasks.storage.etags import is_etag_of
 from tasks.storage.keys import checked_key
@@ -109,25 +109,23 @@ class S3Store:
             return
 
     def upload(self, key: str, source: Path) -> None:
-        """Sends the file; readers see the old object or the whole new one."""
+        """Sends the file; readers see the old object or the whole new one, and a damaged one is removed."""
         path = self._path(key)
         source.open("rb").close()  # a missing file is the caller's fault, not the store's
         with self._explained(key):
             self._client.send(source, self._bucket, path)
             etag = str(self._client.call("head_object", Bucket=self._bucket, Key=path)["ETag"])
         if not is_etag_of(etag, source, PART_BYTES) and not self._holds(key, source):
-            raise StoreDamaged(f"{self.url}: {key}: what arrived is not what was sent")
+            self._remove_damaged(key)
 
     def sweep(self, key: str) -> None:
         """Tells the server to forget the parts of uploads that never came to their end."""
         path = self._path(key)
         with self._explained(key):
             answer = self._client.call("list_multipart_uploads", Bucket=self._bucket, Prefix=path)
-            for upload in cast("list[dict[str, str]]", answer.get("Uploads", [])):
-                if upload["Key"] == path:
-                    self._client.call(
-                        "abort_multipart_upload", Bucket=self._bucket, Key=path, UploadId=upload["UploadId"]
-                    )
+        for upload in cast("list[dict[str, str]]", answer.get("Uploads", [])):
+            if upload["Key"] == path:
+                self._abort(key, upload["UploadId"])
 
     def download(self, key: str, target: Path) -> None:
         """Writes the object to the file, which appears whole or not at all."""
@@ -142,6 +140,22 @@ class S3Store:
             self.download(key, copy)
             with copy.open("rb") as ours, source.open("rb") as theirs:
                 return hashlib.file_digest(ours, "sha256").digest() == hashlib.file_digest(theirs, "sha256").digest()
+
+    def _abort(self, key: str, upload: str) -> None:
+        path = self._path(key)
+        try:
+            with self._explained(key):
+                self._client.call("abort_multipart_upload", Bucket=self._bucket, Key=path, UploadId=upload)
+        except ObjectNotFound:  # another has ended it, or some servers list what is over
+            return
+
+    def _remove_damaged(self, key: str) -> NoReturn:
+        damage = f"{self.url}: {key}: what arrived is not what was sent"
+        try:
+            self.delete(key)
+        except StoreError as exc:
+            raise StoreDamaged(f"{damage}, and it could not be removed") from exc
+        raise StoreDamaged(damage)
 
     def _path(self, key: str) -> str:
         return self._prefix + checked_key(key)

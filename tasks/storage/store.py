@@ -88,7 +88,7 @@ class Store(Protocol):
         """Writes the file's bytes under the key, streamed; readers see the old object or the whole new one.
 
         Raises:
-            StoreDamaged: What arrived is not what was sent.
+            StoreDamaged: What arrived is not what was sent; it is removed, so nobody takes it for whole.
         """
         ...
 

@@ -12,11 +12,13 @@ from uuid import uuid4
 
 import botocore.session
 import pytest
+from botocore.exceptions import ClientError
 
-from specs.errors import ObjectConflict, ObjectExists, StoreAccessDenied, StoreDamaged, StoreUnreachable
+from specs.errors import ObjectConflict, ObjectExists, StoreAccessDenied, StoreDamaged, StoreError, StoreUnreachable
 from tasks.storage import s3_client
 from tasks.storage.opening import open_store
-from tasks.storage.s3_client import S3Client
+from tasks.storage.s3 import S3Store
+from tasks.storage.s3_client import Answer, S3Client
 from tasks.storage.store import Store
 from tests.seaweed import READER_KEY, READER_SECRET, Seaweed
 from tests.storage.faulty_proxy import FaultyProxy, faulty_proxy
@@ -175,15 +177,64 @@ def test_an_upload_that_is_killed_leaves_nothing_under_the_key(
     assert not _uploads_under_way(seaweed, s3_store)
 
 
-def test_an_upload_that_arrives_damaged_is_told(
+def _send_other(patch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Makes the network turn every file that is uploaded into another."""
+    (folder / "sent").write_bytes(b"sent")
+    (folder / "other").write_bytes(b"other")
+    send = S3Client.send
+    patch.setattr(S3Client, "send", lambda self, _, bucket, key: send(self, folder / "other", bucket, key))
+
+
+def test_an_upload_that_arrives_damaged_is_told_and_removed(
     s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "sent").write_bytes(b"sent")
-    (tmp_path / "other").write_bytes(b"other")
-    send = S3Client.send
-    monkeypatch.setattr(S3Client, "send", lambda self, _, bucket, key: send(self, tmp_path / "other", bucket, key))
+    _send_other(monkeypatch, tmp_path)
     with pytest.raises(StoreDamaged, match=r"a\.bin"):
         s3_store.upload("a.bin", tmp_path / "sent")
+    assert not s3_store.exists("a.bin")
+
+
+def test_a_damaged_upload_that_cannot_be_removed_is_told_as_such(
+    s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(key: str) -> None:
+        raise StoreAccessDenied(key)
+
+    _send_other(monkeypatch, tmp_path)
+    monkeypatch.setattr(s3_store, "delete", refuse)
+    with pytest.raises(StoreDamaged, match="could not be removed"):
+        s3_store.upload("a.bin", tmp_path / "sent")
+
+
+class _Uploads(S3Client):
+    """A server that lists three unfinished uploads, of which the first is over when it is to be aborted."""
+
+    def __init__(self, code: str, status: int) -> None:
+        self.aborted: list[object] = []
+        self._refusal = ClientError(
+            {"Error": {"Code": code, "Message": ""}, "ResponseMetadata": {"HTTPStatusCode": status}},  # pyright: ignore[reportArgumentType] - the stub wants every header
+            "AbortMultipartUpload",
+        )
+
+    def call(self, operation: str, **parameters: object) -> Answer:
+        if operation == "list_multipart_uploads":
+            keys = {"1": "p/a.bin", "2": "p/a.bin", "3": "p/a.bin.other"}
+            return {"Uploads": [{"Key": key, "UploadId": upload} for upload, key in keys.items()]}
+        self.aborted.append(parameters["UploadId"])
+        if parameters["UploadId"] == "1":
+            raise self._refusal
+        return {}
+
+
+def test_sweeping_goes_on_after_an_upload_that_is_over() -> None:
+    client = _Uploads("NoSuchUpload", 404)
+    S3Store("bucket", "p", client).sweep("a.bin")
+    assert client.aborted == ["1", "2"]
+
+
+def test_sweeping_tells_what_else_is_refused() -> None:
+    with pytest.raises(StoreError, match="405"):
+        S3Store("bucket", "p", _Uploads("MethodNotAllowed", 405)).sweep("a.bin")
 
 
 def _uploads_under_way(seaweed: Seaweed, store: Store) -> bool:
