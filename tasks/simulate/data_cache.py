@@ -2,7 +2,10 @@
 
 objects/<sha256>    a file, read-only
 seen/<digest>.json  what an object of a bucket was when it was last fetched, by the bucket's own mark
-mounts/<digest>     the folder that a job sees of a data source, read-only
+mounts/<digest>     files/, which a job sees of a data source, read-only; and a seal, by which a change is noticed
+
+Who is root writes into read-only files too, so that a mount is used again only as long as its seal fits. It holds what
+the file system notes of each file: a write changes that, whoever writes.
 """
 
 import hashlib
@@ -18,6 +21,7 @@ from tasks.storage.atomic import whole_file
 from tasks.storage.store import Store
 
 _READ_ONLY_FILE, _READ_ONLY_FOLDER = 0o444, 0o555
+_FILES, _SEAL = "files", "seal"
 
 
 class DataCache:
@@ -46,28 +50,47 @@ class DataCache:
         """Returns where the file with that content is, or would be."""
         return self._objects / sha256
 
-    def mount(self, digest: str) -> Path:
-        """Returns the folder of a data source with that digest, which may not be there yet."""
-        return self._mounts / digest
+    def mounted(self, digest: str) -> Path | None:
+        """Returns the folder of a data source with that digest; None if it is not there as it was installed."""
+        mount = self._mounts / digest
+        try:
+            sound = (mount / _SEAL).read_text() == _seal(mount / _FILES)
+        except FileNotFoundError:
+            sound = False
+        return mount / _FILES if sound else None
 
     def install(self, staged: Path, digest: str) -> Path:
         """Returns the folder of a data source, made read-only, of what was staged for it."""
-        target = self.mount(digest)
+        target = self._mounts / digest
         for path in sorted(staged.rglob("*"), reverse=True):
             path.chmod(_READ_ONLY_FOLDER if path.is_dir() else _READ_ONLY_FILE)
+        (staged / _SEAL).write_text(_seal(staged / _FILES))
+        if target.is_dir() and self.mounted(digest) is None:
+            self._put_away(target)
         try:
             staged.rename(target)
         except OSError:
-            if not target.is_dir():  # else another process was faster, with the same files
+            if self.mounted(digest) is None:  # else another process was faster, with the same files
                 raise
-            discard(staged)
-        return target
+        return target / _FILES
 
-    def stage(self, digest: str) -> Path:
-        """Returns a new empty folder in which a data source's files are put together."""
-        folder = self._mounts / f".{digest}.{uuid.uuid4().hex[:8]}.tmp"
-        folder.mkdir(parents=True)
-        return folder
+    def stage(self, digest: str) -> tuple[Path, Path]:
+        """Returns a new folder to install or to discard, and the one in it that a data source's files go into."""
+        folder = self._beside(digest)
+        (folder / _FILES).mkdir(parents=True)
+        return folder, folder / _FILES
+
+    def _put_away(self, mount: Path) -> None:
+        """Removes a mount that was written into."""
+        away = self._beside(mount.name)
+        try:
+            mount.rename(away)
+        except FileNotFoundError:  # another process has put it away
+            return
+        discard(away)
+
+    def _beside(self, digest: str) -> Path:
+        return self._mounts / f".{digest}.{uuid.uuid4().hex[:8]}.tmp"
 
     def _download(self, bucket: Store, key: str) -> PinnedFile:
         self._objects.mkdir(parents=True, exist_ok=True)
@@ -80,6 +103,17 @@ class DataCache:
         finally:
             temporary.unlink(missing_ok=True)
         return found
+
+
+def _seal(folder: Path) -> str:
+    """Returns a digest of the names below a folder, and of what a write into a file changes."""
+    found = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        stat = path.lstat()
+        # The time of the inode's last change, which nobody can set; that of a folder changes when it is moved.
+        noted = () if path.is_dir() else (stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+        found.update(repr((path.relative_to(folder).as_posix(), noted)).encode())
+    return found.hexdigest()
 
 
 def discard(folder: Path) -> None:

@@ -73,12 +73,12 @@ class Mounts:
     def _made(self, digest: str, source: PinnedSource) -> Mounted:
         if source.failure_code:
             return Mounted(None, f"{source.failure_code}: {source.failure_reason}")
-        root = self._cache.mount(digest)
-        if not root.is_dir():
-            failure = self._fetch(source) or self._install(digest, source)
-            if failure:
+        root, failure = self._cache.mounted(digest), ""
+        if root is None:
+            if failure := self._fetch(source):
                 return Mounted(None, failure)
-        return Mounted(root / source.destination)
+            root, failure = self._installed(digest, source)
+        return Mounted(root and root / source.destination, failure)
 
     def _fetch(self, source: PinnedSource) -> str:
         """Returns why a file is not in the cache and cannot be fetched again, or an empty text."""
@@ -96,16 +96,14 @@ class Mounts:
                 return f"MismatchedEtag: {where} is not what it was when the batch was planned"
         return ""
 
-    def _install(self, digest: str, source: PinnedSource) -> str:
-        """Returns why the files cannot be put together, or an empty text."""
-        staged = self._cache.stage(digest)
+    def _installed(self, digest: str, source: PinnedSource) -> tuple[Path | None, str]:
+        """Returns the folder of a data source, or why its files cannot be put together."""
+        staged, files = self._cache.stage(digest)
         try:
-            if failure := self._put_together(staged / source.destination, source):
-                return failure
-            self._cache.install(staged, digest)
+            failure = self._put_together(files / source.destination, source)
+            return (None, failure) if failure else (self._cache.install(staged, digest), "")
         finally:  # whatever went wrong; once installed, nothing is left of it
             discard(staged)
-        return ""
 
     def _put_together(self, top: Path, source: PinnedSource) -> str:
         """Returns why the files cannot be put together in a folder, or an empty text."""
