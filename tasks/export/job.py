@@ -6,7 +6,8 @@ killed anywhere is simply done again over itself.
 
 import logging
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from pydantic import JsonValue
@@ -14,7 +15,7 @@ from pydantic import JsonValue
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.digests import canonical_document
-from specs.errors import DocumentError, SimyardError
+from specs.errors import DocumentError, SimyardError, StoreError
 from specs.pipeline_worlds import WorldFormat
 from specs.world import World
 from specs.world_jobs import CreateWorldExportJobRequest
@@ -31,6 +32,7 @@ from tasks.storage.records import JobKind, JobRecord, advance, is_terminal, read
 from tasks.storage.store import Store
 
 KIND: JobKind = "world-export-job"
+_STOPPED = frozenset({"Canceling", "Canceled"})
 Progress = Callable[[int, int], None]
 
 _log = logging.getLogger(__name__)
@@ -67,31 +69,39 @@ def run_export_job(
             return advance(store, KIND, job, "Canceled")
         if record.status == "Pending":
             advance(store, KIND, job, "Running")
-        try:
-            detail = _export(store, request, formats, job, progress)
-        except _Canceling:
-            return advance(store, KIND, job, "Canceled")
-        except SimyardError as exc:
-            _log.warning("export %s failed: %s", job, exc)
-            return advance(
-                store, KIND, job, "Failed", failure_code=failure_code(exc), failure_reason=failure_reason(exc)
-            )
-        return _ended(store, job, detail)
+        return _worked_off(store, request, formats, job, progress)
 
 
 class _Canceling(Exception):  # noqa: N818 - a state
-    """Somebody cancelled the job; nothing was uploaded."""
+    """Somebody cancelled the job; what it had sent is removed as this passes ``_nothing_left``."""
+
+
+def _worked_off(
+    store: Store,
+    request: CreateWorldExportJobRequest,
+    formats: Collection[WorldFormat],
+    job: str,
+    progress: Progress,
+) -> JobRecord:
+    try:
+        return _export(store, request, formats, job, progress)
+    except _Canceling:
+        return advance(store, KIND, job, "Canceled")
+    except SimyardError as exc:
+        _log.warning("export %s failed: %s", job, exc)
+        return advance(store, KIND, job, "Failed", failure_code=failure_code(exc), failure_reason=failure_reason(exc))
 
 
 def _go_on(store: Store, job: str) -> None:
-    if read(store, KIND, job).status == "Canceling":
+    if read(store, KIND, job).status in _STOPPED:
         raise _Canceling
 
 
-def _ended(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecord:
-    if read(store, KIND, job).status == "Canceling":
-        return advance(store, KIND, job, "Canceled")
-    return advance(store, KIND, job, "Completed", detail=detail)
+def _completed(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecord:
+    record = advance(store, KIND, job, "Completed", detail=detail, only_from={"Running"})
+    if record.status in _STOPPED:
+        raise _Canceling
+    return record
 
 
 def _export(
@@ -100,11 +110,13 @@ def _export(
     formats: Collection[WorldFormat],
     job: str,
     progress: Progress,
-) -> dict[str, JsonValue]:
+) -> JobRecord:
     require_writable(formats, SOURCE)
     references = _references(request.worlds)
     bucket = open_bucket(store, request.outputLocation.s3Bucket or "")
     prefix = request.outputLocation.s3Prefix
+    zip_key = output_key(prefix, f"{job}.zip")
+    plan_keys = {each: output_key(prefix, f"{job}/{_plan_name(each, references)}") for each in references}
     plans: dict[str, str] = {}
 
     def read_worlds() -> Iterator[World]:
@@ -112,22 +124,35 @@ def _export(
             _go_on(store, job)
             world = read_world(store, reference)
             if "svg" in formats:
-                plans[_plan_name(reference, references)] = floor_plan_svg(world)
+                plans[plan_keys[reference]] = floor_plan_svg(world)
             yield world
             progress(number, len(references))
 
-    with tempfile.TemporaryDirectory(prefix="simyard-export-") as folder:
+    with tempfile.TemporaryDirectory(prefix="simyard-export-") as folder, _nothing_left(bucket, zip_key, plan_keys):
         target = Path(folder) / f"{job}.zip"
         sha256 = write_zip(read_worlds(), formats, target)
-        urls: list[JsonValue] = []
-        for name, plan in plans.items():
+        for key, plan in plans.items():
             _go_on(store, job)
-            key = output_key(prefix, f"{job}/{name}")
             put(bucket, key, plan.encode())
-            urls.append(f"{bucket.url}/{key}")
-        zip_key = output_key(prefix, target.name)
+        _go_on(store, job)
         upload(bucket, zip_key, target)  # last: where it lies, all lies
-    return {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256}
+        urls: list[JsonValue] = [f"{bucket.url}/{key}" for key in plans]
+        return _completed(store, job, {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256})
+
+
+@contextmanager
+def _nothing_left(bucket: Store, zip_key: str, plan_keys: Mapping[str, str]) -> Generator[None]:
+    """Removes what this run or one that was killed has sent, the zip first, when the job turns out cancelled."""
+    try:
+        yield
+    except _Canceling:
+        try:
+            for key in (zip_key, *plan_keys.values()):
+                bucket.delete(key)
+        except StoreError as exc:
+            # To remove is a permission of its own; the job is cancelled all the same.
+            _log.warning("what a cancelled export had sent stays: %s", exc)
+        raise
 
 
 def _references(worlds: Sequence[str]) -> list[str]:

@@ -251,6 +251,75 @@ def test_a_job_that_is_canceled_among_its_worlds_stops_there_and_uploads_nothing
     assert open_bucket(store, "worlds").keys("") == []
 
 
+class CancelingBucket:
+    """A bucket during whose write number ``at`` the job becomes cancelled; it may refuse to remove."""
+
+    def __init__(self, store: Store, at: int, *, status: str = "Canceling", removes: bool = True) -> None:
+        self._bucket = open_bucket(store, "worlds")
+        self.url = self._bucket.url
+        self._store, self._at, self._status, self._removes = store, at, status, removes
+        self.writes = 0
+
+    def put(self, key: str, body: bytes) -> str:
+        self._count()
+        return self._bucket.put(key, body)
+
+    def upload(self, key: str, source: Path) -> None:
+        self._count()
+        self._bucket.upload(key, source)
+
+    def sweep(self, key: str) -> None:
+        self._bucket.sweep(key)
+
+    def delete(self, key: str) -> None:
+        if not self._removes:
+            raise StoreAccessDenied("no removing")
+        self._bucket.delete(key)
+
+    def _count(self) -> None:
+        self.writes += 1
+        if self.writes == self._at:
+            job = submit(self._store, KIND, {**canonical_document(request()), "formats": ["mjcf", "svg"]}, TOKEN)
+            advance(self._store, KIND, job.id, self._status)
+
+
+@pytest.mark.parametrize("status", ["Canceling", "Canceled"])  # the latter by another, who took this run for dead
+@pytest.mark.parametrize("at", [1, 2, 3])  # two plans, the zip
+def test_a_job_that_is_canceled_among_its_uploads_stops_there_and_leaves_nothing(
+    store: Store, monkeypatch: pytest.MonkeyPatch, at: int, status: str
+):
+    bucket = CancelingBucket(store, at, status=status)
+    monkeypatch.setattr("tasks.export.job.open_bucket", lambda _store, _name: bucket)
+    assert run(store).status == "Canceled"
+    assert bucket.writes == at
+    assert open_bucket(store, "worlds").keys("") == []
+
+
+def test_a_canceled_job_ends_canceled_where_nothing_may_be_removed_and_says_so(
+    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    bucket = CancelingBucket(store, 1, removes=False)
+    monkeypatch.setattr("tasks.export.job.open_bucket", lambda _store, _name: bucket)
+    assert run(store).status == "Canceled"
+    assert "no removing" in caplog.text
+
+
+def test_a_canceled_job_leaves_nothing_of_a_run_that_was_killed_either(store: Store, broken: pytest.MonkeyPatch):
+    break_bucket(broken, KeyboardInterrupt(), writes=2)
+    with pytest.raises(KeyboardInterrupt):
+        run(store)
+    broken.undo()
+    assert len(open_bucket(store, "worlds").keys("")) == 2
+
+    def cancel(_done: int, _total: int) -> None:
+        job = submit(store, KIND, {**canonical_document(request()), "formats": ["mjcf", "svg"]}, TOKEN)
+        advance(store, KIND, job.id, "Canceling")
+
+    record = run_export_job(store, request(), formats=("mjcf", "svg"), token=TOKEN, progress=cancel)
+    assert record.status == "Canceled"
+    assert open_bucket(store, "worlds").keys("") == []
+
+
 def test_a_format_whose_library_is_missing_fails_the_job_and_says_what_to_install(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ):
