@@ -1,10 +1,11 @@
 """Which episodes of a batch are audited: the same ones whenever it is asked, found without listing them all."""
 
+import hashlib
+import itertools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
+from specs.digests import digest
 from specs.episode import EpisodeRequest, EpisodeResult
 from tasks.simulate.layout import Layout
 
@@ -13,7 +14,7 @@ class Sampled(NamedTuple):
     """An episode that is audited.
 
     Attributes:
-        spread: Whether it is one of those evenly spread over the batch, which estimate its flip rate.
+        spread: Whether it is one of those spread over the batch, which estimate its flip rate.
     """
 
     request: EpisodeRequest
@@ -25,20 +26,21 @@ def sampled(layout: Layout, rows_of: Callable[[int], Sequence[EpisodeResult]], l
     """Returns the episodes to audit, by index; those that were never driven are left out.
 
     Half of the lanes go to episodes that failed, where there are so many: they are what a person has to defend, and
-    where engines differ most. The others are evenly spread, whatever came of them, and estimate the batch without
-    bias. Failed ones are looked for in the chunks of an even spread, so that at most as many chunks are read as there
-    are lanes.
+    where engines differ most. The others are spread over the batch, whatever came of them, and estimate it without
+    bias. Failed ones are looked for in the chunks of such a spread, so that at most as many chunks are read as there
+    are lanes. All is drawn from the batch's plan, so that it is the same whenever it is asked.
 
     Args:
         layout: The batch's episodes.
         rows_of: Gives the rows of a chunk.
         lanes: Most episodes, at least 1.
     """
-    even = audited_positions(layout.episodes, lanes)
+    seed = digest(layout.plan)
+    even = audited_positions(layout.episodes, lanes, seed)
     read = {row.index: row for chunk in sorted({layout.chunk_of(k) for k in even}) for row in rows_of(chunk)}
     failed = sorted(index for index, row in read.items() if was_driven(row) and row_failed(row))
-    chosen = {failed[position] for position in audited_positions(len(failed), lanes // 2)}
-    spread = {even[position] for position in audited_positions(len(even), lanes - len(chosen))}
+    chosen = {failed[position] for position in audited_positions(len(failed), lanes // 2, seed)}
+    spread = {even[position] for position in audited_positions(len(even), lanes - len(chosen), seed)}
     return [
         Sampled(layout.request(index), read[index], index in spread)
         for index in sorted(chosen | spread)
@@ -46,9 +48,24 @@ def sampled(layout: Layout, rows_of: Callable[[int], Sequence[EpisodeResult]], l
     ]
 
 
-def audited_positions(episodes: int, lanes: int) -> list[int]:
-    """Returns so many positions at most, evenly spread from the first to the last."""
-    return sorted({int(position) for position in np.linspace(0, episodes - 1, min(lanes, episodes)).round()})
+def audited_positions(episodes: int, lanes: int, seed: str) -> list[int]:
+    """Returns so many positions at most: one drawn from each of as many equal stretches.
+
+    Positions at equal distances would keep step with the matrix, and miss all but a few values of a sweep.
+
+    Args:
+        episodes: How many positions there are.
+        lanes: How many to draw.
+        seed: What they depend on besides.
+    """
+    count = min(lanes, episodes)
+    edges = [episodes * k // count for k in range(count)] + [episodes] if count else []
+    return [first + _drawn(f"{seed}/{first}") % (after - first) for first, after in itertools.pairwise(edges)]
+
+
+def _drawn(text: str) -> int:
+    """Returns a number that follows from a text, the same with whatever release of whatever library."""
+    return int.from_bytes(hashlib.sha256(text.encode()).digest(), "big")
 
 
 def was_driven(row: EpisodeResult) -> bool:
