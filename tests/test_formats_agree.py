@@ -29,10 +29,30 @@ RAYS = 64
 FAR_M = 60.0
 
 
+SEEDS_OF_WORLDS_WITH_DOORS = range(14, 20)
+
+
+def template(seed: int) -> TemplateBody:
+    """Returns one of the templates; for some seeds with a door, anyhow open, in every doorway (version 2)."""
+    document = json.loads(TEMPLATES[seed % 2].read_text())
+    if seed in SEEDS_OF_WORLDS_WITH_DOORS:
+        ajar = {
+            "Name": "ajar",
+            "TargetSet": "Target.All",
+            "Door": {"InitialState": {"OpenPosition": {"Percent": "Random"}}},
+        }
+        document["Version"] = "2"
+        for floor in (floor for building in document["Buildings"] for floor in building["Floors"]):
+            floor["Interior"] = floor.get("Interior", {}) | {"Doorways": {"DoorwaySets": [ajar]}}
+    return TemplateBody.model_validate(document)
+
+
 @pytest.fixture(scope="module", params=range(20))
 def world(request: pytest.FixtureRequest) -> World:
-    template = TemplateBody.model_validate(json.loads(TEMPLATES[request.param % 2].read_text()))
-    return generate_world(template, seed=request.param, generation="wgj-1", floorplan_index=1, interior_index=1)
+    seed: int = request.param
+    found = generate_world(template(seed), seed=seed, generation="wgj-1", floorplan_index=1, interior_index=1)
+    assert bool(found.doors) == (seed in SEEDS_OF_WORLDS_WITH_DOORS)
+    return found
 
 
 def directions() -> Float64[np.ndarray, "rays 3"]:
@@ -103,6 +123,12 @@ def test_rays_meet_the_same_in_mujoco_and_in_the_glb(world: World):
     mesh, loaded = solids_of_glb(world), load(world)
     for height_m in (0.1037, 0.4037, 1.1037):  # no surface lies there
         np.testing.assert_allclose(in_glb(mesh, height_m), in_mujoco(loaded, height_m), atol=0.01)
+
+
+def test_rays_meet_the_doors_where_there_are_any(world: World):
+    with_doors, without = load(world), load(world.model_copy(update={"doors": ()}))
+    differs_m = np.abs(in_mujoco(with_doors, 1.1037) - in_mujoco(without, 1.1037))
+    assert bool(world.doors) == bool(np.any(differs_m > 0.01))
 
 
 def footprints(world: World) -> Float64[np.ndarray, "solids 4"]:

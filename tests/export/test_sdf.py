@@ -7,12 +7,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from specs.world import World, solids
+from specs.world import Door, World, solids
 from tasks.export.ros_packages import package_files
 from tasks.export.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, sdf_files, sdf_name
 from tasks.export.sdf_elements import numbers
 from tests.export.validators import sdf_says
-from tests.export.variants import DOOR, HINGE_M, with_door, with_windows
+from tests.export.variants import DOOR, HINGE_M, other_hand, with_door, with_windows
 from tests.worlds_factory import apartment
 
 WORLD = with_windows(with_door(30.0))
@@ -85,6 +85,21 @@ def test_a_door_turns_about_its_hinge_from_shut_to_a_quarter_turn(tmp_path: Path
     low, high = (float(model.findtext(f"joint/axis/limit/{end}") or "nan") for end in ("lower", "upper"))
     assert (low, high) == pytest.approx((-0.3 * math.pi / 2, 0.7 * math.pi / 2), abs=1e-5)
     assert float(model.findtext("link/inertial/mass") or 0) == pytest.approx(8 * 0.44 * 0.02 * 1.01 * 300)
+
+
+@pytest.mark.parametrize("door", [WORLD.doors[0], other_hand(WORLD.doors[0])], ids=["clockwise", "anticlockwise"])
+def test_a_door_turned_to_its_limits_is_shut_and_open(tmp_path: Path, door: Door):
+    world = WORLD.model_copy(update={"doors": (door,)})
+    root = ET.parse(unpacked(world, tmp_path)).getroot()  # noqa: S314 - same
+    model = root.find(f"world/model[@name='{DOOR}']")
+    assert model is not None
+    x, y, upwards = map(float, (model.findtext("joint/axis/xyz") or "").split())
+    assert (x, y) == (0.0, 0.0)
+    stands_rad = math.atan2(poses(model)[1, 0], poses(model)[0, 0])
+    turns_rad = [float(model.findtext(f"joint/axis/limit/{end}") or "nan") for end in ("lower", "upper")]
+    shut_rad, open_rad = (stands_rad + upwards * turn_rad for turn_rad in turns_rad)
+    assert math.remainder(shut_rad - door.closed_yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=2e-5)
+    assert math.remainder(open_rad - door.open_yaw_rad, 2 * math.pi) == pytest.approx(0.0, abs=2e-5)
 
 
 def test_pieces_of_one_make_share_a_model_wherever_they_stand():

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade, UsdUtils
 
-from specs.world import World, solids
+from specs.world import Door, World, solids
 from tasks.export.sheets import sheets
 from tasks.export.textures import texture_of
 from tasks.export.usd import USD_FILE, usd_files
-from tests.export.variants import DOOR, HINGE_M, with_door, with_windows
+from tests.export.variants import DOOR, HINGE_M, other_hand, with_door, with_windows
 from tests.worlds_factory import apartment
 
 WORLD = with_windows(with_door(30.0))
@@ -99,6 +99,35 @@ def test_a_door_is_a_body_on_a_hinge_that_holds_it_where_it_stands(stage: Usd.St
     # It opens clockwise, from 90 degrees to 0, and stands at 30 %.
     assert limits == pytest.approx((-63.0, 27.0), abs=1e-4)
     assert "PhysicsRigidBodyAPI" in by_name(stage)[DOOR].GetAppliedSchemas()
+
+
+@pytest.mark.parametrize("door", [WORLD.doors[0], other_hand(WORLD.doors[0])], ids=["clockwise", "anticlockwise"])
+def test_a_hinge_holds_its_door_as_it_stands_and_turns_it_shut_and_open(tmp_path: Path, door: Door):
+    stage = Usd.Stage.Open(str(written(WORLD.model_copy(update={"doors": (door,)}), tmp_path)))
+    body = by_name(stage)[DOOR]
+    hinge = UsdPhysics.RevoluteJoint(stage.GetPrimAtPath(body.GetPath().AppendChild("hinge")))
+    held = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Quatd(hinge.GetLocalRot0Attr().Get())))
+    stands = UsdGeom.XformCache().GetLocalToWorldTransform(body)
+    along = numbers(held.TransformDir(Gf.Vec3d(1, 0, 0)))
+    np.testing.assert_allclose(along, numbers(stands.TransformDir(Gf.Vec3d(1, 0, 0))), atol=1e-6)
+    assert hinge.GetLocalRot1Attr().Get() == Gf.Quatf(1)
+    stands_deg = math.degrees(math.atan2(along[1], along[0]))
+    ends = sorted(math.degrees(end) for end in (door.closed_yaw_rad, door.open_yaw_rad))
+    limits = hinge.GetLowerLimitAttr().Get(), hinge.GetUpperLimitAttr().Get()
+    assert [stands_deg + limit for limit in limits] == pytest.approx(ends, abs=1e-4)
+
+
+def test_coverings_are_seen_from_within_their_rooms(stage: Usd.Stage):
+    prims, rooms = by_name(stage), {room.name: room.floor for room in WORLD.rooms}
+    for sheet in sheets(WORLD):
+        mesh, floor = UsdGeom.Mesh(prims[sheet.name]), rooms[sheet.name.partition("/")[2]]
+        assert mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.rightHanded
+        corners = np.array(mesh.GetPointsAttr().Get())[np.array(mesh.GetFaceVertexIndicesAttr().Get())].reshape(
+            -1, 3, 3
+        )
+        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        middle_m = ((floor.x_min_m + floor.x_max_m) / 2, (floor.y_min_m + floor.y_max_m) / 2, 1.3)
+        assert np.all(np.sum(facing * (middle_m - corners[:, 0]), axis=1) > 0)
 
 
 def test_there_is_a_light_for_every_lamp(stage: Usd.Stage):

@@ -38,6 +38,13 @@ def with_door(percent: float, world: World | None = None) -> World:
     return world.model_copy(update={"doors": (door,)})
 
 
+def other_hand(door: Door) -> Door:
+    """Returns a door that stands as this one does, as far open, and opens the other way round."""
+    quarter_rad = door.closed_yaw_rad - door.open_yaw_rad
+    shut_rad = door.leaf.yaw_rad - quarter_rad * door.open_percent / 100.0
+    return door.model_copy(update={"closed_yaw_rad": shut_rad, "open_yaw_rad": shut_rad + quarter_rad})
+
+
 def with_windows(world: World | None = None) -> World:
     """Returns the apartment with a window in either room."""
     world = world or apartment()
