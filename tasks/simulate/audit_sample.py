@@ -2,6 +2,7 @@
 
 import hashlib
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -36,7 +37,8 @@ def sampled(layout: Layout, rows_of: Callable[[int], Sequence[EpisodeResult]], l
         lanes: Most episodes, at least 1.
     """
     seed = digest(layout.plan)
-    even = audited_positions(layout.episodes, lanes, seed)
+    settings = math.prod(len(values) for values in layout.plan.sweep.values())
+    even = audited_positions(layout.episodes, lanes, seed, settings)
     read = {row.index: row for chunk in sorted({layout.chunk_of(k) for k in even}) for row in rows_of(chunk)}
     failed = sorted(index for index, row in read.items() if was_driven(row) and row_failed(row))
     chosen = {failed[position] for position in audited_positions(len(failed), lanes // 2, seed)}
@@ -48,19 +50,27 @@ def sampled(layout: Layout, rows_of: Callable[[int], Sequence[EpisodeResult]], l
     ]
 
 
-def audited_positions(episodes: int, lanes: int, seed: str) -> list[int]:
+def audited_positions(episodes: int, lanes: int, seed: str, cycle: int = 1) -> list[int]:
     """Returns so many positions at most: one drawn from each of as many equal stretches.
 
-    Positions at equal distances would keep step with the matrix, and miss all but a few values of a sweep.
+    Positions at equal distances would keep step with the matrix, and miss all but a few values of a sweep. The drawn
+    ones take the settings of the sweep in turn, in an order that is drawn too.
 
     Args:
         episodes: How many positions there are.
         lanes: How many to draw.
         seed: What they depend on besides.
+        cycle: After how many positions the settings of the sweep come again.
     """
     count = min(lanes, episodes)
     edges = [episodes * k // count for k in range(count)] + [episodes] if count else []
-    return [first + _drawn(f"{seed}/{first}") % (after - first) for first, after in itertools.pairwise(edges)]
+    turns = sorted(range(cycle), key=lambda k: _drawn(f"{seed}/turn/{k}")) if cycle * count <= episodes else [0]
+    positions: list[int] = []
+    for k, (first, after) in enumerate(itertools.pairwise(edges)):
+        to_turn = (turns[k % len(turns)] - first) % len(turns)
+        choices = range(first + to_turn, after, len(turns))
+        positions.append(choices[_drawn(f"{seed}/{k}") % len(choices)])
+    return positions
 
 
 def _drawn(text: str) -> int:
