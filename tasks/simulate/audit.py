@@ -32,6 +32,7 @@ def audit(
     *,
     lanes: int,
     engine: str = "auto",
+    drawn: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> AuditReport:
     """Returns what driving a sample again shows.
@@ -42,6 +43,7 @@ def audit(
         bundles: Unpacked folders of the applications, by digest.
         lanes: Lanes of a program: no more than there are episodes, since a program's idle lanes cost as much.
         engine: What the batch asked for.
+        drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
         progress: Told how many episodes were driven again, on either engine.
 
     Raises:
@@ -59,23 +61,31 @@ def audit(
         except BundleCrash as crash:
             why = crash.reason
     progress(len(here) + len(others))
-    return judged(_report(sample, ours, theirs), why)
+    return judged(_report(sample, ours, theirs, max(drawn, len(sample))), why)
 
 
-def _report(sample: Sequence[Sampled], ours: Mapping[int, Driven], theirs: Mapping[int, Driven]) -> AuditReport:
+def _report(
+    sample: Sequence[Sampled], ours: Mapping[int, Driven], theirs: Mapping[int, Driven], drawn: int
+) -> AuditReport:
     both = [each for each in sample if each.row.index in theirs]
     flipped = {each.row.index for each in both if _end(each.row) != _end(theirs[each.row.index].row)}
     here = [each.row for each in sample if each.row.device == device_kind()]
-    ways_m = [_most_apart_m(ours[each.row.index], theirs[each.row.index]) for each in both if each.row.index in ours]
+    ways_m = {
+        each.row.index: _most_apart_m(ours[each.row.index], theirs[each.row.index])
+        for each in both
+        if each.row.index in ours
+    }
     return AuditReport(
         verdict="NOT RUN",
         sentence="",
         engine=", ".join(sorted({each.row.engine for each in sample if each.row.engine})),
         reference=REFERENCE,
+        sampled=drawn,
         lanes=len(sample),
         compared=len(both),
         final=deviation([_apart_m(each.row, theirs[each.row.index].row) for each in both]),
-        way=deviation(ways_m),
+        way=deviation([*ways_m.values()]),
+        unflipped=deviation([apart_m for index, apart_m in ways_m.items() if index not in flipped]),
         spread=_rate([each.row.index for each in both if each.spread], flipped),
         failed=_rate([each.row.index for each in both if row_failed(each.row)], flipped),
         flips=tuple(

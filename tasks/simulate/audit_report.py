@@ -10,8 +10,11 @@ from specs.base import Spec
 
 AuditVerdict = Literal["SOUND", "SUSPECT", "NOT COMPARED", "NOT RUN"]
 # Flips are no surprise in chaotic contacts, so that one is no alarm: it is raised when so many would be seen by
-# chance less often than that, were the true rate within its limit: 2 of 16 evenly spread ones, 3 of 8 failed ones.
+# chance less often than that, were the true rate within its limit: 2 of 16 spread ones, 3 of 8 failed ones.
 FLIP_LIMIT, FAILED_FLIP_LIMIT = 0.01, 0.05
+FEWEST_FLIPS = 2
+# Engines that agree are micrometres apart, where no contact amplifies them into another end.
+APART_LIMIT_M = 0.05
 _CHANCE = 0.05
 
 
@@ -45,7 +48,7 @@ class FlipRate(Spec):
     def exceeds(self, limit: float) -> bool:
         """Returns whether so many flips are hardly to be had by chance at a true rate within the limit."""
         fewer = sum(math.comb(self.lanes, k) * limit**k * (1.0 - limit) ** (self.lanes - k) for k in range(self.flips))
-        return 1.0 - fewer < _CHANCE
+        return self.flips >= FEWEST_FLIPS and 1.0 - fewer < _CHANCE
 
     def text(self) -> str:
         """Returns such as ``1 of 16``."""
@@ -59,13 +62,15 @@ class AuditReport(Spec):
         verdict: ``SOUND``; ``SUSPECT``: look at it before you rely on the batch; ``NOT COMPARED``: rows were made again
             at most, since the engine is the reference itself or nothing could be compared; ``NOT RUN``.
         sentence: The same, for a person.
+        sampled: Episodes that were drawn.
         engine: Which made the rows, comma-separated where robots differ.
         reference: What it is compared with.
         lanes: Episodes that were driven again.
         compared: How many of them on the reference too.
         final: Between the places where episodes ended; None if none was compared.
         way: The most at any control step that both had; None likewise.
-        spread: Of evenly spread episodes: an estimate for the batch.
+        unflipped: The same of the episodes that came to the same end on both.
+        spread: Of episodes spread over the batch: an estimate for the batch.
         failed: Of those episodes of the sample that failed.
         flips: Episodes with another outcome.
         unreproduced: Episodes whose row is not what the engine makes of their request.
@@ -74,12 +79,14 @@ class AuditReport(Spec):
 
     verdict: AuditVerdict
     sentence: str
+    sampled: int = 0
     engine: str = ""
     reference: str = "mujoco"
     lanes: int = 0
     compared: int = 0
     final: Deviation | None = None
     way: Deviation | None = None
+    unflipped: Deviation | None = None
     spread: FlipRate = FlipRate(lanes=0, flips=0)
     failed: FlipRate = FlipRate(lanes=0, flips=0)
     flips: tuple[Flip, ...] = ()
@@ -107,7 +114,10 @@ def judged(found: AuditReport, why_not_compared: str = "") -> AuditReport:
         said = f"{found.compared} lanes on C MuJoCo: {found.spread.text()} outcomes flipped{failed}{p90}"
     elif not found.unreproduced:
         said += f", not compared: {why_not_compared}" if why_not_compared else ", not compared"
-    verdict: AuditVerdict = "SUSPECT" if alarms else "SOUND" if found.compared else "NOT COMPARED"
+    enough = found.compared > 0 and 2 * found.compared >= max(found.sampled, found.lanes)
+    if found.compared and not enough:
+        said += f"; no more than {found.compared} of the {max(found.sampled, found.lanes)} drawn could be compared"
+    verdict: AuditVerdict = "SUSPECT" if alarms else "SOUND" if enough else "NOT COMPARED"
     sentence = "; ".join(part for part in (*alarms, said) if part)
     return found.model_copy(update={"verdict": verdict, "sentence": sentence})
 
@@ -129,4 +139,6 @@ def _alarms(found: AuditReport) -> list[str]:
         )
     if found.spread.exceeds(FLIP_LIMIT) or found.failed.exceeds(FAILED_FLIP_LIMIT):
         alarms.append("outcomes differ from C MuJoCo's more often than chance explains")
+    if found.unflipped is not None and found.unflipped.p90_m > APART_LIMIT_M:
+        alarms.append(f"robots with the same outcome are apart from C MuJoCo's by {found.unflipped.p90_m:.2g} m (p90)")
     return alarms

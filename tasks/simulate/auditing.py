@@ -79,7 +79,9 @@ def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) 
 
     lanes = min(batch.plan.audit, batch.plan.lanes)
     try:
-        return audit(sample, worlds, bundles, lanes=lanes, engine=batch.plan.engine, progress=progress)
+        return audit(
+            sample, worlds, bundles, lanes=lanes, engine=batch.plan.engine, drawn=len(found), progress=progress
+        )
     except BundleCrash as crash:
         return not_run(str(crash))
     except MemoryError as exc:

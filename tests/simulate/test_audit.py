@@ -39,6 +39,7 @@ def test_sound_rows_pass(report: AuditReport):
     assert report.final
     assert report.way
     assert report.final.max_m < 1e-3
+    assert (report.sampled, report.unflipped) == (8, report.way)
     assert 0.0 < report.way.median_m <= report.way.p90_m <= report.way.max_m < 1e-3
 
 
@@ -59,6 +60,7 @@ def test_a_wrong_row_is_found(rows: list[EpisodeResult], apartments: dict[str, W
     if "outcome" in wrong:
         assert [(flip.index, flip.row, flip.reference) for flip in found.flips] == [(5, "collision", "Passed")]
         assert (found.spread.flips, found.failed.flips) == (0, 1)
+        assert found.unflipped != found.way
     if "final_x_m" in wrong:
         assert found.final
         assert found.final.max_m > 0.1

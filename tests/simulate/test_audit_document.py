@@ -8,7 +8,14 @@ import pytest
 import yaml
 
 from specs.pipeline_simulation import AUDITED_LANES, MAX_AUDITED_LANES, Audit
-from tasks.simulate.audit_report import FAILED_FLIP_LIMIT, FLIP_LIMIT, AuditReport, AuditVerdict, FlipRate
+from tasks.simulate.audit_report import (
+    APART_LIMIT_M,
+    FAILED_FLIP_LIMIT,
+    FLIP_LIMIT,
+    AuditReport,
+    AuditVerdict,
+    FlipRate,
+)
 
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "audit.md").read_text()
 TEXT = " ".join(DOCUMENT.split())
@@ -39,6 +46,10 @@ def test_alarms_are_raised_where_it_says(lanes: int, flips: int, limit: float):
     assert f"{flips} of {lanes}" in TEXT
     assert FlipRate(lanes=lanes, flips=flips).exceeds(limit)
     assert not FlipRate(lanes=lanes, flips=flips - 1).exceeds(limit)
+
+
+def test_robots_may_be_as_far_apart_as_it_says():
+    assert f"Above {APART_LIMIT_M} m among `unflipped` episodes the alarm is raised" in TEXT
 
 
 def test_a_sample_without_flips_shows_what_it_says():

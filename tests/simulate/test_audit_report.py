@@ -20,7 +20,16 @@ def report(**changes: object) -> AuditReport:
         ({}, "SOUND"),
         ({"spread": FlipRate(lanes=16, flips=1)}, "SOUND"),
         ({"spread": FlipRate(lanes=16, flips=2)}, "SUSPECT"),
-        ({"spread": FlipRate(lanes=4, flips=1)}, "SUSPECT" if 1 - 0.99**4 < 0.05 else "SOUND"),
+        ({"spread": FlipRate(lanes=4, flips=1)}, "SOUND"),
+        ({"spread": FlipRate(lanes=4, flips=2)}, "SUSPECT"),
+        ({"failed": FlipRate(lanes=1, flips=1)}, "SOUND"),
+        ({"unflipped": Deviation(median_m=1e-6, p90_m=0.06, max_m=0.07)}, "SUSPECT"),
+        ({"unflipped": Deviation(median_m=1e-6, p90_m=0.04, max_m=9.0)}, "SOUND"),
+        ({"way": Deviation(median_m=1e-6, p90_m=3.0, max_m=9.0)}, "SOUND"),
+        ({"compared": 8}, "SOUND"),
+        ({"compared": 7}, "NOT COMPARED"),
+        ({"compared": 7, "spread": FlipRate(lanes=7, flips=2)}, "SUSPECT"),
+        ({"sampled": 33}, "NOT COMPARED"),
         ({"failed": FlipRate(lanes=8, flips=2)}, "SOUND"),
         ({"failed": FlipRate(lanes=8, flips=3)}, "SUSPECT"),
         ({"unreproduced": (7,)}, "SUSPECT"),
@@ -28,7 +37,7 @@ def report(**changes: object) -> AuditReport:
         ({"compared": 0, "unreproduced": (7,)}, "SUSPECT"),
     ],
 )
-def test_alarm_is_raised_for_rows_that_cannot_be_made_again_and_for_more_flips_than_chance(
+def test_alarm_is_raised_for_what_is_wrong_and_nothing_is_called_sound_that_was_hardly_compared(
     changes: dict[str, object], verdict: AuditVerdict
 ):
     assert report(**changes).verdict == verdict
@@ -39,6 +48,9 @@ def test_the_sentence_has_the_numbers():
     assert found.sentence == "16 lanes on C MuJoCo: 1 of 10 outcomes flipped, 1 of 6 failed ones, p90 3e-06 m apart"
     alarmed = report(unreproduced=(3, 9))
     assert alarmed.sentence.startswith("2 of 16 rows are not what their engine makes of them (3, 9); ")
+    apart = report(unflipped=Deviation(median_m=0.1, p90_m=0.25, max_m=0.3))
+    assert apart.sentence.startswith("robots with the same outcome are apart from C MuJoCo's by 0.25 m (p90); ")
+    assert report(compared=4).sentence.endswith("; no more than 4 of the 16 drawn could be compared")
 
 
 def test_a_comparison_of_an_engine_with_itself_is_none():

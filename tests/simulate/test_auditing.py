@@ -34,9 +34,10 @@ def audited(monkeypatch: pytest.MonkeyPatch) -> Calls:
     """Replaces the driving: every sample is sound."""
     calls: Calls = []
 
-    def sound(sample: Sequence[Sampled], *_: object, **__: object) -> AuditReport:
+    def sound(sample: Sequence[Sampled], *_: object, drawn: int, **__: object) -> AuditReport:
         calls.append(sample)
-        return judged(AuditReport(verdict="NOT RUN", sentence="", lanes=len(sample), compared=len(sample)))
+        count = len(sample)
+        return judged(AuditReport(verdict="NOT RUN", sentence="", sampled=drawn, lanes=count, compared=count))
 
     monkeypatch.setattr(auditing_module, "audit", sound)
     return calls
