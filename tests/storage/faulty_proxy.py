@@ -1,4 +1,4 @@
-"""A network that loses what a server answers: the server has done the work, the client does not know."""
+"""A network that fails: it loses what a server answers, or breaks in the middle of what a client sends."""
 
 import socket
 from collections.abc import Generator
@@ -10,11 +10,12 @@ _CHUNK_BYTES = 1 << 16
 
 
 class FaultyProxy:
-    """Forwards connections to a server; loses an answer when told to.
+    """Forwards connections to a server; loses an answer, or cuts all off, when told to.
 
     Attributes:
         endpoint: Where clients connect, ``http://127.0.0.1:<port>``.
         lost: How many answers were lost.
+        is_cut: Whether all connections were cut in the middle of a request.
     """
 
     def __init__(self, server: str) -> None:
@@ -25,11 +26,17 @@ class FaultyProxy:
         self._open: list[socket.socket] = [self._listener]
         self.endpoint = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
         self.lost = 0
+        self.is_cut = False
+        self._left_bytes: int | None = None  # that may still be sent
         Thread(target=self._accept, daemon=True).start()
 
     def lose_the_next_answer(self) -> None:
         """Cuts the connection over which the server answers next, instead of passing the answer on."""
         self._lose_next.set()
+
+    def cut_after(self, sent_bytes: int) -> None:
+        """Cuts all connections, for good, when clients have sent so many bytes more; those still arrive."""
+        self._left_bytes = sent_bytes
 
     def close(self) -> None:
         """Cuts all connections."""
@@ -50,7 +57,14 @@ class FaultyProxy:
     def _pass_on(self, client: socket.socket, server: socket.socket) -> None:
         with suppress(OSError):
             while data := client.recv(_CHUNK_BYTES):
+                if self._left_bytes is not None and len(data) >= self._left_bytes:
+                    server.sendall(data[: self._left_bytes])
+                    self.is_cut = True
+                    self.close()
+                    return
                 server.sendall(data)
+                if self._left_bytes is not None:
+                    self._left_bytes -= len(data)
             server.shutdown(socket.SHUT_WR)
 
     def _answer(self, server: socket.socket, client: socket.socket) -> None:
