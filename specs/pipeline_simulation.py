@@ -35,7 +35,7 @@ from specs.unions import member, told_apart
 
 MAX_SEEDS = 10_000
 MAX_LOCAL_AGENTS = 20
-MAX_RECORDING_HZ = 20
+MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, 20
 AUDITED_LANES, MAX_AUDITED_LANES = 16, 256
 
 Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
@@ -68,8 +68,10 @@ class Recordings(Spec):
         title="Episodes",
         description="Those of requests with loggingConfig.recordAllRosTopics are recorded in any case.",
     )
-    rateHz: Annotated[Number, Field(gt=0, le=MAX_RECORDING_HZ)] = Field(
-        default=10.0, title="Rate (Hz)", description="Samples a simulated second; a whole fraction of 20 is kept."
+    rateHz: Annotated[Number, Field(ge=MIN_RECORDING_HZ, le=MAX_RECORDING_HZ)] = Field(
+        default=10.0,
+        title="Rate (Hz)",
+        description="Samples a simulated second; the nearest of 20, 10, 6.7, 5, ... (20 / n) is kept, of 15 it is 20.",
     )
 
 

@@ -14,7 +14,7 @@ from tasks.simulate.chunk_store import begin_chunk, commit, committed_chunk
 from tasks.simulate.chunks import Chunk
 from tasks.simulate.data_mounting import Mounts
 from tasks.simulate.fitting import after_deaths, simulate_fitting
-from tasks.simulate.recording import Columns, Recorder
+from tasks.simulate.recording import Columns, Recorder, sample_memory
 from tasks.simulate.stopping import StopWatch
 from tasks.storage.cache import cache_folder
 from tasks.storage.keys import world_key
@@ -114,12 +114,14 @@ class _Work:
         self.sound = chunk
         self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
         self.recorders: list[Recorder] = []
+        self._samples = sample_memory()
         self._restarts = restarted_jobs(batch.record())
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
 
     def part(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
         """Returns the rows of a part; what it recorded is kept if it comes to its end."""
-        recorder = Recorder(self._batch.plan.recordings.rateHz, self._wanted) if self._recording else None
+        rate_hz = self._batch.plan.recordings.rateHz
+        recorder = Recorder(rate_hz, self._wanted, self._samples) if self._recording else None
         rows = self._simulate(Part(chunk, self._worlds, lanes, self.watch, recorder))
         if recorder is not None:
             self.recorders.append(recorder)

@@ -15,9 +15,12 @@ from specs.episode import EpisodeResult
 from tasks.simulate.overflow import Kept, Overflow
 
 Columns = Mapping[str, np.ndarray]
-# Samples of a usual chunk stay in memory; those of long episodes lie in a file that nobody sees.
+# Samples of a usual chunk stay in memory, whatever parts it is run in; those of long episodes lie in a file that nobody
+# sees.
 _MEMORY_BYTES = 256 << 20
 _PART_BYTES = 32 << 20
+# Of the control rate; at less, an episode of two weeks would have two samples.
+_LEAST_RATE = 1e-8
 
 
 class Steps(Protocol):
@@ -70,15 +73,21 @@ class Ends(NamedTuple):
     goal_index: Int[np.ndarray, "lanes"]
 
 
+def sample_memory() -> Overflow:
+    """Returns what holds the samples of a chunk; recorders that share it stay within its size together."""
+    return Overflow(_MEMORY_BYTES)
+
+
 class Recorder:
     """The samples of one run of a program's lanes."""
 
-    def __init__(self, rate_hz: float, wanted: Callable[[EpisodeResult], bool]) -> None:
+    def __init__(self, rate_hz: float, wanted: Callable[[EpisodeResult], bool], memory: Overflow | None = None) -> None:
         """Begins without samples.
 
         Args:
             rate_hz: Samples in a simulated second; made a whole fraction of the control rate.
             wanted: Whether an episode with such a result is kept.
+            memory: Holds the samples; by default what no other recorder shares.
         """
         self._rate_hz = rate_hz
         self._wanted = wanted
@@ -88,7 +97,7 @@ class Recorder:
         self._steps = 0
         self._blocks: dict[str, list[Kept]] = {}
         self._last: dict[str, np.ndarray] = {}
-        self._overflow = Overflow(_MEMORY_BYTES)
+        self._overflow = memory or sample_memory()
         self._kept: list[tuple[int, int]] = []
         self._ends: Ends | None = None
 
@@ -100,7 +109,7 @@ class Recorder:
             control_s: Length of a control step.
         """
         self._lanes, self._control_s = lanes, control_s
-        self._stride = max(1, round(1.0 / (self._rate_hz * control_s)))
+        self._stride = max(1, round(1.0 / max(self._rate_hz * control_s, _LEAST_RATE)))
         names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
         self._blocks = {name: [] for name in names}
 
@@ -175,7 +184,9 @@ class Recorder:
 
     def _columns(self, lanes: np.ndarray, indices: np.ndarray, ends: Ends) -> Columns:
         """Returns the samples of some lanes. Slot j of a lane is its step j times the stride; behind them its end."""
-        steps, stride = ends.steps[lanes], self._stride
+        steps = ends.steps[lanes]
+        # A longer stride than any episode gives the same samples, and needs no room.
+        stride = min(self._stride, max(1, int(steps.max())))
         final = -(-steps // stride)
         slots = np.arange(int(final.max()) + 1)
         number = np.minimum(slots * stride, steps[:, None])
@@ -190,7 +201,7 @@ class Recorder:
             **states,
             "acted": acted,
             **actions,
-            "impulse_ns": self._impulses(lanes, steps, len(slots)),
+            "impulse_ns": self._impulses(lanes, steps, len(slots), stride),
         }
         return {name: values[there] for name, values in columns.items()}
 
@@ -207,12 +218,12 @@ class Recorder:
         return slots
 
     def _impulses(
-        self, lanes: np.ndarray, steps: Int[np.ndarray, "lanes"], slots: int
+        self, lanes: np.ndarray, steps: Int[np.ndarray, "lanes"], slots: int, stride: int
     ) -> Float32[np.ndarray, "lanes slots"]:
         """Returns what contacts pushed with from each sample to the next."""
-        every = _fitted(self._of("impulse_ns", lanes), slots * self._stride)
+        every = _fitted(self._of("impulse_ns", lanes), slots * stride)
         every[np.arange(every.shape[1]) >= steps[:, None]] = 0.0
-        return every.reshape(len(lanes), slots, self._stride).sum(2, dtype=np.float32)
+        return every.reshape(len(lanes), slots, stride).sum(2, dtype=np.float32)
 
 
 def _fitted(blocks: Sequence[np.ndarray], slots: int) -> np.ndarray:

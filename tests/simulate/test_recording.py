@@ -72,9 +72,9 @@ def drives(draw: st.DrawFn) -> Drive:
     return Drive(steps, ends, slices, draw(st.integers(1, 4)))
 
 
-def recorded(drive: Drive, *lanes: int) -> list[Columns]:
+def recorded(drive: Drive, *lanes: int, rate_hz: float = 0.0) -> list[Columns]:
     kept = set(lanes)
-    recorder = Recorder(1.0 / (drive.stride * CONTROL_S), lambda row: row.index - 70 in kept)
+    recorder = Recorder(rate_hz or 1.0 / (drive.stride * CONTROL_S), lambda row: row.index - 70 in kept)
     recorder.begin(len(drive.ends.steps), CONTROL_S)
     first = 0
     for length in drive.slices:
@@ -141,6 +141,28 @@ def test_what_does_not_fit_into_memory_comes_out_the_same(drive: Drive):
     assert len(parts) == len(drive.ends.steps)
     for name, values in whole.items():
         np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), values)
+
+
+@given(drives(), st.sampled_from([5e-324, 1e-12, 1e-3]))
+def test_the_lowest_rate_keeps_beginning_and_end_and_takes_no_room(drive: Drive, rate_hz: float):
+    total = sum(drive.slices)
+    expected = recorded(drive._replace(stride=total), 0)
+    found = recorded(drive, 0, rate_hz=rate_hz)
+    assert len(found[0]["index"]) <= 2
+    for name, values in expected[0].items():
+        np.testing.assert_array_equal(found[0][name], values)
+
+
+@pytest.mark.parametrize(("rate_hz", "times_s"), [(15.0, [0.0, 0.05, 0.1]), (7.0, [0.0, 0.15, 0.3])])
+def test_a_rate_is_kept_as_the_nearest_whole_number_of_steps(rate_hz: float, times_s: list[float]):
+    recorder, steps, lanes = Recorder(rate_hz, lambda _: True), 9, 1
+    recorder.begin(lanes, CONTROL_S)
+    three, one = np.zeros((lanes, steps, 3), np.float32), np.zeros((lanes, steps), np.float32)
+    recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one), np.array([steps]))
+    whole, none = np.array([steps]), np.zeros(lanes, bool)
+    recorder.end(Ends(whole, none, three[:, 0], three[:, 0], three[:, 0], np.zeros(lanes, int)), [passed(70)])
+    (columns,) = recorder.parts()
+    assert columns["t_s"][:3].tolist() == times_s
 
 
 @given(drives())
