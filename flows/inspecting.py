@@ -1,10 +1,11 @@
 """`simyard describe`, `list`, `cancel` and `restart`: RoboMaker's answers, whatever the kind of resource."""
 
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from specs.arn import KINDS, Reference, ResourceKind, parse_reference
 from specs.base import Fault, Spec
-from specs.errors import DocumentError
+from specs.errors import DocumentError, StoreError
 from specs.report import RunSummary
 from specs.simulation import BatchDescribeSimulationJobRequest
 from tasks.applications.describe import (
@@ -35,6 +36,7 @@ from tasks.storage.store import Store
 from tasks.worlds.describe import describe_generation_job, summarise_generation_job
 from tasks.worlds.inspection import describe_stored_world, describe_template, list_templates, list_worlds
 
+logger = logging.getLogger(__name__)
 _DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
     "world-template": describe_template,
     "world-generation-job": lambda store, path: describe_generation_job(read(store, "world-generation-job", path)),
@@ -139,12 +141,18 @@ def restart(store: Store, text: str) -> None:
 
 
 def _with_settled_batch(store: Store, path: str) -> str:
-    """Returns ``<batch>`` or ``<batch>/<index>`` as it stands, having closed a batch that was stopped and left."""
+    """Returns ``<batch>`` or ``<batch>/<index>`` as it stands, having closed a batch that was stopped and left.
+
+    One that cannot be closed now, its output bucket being gone, is told as it is: the others are none the worse for it.
+    """
     batch = path.partition("/")[0]
     if read(store, BATCH, batch).status in STOPPING:
         from flows.closing import settled  # noqa: PLC0415 - it imports MuJoCo and Arrow, which describing does not need
 
-        settled(store, batch)
+        try:
+            settled(store, batch)
+        except StoreError as exc:
+            logger.warning("batch %s was stopped and cannot be closed: %s", batch, exc)
     return path
 
 

@@ -13,7 +13,7 @@ from flows.inspecting import cancel, described, listed
 from flows.simulation_batch import _run
 from specs.common import OutputLocation
 from specs.episode import EpisodeResult
-from specs.errors import DocumentError
+from specs.errors import BucketNotFound, DocumentError
 from tasks.simulate.batch import OpenBatch, time_out
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.chunk_store import begin_chunk, committed_chunk
@@ -93,6 +93,24 @@ def test_a_process_that_was_paused_meanwhile_cannot_commit_what_was_given_up(lef
     assert run_chunk(left, 1, slow, lanes=2, left_s=9.0).episodes == 2
     assert {row.status for row in committed_chunk(left.store, left.id, 1) or ()} == {"Canceled"}
     assert results(left).column("status").to_pylist()[2:4] == ["Canceled"] * 2
+
+
+def test_a_batch_that_cannot_be_closed_is_told_as_it_stands_and_keeps_no_other_from_being_told(
+    left: OpenBatch, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    other = begun(left.store, name="other")
+    cancel_batch(left.store, left.id)
+
+    def gone(*_: object, **__: object) -> None:
+        raise BucketNotFound("there is no bucket results")
+
+    with monkeypatch.context() as broken:
+        broken.setattr("flows.closing.write_batch_tables", gone)
+        told = {each.model_dump()["arn"]: each.model_dump()["status"] for each in listed(left.store, f"{BATCH}es")}
+        assert told == {left.record().arn: "Canceling", other.record().arn: "InProgress"}
+        assert described(left.store, left.record().arn).model_dump()["status"] == "Canceling"
+    assert f"batch {left.id} was stopped and cannot be closed: there is no bucket results" in caplog.text
+    assert described(left.store, left.record().arn).model_dump()["status"] == "Canceled"
 
 
 def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Path):
