@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.digests import canonical_document, canonical_json
+from specs.digests import canonical_document
 from specs.errors import (
     BucketNotFound,
     IdempotentParameterMismatch,
@@ -18,73 +18,30 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from specs.world import World
-from specs.world_jobs import CreateWorldExportJobRequest
 from tasks.export.job import KIND, run_export_job
 from tasks.storage.buckets import open_bucket
 from tasks.storage.keys import world_key
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobRecord, advance, read, submit
+from tasks.storage.records import read, submit
 from tasks.storage.store import Store
+from tests.export.export_jobs import (
+    ARNS,
+    GENERATION,
+    OTHER_TOKEN,
+    TOKEN,
+    WORLDS,
+    break_bucket,
+    keep,
+    request,
+    run,
+    store_of_worlds,
+)
 from tests.worlds_factory import apartment
-
-GENERATION = "wgj-0000000000000001"
-WORLDS = tuple(apartment(generation=GENERATION, name=f"world-{number}-1") for number in (1, 2))
-TOKEN, OTHER_TOKEN = "first", "second"  # of client requests
-ARNS = tuple(f"arn:simyard:world:0123456789ab:{GENERATION}/{world.name}" for world in WORLDS)
 
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
     monkeypatch.delenv("SIMYARD_BUCKETS", raising=False)
-    store = open_store((tmp_path / "store").as_uri())
-    for world in WORLDS:
-        keep(store, world)
-    return store
-
-
-def keep(store: Store, world: World) -> None:
-    store.create(world_key(world.generation, world.name), canonical_json(canonical_document(world)))
-
-
-def request(*worlds: str, bucket: str | None = "worlds", prefix: str | None = "nightly") -> CreateWorldExportJobRequest:
-    location = {"s3Bucket": bucket, "s3Prefix": prefix}
-    return CreateWorldExportJobRequest.model_validate(
-        {
-            "worlds": worlds or ARNS,
-            "outputLocation": {key: value for key, value in location.items() if value},
-            "iamRole": "arn:aws:iam::111122223333:role/export",
-        }
-    )
-
-
-def run(store: Store, wanted: CreateWorldExportJobRequest | None = None, token: str = TOKEN) -> JobRecord:
-    return run_export_job(store, wanted or request(), formats=("mjcf", "svg"), token=token, progress=lambda *_: None)
-
-
-class BrokenBucket:
-    """A bucket whose every write fails, after ``writes`` that do not."""
-
-    def __init__(self, bucket: Store, error: BaseException, writes: int = 0) -> None:
-        self.url = bucket.url
-        self._bucket = bucket
-        self._errors = iter([None] * writes)
-        self._error = error
-
-    def put(self, key: str, body: bytes) -> str:
-        self._fail()
-        return self._bucket.put(key, body)
-
-    def upload(self, key: str, source: Path) -> None:
-        self._fail()
-        self._bucket.upload(key, source)
-
-    def sweep(self, key: str) -> None:
-        self._bucket.sweep(key)
-
-    def _fail(self) -> None:
-        if next(self._errors, self._error) is not None:
-            raise self._error
+    return store_of_worlds(tmp_path / "store")
 
 
 @pytest.fixture
@@ -92,10 +49,6 @@ def broken(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     with monkeypatch.context() as patch:
         patch.setattr("tasks.export.uploading._WAITS_S", (0.0, 0.0))
         yield patch
-
-
-def break_bucket(patch: pytest.MonkeyPatch, error: BaseException, writes: int = 0) -> None:
-    patch.setattr("tasks.export.job.open_bucket", lambda s, b: BrokenBucket(open_bucket(s, b), error, writes))
 
 
 def test_a_completed_job_says_where_the_zip_and_the_plans_lie(store: Store):
@@ -240,86 +193,6 @@ def test_a_bucket_that_answers_again_gets_everything(store: Store, broken: pytes
     assert next(uploads, None) is None
 
 
-def test_a_job_that_is_canceled_among_its_worlds_stops_there_and_uploads_nothing(store: Store):
-    def cancel(done: int, _total: int) -> None:
-        assert done == 1
-        job = submit(store, KIND, {**canonical_document(request()), "formats": ["mjcf", "svg"]}, TOKEN)
-        advance(store, KIND, job.id, "Canceling")
-
-    record = run_export_job(store, request(), formats=("mjcf", "svg"), token=TOKEN, progress=cancel)
-    assert record.status == "Canceled"
-    assert open_bucket(store, "worlds").keys("") == []
-
-
-class CancelingBucket:
-    """A bucket during whose write number ``at`` the job becomes cancelled; it may refuse to remove."""
-
-    def __init__(self, store: Store, at: int, *, status: str = "Canceling", removes: bool = True) -> None:
-        self._bucket = open_bucket(store, "worlds")
-        self.url = self._bucket.url
-        self._store, self._at, self._status, self._removes = store, at, status, removes
-        self.writes = 0
-
-    def put(self, key: str, body: bytes) -> str:
-        self._count()
-        return self._bucket.put(key, body)
-
-    def upload(self, key: str, source: Path) -> None:
-        self._count()
-        self._bucket.upload(key, source)
-
-    def sweep(self, key: str) -> None:
-        self._bucket.sweep(key)
-
-    def delete(self, key: str) -> None:
-        if not self._removes:
-            raise StoreAccessDenied("no removing")
-        self._bucket.delete(key)
-
-    def _count(self) -> None:
-        self.writes += 1
-        if self.writes == self._at:
-            job = submit(self._store, KIND, {**canonical_document(request()), "formats": ["mjcf", "svg"]}, TOKEN)
-            advance(self._store, KIND, job.id, self._status)
-
-
-@pytest.mark.parametrize("status", ["Canceling", "Canceled"])  # the latter by another, who took this run for dead
-@pytest.mark.parametrize("at", [1, 2, 3])  # two plans, the zip
-def test_a_job_that_is_canceled_among_its_uploads_stops_there_and_leaves_nothing(
-    store: Store, monkeypatch: pytest.MonkeyPatch, at: int, status: str
-):
-    bucket = CancelingBucket(store, at, status=status)
-    monkeypatch.setattr("tasks.export.job.open_bucket", lambda _store, _name: bucket)
-    assert run(store).status == "Canceled"
-    assert bucket.writes == at
-    assert open_bucket(store, "worlds").keys("") == []
-
-
-def test_a_canceled_job_ends_canceled_where_nothing_may_be_removed_and_says_so(
-    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-):
-    bucket = CancelingBucket(store, 1, removes=False)
-    monkeypatch.setattr("tasks.export.job.open_bucket", lambda _store, _name: bucket)
-    assert run(store).status == "Canceled"
-    assert "no removing" in caplog.text
-
-
-def test_a_canceled_job_leaves_nothing_of_a_run_that_was_killed_either(store: Store, broken: pytest.MonkeyPatch):
-    break_bucket(broken, KeyboardInterrupt(), writes=2)
-    with pytest.raises(KeyboardInterrupt):
-        run(store)
-    broken.undo()
-    assert len(open_bucket(store, "worlds").keys("")) == 2
-
-    def cancel(_done: int, _total: int) -> None:
-        job = submit(store, KIND, {**canonical_document(request()), "formats": ["mjcf", "svg"]}, TOKEN)
-        advance(store, KIND, job.id, "Canceling")
-
-    record = run_export_job(store, request(), formats=("mjcf", "svg"), token=TOKEN, progress=cancel)
-    assert record.status == "Canceled"
-    assert open_bucket(store, "worlds").keys("") == []
-
-
 def test_a_format_whose_library_is_missing_fails_the_job_and_says_what_to_install(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ):
@@ -327,10 +200,3 @@ def test_a_format_whose_library_is_missing_fails_the_job_and_says_what_to_instal
     record = run_export_job(store, request(), formats=("usd",), token=TOKEN, progress=lambda *_: None)
     assert (record.status, record.failure_code) == ("Failed", "InvalidInput")
     assert "pip install 'simyard[usd]'" in record.failure_reason
-
-
-def test_a_job_that_is_being_canceled_ends_canceled_and_uploads_nothing(store: Store):
-    job = submit(store, KIND, {**canonical_document(request()), "formats": ["mjcf", "svg"]}, TOKEN)
-    advance(store, KIND, job.id, "Canceling")
-    assert run(store).status == "Canceled"
-    assert open_bucket(store, "worlds").keys("") == []
