@@ -11,7 +11,7 @@ from specs.errors import ObjectNotFound, SimyardError
 from specs.world import World
 from tasks.simulate.batch import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.chunk_store import begin_chunk, commit, committed_chunk
-from tasks.simulate.chunks import Chunk
+from tasks.simulate.chunks import Chunk, ProgramKey, program_key
 from tasks.simulate.data_mounting import Mounts
 from tasks.simulate.fitting import after_deaths, simulate_fitting
 from tasks.simulate.recording import Columns, Recorder, sample_memory
@@ -31,6 +31,7 @@ class Part(NamedTuple):
         lanes: How many lanes to simulate it with.
         watch: Says when to stop.
         recorder: Is given what the lanes do; None if nothing of the batch is recorded.
+        program: What plans know the part's program by, whose variables name no folders of this machine yet.
     """
 
     chunk: Chunk
@@ -38,6 +39,7 @@ class Part(NamedTuple):
     lanes: int
     watch: StopWatch
     recorder: Recorder | None
+    program: ProgramKey
 
 
 Simulate = Callable[[Part], list[EpisodeResult]]
@@ -87,7 +89,9 @@ def run_chunk(
     worlds, missing = load_worlds(batch, chunk.requests)
     mounted = mounts(batch)
     unable = _unable(chunk, missing, mounted)
-    work = _Work(batch, _able(chunk, unable, mounted), worlds, left_s, simulate, recording=record is not None)
+    able = _able(chunk, unable, mounted)
+    program = program_key(chunk.requests[0])
+    work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
     rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
     by_index = _settled(work, [*rows, *work.restarted(lanes)])
     if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
@@ -109,12 +113,13 @@ class _Work:
         left_s: float,
         simulate: Simulate,
         *,
+        program: ProgramKey,
         recording: bool,
     ) -> None:
         self.sound = chunk
         self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
         self.recorders: list[Recorder] = []
-        self._samples = sample_memory()
+        self._samples, self._program = sample_memory(), program
         self._restarts = restarted_jobs(batch.record())
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
 
@@ -122,7 +127,7 @@ class _Work:
         """Returns the rows of a part; what it recorded is kept if it comes to its end."""
         rate_hz = self._batch.plan.recordings.rateHz
         recorder = Recorder(rate_hz, self._wanted, self._samples) if self._recording else None
-        rows = self._simulate(Part(chunk, self._worlds, lanes, self.watch, recorder))
+        rows = self._simulate(Part(chunk, self._worlds, lanes, self.watch, recorder, self._program))
         if recorder is not None:
             self.recorders.append(recorder)
         return rows
@@ -141,7 +146,7 @@ class _Work:
         return rows
 
     def _unrecorded(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
-        return self._simulate(Part(chunk, self._worlds, lanes, self.watch, None))
+        return self._simulate(Part(chunk, self._worlds, lanes, self.watch, None, self._program))
 
     def _restarted_since(self) -> frozenset[int]:
         """Returns the jobs that were restarted since this was last asked; none when the work shall end."""

@@ -15,7 +15,7 @@ from specs.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.applications import Applications, check_robot, check_scenario
 from tasks.simulate.bundles import BundleCrash, load_factory
-from tasks.simulate.chunks import Chunk, program_key, split_environment
+from tasks.simulate.chunks import Chunk, ProgramKey, program_key, split_environment
 from tasks.simulate.contract import Placement
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines import choose_engine
@@ -42,6 +42,7 @@ class ReadyChunk(NamedTuple):
         run: None when no episode can run.
         rows: Of the episodes that cannot.
         watch: Takes the times.
+        timed_as: Program to remember them for; None means that of the requests.
     """
 
     program: Program
@@ -49,6 +50,7 @@ class ReadyChunk(NamedTuple):
     run: Run | None
     rows: list[EpisodeResult]
     watch: ChunkWatch
+    timed_as: ProgramKey | None = None
 
 
 def run_chunk(
@@ -61,6 +63,7 @@ def run_chunk(
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
     recorder: Recorder | None = None,
+    timed_as: ProgramKey | None = None,
 ) -> list[EpisodeResult]:
     """Returns a chunk's rows in request order; see ``tasks.simulate.runner.simulate_chunk``."""
     present = [request for request in chunk.requests if request.world in worlds]
@@ -71,7 +74,7 @@ def run_chunk(
     }
     try:
         if present:
-            ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)
+            ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)._replace(timed_as=timed_as)
             rows.update({row.index: row for row in _run(ready, should_stop, progress, recorder)})
     except BundleCrash as crash:
         rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
@@ -157,7 +160,7 @@ def keep_timing(chunk: ReadyChunk) -> None:
     if timing is not None:
         took_s = timing.ready_s + timing.first_s + timing.slices_s
         logger.info("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
-        remember(program_key(requests[0]), timing)
+        remember(chunk.timed_as or program_key(requests[0]), timing)
 
 
 def ran_on(engine: str, row: EpisodeResult) -> EpisodeResult:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from specs.episode import EpisodeResult
 from specs.world import World
-from tasks.simulate.chunks import Chunk
+from tasks.simulate.chunks import Chunk, ProgramKey
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.recording import Recorder
 
@@ -29,6 +29,7 @@ def simulate_chunk(
     should_stop: Callable[[], bool],
     progress: Callable[[int], None] = _nobody,
     recorder: Recorder | None = None,
+    timed_as: ProgramKey | None = None,
 ) -> list[EpisodeResult]:
     """Returns the results of a chunk's episodes, in request order.
 
@@ -44,6 +45,7 @@ def simulate_chunk(
         should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
+        timed_as: Program to remember the time for, if requests name folders that plans do not know.
 
     Raises:
         JaxAlreadyImported: JAX was imported before its settings could be made.
@@ -61,4 +63,5 @@ def simulate_chunk(
         should_stop=should_stop,
         progress=progress,
         recorder=recorder,
+        timed_as=timed_as,
     )

@@ -58,6 +58,7 @@ def simulate_chunk(
             should_stop=part.watch,
             progress=progress,
             recorder=part.recorder,
+            timed_as=part.program,
         )
 
     return run_chunk(work, number, simulate, record, lanes=lanes, left_s=left_s, spent_s=spent_s)

@@ -5,16 +5,20 @@ from pathlib import Path
 
 import pytest
 
+from specs.episode import EpisodeResult
 from specs.simulation import DataSourceConfig
+from tasks.simulate.chunks import ProgramKey, program_key
+from tasks.simulate.committing import Part, run_chunk
 from tasks.simulate.data_mounting import Mounts
 from tasks.simulate.data_pinning import pinned
 from tasks.simulate.data_plan import DATA_PREFIX
 from tasks.simulate.layout import Layout
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store import Store
-from tests.simulate.batch_factory import plan, template
+from tests.simulate.batch_factory import all_pass, begun, plan, template
 
 CONTENT = b"walls: []\n"
+ASKED = DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "maps-bucket", "s3Keys": ["one.yaml"]})
 
 
 @pytest.fixture
@@ -27,8 +31,7 @@ def bucket(file_store: Store) -> Store:
 
 def mounted(store: Store, cache: Path) -> Path:
     """Returns the folder of the map, planned and mounted as a new batch does."""
-    asked = DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "maps-bucket", "s3Keys": ["one.yaml"]})
-    source = pinned(store, cache, asked)
+    source = pinned(store, cache, ASKED)
     made = plan(store, templates=(template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"}),))
     request = Layout(made).request(0)
     mounts = Mounts(store, {source.digest: source}, cache)
@@ -60,6 +63,24 @@ def test_a_file_put_into_a_mount_is_not_there_for_the_next_batch(file_store: Sto
     folder.chmod(0o755)
     (folder / "stranger").touch()
     assert [path.name for path in mounted(file_store, tmp_path).iterdir()] == ["one.yaml"]
+
+
+def test_a_chunk_is_timed_as_the_program_that_plans_know(
+    file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
+    source = pinned(file_store, tmp_path / "data", ASKED)
+    reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
+    batch = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
+    timed: list[tuple[ProgramKey, ProgramKey]] = []
+
+    def simulate(part: Part) -> list[EpisodeResult]:
+        timed.append((part.program, program_key(part.chunk.requests[0])))
+        return all_pass(part)
+
+    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
+    ((planned, resolved),) = timed
+    assert planned == program_key(batch.layout.request(0)) != resolved
 
 
 def test_a_mount_that_nobody_wrote_into_is_used_again(file_store: Store, bucket: Store, tmp_path: Path):

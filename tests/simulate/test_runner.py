@@ -1,6 +1,8 @@
 """Whole episodes of the shipped courier and delivery, and what their rows say."""
 
+import functools
 import logging
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -8,8 +10,9 @@ import pytest
 
 from specs.episode import EpisodeResult
 from specs.world import World
-from tasks.simulate.chunks import Chunk
+from tasks.simulate.chunks import Chunk, program_key
 from tasks.simulate.runner import simulate_chunk
+from tasks.simulate.timings import recalled
 from tests.simulate.conftest import FOLDERS, LANES, PUSHER_LANES, Simulate
 from tests.simulate_factory import delivery, pushing
 
@@ -101,3 +104,16 @@ def test_progress_counts_the_episodes_that_are_done(pens: dict[str, World]):
     simulate_chunk(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False, progress=told.append)
     assert told == sorted(told)
     assert (told[0], told[-1]) == (1, 2)
+
+
+def test_what_a_chunk_took_is_remembered_for_the_program_that_plans_know(
+    pens: dict[str, World], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
+    chunk = Chunk(number=0, requests=(pushing(0, world="hand/pen-0"),))
+    ran = functools.partial(simulate_chunk, chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)
+    ran(timed_as=("planned",))
+    assert len(recalled(("planned",))) == 1
+    assert recalled(program_key(chunk.requests[0])) == []
+    ran()
+    assert len(recalled(program_key(chunk.requests[0]))) == 1
