@@ -12,7 +12,7 @@ import pytest
 
 from specs.bundle import ApplicationKind, Version
 from specs.episode import EpisodeResult
-from specs.errors import DocumentError, StoreUnreachable
+from specs.errors import DocumentError
 from specs.pipeline_simulation import SimulationBatch
 from specs.simulation import DataSourceConfig
 from tasks.simulate.batch_plan import BatchPlan
@@ -20,11 +20,10 @@ from tasks.simulate.chunk_store import committed_chunk
 from tasks.simulate.committing import Part, run_chunk
 from tasks.simulate.data_mounting import Mounts
 from tasks.simulate.data_pinning import pinned
-from tasks.simulate.data_plan import DATA_PREFIX, PinnedFile, PinnedSource, within_limits
+from tasks.simulate.data_plan import DATA_PREFIX, PinnedSource
 from tasks.simulate.layout import Layout
 from tasks.simulate.resolving import plan_batch
 from tasks.storage.buckets import open_bucket
-from tasks.storage.opening import open_store
 from tasks.storage.store import Store
 from tests.episodes_factory import passed
 from tests.simulate.batch_factory import begun, plan, put_world, template
@@ -122,29 +121,6 @@ def test_archives_are_unpacked_side_by_side(file_store: Store, bucket: Store, tm
 
 
 @pytest.mark.parametrize(
-    ("asked", "why"),
-    [
-        (source("maps/lost.yaml"), ("InvalidS3Resource", "there is no maps-bucket/maps/lost.yaml")),
-        (source("maps"), ("InvalidS3Resource", "there is no maps-bucket/maps")),
-        (source("../", type="Prefix"), ("InvalidInput", "'..'")),
-        (source("/etc/passwd"), ("InvalidInput", "'/etc/passwd'")),
-        (source(".hidden"), ("InvalidInput", "'.hidden'")),
-        (source("lost/", type="Prefix"), ("InvalidS3Resource", "nothing below maps-bucket/lost/")),
-        (source("maps/one.yaml", type="Archive"), ("InvalidInput", ".zip or .tar.gz")),
-        (source("../one.yaml"), ("InvalidInput", "../one.yaml")),
-        (source("maps/one.yaml", destination="/../etc"), ("InvalidInput", "'/../etc'")),
-    ],
-)
-def test_what_cannot_be_fetched_is_told_with_robomakers_code(
-    file_store: Store, bucket: Store, tmp_path: Path, asked: DataSourceConfig, why: tuple[str, str]
-):
-    found = pinned(file_store, cache(tmp_path), asked)
-    assert found.failure_code == why[0]
-    assert why[1] in found.failure_reason
-    assert found.failure_reason.startswith("data source maps: ")
-
-
-@pytest.mark.parametrize(
     "body", [b"no archive", _tar("../out", b"x"), _zip(two=b"2")[:-30]], ids=["text", "tar", "cut"]
 )
 @pytest.mark.parametrize("key", ["a.zip", "a.tar.gz"])
@@ -196,16 +172,6 @@ def test_two_archives_with_the_same_file_are_told_by_name_and_not_by_place(
     failure = mounts.failure(Layout(made).request(0))
     assert failure == "InvalidInput: data source maps: b.zip would be where another file is"
     assert not list((cache(tmp_path) / "mounts").iterdir())
-
-
-def test_more_than_a_job_may_have_is_refused_for_all_its_sources():
-    file = PinnedFile(key="k", sha256="0" * 64, size_bytes=1)
-    half = PinnedSource(name="a", bucket="b", type="Prefix", destination="d", files=(file,) * 50)
-    assert not any(each.failure_code for each in within_limits((half, half)))
-    full = within_limits((half, half, half))
-    assert {each.failure_code for each in full} == {"LimitExceeded"}
-    big = half.model_copy(update={"files": (file.model_copy(update={"size_bytes": (25 << 30) + 1}),)})
-    assert within_limits((big,))[0].failure_code == "LimitExceeded"
 
 
 def _version(kind: ApplicationKind, reference: str, number: str | None) -> Version:
@@ -287,39 +253,6 @@ def test_on_another_machine_the_pinned_content_is_fetched_again_or_the_row_says_
     bucket.put("maps/one.yaml", body) if body is not None else bucket.delete("maps/one.yaml")
     run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
     assert [row.failure_code for row in committed_chunk(file_store, batch.id, 0) or ()] == [code]
-
-
-def test_what_a_row_says_does_not_depend_on_where_the_store_is(bucket: Store, tmp_path: Path):
-    elsewhere = open_store((tmp_path / "elsewhere").as_uri())
-    open_bucket(elsewhere, "maps-bucket").put("other", b"")
-    here = open_store(bucket.url.rpartition("/buckets/")[0])
-    for asked in (source("maps/lost.yaml"), source("lost/", type="Prefix")):
-        assert pinned(here, cache(tmp_path), asked) == pinned(elsewhere, cache(tmp_path), asked)
-
-
-def test_a_bucket_that_is_not_there_is_no_jobs_fault(s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SIMYARD_BUCKETS", "s3://")
-    with pytest.raises(StoreUnreachable, match="SIMYARD_BUCKETS"):
-        pinned(s3_store, cache(tmp_path), source("maps/one.yaml", s3Bucket="nobody-has-this"))
-
-
-def test_planning_again_fetches_nothing_that_nobody_wrote(
-    file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    first = pinned(file_store, cache(tmp_path), source("maps/one.yaml"))
-    fetched: list[str] = []
-    download = type(bucket).download
-
-    def counted(self: Store, key: str, target: Path) -> None:
-        fetched.append(key)
-        download(self, key, target)
-
-    monkeypatch.setattr(type(bucket), "download", counted)
-    assert pinned(file_store, cache(tmp_path), source("maps/one.yaml")) == first
-    assert fetched == []
-    bucket.put("maps/one.yaml", b"new")
-    assert pinned(file_store, cache(tmp_path), source("maps/one.yaml")) != first
-    assert fetched == ["maps/one.yaml"]
 
 
 def test_names_that_would_share_a_variable_are_a_fault_of_the_document(file_store: Store, bucket: Store):
