@@ -4,7 +4,7 @@ READY := $(VENV)/.ready
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help run test explore check format lint types layers bench lock
+.PHONY: help run test test-processes test-modules explore check format lint types layers bench lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
@@ -24,8 +24,15 @@ $(READY): pyproject.toml constraints.txt
 run: $(READY)
 	$(BIN)/simyard run examples/quickstart.yaml
 
+# Side by side, because those that start servers and processes mostly wait for them.
 test: $(READY)
-	$(BIN)/pytest
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-processes test-modules
+
+test-processes: $(READY)
+	$(BIN)/pytest tests/integration tests/server tests/deploy
+
+test-modules: $(READY)
+	$(BIN)/pytest --ignore=tests/integration --ignore=tests/server --ignore=tests/deploy
 
 # Not part of the tests: it may find what nobody knew, in code that nobody touched.
 explore: $(READY)

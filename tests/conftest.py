@@ -7,10 +7,31 @@ from uuid import uuid4
 
 import pytest
 from hypothesis import settings
+from jaxtyping import install_import_hook
 
+from tasks.simulate.devices import prepare_devices
 from tasks.storage.opening import open_store
 from tasks.storage.store import Store
 from tests.seaweed import Seaweed, running_seaweed
+
+# Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported, by whichever
+# test comes first.
+prepare_devices()
+CHECKED = [
+    "coordinates",
+    "floor_map",
+    "geodesic",
+    "lane",
+    "lidar",
+    "noise",
+    "obstacles",
+    "robot",
+    "silhouettes",
+    "straight_ways",
+    "tangent_graph",
+    "window",
+]
+install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 
 _BUCKET = "tests"
 # How long an example takes says how busy the machine is, not whether the code is right. The same commit is tried

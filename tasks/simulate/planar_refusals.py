@@ -7,7 +7,7 @@ import numpy as np
 
 from tasks.simulate.robot import RobotRefused, base_of
 
-_ELSEWHERE = "or set engine: auto, which takes another"
+_ELSEWHERE = "or set engine: auto or mujoco"
 _ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE)
 _INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _WITHOUT = (

@@ -3,32 +3,13 @@
 from collections.abc import Callable, Sequence
 
 import pytest
-from jaxtyping import install_import_hook
 
 from specs.episode import EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.chunks import plan_chunks
-from tasks.simulate.devices import prepare_devices
 from tasks.simulate.runner import simulate_chunk
 from tests.simulate_factory import FOLDERS, cluttered, pen
 
-# Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported.
-prepare_devices()
-CHECKED = [
-    "coordinates",
-    "floor_map",
-    "geodesic",
-    "lane",
-    "lidar",
-    "noise",
-    "obstacles",
-    "robot",
-    "silhouettes",
-    "straight_ways",
-    "tangent_graph",
-    "window",
-]
-install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 LANES = 32
 PUSHER_LANES = 8
 Simulate = Callable[..., list[EpisodeResult]]

@@ -8,7 +8,7 @@ from tasks.simulate.planar_model import planar_robot
 from tasks.simulate.robot import RobotRefused
 from tests.planar_factory import CAPSULE, MOTORS, Parts, write_robot
 
-ELSEWHERE = "or set engine: auto, which takes another"
+ELSEWHERE = "or set engine: auto or mujoco"
 REFUSED: list[tuple[str, Parts, tuple[str, ...]]] = [
     ("integrator", {"option/integrator": "RK4"}, ("option integrator rk4", "set one of them")),
     ("cone", {"option/cone": "elliptic", "hull/condim": "3"}, ("option cone elliptic", "set pyramidal")),
