@@ -17,6 +17,18 @@ _CLEAR_M = 1.2
 _PLAIN = Covering(material="Paint", pattern="plain", color=(1, 1, 1), accent=(1, 1, 1), repeat_m=(1.0, 1.0))
 
 
+_CERTIFICATE = Certificate(
+    origin_clear_radius_m=1.0,
+    guaranteed_robot_radius_m=0.18,
+    reachable_robot_radius_m=0.18,
+    doors_as_set_robot_radius_m=0.18,
+    narrowest_passage_m=0.0,
+    free_floor_share=1.0,
+    area_error_mean=0.0,
+    overlaps=0,
+)
+
+
 def bench_world(seed: int, obstacles: int) -> World:
     """Returns a square hall of 12 m with four walls, and boxes, turned boxes and posts strewn about."""
     rng = np.random.default_rng([seed, obstacles])
@@ -50,16 +62,7 @@ def bench_world(seed: int, obstacles: int) -> World:
         furniture=(),
         lights=(),
         map=OccupancyMap(resolution_m=_HALF_M, origin_m=(-_HALF_M, -_HALF_M), columns=2, rows=2, runs=(4,)),
-        certificate=Certificate(
-            origin_clear_radius_m=1.0,
-            guaranteed_robot_radius_m=0.18,
-            reachable_robot_radius_m=0.18,
-            doors_as_set_robot_radius_m=0.18,
-            narrowest_passage_m=0.0,
-            free_floor_share=1.0,
-            area_error_mean=0.0,
-            overlaps=0,
-        ),
+        certificate=_CERTIFICATE,
     )
 
 

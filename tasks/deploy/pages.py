@@ -16,6 +16,7 @@ from specs.fleet import (
     ListRobotsResponse,
     Robot,
 )
+from specs.listing import filter_pairs
 from tasks.deploy.describe import list_deployment_jobs, list_fleets, list_robots
 from tasks.storage.store import Store
 
@@ -71,19 +72,10 @@ def _page(
     if request.nextToken and request.nextToken not in names:
         raise _refused("nextToken", request.nextToken, "the nextToken of a page")
     first = names.index(request.nextToken) if request.nextToken else 0
-    pairs = _pairs(request, fields)
+    pairs = filter_pairs(request, fields)
     later = [each for each in found[first:] if not pairs or any(fields[name](each) == value for name, value in pairs)]
     size = min(request.maxResults or longest, longest)
     return later[:size], _name(later[size].arn) if len(later) > size else None
-
-
-def _pairs(request: FilteredPage, fields: Mapping[str, object]) -> list[tuple[str, str]]:
-    pairs: list[tuple[str, str]] = []
-    for each in request.filters or ():
-        if (each.name or "") not in fields:
-            raise _refused("filters.name", each.name or "", f"one of {', '.join(fields)}")
-        pairs += [(each.name or "", value) for value in each.values or ()]
-    return pairs
 
 
 def _name(arn: str | None) -> str:

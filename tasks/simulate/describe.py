@@ -11,8 +11,8 @@ from typing import TypeVar
 
 from specs.arn import parse_reference
 from specs.base import Fault
-from specs.common import FilteredPage
 from specs.errors import DocumentError, ResourceNotFound
+from specs.listing import filter_pairs
 from specs.simulation import ListSimulationJobsRequest
 from specs.simulation_batch import MAX_REQUESTS, ListSimulationJobBatchesRequest
 from specs.simulation_descriptions import (
@@ -82,7 +82,7 @@ def list_batches_page(store: Store, request: ListSimulationJobBatchesRequest) ->
     Raises:
         DocumentError: The token is none that a page gave, or a filter has another name.
     """
-    wanted = {value for _, value in _pairs(request, ("status",))}
+    wanted = {value for _, value in filter_pairs(request, ("status",))}
     rest = list(itertools.dropwhile(lambda record: request.nextToken not in {None, record.id}, records(store, KIND)))
     if request.nextToken and not rest:
         raise _refused("nextToken", request.nextToken, "the nextToken of a page")
@@ -200,19 +200,8 @@ def _position(token: str | None) -> tuple[str, int]:
 
 
 def _filters(request: ListSimulationJobsRequest) -> Callable[[SimulationJobSummary], bool]:
-    pairs = _pairs(request, tuple(_FILTERED))
+    pairs = filter_pairs(request, tuple(_FILTERED))
     return lambda job: not pairs or any(value in _FILTERED[name](job) for name, value in pairs)
-
-
-def _pairs(request: FilteredPage, names: Sequence[str]) -> list[tuple[str, str]]:
-    """Returns the names and values that a list request filters by."""
-    pairs: list[tuple[str, str]] = []
-    for each in request.filters or ():
-        name = each.name or ""
-        if name not in names:
-            raise _refused("filters.name", name, f"one of {', '.join(names)}")
-        pairs += [(name, value) for value in each.values or ()]
-    return pairs
 
 
 def _refused(path: str, value: str, allowed: str) -> DocumentError:

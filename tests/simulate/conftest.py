@@ -1,6 +1,7 @@
 """Programs compiled once and shared: two for the whole folder, since each takes ten seconds."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,9 @@ from specs.episode import EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.chunks import plan_chunks
 from tasks.simulate.runner import simulate_chunk
+from tasks.storage.buckets import open_bucket
+from tasks.storage.store import Store
+from tests.simulate.data_buckets import ONE
 from tests.simulate_factory import FOLDERS, cluttered, pen
 
 LANES = 32
@@ -62,3 +66,14 @@ def _run(
         for chunk in plan_chunks(requests, lanes)
         for row in simulate_chunk(chunk, worlds, FOLDERS, lanes=lanes, should_stop=should_stop)
     ]
+
+
+@pytest.fixture
+def bucket(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Store:
+    """A bucket with two maps; fetched files go to a cache of the test's own."""
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    found = open_bucket(file_store, "maps-bucket")
+    found.put("maps/one.yaml", ONE)
+    found.put("maps/deep/two.yaml", b"two")
+    found.put("mapsakes.txt", b"none of them")
+    return found

@@ -11,27 +11,7 @@ from tasks.simulate.data_plan import PinnedFile, PinnedSource, within_limits
 from tasks.storage.buckets import open_bucket
 from tasks.storage.opening import open_store
 from tasks.storage.store import Store
-
-ONE = b"walls: []\n"
-
-
-@pytest.fixture
-def bucket(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Store:
-    """A bucket with two maps; fetched files go to a cache of the test's own."""
-    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
-    found = open_bucket(file_store, "maps-bucket")
-    found.put("maps/one.yaml", ONE)
-    found.put("maps/deep/two.yaml", b"two")
-    found.put("mapsakes.txt", b"none of them")
-    return found
-
-
-def source(*keys: str, **changes: object) -> DataSourceConfig:
-    return DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "maps-bucket", "s3Keys": keys, **changes})
-
-
-def cache(tmp_path: Path) -> Path:
-    return tmp_path / "cache" / "data"
+from tests.simulate.data_buckets import cache, source
 
 
 @pytest.mark.parametrize(

@@ -27,27 +27,7 @@ from tasks.storage.buckets import open_bucket
 from tasks.storage.store import Store
 from tests.episodes_factory import passed
 from tests.simulate.batch_factory import begun, plan, put_world, template
-
-ONE = b"walls: []\n"
-
-
-@pytest.fixture
-def bucket(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Store:
-    """A bucket with two maps; fetched files go to a cache of the test's own."""
-    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
-    found = open_bucket(file_store, "maps-bucket")
-    found.put("maps/one.yaml", ONE)
-    found.put("maps/deep/two.yaml", b"two")
-    found.put("mapsakes.txt", b"none of them")
-    return found
-
-
-def source(*keys: str, **changes: object) -> DataSourceConfig:
-    return DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "maps-bucket", "s3Keys": keys, **changes})
-
-
-def cache(tmp_path: Path) -> Path:
-    return tmp_path / "cache" / "data"
+from tests.simulate.data_buckets import ONE, cache, source
 
 
 def mounted(store: Store, found: PinnedSource, tmp_path: Path) -> Path:
