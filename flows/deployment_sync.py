@@ -16,6 +16,7 @@ from specs.pipeline_simulation import Deployment, LocalFleet
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.local_agents import local_agents
 from tasks.deploy.task import roll_out
+from tasks.deploy.trust.signing import chosen_signer
 from tasks.storage.cache import cache_folder
 from tasks.storage.opening import open_store, store_id
 from tasks.storage.records import JobRecord
@@ -40,15 +41,25 @@ def deployment_sync(
         token: Given by the pipeline; None makes this a run of its own.
 
     Raises:
-        DocumentError: The fleet, application or version does not exist, or is not what was tested.
+        DocumentError: The fleet, application or version does not exist, or is not what was tested; or there are no
+            keys to sign with.
     """
     opened = open_store(store)
+    signer = chosen_signer(opened, spec.trust, local=isinstance(spec.fleet, LocalFleet) and spec.fleet.localAgents > 0)
     version = deployed_version(spec, opened, numbered_finder(opened, versions), tested)
 
     def work(given: str) -> JobRecord:
         request = deployment_request(spec, store_id=store_id(opened), version=str(version.number), token=given)
-        job_token, robots = request.clientRequestToken, _robots(spec, opened)
-        return roll_out(opened.url, request, digest=version.digest, token=job_token, rules=spec.rollOut, robots=robots)
+        robots = _robots(spec, opened, signer.root_of_trust if signer else None)
+        return roll_out(
+            opened.url,
+            request,
+            digest=version.digest,
+            token=request.clientRequestToken,
+            rules=spec.rollOut,
+            robots=robots,
+            signer=signer,
+        )
 
     identity = {"spec": canonical_document(spec), "digest": version.digest}
     return as_run(opened, "deployment-sync", identity, token, work)
@@ -61,10 +72,13 @@ def agents_folder(store: Store) -> Path:
     return cache_folder() / "agents" / store_id(store)
 
 
-def _robots(spec: Deployment, store: Store) -> Callable[[], AbstractContextManager[object]] | None:
+def _robots(
+    spec: Deployment, store: Store, root_of_trust: Path | None
+) -> Callable[[], AbstractContextManager[object]] | None:
     """Returns what starts the robots of a demonstration once its fleet, made here, is taken; None for real ones."""
     fleet = spec.fleet
     if not isinstance(fleet, LocalFleet) or not fleet.localAgents:
         return None
     create_fleet(store, fleet.name)
-    return partial(local_agents, store, fleet.name, fleet.localAgents, agents_folder(store))
+    folder = agents_folder(store)
+    return partial(local_agents, store, fleet.name, fleet.localAgents, folder, root_of_trust=root_of_trust)

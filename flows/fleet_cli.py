@@ -5,7 +5,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from flows.fleet_keys_cli import keys_app
+
 fleet_app = typer.Typer(help="Make fleets and put robots into them.", no_args_is_help=True)
+fleet_app.add_typer(keys_app, name="keys")
 
 _Fleet = Annotated[str, typer.Argument(metavar="FLEET", help="The fleet's name or ARN.", show_default=False)]
 _StoreUrl = Annotated[
@@ -56,12 +59,17 @@ def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
 
 
 @fleet_app.command("sync")
-def sync(fleet: _Fleet, store: _StoreUrl = None) -> None:
-    """Bring a fleet to its latest deployment: robots that joined later, were away, or failed."""
+def sync(
+    fleet: _Fleet,
+    store: _StoreUrl = None,
+    unsigned: Annotated[bool, typer.Option("--unsigned", help="Ask robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
+) -> None:
+    """Bring a fleet to its latest deployment: robots that joined later, were away, or failed; signed (SIMYARD_KEYS)."""
     from uuid import uuid4
 
     from tasks.deploy.job import run_sync_job
     from tasks.deploy.syncing import latest_deployment, plan_sync
+    from tasks.deploy.trust.signing import chosen_signer
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
@@ -69,9 +77,14 @@ def sync(fleet: _Fleet, store: _StoreUrl = None) -> None:
     if not behind:
         typer.echo(f"all robots of {fleet} are in sync")
         return
+    signer = chosen_signer(opened, "unsigned" if unsigned else "signed", local=False)
     typer.echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")
     record = run_sync_job(
-        opened, fleet, token=uuid4().hex, progress=lambda ended, robots: typer.echo(f"{ended} of {robots} robots")
+        opened,
+        fleet,
+        token=uuid4().hex,
+        progress=lambda ended, robots: typer.echo(f"{ended} of {robots} robots"),
+        signer=signer,
     )
     typer.echo(f"{record.status} {record.arn}" + (f": {record.failure_reason}" if record.failure_reason else ""))
     raise typer.Exit(0 if record.status == "Succeeded" else 1)

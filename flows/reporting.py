@@ -9,6 +9,8 @@ from specs.base import Fault
 from specs.errors import DocumentError, StageFailed
 from specs.report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from tasks.deploy.controller import recorded_progress
+from tasks.deploy.trust.choice import UNSIGNED_ALARM
+from tasks.deploy.trust.vouching import is_unsigned
 from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
 
@@ -81,7 +83,10 @@ def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     summary = f"{in_sync} of {len(robots)} robots in sync"
     if record.failure_code:
         summary += f"; {record.failure_code}: {record.failure_reason}"
-    return _stage("deployment", record, summary, seconds, ())
+    stage = _stage("deployment", record, summary, seconds, ())
+    if not is_unsigned(record):
+        return stage
+    return stage.model_copy(update={"summary": f"{summary}; UNSIGNED", "facts": {"alarm": UNSIGNED_ALARM}})
 
 
 def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:

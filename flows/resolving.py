@@ -19,6 +19,7 @@ from specs.simulation import DataSourceConfig
 from specs.template import template_digest
 from tasks.applications.publishing import publish, resolve, with_digest
 from tasks.deploy.planning import preflight
+from tasks.deploy.trust.choice import trust_faults
 from tasks.documents.templates import find_template
 from tasks.export.installed import require_writable
 from tasks.simulate.batch_plan import BatchPlan
@@ -188,7 +189,8 @@ def _deployment_pin(section: Deployment, batch: SimulationBatch | None, store: S
     fleet = section.fleet
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
     launch = section.deploymentApplicationConfigs[0].launchConfig
-    faults = preflight(store, fleet=fleet_reference(section), local_agents=agents, launch=launch, digest=digest)
+    faults = trust_faults(trust=section.trust, local=agents > 0)
+    faults += preflight(store, fleet=fleet_reference(section), local_agents=agents, launch=launch, digest=digest)
     if faults:
         raise DocumentError(faults)
     return digest

@@ -9,6 +9,7 @@ SimyardError
 ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
 ├── PipelineNotPassed                 the gate refused, or the deployment failed: exit code 1
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
+├── TrustRefused                      signed metadata or a desired state is not what the keys vouch for
 └── StoreError                        the store could not do it: exit code 3
     ├── StoreUnreachable              no answer, or no such place
     ├── StoreUnsafe                   answers, but ignores conditions on writes
@@ -86,6 +87,10 @@ class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
         self.report = report
         gate = f"the gate says {report.verdict}" if report.verdict not in (None, "PASS") else "the deployment failed"
         super().__init__(f"{report.name}: {gate} ({report.run})")
+
+
+class TrustRefused(SimyardError):  # noqa: N818 - a state
+    """What the keys do not vouch for: changed, older than what was seen, expired, or signed by others."""
 
 
 class StoreError(SimyardError):

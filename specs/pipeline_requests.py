@@ -130,7 +130,7 @@ def deployment_request(section: Deployment, *, store_id: str, version: str, toke
         version: Number of the version that is deployed where the section does not say.
         token: Used where the section has no token of its own.
     """
-    document = _without(section, "fleet", "rollOut", "deploymentApplicationConfigs")
+    document = _without(section, "fleet", "rollOut", "trust", "deploymentApplicationConfigs")
     applications = [
         {
             "applicationVersion": version,

@@ -193,5 +193,10 @@ class Deployment(Spec):
     deploymentApplicationConfigs: Annotated[
         tuple[PipelineDeployedApplication, ...], Field(min_length=1, max_length=1)
     ] = Field(title="Application")
+    trust: Literal["signed", "unsigned"] = Field(
+        default="signed",
+        title="Trust",
+        description="Signed with the keys in SIMYARD_KEYS; unsigned, robots that verify refuse it.",
+    )
     tags: RobotTagMap | None = Field(default=None, title="Tags of the job")
     clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")

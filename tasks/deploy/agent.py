@@ -1,7 +1,7 @@
 """The process that runs on a robot: asks the store what it shall run, and makes it so.
 
-``python -m tasks.deploy.agent --robot NAME --root DIR --store URL``. Needs Python, pydantic and fsspec, nothing else of
-what Simyard needs. Ends at SIGTERM with exit code 0, and takes its application along.
+``python -m tasks.deploy.agent --robot NAME --root DIR --store URL``. Needs Python, pydantic, fsspec and tuf, nothing
+else of what Simyard needs. Ends at SIGTERM with exit code 0, and takes its application along.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from tasks.deploy.lock import locking
 from tasks.deploy.reporting import Reporter
 from tasks.deploy.robots import read_desired
 from tasks.deploy.states import Desired
-from tasks.deploy.steps import Robot
+from tasks.deploy.steps import Check, Robot
 from tasks.deploy.stopping import Stop, StopRequested
 from tasks.storage.keys import checked_name
 from tasks.storage.opening import connect
@@ -62,7 +62,7 @@ def serve(robot: Robot, store: Store, name: str, stop: Stop, poll: Poll) -> None
     while True:
         desired, etag = _look(store, name)
         if desired and etag != seen:
-            robot.accept(desired)
+            etag = _accept(robot, desired, etag)
         robot.supervise()
         pause_s = poll.next_s(busy=etag not in {"", seen})
         seen = etag or seen
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _alone(disk, stop):
             store = connect(options.store)
             place = Place(robot=options.robot, disk=disk, stop=stop, grace_s=options.grace_s)
-            robot = Robot(store, place, Reporter(store, options.robot))
+            robot = Robot(store, place, Reporter(store, options.robot), _check(options, store, disk))
             try:
                 serve(robot, store, options.robot, stop, Poll(options.poll_s, options.longest_poll_s, random.Random()))  # noqa: S311 - jitter
             finally:
@@ -92,6 +92,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except StopRequested:
         _LOG.info("%s ends", options.robot)
     return 0
+
+
+def _accept(robot: Robot, desired: Desired, etag: str) -> str:
+    """Returns the etag of what was accepted or refused; an empty text when the store was away for that."""
+    try:
+        robot.accept(desired)
+    except StoreError as exc:
+        _LOG.warning("cannot verify what is desired: %s", exc)
+        return ""
+    return etag
+
+
+def _check(options: argparse.Namespace, store: Store, disk: Disk) -> Check | None:
+    if options.unsigned:
+        _LOG.warning("UNSIGNED: %s runs whatever anybody writes to the store; --root-of-trust FILE", options.robot)
+        return None
+    from tasks.deploy.trust.verifying import Verifier  # noqa: PLC0415 - costs a quarter of a second
+
+    root: Path = options.root_of_trust
+    return Verifier(store, disk.root / "trust", root.read_bytes())
 
 
 def _look(store: Store, name: str) -> tuple[Desired | None, str]:
@@ -116,6 +136,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robot", required=True, type=checked_name, help="the robot's name")
     parser.add_argument("--root", required=True, type=Path, help="the folder for versions, state and logs")
     parser.add_argument("--store", required=True, help="URL of the store")
+    trust = parser.add_mutually_exclusive_group(required=True)
+    trust.add_argument("--root-of-trust", type=Path, metavar="FILE", help="root.json of simyard fleet keys init")
+    trust.add_argument("--unsigned", action="store_true", help="verify nothing, and run whatever is in the store")
     parser.add_argument("--poll-s", type=float, default=1.0, help="shortest pause between two looks")
     parser.add_argument("--longest-poll-s", type=float, default=15.0, help="longest pause between two looks")
     parser.add_argument("--grace-s", type=float, default=2.0, help="how long an application must stay up")

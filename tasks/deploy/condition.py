@@ -1,5 +1,6 @@
 """The script that decides on each robot whether a bundle is downloaded (semantics 8: exit 0 proceeds)."""
 
+import hashlib
 import stat
 
 from specs.common import S3Object
@@ -24,6 +25,8 @@ def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Obj
         stored = open_bucket(store, condition.bucket).get(condition.key)
         if condition.etag and condition.etag.strip('"') != stored.etag.strip('"'):
             raise StepFailed("EtagMismatch", f"{condition.key} has ETag {stored.etag}, not {condition.etag}")
+        if desired.condition_sha256 not in {"", hashlib.sha256(stored.body).hexdigest()}:
+            raise StepFailed("EtagMismatch", f"{condition.key} was changed after the deployment was signed")
         script.write_bytes(stored.body)
 
     try:

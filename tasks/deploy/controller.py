@@ -103,6 +103,7 @@ def roll_out(
     *,
     pace: Pace,
     progress: Callable[[int, int], None],
+    sign: Callable[[Desired], Desired] | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record after every robot has ended or was left out.
 
@@ -113,6 +114,7 @@ def roll_out(
         claim: This process's claim on the job.
         pace: Clock and poll interval.
         progress: Called with the robots that have ended and robots in all, whenever one ends.
+        sign: Signs what a robot is asked, or None.
 
     Raises:
         StoreError: The store fails, or another process has taken the job over.
@@ -126,7 +128,8 @@ def roll_out(
         seen = _observe(store, plan, asked, known, pace.now_s())
         move = next_move(_phases(seen), plan.limits, _wish(now, plan, pace.now_s()))
         for robot in move.start:
-            asked[robot] = ask(store, _wanted(plan, record.id, robot, claim.epoch, pace.now_s()))
+            wanted = _wanted(plan, record.id, robot, claim.epoch, pace.now_s())
+            asked[robot] = ask(store, wanted, sign)
         seen |= {robot: _aborted(pace.now_s()) for robot in move.abort}
         changed = _statuses(seen) != _statuses(known)
         if _ended(seen) != _ended(known):

@@ -14,6 +14,7 @@ from tasks.deploy.controller import Pace, Plan, roll_out
 from tasks.deploy.fleets import fleet_name, read_fleet
 from tasks.deploy.planning import check_request, plan_deployment
 from tasks.deploy.syncing import latest_deployment, plan_sync, sync_request
+from tasks.deploy.trust.vouching import Signer, check_recorded, vouched
 from tasks.storage.claim import claimed, claimed_unless_alive
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import claim_key, fleet_key
@@ -48,6 +49,7 @@ def run_deployment_job(
     rules: RollOutRules | None = None,
     pace: Pace | None = None,
     robots: Callable[[], AbstractContextManager[object]] | None = None,
+    signer: Signer | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record, Succeeded, Failed or Canceled; an ended job is returned as it ended.
 
@@ -61,12 +63,14 @@ def run_deployment_job(
         pace: Clock and poll interval.
         robots: Makes the fleet's members, which answer inside its ``with`` block; entered only while the fleet is
             this job's, so that a job which is refused touches no robot. None: the fleet has its members already.
+        signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, which the record tells.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
         DocumentError: The version is another than was tested, a variable or file is not allowed, or the fleet is empty.
         ConcurrentDeployment: Another deployment to the fleet is under way.
         IdempotentParameterMismatch: The token came with another request before.
+        TrustRefused: The signer cannot vouch for it.
         StoreError: The store fails, or another process has taken the job over.
     """
     work = _Work(
@@ -74,7 +78,7 @@ def run_deployment_job(
         plan=lambda: plan_deployment(store, request, digest, rules),
         check=lambda: check_request(store, request, digest),
     )
-    return _run(store, work, token, progress, pace=pace or Pace(), robots=robots)
+    return _run(store, work, token, progress, pace=pace or Pace(), robots=robots, signer=signer)
 
 
 def run_sync_job(
@@ -84,6 +88,7 @@ def run_sync_job(
     token: str,
     progress: Callable[[int, int], None],
     pace: Pace | None = None,
+    signer: Signer | None = None,
 ) -> JobRecord:
     """Returns the record of a job that brings a fleet to its latest deployment, Succeeded, Failed or Canceled.
 
@@ -93,17 +98,20 @@ def run_sync_job(
         token: The client request token.
         progress: Called with robots that have ended and robots in all, whenever that changes.
         pace: Clock and poll interval.
+        signer: As for a deployment; it must have signed the one that is synced.
 
     Raises:
         ResourceNotFound: No such fleet, or nothing was deployed to it yet.
         ConcurrentDeployment: A deployment to the fleet is under way.
+        TrustRefused: The signer has not signed what was deployed last.
         StoreError: The store fails, or another process has taken the job over.
     """
     last = latest_deployment(store, fleet)
+    check_recorded(signer, last)
     known = _known(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
     work = _Work(request, plan=lambda: plan_sync(store, last), check=lambda: None)
-    return _run(store, work, token, progress, pace=pace or Pace(), robots=None)
+    return _run(store, work, token, progress, pace=pace or Pace(), robots=None, signer=signer)
 
 
 def _run(
@@ -114,6 +122,7 @@ def _run(
     *,
     pace: Pace,
     robots: Callable[[], AbstractContextManager[object]] | None,
+    signer: Signer | None,
 ) -> JobRecord:
     job, document = job_id(_KIND, token), canonical_document(work.request)
     with claimed(store, claim_key(_KIND, job)) as claim:
@@ -121,6 +130,7 @@ def _run(
         if known and is_terminal(known):
             return submit(store, _KIND, document, token)
         fleet = fleet_name(work.request.fleet)
+        check_recorded(signer, known)
         plan = _recorded_plan(known)
         if plan is None and robots is None:
             plan = work.plan()
@@ -131,9 +141,10 @@ def _run(
         _take_fleet(store, fleet, job)
         with robots() if robots else nullcontext():
             plan = plan or work.plan()
-            detail = {"plan": plan.model_dump(mode="json")}
+            detail = vouched(signer, record.id, plan.digest, plan.model_dump(mode="json"))
             record = advance(store, _KIND, record.id, "Preparing" if known is None else "InProgress", detail=detail)
-            return roll_out(store, record, plan, claim, pace=pace, progress=progress)
+            sign = signer.sign if signer else None
+            return roll_out(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
 
 
 def _known(store: Store, job: str) -> JobRecord | None:

@@ -22,7 +22,13 @@ _PACKAGES = Path(__file__).parents[2]
 
 @contextmanager
 def local_agents(
-    store: Store, fleet: str, count: int, folder: Path, *, grace_s: float = 1.0
+    store: Store,
+    fleet: str,
+    count: int,
+    folder: Path,
+    *,
+    grace_s: float = 1.0,
+    root_of_trust: Path | None = None,
 ) -> Generator[tuple[str, ...]]:
     """Yields the names of robots ``<fleet>-1`` to ``<fleet>-<count>`` whose agents run inside the ``with`` block.
 
@@ -37,6 +43,7 @@ def local_agents(
         count: How many robots, from 0.
         folder: Holds a folder for each robot, which keeps its versions and its state.
         grace_s: How long an application must stay up for its launch to count.
+        root_of_trust: What the agents verify against; None for agents that verify nothing.
 
     Raises:
         DocumentError: The name is none, or a robot belongs to another fleet.
@@ -46,7 +53,7 @@ def local_agents(
     agents: list[subprocess.Popen[bytes]] = []
     try:
         for name, root in zip(names, roots, strict=True):
-            agents.append(_start(store, name, root, grace_s))
+            agents.append(_start(store, name, root, grace_s, root_of_trust))
         yield names
     finally:
         _end(agents)
@@ -71,11 +78,12 @@ def _robots(store: Store, fleet: str, count: int) -> tuple[str, ...]:
     return names
 
 
-def _start(store: Store, name: str, root: Path, grace_s: float) -> subprocess.Popen[bytes]:
+def _start(store: Store, name: str, root: Path, grace_s: float, trust: Path | None) -> subprocess.Popen[bytes]:
     root.mkdir(parents=True, exist_ok=True)
     options = {"robot": name, "root": str(root), "store": store.url, "parent": str(os.getpid())}
     pace = {"poll-s": "0.1", "longest-poll-s": "0.5", "grace-s": str(grace_s)}
     argv = [f"--{option}={value}" for option, value in {**options, **pace}.items()]
+    argv.append(f"--root-of-trust={trust}" if trust else "--unsigned")
     path = os.pathsep.join(filter(None, [str(_PACKAGES), os.environ.get("PYTHONPATH")]))
     with (root / "agent.log").open("ab") as log:
         return subprocess.Popen(  # noqa: S603 - this very package, with arguments made here

@@ -1,7 +1,7 @@
 """Robots: who they are, which fleet they belong to, what was asked of them, and what they say."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from specs.arn import parse_reference
 from specs.base import Fault
@@ -136,11 +136,11 @@ def read_reported(store: Store, robot: str) -> Reported | None:
     return decoded(Reported, stored, store, key)
 
 
-def ask(store: Store, desired: Desired) -> Desired:
+def ask(store: Store, desired: Desired, sign: Callable[[Desired], Desired] | None = None) -> Desired:
     """Returns the desired state that the robot has for this deployment, written if there was none.
 
     Asking twice, also after a crash between two robots, asks once: a robot that has a desired state of this deployment
-    keeps it, sequence and all. The sequence of a new one follows that of the one before it.
+    keeps it, sequence and all. The sequence of a new one follows that of the one before it, and ``sign`` signs it.
     """
     key = desired_key(desired.robot)
     while True:
@@ -148,6 +148,7 @@ def ask(store: Store, desired: Desired) -> Desired:
         if before and before.deployment == desired.deployment:
             return before
         new = desired.model_copy(update={"sequence": before.sequence + 1 if before else 1})
+        new = sign(new) if sign else new
         try:
             store.replace(key, encoded(new), etag) if before else store.create(key, encoded(new))
         except (ObjectExists, ObjectConflict):

@@ -46,6 +46,13 @@ class RobotRecord(Spec):
     local: bool = False
 
 
+class Signature(Spec):
+    """An Ed25519 signature, and whose key made it."""
+
+    keyid: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    value: Annotated[str, Field(pattern=r"^[0-9a-f]{128}$")]
+
+
 class Desired(Spec):
     """What a robot shall run.
 
@@ -58,6 +65,9 @@ class Desired(Spec):
         condition: A script that decides whether the bundle is downloaded.
         timeout_s: How long the robot may take.
         issued_at_s: When it was asked for, by the controller's clock; seconds since 1970.
+        expires_at_s: Until when a robot that verifies may begin with it; 0 where nothing is signed.
+        condition_sha256: Of the condition's bytes when this was signed, or empty.
+        signature: The deployer's, under everything else (`tasks.deploy.trust.signature`).
     """
 
     robot: str
@@ -72,6 +82,9 @@ class Desired(Spec):
     condition: S3Object | None = None
     timeout_s: float
     issued_at_s: float
+    expires_at_s: float = 0.0
+    condition_sha256: str = ""
+    signature: Signature | None = None
 
 
 class Reported(Spec):

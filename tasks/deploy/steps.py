@@ -8,9 +8,11 @@ uptime.
 
 import logging
 import time
+from collections.abc import Callable
 from uuid import uuid4
 
 from specs.deployment import RobotDeploymentStep
+from specs.errors import TrustRefused
 from tasks.deploy.condition import ask_condition
 from tasks.deploy.disk import Disk
 from tasks.deploy.install import StepFailed, fetch
@@ -23,11 +25,22 @@ from tasks.storage.store import Store
 _LOG = logging.getLogger(__name__)
 
 
-class Robot:
-    """One robot: its folder, its application, and what it tells the store."""
+Check = Callable[[Desired], None]
 
-    def __init__(self, store: Store, place: Place, reporter: Reporter) -> None:
+
+class Robot:
+    """One robot: its folder, its application, and what it tells the store.
+
+    Args:
+        store: Where bundles are.
+        place: Where programs run.
+        reporter: Whom to tell.
+        check: Raises TrustRefused for what the robot must not do; None for a robot that does what it finds.
+    """
+
+    def __init__(self, store: Store, place: Place, reporter: Reporter, check: Check | None = None) -> None:
         self._store = store
+        self._check = check
         self._place = place
         self._disk: Disk = place.disk
         self._reporter = reporter
@@ -53,10 +66,11 @@ class Robot:
 
         Raises:
             StopRequested: The agent has to end.
+            StoreError: The store is away; nothing was accepted or refused yet.
         """
         if desired.robot != self._place.robot or desired.sequence < self._state.sequence:
             _LOG.warning("refused %s for %s: sequence %d", desired.deployment, desired.robot, desired.sequence)
-        elif desired.sequence > self._state.sequence:
+        elif desired.sequence > self._state.sequence and not self._refused(desired):
             self._save(sequence=desired.sequence, target=desired)
             self._deploy(desired)
 
@@ -77,9 +91,27 @@ class Robot:
         self._end_application()
         end_all(self._disk.root)
 
+    def _refused(self, desired: Desired) -> bool:
+        """Returns whether the keys do not vouch for it; then that is told, and nothing else changes.
+
+        Its sequence is not kept: whoever can write to the store could make the robot deaf with a high one.
+        """
+        try:
+            if self._check:
+                self._check(desired)
+        except TrustRefused as exc:
+            _LOG.warning("refused %s: %s", desired.deployment, exc)
+            self._reporter.tell(self._attempt(desired).failed("BadPermissionError", f"refused: {exc}"))
+            return True
+        return False
+
+    def _attempt(self, desired: Desired) -> Attempt:
+        running = self._state.running
+        return Attempt(self._reporter, desired, self._boot_id, running.digest if running else "")
+
     def _deploy(self, desired: Desired) -> None:
         running = self._state.running
-        attempt = Attempt(self._reporter, desired, self._boot_id, running.digest if running else "")
+        attempt = self._attempt(desired)
         try:
             self._go_through(desired, attempt)
         except StepFailed as exc:

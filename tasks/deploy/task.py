@@ -9,6 +9,7 @@ from prefect.cache_policies import NO_CACHE
 from specs.deployment import CreateDeploymentJobRequest
 from specs.roll_out import RollOutRules
 from tasks.deploy.job import run_deployment_job
+from tasks.deploy.trust.signing import DeploymentSigner
 from tasks.storage.opening import open_store
 from tasks.storage.records import JobRecord
 from tasks.watching.task import watched
@@ -23,10 +24,18 @@ def roll_out(
     token: str,
     rules: RollOutRules | None = None,
     robots: Callable[[], AbstractContextManager[object]] | None = None,
+    signer: DeploymentSigner | None = None,
 ) -> JobRecord:
-    """Returns the ended deployment job of the token; ``rules`` and ``robots`` as in `run_deployment_job`."""
+    """Returns the ended deployment job of the token; the rest as in `run_deployment_job`."""
     store = open_store(store_url)
     with watched("Deployment", "deployment-progress") as progress:
         return run_deployment_job(
-            store, request, digest=digest, token=token, progress=progress, rules=rules, robots=robots
+            store,
+            request,
+            digest=digest,
+            token=token,
+            progress=progress,
+            rules=rules,
+            robots=robots,
+            signer=signer,
         )

@@ -16,6 +16,7 @@ fleets/<fleet>.json                         fleets
 robots/<robot>/record.json                  who the robot is
 robots/<robot>/desired.json                 what it shall run; the controller writes
 robots/<robot>/reported.json                what it runs; only that robot writes
+trust/<repository>/<name>                   signed metadata of bundles and keys; no private key, ever
 buckets/<bucket>/...                        what documents call s3Bucket, by default
 """
 
@@ -164,6 +165,11 @@ def desired_key(robot: str) -> str:
 def reported_key(robot: str) -> str:
     """Returns the key of what a robot says it runs."""
     return f"robots/{checked_name(robot, 'robot')}/reported.json"
+
+
+def trust_key(repository: str, name: str) -> str:
+    """Returns the key of one of a repository's signed files, such as ``timestamp.json``."""
+    return f"trust/{checked_name(repository, 'repository')}/{_matched(_FILE, name, 'file', 'a plain file name')}"
 
 
 def _matched(pattern: re.Pattern[str], text: str, what: str, rule: str) -> str:

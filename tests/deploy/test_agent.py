@@ -152,7 +152,7 @@ def test_a_folder_belongs_to_one_agent_until_it_lets_go(tmp_path: Path) -> None:
 @pytest.mark.parametrize("robot", ["..", "a/b", ""])
 def test_an_agent_with_a_name_that_is_none_does_not_start(robot: str, tmp_path: Path) -> None:
     with pytest.raises(DocumentError):
-        main([f"--robot={robot}", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}"])
+        main([f"--robot={robot}", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}", "--unsigned"])
 
 
 def test_an_agent_waits_longer_while_nothing_happens_and_never_in_step() -> None:

@@ -1,0 +1,6 @@
+"""Who may tell a robot what to run: TUF metadata for bundles, a signature under each desired state.
+
+Five Ed25519 keys, each for one thing. ``root`` says which keys the others are, ``targets`` says which key deploys,
+``deployer`` lists bundles and signs desired states, ``snapshot`` and ``timestamp`` say which metadata is the newest.
+Private keys lie in a folder of whoever deploys, never in the store (docs/fleet-trust.md).
+"""

@@ -1,0 +1,36 @@
+"""Whether a deployment is signed, and with which keys: what can be told before anything runs. Imports nothing heavy."""
+
+import os
+from pathlib import Path
+
+from specs.base import Fault
+
+KEYS_VARIABLE = "SIMYARD_KEYS"
+UNSIGNED_ALARM = (
+    "UNSIGNED: nobody's key vouches for this deployment; whoever can write to the store could have made it."
+)
+
+
+def chosen_keys() -> Path | None:
+    """Returns the folder that SIMYARD_KEYS names, or None."""
+    chosen = os.environ.get(KEYS_VARIABLE)
+    return Path(chosen).expanduser().absolute() if chosen else None
+
+
+def trust_faults(*, trust: str, local: bool) -> list[Fault]:
+    """Returns why a deployment could not be signed.
+
+    Args:
+        trust: What the document says, signed or unsigned.
+        local: Whether the robots are agents of this machine, for which keys are made.
+    """
+    keys = chosen_keys()
+    if trust == "unsigned" or (local and keys is None):
+        return []
+    if keys is None:
+        allowed = f"keys: simyard fleet keys init --keys DIR, then {KEYS_VARIABLE}=DIR; or trust: unsigned"
+        return [Fault(path="deployment.trust", value=trust, allowed=allowed)]
+    if not (keys / "root.json").is_file():
+        allowed = "a folder that simyard fleet keys init --keys DIR made"
+        return [Fault(path=KEYS_VARIABLE, value=str(keys), allowed=allowed)]
+    return []
