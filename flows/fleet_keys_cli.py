@@ -2,7 +2,7 @@
 # ruff: noqa: PLC0415 - see above
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -18,7 +18,6 @@ _StoreUrl = Annotated[
     str | None,
     typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
 ]
-_Role = Literal["root", "targets", "deployer", "snapshot", "timestamp"]
 
 
 @keys_app.command("init")
@@ -35,17 +34,20 @@ def init(keys: _Keys, store: _StoreUrl = None) -> None:
 
 @keys_app.command("rotate")
 def rotate(
-    roles: Annotated[list[_Role], typer.Argument(metavar="ROLE...", help="Whose key is replaced.")],
+    roles: Annotated[
+        list[str],
+        typer.Argument(metavar="ROLE...", help="root, targets, deployer, snapshot, timestamp.", show_default=False),
+    ],
     keys: _Keys,
     store: _StoreUrl = None,
 ) -> None:
     """Replace keys, as after a theft: what the old ones sign is refused. Needs root's key; for deployer, targets'."""
-    from tasks.deploy.trust.keyring import keyring
+    from tasks.deploy.trust.keyring import checked_role, keyring
     from tasks.deploy.trust.repository import opened, rotate
     from tasks.storage.opening import open_existing_store
 
     found = open_existing_store(store)
-    for role in roles:
+    for role in [checked_role(name) for name in roles]:
         with opened(found, keyring(keys, found)) as session:
             rotate(session, role)
         typer.echo(f"{role} has a new key")

@@ -77,7 +77,7 @@ def test_a_fleet_to_which_nothing_was_deployed_has_nothing_to_watch_or_sync(file
     create_fleet(file_store, "couriers")
     assert "nothing was deployed" in _simyard(file_store, "watch", "couriers").output
     with pytest.raises(ResourceNotFound, match="something was deployed"):
-        _simyard(file_store, "sync", "couriers")
+        _simyard(file_store, "sync", "couriers", "--unsigned")
 
 
 def test_robots_and_fleets_leave_as_they_came(file_store: Store) -> None:

@@ -121,6 +121,18 @@ class Keyring:
             os.close(descriptor)
 
 
+def checked_role(name: str) -> Role:
+    """Returns the role of that name.
+
+    Raises:
+        DocumentError: There is none.
+    """
+    found = next((role for role in ROLES if role == name), None)
+    if found is None:
+        raise DocumentError([Fault(path="role", value=repr(name), allowed=", ".join(ROLES))])
+    return found
+
+
 def keyring(folder: Path, store: Store, *, make: bool = False) -> Keyring:
     """Returns the keys in a folder.
 
