@@ -64,7 +64,7 @@ class Verifier:
         try:
             self._check(desired)
         except (RepositoryError, DownloadError) as exc:
-            if isinstance(exc.__cause__, StoreError):
+            if isinstance(exc.__cause__, StoreError) and not isinstance(exc, DownloadHTTPError):
                 raise exc.__cause__ from exc
             raise TrustRefused(f"{_story(exc)} ({exc})") from exc
         except OSError as exc:

@@ -1,0 +1,79 @@
+"""Where private keys lie, and who may read them."""
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from specs.errors import DocumentError
+from tasks.deploy.trust.keyring import ROLES, checked_role, keyring
+from tasks.deploy.trust.repository import init_keys, opened
+from tasks.storage.opening import open_store
+from tasks.storage.store import Store
+
+
+def test_only_their_owner_can_read_private_keys(file_store: Store, tmp_path: Path) -> None:
+    folder = init_keys(file_store, tmp_path / "deep" / "keys").folder
+
+    private = sorted(folder.glob("*.pem"))
+    assert sorted({path.name.split("-")[0] for path in private}) == sorted(ROLES)
+    assert {stat.S_IMODE(path.stat().st_mode) for path in private} == {0o600}
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("place", ["store/keys", "store", "link/keys", "store/deep/../keys"])
+def test_keys_are_never_made_in_the_store(place: str, file_store: Store, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "store")
+
+    with pytest.raises(DocumentError, match="private keys never lie in the store"):
+        init_keys(file_store, tmp_path / place)
+
+    assert list((tmp_path / "store").rglob("*.pem")) == []
+
+
+def test_a_key_that_others_can_read_is_refused_with_the_remedy(file_store: Store, tmp_path: Path) -> None:
+    ring = init_keys(file_store, tmp_path / "keys")
+    (key,) = ring.folder.glob("deployer-*.pem")
+    key.chmod(0o640)
+
+    with pytest.raises(DocumentError, match=f"chmod 600 {key}"):
+        ring.find("deployer", ["any"])
+
+
+@pytest.mark.parametrize("body", [b"", b"no key", b"-----BEGIN PRIVATE KEY-----\nAAAA\n-----END PRIVATE KEY-----\n"])
+def test_what_is_no_key_is_refused(body: bytes, file_store: Store, tmp_path: Path) -> None:
+    ring = init_keys(file_store, tmp_path / "keys")
+    (key,) = ring.folder.glob("deployer-*.pem")
+    key.write_bytes(body)
+
+    with pytest.raises(DocumentError, match="an Ed25519 private key"):
+        ring.find("deployer", ["any"])
+
+
+def test_keys_are_for_one_store(file_store: Store, tmp_path: Path) -> None:
+    init_keys(file_store, tmp_path / "keys")
+    other = open_store((tmp_path / "other").as_uri())
+
+    with pytest.raises(DocumentError, match="these are for the store with id"):
+        init_keys(other, tmp_path / "keys")
+    with (
+        pytest.raises(DocumentError, match="these are for the store with id"),
+        opened(other, keyring(tmp_path / "keys", other)),
+    ):
+        pass
+
+
+def test_a_folder_without_keys_is_refused_with_the_remedy(file_store: Store, tmp_path: Path) -> None:
+    with pytest.raises(DocumentError, match="simyard fleet keys init --keys DIR"):
+        keyring(tmp_path / "nowhere", file_store)
+    (tmp_path / "empty").mkdir()
+    with (
+        pytest.raises(DocumentError, match="simyard fleet keys init --keys DIR"),
+        opened(file_store, keyring(tmp_path / "empty", file_store)),
+    ):
+        pass
+
+
+def test_a_role_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(DocumentError, match="root, targets, deployer, snapshot, timestamp"):
+        checked_role("captain")
