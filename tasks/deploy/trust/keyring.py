@@ -127,7 +127,8 @@ def checked_role(name: str) -> Role:
     Raises:
         DocumentError: There is none.
     """
-    found = next((role for role in ROLES if role == name), None)
+    roles: dict[str, Role] = {role: role for role in ROLES}
+    found = roles.get(name)
     if found is None:
         raise DocumentError([Fault(path="role", value=repr(name), allowed=", ".join(ROLES))])
     return found
