@@ -125,3 +125,12 @@ def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: st
     show_report(PipelineReport(run="run-1", name="n", stages=(stage,)), console)
     shown = cast("io.StringIO", console.file).getvalue()
     assert (f"The parity audit is {verdict}: 1 of 4 rows" in shown) is alarmed
+
+
+@pytest.mark.parametrize(("trust", "alarms"), [("unsigned", 1), ("signed by 0123", 0)])
+def test_a_deployment_that_nobody_vouched_for_says_so_in_red(file_store: Store, trust: str, alarms: int):
+    stage = deployment_report(_ended(file_store, "deployment-job", "Succeeded", {"trust": trust}), 1.0)
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="PASS"), console)
+    assert console.export_text().count("UNSIGNED: nobody's key vouches for this deployment") == alarms
+    assert stage.summary.endswith("UNSIGNED") == bool(alarms)

@@ -14,6 +14,8 @@ from specs.digests import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline import PipelineSpec
 from tasks.applications.publishing import applications, publish, resolve
+from tasks.deploy.fleets import create_fleet
+from tasks.deploy.robots import create_robot, register_robot
 from tasks.simulate.layout import Layout
 from tasks.simulate.resolving import output_location
 from tasks.storage.keys import world_key
@@ -171,6 +173,17 @@ def test_a_fleet_that_nobody_made_is_told_before_anything_runs(file_store: Store
     deployment = {**_deployment("courier"), "fleet": "strangers"}
     with pytest.raises(DocumentError, match=r"deployment\.fleet.*strangers"):
         pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+
+
+def test_robots_elsewhere_need_keys_or_a_word_that_there_are_none(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("SIMYARD_KEYS", raising=False)
+    create_fleet(file_store, "strangers")
+    register_robot(file_store, "strangers", create_robot(file_store, "r1").name)
+    deployment = {**_deployment("courier"), "fleet": "strangers"}
+    with pytest.raises(DocumentError, match=r"deployment\.trust.*simyard fleet keys init.*or trust: unsigned"):
+        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+    unsigned = {**deployment, "trust": "unsigned"}
+    assert pins(_generated(_request(), deployment=unsigned), file_store, ROOT / "examples")
 
 
 def test_a_missing_application_is_told_with_its_place_in_the_document(file_store: Store):
