@@ -110,8 +110,7 @@ def _check(options: argparse.Namespace, store: Store, disk: Disk) -> Check | Non
         return None
     from tasks.deploy.trust.verifying import Verifier  # noqa: PLC0415 - costs a quarter of a second
 
-    root: Path = options.root_of_trust
-    return Verifier(store, disk.root / "trust", root.read_bytes())
+    return Verifier(store, disk.root / "trust", options.root_of_trust)
 
 
 def _look(store: Store, name: str) -> tuple[Desired | None, str]:
@@ -131,13 +130,20 @@ def _alone(disk: Disk, stop: Stop) -> Generator[None]:
         yield
 
 
+def _bytes(path: str) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as exc:
+        raise argparse.ArgumentTypeError(f"cannot be read: {exc}") from exc
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="agent", description="Runs on a robot what a fleet's deployments ask for.")
     parser.add_argument("--robot", required=True, type=checked_name, help="the robot's name")
     parser.add_argument("--root", required=True, type=Path, help="the folder for versions, state and logs")
     parser.add_argument("--store", required=True, help="URL of the store")
     trust = parser.add_mutually_exclusive_group(required=True)
-    trust.add_argument("--root-of-trust", type=Path, metavar="FILE", help="root.json of simyard fleet keys init")
+    trust.add_argument("--root-of-trust", type=_bytes, metavar="FILE", help="root.json of simyard fleet keys init")
     trust.add_argument("--unsigned", action="store_true", help="verify nothing, and run whatever is in the store")
     parser.add_argument("--poll-s", type=float, default=1.0, help="shortest pause between two looks")
     parser.add_argument("--longest-poll-s", type=float, default=15.0, help="longest pause between two looks")

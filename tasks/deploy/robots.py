@@ -140,14 +140,17 @@ def ask(store: Store, desired: Desired, sign: Callable[[Desired], Desired] | Non
     """Returns the desired state that the robot has for this deployment, written if there was none.
 
     Asking twice, also after a crash between two robots, asks once: a robot that has a desired state of this deployment
-    keeps it, sequence and all. The sequence of a new one follows that of the one before it, and ``sign`` signs it.
+    keeps it, sequence and all. The sequence of a new one follows that of the one before it and of the robot's report:
+    somebody who puts an old one back, or deletes it, does not make the robot deaf. ``sign`` signs it.
     """
     key = desired_key(desired.robot)
     while True:
         before, etag = read_desired(store, desired.robot)
         if before and before.deployment == desired.deployment:
             return before
-        new = desired.model_copy(update={"sequence": before.sequence + 1 if before else 1})
+        reported = read_reported(store, desired.robot)
+        seen = max(before.sequence if before else 0, reported.sequence if reported else 0)
+        new = desired.model_copy(update={"sequence": seen + 1})
         new = sign(new) if sign else new
         try:
             store.replace(key, encoded(new), etag) if before else store.create(key, encoded(new))

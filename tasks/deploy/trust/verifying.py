@@ -21,7 +21,7 @@ from tuf.api.exceptions import (
 )
 from tuf.ngclient import FetcherInterface, Updater, UpdaterConfig
 
-from specs.errors import ObjectNotFound, StoreError, TrustRefused
+from specs.errors import ObjectNotFound, StoreAccessDenied, StoreError, TrustRefused
 from tasks.deploy.states import Desired
 from tasks.deploy.trust.metadata import bundle_target, deployer_role, read_root, repository_of
 from tasks.deploy.trust.signature import verify
@@ -64,7 +64,7 @@ class Verifier:
         try:
             self._check(desired)
         except (RepositoryError, DownloadError) as exc:
-            if isinstance(exc.__cause__, StoreError) and not isinstance(exc, DownloadHTTPError):
+            if isinstance(exc.__cause__, StoreError) and not isinstance(exc.__cause__, ObjectNotFound):
                 raise exc.__cause__ from exc
             raise TrustRefused(f"{_story(exc)} ({exc})") from exc
         except OSError as exc:
@@ -101,6 +101,8 @@ class _StoreFetcher(FetcherInterface):
             return iter([self._store.get(url).body])
         except ObjectNotFound as exc:
             raise DownloadHTTPError(str(exc), 404) from exc
+        except StoreAccessDenied as exc:  # S3's answer for what is not there, to who may not list
+            raise DownloadHTTPError(str(exc), 403) from exc
 
 
 def _story(exc: RepositoryError | DownloadError) -> str:

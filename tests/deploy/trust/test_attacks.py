@@ -8,14 +8,15 @@ import pytest
 
 from specs.bundle import Version
 from specs.deployment import DeploymentLaunchConfig
-from specs.errors import TrustRefused
+from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, TrustRefused
 from tasks.deploy.robots import read_desired
 from tasks.deploy.states import Desired, Reported
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signing import DeploymentSigner
+from tasks.deploy.trust.verifying import Verifier
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import bundle_key, desired_key
-from tasks.storage.store import Store
+from tasks.storage.store import Store, Stored
 from tests.deploy.one_robot import GOOD, NAME, desired
 from tests.deploy.trust.trusting import NEWER, OLDER, CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
@@ -298,6 +299,55 @@ def test_what_the_robot_runs_goes_on_after_everything_expired(
         assert again.runs == (installed.digest, 1)
     finally:
         again.robot.end()
+
+
+@pytest.mark.parametrize("attack", ["delete", "put back"])
+def test_a_desired_state_that_is_taken_away_does_not_make_the_robot_deaf(
+    attack: str, yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    first = yard.store.get(desired_key(NAME)).body
+    newer, older = yard.publish(NEWER), yard.publish(OLDER)
+    assert careful.look(asked(owner, newer, "next")).status == "InSync"
+    yard.store.delete(desired_key(NAME))
+    if attack == "put back":
+        yard.store.put(desired_key(NAME), first)
+
+    assert careful.look(asked(owner, older, "third")).status == "InSync"
+    assert careful.runs == (older.digest, 1)
+
+
+class _StrictStore:
+    """A store that answers 403 for what is not there, as S3 does to who may not list, or that is away."""
+
+    def __init__(self, store: Store, error: type[StoreError], names: str) -> None:
+        self.url = store.url
+        self._store = store
+        self._error = error
+        self._names = names
+
+    def get(self, key: str) -> Stored:
+        if self._names in key:
+            raise self._error("no")
+        return self._store.get(key)
+
+
+def test_a_robot_that_may_not_list_verifies(owner: Owner, yard: Yard, tmp_path: Path) -> None:
+    strict = _StrictStore(yard.store, StoreAccessDenied, ".root.json")
+    verify = Verifier(strict, tmp_path / "robot", owner.root)  # pyright: ignore[reportArgumentType] - reads alone
+
+    verify(owner.signed(yard.publish(GOOD), 1))
+
+
+@pytest.mark.parametrize("error", [StoreUnreachable, StoreAccessDenied])
+@pytest.mark.parametrize("name", ["timestamp", "deployer"])
+def test_a_store_that_is_away_refuses_nothing_and_accepts_nothing(
+    error: type[StoreError], name: str, owner: Owner, yard: Yard, tmp_path: Path
+) -> None:
+    away = _StrictStore(yard.store, error, name)
+    verify = Verifier(away, tmp_path / "robot", owner.root)  # pyright: ignore[reportArgumentType] - reads alone
+
+    with pytest.raises(error):
+        verify(owner.signed(yard.publish(GOOD), 1))
 
 
 def test_a_changed_plan_is_not_signed_by_who_takes_over(owner: Owner) -> None:

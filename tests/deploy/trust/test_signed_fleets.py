@@ -177,6 +177,12 @@ def test_an_agent_is_told_whether_to_verify(trust: list[str], tmp_path: Path) ->
         main(["--robot=r1", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}", *trust])
 
 
+def test_a_root_of_trust_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["--robot=r1", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}", f"--root-of-trust={tmp_path}/none"])
+    assert "argument --root-of-trust: cannot be read" in capsys.readouterr().err
+
+
 def test_robots_elsewhere_are_not_asked_unsigned_unless_somebody_says_so(
     file_store: Store, owner: Owner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
