@@ -268,7 +268,8 @@ def _check(name: str, verify: Callable[[], None]) -> None:
     try:
         verify()
     except RepositoryError as exc:
-        raise TrustRefused(f"{name} is not what was signed: {exc}") from exc
+        why = f"{name} is not what was signed: {exc}"
+        raise TrustRefused(f"{why}; find out who writes to the store, and restore it from a backup") from exc
 
 
 def _meta(snapshot: Snapshot, name: str) -> MetaFile:

@@ -274,6 +274,31 @@ def test_a_stolen_deployers_key_is_worth_nothing_once_it_was_replaced(
     _refused(careful, installed, careful.look(evil), "find out who writes to the store")
 
 
+def test_what_a_thief_put_on_the_list_is_gone_with_the_stolen_key(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    evil = yard.publish(NEWER)
+    owner.signer.admit(evil.digest)
+
+    owner.rotate("deployer")
+
+    wanted = owner.signer.sign(desired(evil, 2))
+    _refused(careful, installed, careful.look(wanted), "not on the deployer's signed list")
+
+
+def test_a_root_that_the_old_root_has_not_signed_is_refused(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version, tmp_path: Path
+) -> None:
+    wanted = owner.signed(yard.publish(NEWER), 2)
+    thief = Owner(yard.store, tmp_path / "others")
+    thief.rotate("root")
+    yard.store.put(owner.key("2.root.json"), yard.store.get(thief.key("2.root.json")).body)
+
+    _refused(careful, installed, careful.look(wanted), "signed by keys that this robot does not trust")
+    with pytest.raises(TrustRefused, match=r"2\.root\.json is not what was signed.*restore it from a backup"):
+        owner.renew()
+
+
 def test_a_robot_that_slept_through_every_rotation_wakes_up_to_the_new_keys(
     yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
