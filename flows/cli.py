@@ -169,7 +169,7 @@ def down() -> None:
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def agent(context: typer.Context) -> None:
-    """Run a robot's agent: --robot NAME --root DIR --store URL."""
+    """Run a robot's agent: --robot NAME --root DIR --store URL --root-of-trust FILE (or --unsigned)."""
     from tasks.deploy.agent import main as agent_main
 
     raise typer.Exit(agent_main(context.args))
