@@ -42,12 +42,13 @@ def rotate(
     store: _StoreUrl = None,
 ) -> None:
     """Replace keys, as after a theft: what the old ones sign is refused. Needs root's key; for deployer, targets'."""
-    from tasks.deploy.trust.keyring import checked_role, keyring
+    from tasks.deploy.trust.keyring import Role, checked_role, keyring
     from tasks.deploy.trust.repository import opened, rotate
     from tasks.storage.opening import open_existing_store
 
     found = open_existing_store(store)
-    for role in [checked_role(name) for name in roles]:
+    wanted: list[Role] = [checked_role(name) for name in roles]  # all of them, before one is replaced
+    for role in wanted:
         with opened(found, keyring(keys, found)) as session:
             rotate(session, role)
         typer.echo(f"{role} has a new key")

@@ -3,8 +3,10 @@ from pathlib import Path
 
 import pytest
 
+from specs.bundle import Version
 from tasks.storage.store import Store
-from tests.deploy.trust.trusting import CarefulRobot, Owner
+from tests.deploy.one_robot import GOOD
+from tests.deploy.trust.trusting import CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
 
 
@@ -24,3 +26,11 @@ def careful(yard: Yard, owner: Owner) -> Iterator[CarefulRobot]:
 def anywhere(store: Store, tmp_path: Path) -> Owner:
     """Keys for a store of each kind in turn."""
     return Owner(store, tmp_path / "keys")
+
+
+@pytest.fixture
+def installed(yard: Yard, owner: Owner, careful: CarefulRobot) -> Version:
+    """What the robot runs before the attack."""
+    version = yard.publish(GOOD)
+    assert careful.look(asked(owner, version, "good")).status == "InSync"
+    return version

@@ -128,3 +128,12 @@ def asked(owner: Owner, version: Version, deployment: str) -> Desired:
     signer = owner.signer
     signer.admit(version.digest)
     return ask(owner.store, desired(version, 1, deployment=deployment), signer.sign)
+
+
+def refused(careful: CarefulRobot, installed: Version, reported: Reported, says: str) -> None:
+    """Fails unless the robot has refused, said so, and runs what was installed."""
+    assert (reported.status, reported.failure_code) == ("Failed", "BadPermissionError")
+    assert says in reported.failure_reason
+    assert reported.running_digest == installed.digest
+    assert careful.runs == (installed.digest, 1)
+    assert careful.disk.load().sequence == 1, "what is refused must not count as seen"
