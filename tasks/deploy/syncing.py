@@ -51,10 +51,8 @@ def plan_sync(store: Store, last: JobRecord) -> Plan:
     """
     plan = Plan.model_validate(last.detail["plan"])
     request = CreateDeploymentJobRequest.model_validate(last.request)
-    variables, tags = (
-        request.deploymentApplicationConfigs[0].launchConfig.environmentVariables or {},
-        request.tags or {},
-    )
+    # Those of the plan, not of the request: a signature may stand under the plan.
+    variables, tags = plan.launch.environmentVariables or {}, request.tags or {}
     wanted = {robot.name: environment.environment(variables, robot.tags, tags) for robot in members(store, plan.fleet)}
     given = {robot: each for robot, each in wanted.items() if not _runs(store, robot, plan, each)}
     bounds = bounds_for(len(given), request)

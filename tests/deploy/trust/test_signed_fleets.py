@@ -1,5 +1,6 @@
 """Whole deployments with real agents that verify, and what happens to those that are asked unsigned."""
 
+import json
 import os
 import signal
 import subprocess
@@ -18,6 +19,7 @@ from tasks.deploy.fleets import create_fleet
 from tasks.deploy.job import run_deployment_job, run_sync_job
 from tasks.deploy.local_agents import local_agents
 from tasks.deploy.robots import create_robot, read_desired, register_robot
+from tasks.deploy.syncing import plan_sync
 from tasks.deploy.trust.signing import DeploymentSigner, chosen_signer, local_signer
 from tasks.deploy.trust.vouching import is_unsigned
 from tasks.storage.keys import job_key
@@ -108,6 +110,10 @@ def test_a_fleet_is_synced_by_who_signed_what_it_runs(owner: Owner, yard: Yard) 
     with pytest.raises(TrustRefused, match="the plan was changed after it was signed"):
         sync(token="evil")  # noqa: S106 - a client request token
     yard.store.put(key, body)
+    request = json.loads(
+        json.dumps(record.request).replace('"packageName"', '"environmentVariables": {"X": "evil"}, "packageName"')
+    )
+    assert plan_sync(yard.store, record.model_copy(update={"request": request})).environments == {"late": {}}
     with local_agents(yard.store, FLEET, 2, yard.folder / "robots", root_of_trust=owner.signer.root_of_trust):
         late = _start(yard, "late", f"--root-of-trust={owner.signer.root_of_trust}")
         try:
