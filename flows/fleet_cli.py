@@ -6,9 +6,11 @@ from typing import Annotated, Literal
 import typer
 
 from flows.fleet_keys_cli import keys_app
+from flows.fleet_kit_cli import agent_kit
 
 fleet_app = typer.Typer(help="Make fleets and put robots into them.", no_args_is_help=True)
 fleet_app.add_typer(keys_app, name="keys")
+fleet_app.command("agent-kit")(agent_kit)
 
 _Fleet = Annotated[str, typer.Argument(metavar="FLEET", help="The fleet's name or ARN.", show_default=False)]
 _StoreUrl = Annotated[
