@@ -75,7 +75,7 @@ def run_chunk(
     try:
         if present:
             ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)._replace(timed_as=timed_as)
-            rows.update({row.index: row for row in _run(ready, should_stop, progress, recorder)})
+            rows.update({row.index: row for row in run_ready(ready, should_stop, progress, recorder)})
     except BundleCrash as crash:
         rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
     return [rows[request.index] for request in chunk.requests]
@@ -111,9 +111,10 @@ def ready_chunk(
     return ReadyChunk(program, ready, run, rows, watch)
 
 
-def _run(
+def run_ready(
     chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None], recorder: Recorder | None
 ) -> list[EpisodeResult]:
+    """Returns the rows of episodes that were made ready, those that cannot run first."""
     if chunk.run is None:
         return chunk.rows
     state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)

@@ -8,7 +8,7 @@ from pydantic import JsonValue
 
 from tasks.simulate.batch import GOING, KIND, OpenBatch
 from tasks.simulate.devices import device_count, device_kind, prepare_devices
-from tasks.storage.records import advance
+from tasks.storage.records import JobRecord, advance
 
 _PROCESSORS = Path("/proc/cpuinfo")
 _NAME = "model name"
@@ -17,7 +17,7 @@ _MARK = "machine/"
 
 def note_machine(batch: OpenBatch) -> None:
     """Adds this machine to a batch's record, once however often the batch is continued here."""
-    name = f"{_device_name()}, {platform.system()} {platform.machine()}"
+    name = this_machine()
     mark: dict[str, JsonValue] = {
         f"{_MARK}{name}": {
             "device": device_kind(),
@@ -30,6 +30,16 @@ def note_machine(batch: OpenBatch) -> None:
     if record.status in GOING and not mark.keys() <= record.detail.keys():
         # Only as it was read: whoever stops the batch meanwhile is not overruled.
         advance(batch.store, KIND, batch.id, record.status, only_from={record.status}, detail=mark)
+
+
+def this_machine() -> str:
+    """Returns what `note_machine` calls this machine: its processor or GPU, and its system."""
+    return f"{_device_name()}, {platform.system()} {platform.machine()}"
+
+
+def noted_machines(record: JobRecord) -> list[str]:
+    """Returns the machines that worked on a batch, as its record has them."""
+    return [key.removeprefix(_MARK) for key in record.detail if key.startswith(_MARK)]
 
 
 def _device_name() -> str:

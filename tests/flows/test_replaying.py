@@ -1,0 +1,159 @@
+"""A replay is what was recorded, to the last bit; and says so, and why, where it is not."""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from flows import replaying
+from flows.replay_files import Wanted, wanted_files, write_files
+from flows.replay_printing import answer
+from flows.replaying import Replayed, replayed
+from specs.errors import DocumentError, ResourceNotFound
+from tasks.results import extras
+from tasks.results.stored_rows import stored_rows
+from tasks.simulate import committing
+from tasks.simulate.batch import KIND, OpenBatch
+from tasks.simulate.requested import recorded_location
+from tasks.storage.buckets import open_bucket
+from tasks.storage.keys import output_key, world_key
+from tasks.storage.opening import open_store
+from tasks.storage.store import Store
+from tests.batches_factory import closed_batch, pushing_plan
+from tests.simulate.batch_factory import begun
+from tests.simulate_factory import pen
+
+
+@pytest.fixture(scope="module")
+def batch(tmp_path_factory: pytest.TempPathFactory) -> OpenBatch:
+    """A batch of 32 episodes in two chunks, all recorded."""
+    store = open_store((tmp_path_factory.mktemp("replay") / "store").as_uri())
+    return closed_batch(store, pushing_plan(store))
+
+
+@pytest.fixture(scope="module")
+def again(batch: OpenBatch) -> Replayed:
+    return replayed(batch.store, f"{batch.id}/4")
+
+
+def test_twenty_random_episodes_deviate_by_nothing(batch: OpenBatch):
+    drawn = np.random.default_rng(7).choice(batch.layout.episodes, 20, replace=False)
+    for index in drawn.tolist():
+        found = replayed(batch.store, f"{batch.id}/{index}")
+        assert found.same, answer(found)
+        assert {each.most for each in found.deviations} == {0.0}
+
+
+def test_the_row_its_way_and_its_recording_are_compared(again: Replayed):
+    columns = {each.column for each in again.deviations}
+    assert {"simulated_s", "final_x_m", "energy_j", "goal_times_s", "outcome_reason", "environment"} <= columns
+    assert {"trajectory_x_m", "failure_reason", "recording.ranges_m", "recording.impulse_ns"} <= columns
+
+
+def test_a_job_is_named_by_its_arn_too(batch: OpenBatch, again: Replayed):
+    assert replayed(batch.store, f"arn:simyard:simulation-job:0:{batch.id}/4").deviations == again.deviations
+
+
+def test_the_answer_is_zero_in_every_column(again: Replayed):
+    assert answer(again) == [f"{again.job}: collision; deviation 0 in all {len(again.deviations)} columns"]
+
+
+Tamper = Callable[[str, str, object], None]
+
+
+@pytest.fixture
+def tampered(batch: OpenBatch) -> Iterator[Tamper]:
+    """Returns a function that changes what was recorded of episode 4: (table, column, value)."""
+    location = recorded_location(batch.record())
+    bucket = open_bucket(batch.store, location.s3Bucket or "")
+    before: dict[str, bytes] = {}
+
+    def change(name: str, column: str, value: object) -> None:
+        key = output_key(location.s3Prefix, f"{batch.id}/{name}")
+        before[key] = bucket.get(key).body
+        table = pq.read_table(pa.BufferReader(before[key]))
+        values = [
+            value if index == 4 else old
+            for index, old in zip(table.column("index").to_pylist(), table.column(column).to_pylist(), strict=True)
+        ]
+        field = table.schema.field(column)
+        sink = pa.BufferOutputStream()
+        pq.write_table(table.set_column(table.column_names.index(column), field, pa.array(values, field.type)), sink)
+        bucket.put(key, sink.getvalue().to_pybytes())
+
+    yield change
+    for key, body in before.items():
+        bucket.put(key, body)
+
+
+def test_a_number_that_is_off_in_its_last_bit_is_found(batch: OpenBatch, tampered: Tamper):
+    location = recorded_location(batch.record())
+    x_m = stored_rows(batch.store, location, batch.id, "failures.parquet", 4).column("final_x_m")[0].as_py()
+    tampered("failures.parquet", "final_x_m", float(np.nextafter(x_m, 9.0)))
+    found = replayed(batch.store, f"{batch.id}/4")
+    (deviation,) = [each for each in found.deviations if not each.same]
+    assert deviation.column == "final_x_m"
+    assert 0.0 < deviation.most < 1e-12
+
+
+def test_a_word_that_differs_is_told_with_what_may_be_why(
+    batch: OpenBatch, tampered: Tamper, monkeypatch: pytest.MonkeyPatch
+):
+    tampered("failures.parquet", "outcome_reason", "stuck")
+
+    def elsewhere(lanes: int) -> Mapping[str, str]:
+        return {"lanes": str(lanes), "jax": "9.9"}
+
+    monkeypatch.setattr(replaying, "batch_metadata", elsewhere)
+    monkeypatch.setattr(replaying, "this_machine", lambda: "abacus")
+    told = answer(replayed(batch.store, f"{batch.id}/4"))
+    assert told[0].endswith("columns deviate: outcome_reason differs")
+    assert told[1].startswith("may be why: jax was ")
+    assert told[1].endswith(", and is 9.9")
+    assert told[2].startswith("may be why: it ran on ")
+    assert told[2].endswith(", and this is abacus")
+
+
+def test_a_job_without_an_end_is_refused(file_store: Store):
+    batch = begun(file_store)
+    with pytest.raises(DocumentError, match="a job of a batch that has its tables; this one is InProgress"):
+        replayed(file_store, f"{batch.id}/0")
+
+
+def test_a_job_that_was_cancelled_has_nothing_to_compare(batch: OpenBatch, tampered: Tamper):
+    tampered("results.parquet", "success", None)
+    with pytest.raises(DocumentError, match="this one was canceled"):
+        replayed(batch.store, f"{batch.id}/4")
+
+
+def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
+    key = world_key("hand", "pen-1")
+    before = batch.store.get(key).body
+    batch.store.put(key, pen(4.5, 9).model_dump_json().encode())
+    committing._world.cache_clear()
+    with pytest.raises(ResourceNotFound, match="world hand/pen-1 is not what it was"):
+        replayed(batch.store, f"{batch.id}/31")
+    batch.store.put(key, before)
+
+
+def test_an_arn_of_something_else_is_refused(batch: OpenBatch):
+    with pytest.raises(DocumentError, match="an ARN of a simulation-job"):
+        replayed(batch.store, f"arn:simyard:{KIND}:0:{batch.id}")
+
+
+def test_drawing_and_mcap_are_written(again: Replayed, tmp_path: Path):
+    files = write_files(again, tmp_path / "new" / "folder", Wanted(mcap=True, video=False))
+    assert [path.name for path in files] == ["replay.svg", "replay.mcap"]
+    assert all(path.stat().st_size > 1000 for path in files)
+
+
+def test_what_is_not_installed_is_left_out_or_refused_with_the_remedy(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(extras, "find_spec", lambda _: None)
+    assert wanted_files(mcap=None, video=False) == Wanted(mcap=False, video=False)
+    with pytest.raises(DocumentError, match=r"--mcap: .*pip install 'simyard\[mcap\]'"):
+        wanted_files(mcap=True, video=False)
+    with pytest.raises(DocumentError, match=r"--video: .*pip install 'simyard\[video\]'"):
+        wanted_files(mcap=None, video=True)
