@@ -1,17 +1,19 @@
 """`simyard fleet watch`: a deployment in the terminal, as the records tell it."""
 
 import time
-from collections import Counter
 from collections.abc import Callable
 
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from specs.arn import parse_reference
-from specs.deployment import DescribeDeploymentJobResponse, RobotDeployment
+from specs.deployment import DescribeDeploymentJobResponse
 from tasks.deploy.describe import describe_deployment_job
 from tasks.deploy.steering import wish_of
+from tasks.deploy.telling import COLUMNS, robot_cells, told_robots
+from tasks.deploy.trust.choice import UNSIGNED_ALARM
+from tasks.deploy.trust.vouching import is_unsigned
+from tasks.storage.records import read
 from tasks.storage.store import Store
 
 _LOOK_S = 1.0
@@ -28,35 +30,26 @@ def watch_deployment(
         ResourceNotFound: No such job.
     """
     found = describe_deployment_job(store, job)
-    with Live(deployment_table(found, wish_of(store, job)), console=console, refresh_per_second=4) as live:
+    with Live(_table(store, job, found), console=console, refresh_per_second=4) as live:
         while found.status not in _ENDED:
             sleep(_LOOK_S)
             found = describe_deployment_job(store, job)
-            live.update(deployment_table(found, wish_of(store, job)))
+            live.update(_table(store, job, found))
     return found
 
 
-def deployment_table(job: DescribeDeploymentJobResponse, wish: str = "go") -> Table:
+def deployment_table(job: DescribeDeploymentJobResponse, wish: str = "go", alarm: str = "") -> Table:
     """Returns a deployment job as a table, a row a robot; ``wish`` is what somebody wants of it."""
-    robots = job.robotDeploymentSummary or ()
-    counts = Counter(robot.status for robot in robots)
-    told = ", ".join(f"{count} {status}" for status, count in sorted(counts.items(), key=str))
     wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
-    table = Table(title=f"{job.status}{wanted}: {told or 'no robot'}", caption=job.failureReason, title_justify="left")
-    for name in ("robot", "status", "step", "done", "why"):
+    caption = "\n".join(filter(None, (job.failureReason, alarm)))
+    table = Table(title=f"{job.status}{wanted}: {told_robots(job)}", caption=caption or None, title_justify="left")
+    for name in COLUMNS:
         table.add_column(name, justify="right" if name == "done" else "left", overflow="fold")
-    for robot in robots:
-        table.add_row(*_cells(robot), style=_STYLES.get(robot.status or "", ""))
+    for robot in job.robotDeploymentSummary or ():
+        table.add_row(*robot_cells(robot), style=_STYLES.get(robot.status or "", ""))
     return table
 
 
-def _cells(robot: RobotDeployment) -> tuple[str, str, str, str, str]:
-    detail = robot.progressDetail
-    percent = detail.percentDone if detail else None
-    return (
-        parse_reference(robot.arn or "").path,
-        robot.status or "",
-        (detail.currentProgress or "") if detail else "",
-        f"{percent:.0f} %" if percent is not None else "",
-        ": ".join(filter(None, (robot.failureCode, robot.failureReason))),
-    )
+def _table(store: Store, job: str, found: DescribeDeploymentJobResponse) -> Table:
+    record = read(store, "deployment-job", job)
+    return deployment_table(found, wish_of(store, job), UNSIGNED_ALARM if is_unsigned(record) else "")

@@ -4,11 +4,14 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from prefect import task
+from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
 from specs.deployment import CreateDeploymentJobRequest
 from specs.roll_out import RollOutRules
+from tasks.deploy.describe import describe_deployment_job
 from tasks.deploy.job import run_deployment_job
+from tasks.deploy.telling import robot_rows, told_deployment
 from tasks.deploy.trust.signing import DeploymentSigner
 from tasks.storage.opening import open_store
 from tasks.storage.records import JobRecord
@@ -26,10 +29,10 @@ def roll_out(
     robots: Callable[[], AbstractContextManager[object]] | None = None,
     signer: DeploymentSigner | None = None,
 ) -> JobRecord:
-    """Returns the ended deployment job of the token; the rest as in `run_deployment_job`."""
+    """Returns the ended deployment job of the token and leaves a table of its robots; see `run_deployment_job`."""
     store = open_store(store_url)
     with watched("Deployment", "deployment-progress") as progress:
-        return run_deployment_job(
+        record = run_deployment_job(
             store,
             request,
             digest=digest,
@@ -39,3 +42,6 @@ def roll_out(
             robots=robots,
             signer=signer,
         )
+    job = describe_deployment_job(store, record.id)
+    create_table_artifact(robot_rows(job), key="deployment-robots", description=told_deployment(job, record))
+    return record

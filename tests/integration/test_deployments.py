@@ -68,6 +68,7 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
     _prefect(*_readme_commands()[2])
     assert tables(open_store(store_url))["results"].num_rows == 384
     assert [job.status for job in records(open_store(store_url), "deployment-job")] == ["Succeeded"]
+    assert [row["status"] for row in _robots_table(prefect_server)] == ["InSync"] * 5
     run = _scheduled_run(prefect_server, timeout_s=120.0)
     assert run["state_type"] == "COMPLETED"
     assert 99 in [job.detail["seed"] for job in records(open_store(store_url), "world-generation-job")]
@@ -79,6 +80,12 @@ def test_the_server_refuses_a_document_that_is_not_one():
     refused = _prefect("deployment", "run", "pipeline/nightly", "--params", json.dumps({"spec": spec}), check=False)
     assert refused.returncode != 0
     assert "floorplanCount" in refused.stdout + refused.stderr
+
+
+def _robots_table(api_url: str) -> list[dict[str, str]]:
+    """Returns the table of robots that the deployment left in Prefect's pages."""
+    with urllib.request.urlopen(f"{api_url}/artifacts/deployment-robots/latest") as reply:  # noqa: S310 - the test server
+        return json.loads(json.load(reply)["data"])
 
 
 def _scheduled_run(api_url: str, timeout_s: float) -> dict[str, Any]:
