@@ -15,6 +15,7 @@ SimyardError
     ├── StoreUnsafe                   answers, but ignores conditions on writes
     ├── StoreAccessDenied             answers, and refuses
     ├── ObjectNotFound                no object under that key
+    ├── ObjectTooBig                  more bytes than whoever reads it reckons with
     ├── ObjectExists                  create: somebody else was first
     └── ObjectConflict                compare-and-swap: the object has changed
 """
@@ -127,6 +128,10 @@ class StoreAccessDenied(StoreError):  # noqa: N818 - a state
 
 class ObjectNotFound(StoreError):  # noqa: N818 - a state
     """There is no object under the key."""
+
+
+class ObjectTooBig(StoreError):  # noqa: N818 - a state
+    """An object has more bytes than whoever reads it reckons with; they were not read."""
 
 
 class ObjectExists(StoreError):  # noqa: N818 - a state

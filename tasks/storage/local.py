@@ -13,11 +13,13 @@ import shutil
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from specs.errors import (
     ObjectConflict,
     ObjectExists,
     ObjectNotFound,
+    ObjectTooBig,
     StoreAccessDenied,
     StoreDamaged,
     StoreError,
@@ -27,7 +29,7 @@ from specs.errors import (
 )
 from tasks.storage.atomic import HIDDEN, hidden_file, make_folder, settle, settle_names, whole_file
 from tasks.storage.keys import checked_key
-from tasks.storage.store import Stored
+from tasks.storage.store import UNBOUNDED, Stored
 
 _LOCKS = ".locks"
 _NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
@@ -78,12 +80,30 @@ class LocalStore:
             file.write(body)
         return _etag(body)
 
-    def get(self, key: str) -> Stored:
-        """Returns the object, or raises ObjectNotFound."""
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+        """Returns the object, or raises ObjectNotFound, or ObjectTooBig."""
+        path = self._path(key)
+        with self._explained(key, reading=True), path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size > most_bytes:
+                raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
+            body = file.read()
+        return Stored(body, _etag(body))
+
+    def size(self, key: str) -> int:
+        """Returns how many bytes the object has, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True), path.open("rb") as file:
+            return os.fstat(file.fileno()).st_size
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        """Yields the object's bytes from one of them on, or raises ObjectNotFound."""
         path = self._path(key)
         with self._explained(key, reading=True):
-            body = path.read_bytes()
-        return Stored(body, _etag(body))
+            file = path.open("rb")
+        with file:
+            file.seek(first_byte)
+            while block := self._block(file, key):
+                yield block
 
     def exists(self, key: str) -> bool:
         """Returns whether there is an object under the key."""
@@ -147,6 +167,10 @@ class LocalStore:
             reader = path.open("rb")
         with reader, whole_file(target) as file:
             shutil.copyfileobj(reader, file, 1 << 20)
+
+    def _block(self, file: BinaryIO, key: str) -> bytes:
+        with self._explained(key):
+            return file.read(1 << 18)
 
     def _path(self, key: str) -> Path:
         return self.root / checked_key(key)

@@ -4,11 +4,12 @@
 """
 
 import hashlib
+from collections.abc import Generator
 from pathlib import Path
 
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig
 from tasks.storage.atomic import whole_file
-from tasks.storage.store import Store, Stored
+from tasks.storage.store import UNBOUNDED, Store, Stored
 
 
 class OverlayStore:
@@ -36,14 +37,27 @@ class OverlayStore:
         self._written[key] = body
         return _etag(body)
 
-    def get(self, key: str) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
         """Returns an object from memory, else from below; see Store."""
         if key not in self._written:
-            return self._below.get(key)
+            return self._below.get(key, most_bytes)
         body = self._written[key]
         if body is None:
             raise ObjectNotFound(f"{self.url}: there is no {key}")
+        if len(body) > most_bytes:
+            raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
         return Stored(body=body, etag=_etag(body))
+
+    def size(self, key: str) -> int:
+        """Returns an object's size; see Store."""
+        return len(self.get(key).body) if key in self._written else self._below.size(key)
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        """Yields an object's bytes; see Store."""
+        if key in self._written:
+            yield self.get(key).body[first_byte:]
+        else:
+            yield from self._below.blocks(key, first_byte)
 
     def exists(self, key: str) -> bool:
         """Returns whether there is an object; see Store."""

@@ -13,13 +13,21 @@ from pathlib import Path
 from typing import NoReturn, cast
 from uuid import uuid4
 
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreDamaged, StoreError, StoreUnreachable
+from specs.errors import (
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ObjectTooBig,
+    StoreDamaged,
+    StoreError,
+    StoreUnreachable,
+)
 from tasks.storage.atomic import whole_file
 from tasks.storage.etags import is_etag_of
 from tasks.storage.keys import checked_key
 from tasks.storage.s3_client import PART_BYTES, Answer, S3Client
 from tasks.storage.s3_errors import FAULTS, explained
-from tasks.storage.store import Stored
+from tasks.storage.store import UNBOUNDED, Stored
 
 _MARK = "simyard-write"
 _ATTEMPTS = 5
@@ -67,11 +75,26 @@ class S3Store:
         """Returns the etag of the object written over whatever was there."""
         return self._place(key, body, uuid4().hex, {})
 
-    def get(self, key: str) -> Stored:
-        """Returns the object, or raises ObjectNotFound."""
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+        """Returns the object, or raises ObjectNotFound, or ObjectTooBig."""
         path = self._path(key)
         with self._explained(key):
-            return Stored(*self._client.read(self._bucket, path))
+            stored = Stored(*self._client.read(self._bucket, path, most_bytes + 1))
+        if len(stored.body) > most_bytes:
+            raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
+        return stored
+
+    def size(self, key: str) -> int:
+        """Returns how many bytes the object has, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key):
+            return cast("int", self._client.call("head_object", Bucket=self._bucket, Key=path)["ContentLength"])
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        """Yields the object's bytes from one of them on, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key):
+            yield from self._client.blocks(self._bucket, path, first_byte)
 
     def exists(self, key: str) -> bool:
         """Returns whether there is an object under the key."""

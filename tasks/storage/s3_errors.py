@@ -1,8 +1,7 @@
 """What went wrong between us and an S3 server, in Simyard's words.
 
-The status and code that the server sent decide, wherever they are in the chain of exceptions: s3fs translates them in
-different ways for different servers (fleet.md, trap 2), and botocore's own errors are no OSErrors (trap 5). Messages
-carry neither the server's text nor credentials.
+The status and code that the server sent decide, wherever they are in the chain of exceptions; botocore's own errors are
+no OSErrors (fleet.md, trap 5). Messages carry neither the server's text nor credentials.
 """
 
 import errno
@@ -11,7 +10,6 @@ from collections.abc import Mapping
 from typing import Protocol, TypeGuard
 from urllib.parse import urlsplit
 
-from aiohttp import ClientError as BrokenConnection
 from botocore.exceptions import (
     BotoCoreError,
     ClientError,
@@ -32,9 +30,9 @@ from specs.errors import (
     StoreUnreachable,
 )
 
-FAULTS = (OSError, BotoCoreError, ClientError, BrokenConnection)
+FAULTS = (OSError, BotoCoreError, ClientError)
 _NO_CREDENTIALS = (NoCredentialsError, PartialCredentialsError, CredentialRetrievalError, ProfileNotFound)
-_NO_ANSWER = (TimeoutError, ConnectionError, BotoCoreError, BrokenConnection)
+_NO_ANSWER = (TimeoutError, ConnectionError, BotoCoreError)
 _DENIED_CODES = frozenset({"AccessDenied", "ExpiredToken", "InvalidToken", "InvalidAccessKeyId"})
 _THROTTLED_CODES = frozenset(
     {"SlowDown", "Throttling", "ThrottlingException", "RequestThrottled", "RequestLimitExceeded", "TooManyRequests"}
@@ -54,7 +52,7 @@ def explained(exc: BaseException, url: str, key: str) -> StoreError:
     """Returns the store's error for one of FAULTS that came up while working on the key.
 
     Args:
-        exc: What botocore, aiohttp or s3fs raised.
+        exc: What botocore raised.
         url: The store's.
         key: Relative to the store.
     """

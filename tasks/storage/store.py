@@ -1,8 +1,11 @@
 """What a store promises, whatever holds it."""
 
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
+
+UNBOUNDED = 1 << 62
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,27 @@ class Store(Protocol):
         """Returns the etag of an object written over whatever was there: for objects that have a single writer."""
         ...
 
-    def get(self, key: str) -> Stored:
-        """Returns the object.
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+        """Returns the object; of a bigger one than somebody reckons with, no more than that is read.
+
+        Raises:
+            ObjectNotFound: There is none under the key.
+            ObjectTooBig: It has more bytes than that.
+        """
+        ...
+
+    def size(self, key: str) -> int:
+        """Returns how many bytes the object has.
+
+        Raises:
+            ObjectNotFound: There is none under the key.
+        """
+        ...
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        """Yields the object's bytes, from the one with that number on, as they arrive.
+
+        Nothing after its end. Whoever stops in between has not read the rest.
 
         Raises:
             ObjectNotFound: There is none under the key.

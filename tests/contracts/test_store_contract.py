@@ -6,7 +6,7 @@ from threading import Thread
 
 import pytest
 
-from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound
+from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig
 from tasks.storage.store import Store
 from tests.storage.racers import create_in_rounds, in_processes
 
@@ -171,6 +171,39 @@ def test_a_big_file_survives_the_round_trip(store: Store, tmp_path: Path) -> Non
     store.upload("big.bin", source)
     store.download("big.bin", target)
     assert target.read_bytes() == source.read_bytes()
+
+
+@pytest.mark.parametrize("first_byte", [0, 1, 300_000, 999_999, 1_000_000, 1_000_001])
+def test_an_object_is_read_from_any_byte_on(first_byte: int, store: Store) -> None:
+    body = bytes(range(250)) * 4_000
+    store.put("a.bin", body)
+    assert store.size("a.bin") == len(body)
+    assert b"".join(store.blocks("a.bin", first_byte)) == body[first_byte:]
+
+
+def test_an_object_is_read_in_blocks_and_no_further_than_wanted(store: Store) -> None:
+    store.put("a.bin", bytes(3 << 20))
+    blocks = store.blocks("a.bin")
+    first = next(blocks)
+    blocks.close()
+    assert 0 < len(first) < 1 << 20
+    assert store.get("a.bin").body == bytes(3 << 20)
+
+
+def test_what_is_not_there_has_no_size_and_no_blocks(store: Store) -> None:
+    store.put("folder/a.bin", b"1")
+    for key in ("none.bin", "folder"):
+        with pytest.raises(ObjectNotFound):
+            store.size(key)
+        with pytest.raises(ObjectNotFound):
+            next(store.blocks(key))
+
+
+def test_an_object_that_is_bigger_than_reckoned_with_is_refused(store: Store) -> None:
+    store.put("a.bin", b"12345")
+    assert store.get("a.bin", 5).body == b"12345"
+    with pytest.raises(ObjectTooBig, match="more than 4 bytes"):
+        store.get("a.bin", 4)
 
 
 def test_an_upload_overwrites(store: Store, tmp_path: Path) -> None:
