@@ -25,9 +25,10 @@ from benchmarks.tables import markdown, with_tables
 from specs.arn import arn
 from specs.deployment import CreateDeploymentJobRequest
 from tasks.applications.publishing import publish
-from tasks.deploy.controller import Pace, recorded_progress
+from tasks.deploy.controller import Pace
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.job import run_deployment_job
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.robots import create_robot, register_robot
 from tasks.deploy.states import Desired, Reported
 from tasks.storage.encoding import encoded

@@ -8,7 +8,7 @@ from pydantic import JsonValue
 from specs.base import Fault
 from specs.errors import DocumentError, StageFailed
 from specs.report import Artefact, PipelineReport, StageName, StageReport, Verdict
-from tasks.deploy.controller import recorded_progress
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.trust.choice import UNSIGNED_ALARM
 from tasks.deploy.trust.vouching import is_unsigned
 from tasks.storage.records import JobRecord
@@ -63,7 +63,7 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
         summary += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
     artefacts = tuple(
         Artefact(label=label, url=str(detail[f"{label}_url"]))
-        for label in ("results", "failures", "recordings", "audit")
+        for label in ("report", "results", "failures", "recordings", "audit")
         if f"{label}_url" in detail
     )
     stage = _stage("simulationBatch", record, summary, seconds, artefacts)

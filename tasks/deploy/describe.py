@@ -12,8 +12,8 @@ from specs.deployment import (
 )
 from specs.errors import ResourceNotFound
 from specs.fleet import DescribeFleetResponse, DescribeRobotResponse, Fleet, Robot
-from tasks.deploy.controller import live_progress, recorded_progress
 from tasks.deploy.fleets import fleets, read_fleet
+from tasks.deploy.observing import live_progress, recorded_progress
 from tasks.deploy.robots import members, read_desired, read_reported, read_robot, robots
 from tasks.deploy.states import Desired, FleetRecord, RobotProgress, RobotRecord, progress_of
 from tasks.storage.opening import store_id

@@ -26,6 +26,8 @@ class RobotState(Spec):
 
     Attributes:
         sequence: The highest that was accepted; a lower one is refused.
+        deployment: What was accepted last.
+        epoch: Of the controller that asked for it; for the same deployment, a lower one is refused.
         target: What is being deployed and has not ended.
         running: What `current` shows: the last that was deployed successfully.
         previous: What ran before that.
@@ -33,6 +35,8 @@ class RobotState(Spec):
     """
 
     sequence: int = 0
+    deployment: str = ""
+    epoch: int = 0
     target: Desired | None = None
     running: Desired | None = None
     previous: Desired | None = None

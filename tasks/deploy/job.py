@@ -10,8 +10,9 @@ from specs.deployment import CreateDeploymentJobRequest
 from specs.digests import canonical_document
 from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
 from specs.roll_out import RollOutRules
-from tasks.deploy.controller import Pace, Plan, roll_out
+from tasks.deploy.controller import Pace, roll_out
 from tasks.deploy.fleets import fleet_name, read_fleet
+from tasks.deploy.plan import Plan
 from tasks.deploy.planning import check_request, plan_deployment
 from tasks.deploy.syncing import latest_deployment, plan_sync, sync_request
 from tasks.deploy.trust.vouching import Signer, check_recorded, vouched
@@ -142,7 +143,8 @@ def _run(
         with robots() if robots else nullcontext():
             plan = plan or work.plan()
             detail = vouched(signer, record.id, plan.digest, plan.model_dump(mode="json"))
-            record = advance(store, _KIND, record.id, "Preparing" if known is None else "InProgress", detail=detail)
+            status = "Preparing" if known is None else "InProgress"
+            record = advance(store, _KIND, record.id, status, detail=detail, epoch=claim.epoch)
             sign = signer.sign if signer else None
             return roll_out(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
 

@@ -14,9 +14,9 @@ from specs.deployment import (
 from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceNotFound
 from specs.roll_out import RollOutRules
 from tasks.deploy import environment
-from tasks.deploy.controller import Plan
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.local_agents import local_names
+from tasks.deploy.plan import Plan
 from tasks.deploy.robots import known_robot, members
 from tasks.deploy.rollout import Limits, limits
 from tasks.deploy.states import RobotRecord

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.common import Architecture
-from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound, StoreError
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.states import Desired, Reported, RobotRecord
 from tasks.storage.encoding import decoded, encoded
@@ -136,22 +136,34 @@ def read_reported(store: Store, robot: str) -> Reported | None:
     return decoded(Reported, stored, store, key)
 
 
-def ask(store: Store, desired: Desired, sign: Callable[[Desired], Desired] | None = None) -> Desired:
+def ask(
+    store: Store,
+    desired: Desired,
+    sign: Callable[[Desired], Desired] | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> Desired:
     """Returns the desired state that the robot has for this deployment, written if there was none.
 
     Asking twice, also after a crash between two robots, asks once: a robot that has a desired state of this deployment
     keeps it, sequence and all. The sequence of a new one follows that of the one before it and of the robot's report:
-    somebody who puts an old one back, or deletes it, does not make the robot deaf. ``sign`` signs it.
+    somebody who puts an old one back, or deletes it, does not make the robot deaf. ``sign`` signs it; ``check`` raises,
+    directly before the write, when the writer is not the one any more who may ask.
+
+    Raises:
+        StoreError: The store fails, or a later epoch of the deployment has asked the robot.
     """
     key = desired_key(desired.robot)
     while True:
         before, etag = read_desired(store, desired.robot)
         if before and before.deployment == desired.deployment:
+            if before.epoch > desired.epoch:
+                raise StoreError(f"{store.url}: {key} is of epoch {before.epoch}; this process had {desired.epoch}")
             return before
         reported = read_reported(store, desired.robot)
         seen = max(before.sequence if before else 0, reported.sequence if reported else 0)
         new = desired.model_copy(update={"sequence": seen + 1})
         new = sign(new) if sign else new
+        check()
         try:
             store.replace(key, encoded(new), etag) if before else store.create(key, encoded(new))
         except (ObjectExists, ObjectConflict):

@@ -68,10 +68,12 @@ class Robot:
             StopRequested: The agent has to end.
             StoreError: The store is away; nothing was accepted or refused yet.
         """
-        if desired.robot != self._place.robot or desired.sequence < self._state.sequence:
-            _LOG.warning("refused %s for %s: sequence %d", desired.deployment, desired.robot, desired.sequence)
+        if desired.robot != self._place.robot or self._is_old(desired):
+            asked = (desired.deployment, desired.robot, desired.sequence, desired.epoch)
+            _LOG.warning("refused %s for %s: sequence %d, epoch %d", *asked)
         elif desired.sequence > self._state.sequence and not self._refused(desired):
-            self._save(sequence=desired.sequence, target=desired)
+            accepted = {"sequence": desired.sequence, "deployment": desired.deployment, "epoch": desired.epoch}
+            self._save(**accepted, target=desired)
             self._deploy(desired)
 
     def supervise(self) -> None:
@@ -90,6 +92,11 @@ class Robot:
         """Ends the application and everything that was ever started in this folder."""
         self._end_application()
         end_all(self._disk.root)
+
+    def _is_old(self, desired: Desired) -> bool:
+        """Returns whether it comes from before what was accepted last, or from a controller that was replaced since."""
+        again = desired.deployment == self._state.deployment
+        return desired.sequence < self._state.sequence or (again and desired.epoch < self._state.epoch)
 
     def _refused(self, desired: Desired) -> bool:
         """Returns whether the keys do not vouch for it; then that is told, and nothing else changes.

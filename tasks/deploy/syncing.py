@@ -9,8 +9,8 @@ from specs.base import Fault
 from specs.deployment import CreateDeploymentJobRequest
 from specs.errors import ResourceNotFound
 from tasks.deploy import environment
-from tasks.deploy.controller import Plan
 from tasks.deploy.fleets import read_fleet
+from tasks.deploy.plan import Plan
 from tasks.deploy.planning import bounds_for
 from tasks.deploy.robots import members, read_desired, read_reported
 from tasks.storage.records import JobRecord, read, records

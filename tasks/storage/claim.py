@@ -67,8 +67,16 @@ class Claim:
         return self._record.epoch
 
     @property
+    def replaced(self) -> bool:
+        """Whether another process is known to hold it; that never changes again."""
+        return self._replaced
+
+    @property
     def lost(self) -> bool:
-        """Whether another process may hold it by now; once True, the work is no longer this process's."""
+        """Whether another process may hold it by now; until that turns out to be wrong, nothing may be written.
+
+        It does when a renewal arrives after all: it would not have, had another process taken the claim meanwhile.
+        """
         return self._replaced or time.monotonic() - self._renewed_s >= self._record.ttl_s
 
     def release(self) -> None:

@@ -14,7 +14,14 @@ from pydantic import JsonValue
 
 from specs.arn import arn
 from specs.base import Fault, Spec
-from specs.errors import IdempotentParameterMismatch, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from specs.errors import (
+    IdempotentParameterMismatch,
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ResourceNotFound,
+    StoreError,
+)
 from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import job_key, jobs_prefix, token_key
 from tasks.storage.opening import store_id
@@ -33,6 +40,7 @@ _PREFIXES: Mapping[JobKind, str] = {
 _ATTEMPTS = 1000
 _LONGEST_PAUSE_S = 0.05
 _LONGEST_REASON = 1024
+_EPOCH = "epoch"
 
 
 class JobRecord(Spec):
@@ -121,25 +129,32 @@ def advance(
     failure_reason: str = "",
     detail: Mapping[str, JsonValue] | None = None,
     only_from: Collection[str] = _STATUSES,
+    epoch: int = 0,
 ) -> JobRecord:
     """Returns the record after the change, written over exactly what was read; an ended job stays as it is.
 
     The status is one of RoboMaker's; the detail is merged into the record's, key by key. A job whose status is none of
-    ``only_from`` stays as it is, too: one that is being cancelled does not go on because its next step begins.
+    ``only_from`` stays as it is, too: one that is being cancelled does not go on because its next step begins. The
+    epoch is that of the writer's claim; the record keeps it, and who comes with an older one was replaced.
 
     Raises:
         ResourceNotFound: No such job.
+        StoreError: The record was written under a later epoch.
         ObjectConflict: Others wrote the record faster, a thousand times in a row.
         ValueError: The status is none of RoboMaker's.
     """
     if status not in _STATUSES:
         raise ValueError(f"{status!r} is no job status; they are {', '.join(sorted(_STATUSES))}")
-    added = dict(detail or {})
+    added = dict(detail or {}) | ({_EPOCH: epoch} if epoch else {})
     change = {"status": status, "failure_code": failure_code, "failure_reason": _one_line(failure_reason)}
     for attempt in range(_ATTEMPTS):
         before, etag = _read(store, kind, id)
         if is_terminal(before) or before.status not in only_from:
             return before
+        if epoch and epoch < _epoch(before):
+            raise StoreError(
+                f"{store.url}: {id} is another process's since epoch {_epoch(before)}; this one had {epoch}"
+            )
         after = before.model_copy(
             update={**change, "updated_at_s": max(time.time(), before.updated_at_s), "detail": before.detail | added}
         )
@@ -175,6 +190,11 @@ def records(store: Store, kind: JobKind) -> list[JobRecord]:
 def is_terminal(record: JobRecord) -> bool:
     """Returns whether the job has ended, and so will never change."""
     return record.status in TERMINAL
+
+
+def _epoch(record: JobRecord) -> int:
+    found = record.detail.get(_EPOCH)
+    return found if isinstance(found, int) else 0
 
 
 def _one_line(reason: str) -> str:

@@ -10,9 +10,10 @@ from specs.errors import (
     StageFailed,
     StoreUnreachable,
 )
+from specs.roll_out import RollOutRules
 from tasks.deploy.controller import Pace
 from tasks.deploy.job import run_deployment_job
-from tasks.deploy.robots import create_robot, read_desired, register_robot
+from tasks.deploy.robots import create_robot, read_desired, read_reported, register_robot
 from tasks.deploy.states import Desired, Reported
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import reported_key
@@ -27,6 +28,7 @@ class PuppetRobots:
     Attributes:
         silent: Robots that never answer.
         failing: Robots that fail.
+        crashing: Robots that are in sync at first, and whose application then crashes in a loop.
         died: Raised once instead of sleeping, after so many sleeps, as a controller dies between two looks.
         pace_sleep: What a controller does instead of sleeping, if a test wants something else.
     """
@@ -36,6 +38,7 @@ class PuppetRobots:
         self.names = [f"r{number}" for number in range(robots)]
         self.silent: set[str] = set()
         self.failing: set[str] = set()
+        self.crashing: set[str] = set()
         self.dies_after: int | None = None
         self.pace_sleep: Callable[[float], None] | None = None
         self._now_s = time.time()
@@ -64,7 +67,9 @@ class PuppetRobots:
                 self._answer(desired)
 
     def _answer(self, desired: Desired) -> None:
-        failed = desired.robot in self.failing
+        before = read_reported(self.store, desired.robot) if desired.robot in self.crashing else None
+        crashed = before is not None and before.deployment == desired.deployment
+        failed = desired.robot in self.failing or crashed
         reported = Reported(
             robot=desired.robot,
             deployment=desired.deployment,
@@ -136,9 +141,10 @@ def run(
     progress: Callable[[int, int], None] = lambda _ended, _all: None,
     *,
     made: Callable[[], AbstractContextManager[object]] | None = None,
+    rules: RollOutRules | None = None,
 ) -> JobRecord:
     """Returns the ended job of the request; its token is the request's."""
     token = request.clientRequestToken
     return run_deployment_job(
-        yard.store, request, digest=digest, token=token, progress=progress, pace=robots.pace, robots=made
+        yard.store, request, digest=digest, token=token, progress=progress, rules=rules, pace=robots.pace, robots=made
     )

@@ -9,14 +9,16 @@ from typing import cast
 
 import pytest
 
+from specs.deployment import DeploymentConfig
 from specs.errors import (
     StageFailed,
     StoreUnreachable,
 )
-from tasks.deploy.controller import recorded_progress
+from specs.roll_out import RollOutRules
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.robots import create_robot, read_desired, read_reported, register_robot
 from tasks.storage.keys import reported_key
-from tasks.storage.records import records
+from tasks.storage.records import job_id, records
 from tasks.storage.store import Store
 from tests.deploy.puppets import CountingStore, FailingStore, PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill
@@ -89,6 +91,87 @@ def test_a_robot_that_has_ended_is_not_asked_about_again(yard: Yard) -> None:
 
     # Once when it is asked, for the sequence that it has seen, and then until it has ended.
     assert {counting.reads[reported_key(name)] for name in robots.names} <= {2, 3}
+
+
+def test_a_robot_whose_application_crashes_after_it_was_in_sync_has_failed(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 5)
+    robots.crashing = {"r0"}
+    version = yard.publish({"run.sh": STAYS_UP})
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert record.status == "Succeeded"
+    assert recorded_progress(record)["r0"].status == "Failed"
+
+
+def test_robots_that_crash_later_stop_the_roll_out_like_those_that_fail(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 25, step_s=6.0)
+    robots.crashing = set(robots.names)
+    version = yard.publish({"run.sh": STAYS_UP})
+    request = yard.request(version, "one")
+    modest = DeploymentConfig(concurrentDeploymentPercentage=4, failureThresholdPercentage=8)
+
+    record = run(yard, robots, request.model_copy(update={"deploymentConfig": modest}), version.digest)
+
+    assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
+    assert len(robots.asked()) < 10
+
+
+def test_a_canary_that_crashes_later_stops_the_roll_out(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 20, step_s=12.0)
+    robots.crashing = {"r0"}
+    version = yard.publish({"run.sh": STAYS_UP})
+    request = yard.request(version, "one")
+    modest = DeploymentConfig(concurrentDeploymentPercentage=5, failureThresholdPercentage=100)
+    rules = RollOutRules(canaryRobots=1)
+
+    record = run(yard, robots, request.model_copy(update={"deploymentConfig": modest}), version.digest, rules=rules)
+
+    assert record.failure_reason.startswith("a canary failed; 1 of 20 robots failed (r0: PreLaunchFileFailure)")
+    assert len(robots.asked()) < 5
+
+
+def test_robots_in_sync_are_looked_at_again_ever_less_often(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 8, step_s=10.0)
+    robots.silent = {"r7"}
+    version = yard.publish({"run.sh": STAYS_UP})
+    counting = CountingStore(yard.store)
+    request = yard.request(version, "one")
+    patient = DeploymentConfig(concurrentDeploymentPercentage=100, robotDeploymentTimeoutInSeconds=2000)
+
+    run(
+        replace(yard, store=cast("Store", counting)),
+        robots,
+        request.model_copy(update={"deploymentConfig": patient}),
+        version.digest,
+    )
+
+    assert counting.reads[reported_key("r7")] > 200
+    assert counting.reads[reported_key("r0")] < 15
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_a_controller_waits_for_a_store_that_is_away(
+    after: bool,  # noqa: FBT001 - a parameter of the test
+    yard: Yard,
+) -> None:
+    version, robots = yard.publish({"run.sh": STAYS_UP}), PuppetRobots(yard.store, 3)
+    waited = 0
+    for nth in range(1, 40):
+        failing = FailingStore(yard.store, nth, after=after)
+        request = yard.request(version, f"run-{nth}")
+        try:
+            record = run(replace(yard, store=cast("Store", failing)), robots, request, version.digest)
+        except StoreUnreachable:  # before the roll-out whoever asked for it is told at once
+            known = [each for each in records(yard.store, KIND) if each.id == job_id(KIND, f"run-{nth}")]
+            assert all("progress" not in each.detail for each in known)
+            record = run(yard, robots, request, version.digest)
+        else:
+            waited += failing.left < 0
+        assert record.status == "Succeeded"
+        assert {desired.deployment for desired in robots.asked()} == {record.id}
+
+    assert waited > 15
 
 
 def test_robots_that_join_while_a_deployment_is_interrupted_are_not_part_of_it(yard: Yard) -> None:

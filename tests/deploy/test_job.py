@@ -14,9 +14,9 @@ from specs.errors import (
     ResourceNotFound,
     StageFailed,
 )
-from tasks.deploy.controller import recorded_progress
 from tasks.deploy.describe import describe_deployment_job, list_deployment_jobs
 from tasks.deploy.fleets import read_fleet
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.robots import create_robot, members, register_robot
 from tasks.storage.claim import ClaimRecord, claimed
 from tasks.storage.encoding import encoded

@@ -18,9 +18,9 @@ import pytest
 
 from specs.bundle import Application, Version
 from specs.errors import BundleRefused, ConcurrentDeployment
-from tasks.deploy.controller import recorded_progress
 from tasks.deploy.describe import describe_deployment_job, describe_fleet, describe_robot
 from tasks.deploy.local_agents import local_agents
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.robots import create_robot, members, read_desired, register_robot
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import application_key, bundle_key

@@ -3,7 +3,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from specs.deployment import DeploymentLaunchConfig
-from specs.errors import DocumentError, ResourceNotFound
+from specs.errors import DocumentError, ResourceNotFound, StoreError
 from tasks.deploy.fleets import create_fleet, fleets, read_fleet
 from tasks.deploy.robots import (
     ask,
@@ -126,6 +126,21 @@ def test_asking_twice_for_one_deployment_asks_once(file_store: Store) -> None:
 
     assert again == first
     assert read_desired(file_store, "r1")[0] == first
+
+
+def test_who_was_replaced_asks_nobody(file_store: Store) -> None:
+    first = ask(file_store, _desired("dep-1", epoch=2))
+
+    with pytest.raises(StoreError, match="epoch 2"):
+        ask(file_store, _desired("dep-1", epoch=1))
+    with pytest.raises(StoreError, match="lost"):
+        ask(file_store, _desired("dep-2"), check=_lost)
+
+    assert read_desired(file_store, "r1")[0] == first
+
+
+def _lost() -> None:
+    raise StoreError("the claim is lost")
 
 
 def test_the_sequence_grows_with_every_deployment(file_store: Store) -> None:

@@ -4,8 +4,8 @@ import pytest
 
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.deploy import steering
-from tasks.deploy.controller import recorded_progress
 from tasks.deploy.fleets import read_fleet
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.steering import active_deployment, steer
 from tasks.storage.records import JobKind, JobRecord, read
 from tasks.storage.store import Store

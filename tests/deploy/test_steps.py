@@ -28,6 +28,18 @@ def test_a_lower_sequence_is_refused_also_after_a_restart(one: OneRobot) -> None
     assert one.yard.current(NAME) == newer.digest
 
 
+def test_a_controller_that_was_replaced_is_refused_also_after_a_restart(one: OneRobot) -> None:
+    newer, older = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# older\n"})
+    one.deploy(newer, 1, deployment="dep", epoch=2)
+
+    assert one.deploy(older, 2, deployment="dep", epoch=1).sequence == 1
+    one.robot.end()
+    one.restarted().recover()
+    assert one.deploy(older, 2, deployment="dep", epoch=1).sequence == 1
+    assert one.yard.current(NAME) == newer.digest
+    assert one.deploy(older, 2, deployment="another", epoch=1).sequence == 2
+
+
 def test_the_same_sequence_again_launches_nothing_again(one: OneRobot) -> None:
     version = one.yard.publish(GOOD)
     one.deploy(version, 1)

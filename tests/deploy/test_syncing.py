@@ -4,9 +4,9 @@ import pytest
 
 from specs.errors import ResourceNotFound
 from specs.roll_out import RollOutRules
-from tasks.deploy.controller import recorded_progress
 from tasks.deploy.describe import describe_deployment_job
 from tasks.deploy.job import run_deployment_job, run_sync_job
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.robots import create_robot, register_robot
 from tasks.storage.records import JobRecord
 from tests.deploy.puppets import PuppetRobots, run

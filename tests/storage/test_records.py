@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
-from specs.errors import IdempotentParameterMismatch, ResourceNotFound, StoreUnreachable
+from specs.errors import IdempotentParameterMismatch, ResourceNotFound, StoreError, StoreUnreachable
 from tasks.storage import records
 from tasks.storage.keys import job_key, token_key
 from tasks.storage.local import LocalStore
@@ -211,3 +211,15 @@ def test_a_reason_is_kept_as_one_line_that_robomaker_could_have_told(file_store:
     ended = advance(file_store, _KIND, record.id, "Failed", failure_reason="two faults\n  one\n" + 2000 * "x")
     assert ended.failure_reason.startswith("two faults one x")
     assert len(ended.failure_reason) == 1024
+
+
+def test_who_comes_with_an_older_epoch_writes_nothing(store: Store) -> None:
+    record = submit(store, "deployment-job", {}, "one")
+    advance(store, "deployment-job", record.id, "InProgress", epoch=2)
+    with pytest.raises(StoreError, match="since epoch 2"):
+        advance(store, "deployment-job", record.id, "Succeeded", epoch=1)
+    # Who has no claim, as somebody who cancels, takes no epoch back.
+    advance(store, "deployment-job", record.id, "InProgress", detail={"wish": "pause"})
+    with pytest.raises(StoreError, match="since epoch 2"):
+        advance(store, "deployment-job", record.id, "Succeeded", epoch=1)
+    assert advance(store, "deployment-job", record.id, "Succeeded", epoch=2).status == "Succeeded"

@@ -14,10 +14,10 @@ import pytest
 from specs.bundle import Version
 from specs.errors import DocumentError, TrustRefused
 from tasks.deploy.agent import main
-from tasks.deploy.controller import recorded_progress
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.job import run_deployment_job, run_sync_job
 from tasks.deploy.local_agents import local_agents
+from tasks.deploy.observing import recorded_progress
 from tasks.deploy.robots import create_robot, read_desired, register_robot
 from tasks.deploy.syncing import plan_sync
 from tasks.deploy.trust.signing import DeploymentSigner, chosen_signer, local_signer
