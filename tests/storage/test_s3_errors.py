@@ -53,7 +53,7 @@ def test_status_and_code_decide_the_error(status: int, code: str, error: type[St
     assert "canary" not in str(found)
 
 
-def test_the_answer_is_found_behind_what_s3fs_makes_of_it() -> None:
+def test_the_answer_is_found_behind_another_exception() -> None:
     translated = OSError(errno.EINVAL, "translated")
     translated.__cause__ = _refused(412, "PreconditionFailed")
     assert isinstance(explained(translated, "s3://bucket", "key"), ObjectConflict)
