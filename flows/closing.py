@@ -2,6 +2,7 @@
 
 from typing import cast
 
+from flows.batch_report import write_last_report
 from tasks.results.closing import write_batch_tables
 from tasks.results.recordings import recordings_url
 from tasks.simulate.abandoned import give_up
@@ -51,4 +52,5 @@ def close_with_tables(batch: OpenBatch) -> JobRecord:
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
+    detail["report_url"] = write_last_report(batch.store, record, status, detail, why)
     return close_batch(batch.store, batch.id, status, detail, why)

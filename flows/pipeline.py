@@ -5,6 +5,8 @@ from pathlib import Path
 from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
 
+from flows.batch_report import write_report, write_report_of_run
+from flows.report_artifacts import show_report_of_batch
 from flows.reporting import told
 from flows.resolving import Numbers, pins
 from flows.stages import deploy, export, generate, judge, simulate, skipped
@@ -59,6 +61,7 @@ def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: 
         raise
     status = "Completed" if report.passed else "Failed"
     advance(store, "pipeline-run", run.id, status, detail={"report": report.model_dump(mode="json")})
+    write_report_of_run(store, run)  # with what the stages took
     return report
 
 
@@ -72,6 +75,9 @@ def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
     exported = export(spec, worlds, store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
     judged = judge(spec, batch, store)
+    if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
+        write_report(store, batch)
+        show_report_of_batch(store, batch)
     verdict = judged[0].status if judged else None
     passed = verdict in (None, "PASS")
     deployed = deploy(spec, batch, store, versions, run) if passed else skipped(spec)

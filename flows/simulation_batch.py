@@ -8,7 +8,9 @@ from typing import cast
 from prefect import flow
 from pydantic import JsonValue
 
+from flows.batch_report import write_last_report
 from flows.ending import as_run, ended_well, run_name
+from flows.report_artifacts import show_report_of_batch
 from flows.resolving import batch_plan, numbered_finder
 from specs.common import OutputLocation
 from specs.digests import canonical_document
@@ -146,7 +148,10 @@ def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation
     status, why = ending(record, cast("int", detail["failed_inside"]))
     if status == "Completed":
         detail |= _audited(batch, folders, location)
-    return close_batch(batch.store, batch.id, status, detail, why)
+    detail["report_url"] = write_last_report(batch.store, record, status, detail, why)
+    closed = close_batch(batch.store, batch.id, status, detail, why)
+    show_report_of_batch(batch.store, closed)
+    return closed
 
 
 def _audited(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> dict[str, JsonValue]:

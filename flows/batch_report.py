@@ -1,0 +1,151 @@
+"""A batch's report: what the store's records say of it, put together for its page beside its tables.
+
+It is written when the batch ends, again when the gate has judged it, and again when its run has ended, which tells
+what the stages took; each time over the one before, and from records and tables alone, so that `simyard report` makes
+the same bytes.
+"""
+
+from collections.abc import Mapping
+from typing import cast
+
+from pydantic import JsonValue
+
+from specs.errors import ResourceNotFound
+from specs.report import PipelineReport
+from tasks.results.recordings import RECORDINGS_FOLDER
+from tasks.results.report.facts import BatchFacts, Link, StageTime
+from tasks.results.report.job import batch_view, put_report
+from tasks.results.report.judgement import judgement
+from tasks.results.report.page import report_page
+from tasks.results.report.view import View
+from tasks.simulate.batch import KIND, plan_of
+from tasks.simulate.requested import recorded_location
+from tasks.storage.opening import store_id
+from tasks.storage.records import JobRecord, is_terminal, job_id, read
+from tasks.storage.runs import stage_token
+from tasks.storage.store import Store
+
+_STAGE = "-batch"
+_TABLES = ("results", "failures", "audit")
+
+
+def write_report(store: Store, record: JobRecord) -> str:
+    """Writes the report of a batch beside its tables, over the one before, and returns its URL.
+
+    Args:
+        store: The store of the batch.
+        record: The batch's record, with its tables.
+    """
+    return put_report(store, recorded_location(record), record.id, report_page(report_view_of(store, record)))
+
+
+def write_last_report(store: Store, record: JobRecord, status: str, detail: Mapping[str, JsonValue], why: str) -> str:
+    """Writes the report of a batch that is about to be closed, and returns its URL.
+
+    Before and not after, so that a closed batch has its report, wherever its process was killed.
+
+    Args:
+        store: The store of the batch.
+        record: As it stands.
+        status: What it will be; ``detail`` and ``why`` likewise.
+        detail: What its record will have besides.
+        why: Its failure reason, or empty.
+    """
+    closed = {"status": status, "failure_reason": why, "detail": {**record.detail, **detail}}
+    return write_report(store, record.model_copy(update=closed))
+
+
+def write_report_of_run(store: Store, run: JobRecord) -> None:
+    """Writes the report of a run's batch once more, if it has one with tables."""
+    batch = job_id(KIND, stage_token(run, "batch"))
+    try:
+        record = read(store, KIND, batch)
+    except ResourceNotFound:
+        return
+    if has_tables(record):
+        write_report(store, record)
+
+
+def has_tables(record: JobRecord) -> bool:
+    """Returns whether a batch's tables are written, so that it can be reported on."""
+    return is_terminal(record) and "results_url" in record.detail
+
+
+def report_view_of(store: Store, record: JobRecord, *, beside_tables: bool = True) -> View:
+    """Returns what the report of a batch shows.
+
+    Args:
+        store: The store of the batch.
+        record: The batch's record, with its tables.
+        beside_tables: Whether the page will lie beside the tables, so that links to them are relative.
+    """
+    facts = batch_facts(store, record, beside_tables=beside_tables)
+    return batch_view(store, facts, recorded_location(record))
+
+
+def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> BatchFacts:
+    """Returns what the store's records say of a batch."""
+    plan, detail, run = plan_of(record), record.detail, _run(store, record)
+    return BatchFacts(
+        batch=record.id,
+        arn=record.arn,
+        store=store_id(store),
+        name=_document_name(run),
+        status=record.status,
+        why=record.failure_reason,
+        created_at_s=record.created_at_s,
+        simulated_s=cast("float", detail["simulated_s"]),
+        seeds=len(plan.seeds),
+        worlds={
+            world: plan.world_digests.get(world, "")
+            for template in plan.templates
+            for world in plan.worlds_of(template)
+        },
+        variables=plan.variables(),
+        robots=tuple(dict.fromkeys(template.robot for template in plan.templates)),
+        simulations=tuple(dict.fromkeys(template.scenario for template in plan.templates)),
+        metadata=cast("dict[str, str]", detail["metadata"]),
+        judgement=judgement(store, record.id),
+        audit=cast("dict[str, JsonValue] | None", detail.get("audit")),
+        stages=_stages(run),
+        links=_links(record, beside_tables=beside_tables),
+    )
+
+
+def _links(record: JobRecord, *, beside_tables: bool) -> tuple[Link, ...]:
+    detail = record.detail
+    digests = cast("dict[str, str]", detail["sha256s"])
+    urls = [str(detail[f"{name}_url"]) for name in _TABLES if f"{name}_url" in detail]
+    links = [
+        Link(label=name, href=name if beside_tables else url, sha256=digests.get(name, ""))
+        for url, name in ((url, url.rpartition("/")[2]) for url in urls)
+    ]
+    if "recordings_url" in detail:
+        near = f"../{RECORDINGS_FOLDER}/{record.id}/"
+        links.append(Link(label="recordings", href=near if beside_tables else str(detail["recordings_url"])))
+    return tuple(links)
+
+
+def _run(store: Store, record: JobRecord) -> JobRecord | None:
+    """Returns the run of the document that the batch was a stage of, or None."""
+    if not record.token.endswith(_STAGE):
+        return None
+    try:
+        return read(store, "pipeline-run", record.token.removesuffix(_STAGE))
+    except ResourceNotFound:
+        return None
+
+
+def _document_name(run: JobRecord | None) -> str:
+    spec = run.request.get("spec") if run else None
+    return str(spec.get("name", "")) if isinstance(spec, dict) else ""
+
+
+def _stages(run: JobRecord | None) -> tuple[StageTime, ...]:
+    report = run.detail.get("report") if run else None
+    if report is None:
+        return ()
+    stages = PipelineReport.model_validate(report).stages
+    return tuple(
+        StageTime(name=stage.name, seconds=stage.seconds, summary=stage.summary) for stage in stages if stage.seconds
+    )

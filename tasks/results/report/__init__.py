@@ -1,0 +1,1 @@
+"""A batch's report: one HTML page that needs nothing but itself."""

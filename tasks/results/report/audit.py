@@ -1,0 +1,65 @@
+"""The parity audit, as recorded, in words."""
+
+from collections.abc import Mapping, Sequence
+from typing import cast
+
+from pydantic import JsonValue
+
+from specs.base import Spec
+
+_ALARMING = frozenset({"SUSPECT", "NOT RUN"})
+_DISTANCES = (("final", "Apart at the end"), ("way", "Apart where farthest"))
+_SHARES = (("spread", "Spread over the batch"), ("failed", "Failed ones"))
+
+
+class AuditLine(Spec):
+    """One of the audit's figures."""
+
+    label: str
+    text: str
+
+
+class AuditView(Spec):
+    """The audit's verdict, its sentence, its figures.
+
+    Attributes:
+        alarming: Whether it has to be read before the numbers are.
+    """
+
+    verdict: str
+    sentence: str
+    alarming: bool
+    lines: tuple[AuditLine, ...]
+
+
+def audit_view(audit: Mapping[str, JsonValue]) -> AuditView:
+    """Returns what a report shows of an audit; figures that are not there are left out.
+
+    Args:
+        audit: As it is recorded; docs/audit.md says what its fields are.
+    """
+    found = [("Compared", f"{audit.get('engine')} with {audit.get('reference')}, {audit.get('compared')} episodes")]
+    found += [(label, _flips(share)) for name, label in _SHARES if (share := _mapping(audit, name))]
+    found += [(label, _metres(each)) for name, label in _DISTANCES if (each := _mapping(audit, name))]
+    not_again = cast("Sequence[JsonValue]", audit.get("unreproduced") or ())
+    found += [("Rows that could not be made again", f"{len(not_again)}")]
+    return AuditView(
+        verdict=str(audit.get("verdict", "")),
+        sentence=str(audit.get("sentence", "")),
+        alarming=audit.get("verdict") in _ALARMING,
+        lines=tuple(AuditLine(label=label, text=text) for label, text in found),
+    )
+
+
+def _mapping(audit: Mapping[str, JsonValue], name: str) -> Mapping[str, JsonValue]:
+    found = audit.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _flips(share: Mapping[str, JsonValue]) -> str:
+    return f"{share.get('flips')} of {share.get('lanes')} came to another end"
+
+
+def _metres(each: Mapping[str, JsonValue]) -> str:
+    figures = [(name, cast("float", each.get(f"{name}_m"))) for name in ("median", "p90", "max")]
+    return ", ".join(f"{name} {value:.2g} m" for name, value in figures if value is not None)  # pyright: ignore[reportUnnecessaryComparison] - JSON

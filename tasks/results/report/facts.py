@@ -1,0 +1,96 @@
+"""What a report is made of besides the batch's tables and its worlds: told by its records, never looked up here."""
+
+from pydantic import Field, JsonValue
+
+from specs.base import Spec
+from specs.episode import ApplicationLaunch
+from specs.report import Verdict as Answer
+
+
+class RuleAnswer(Spec):
+    """One of the gate's rules, and what it said."""
+
+    name: str
+    verdict: Answer
+    sentence: str
+
+
+class Judgement(Spec):
+    """What the gate answered.
+
+    Attributes:
+        at_least: The success rate that was asked for, 0-1, or None if none was.
+        confidence: Coverage of the intervals that it was judged by.
+        rules: Each rule by itself, where there are several.
+    """
+
+    verdict: Answer
+    sentence: str
+    at_least: float | None
+    confidence: float
+    rules: tuple[RuleAnswer, ...] = ()
+
+
+class StageTime(Spec):
+    """How long a stage of the run took, by the clock of who ran it."""
+
+    name: str
+    seconds: float
+    summary: str
+
+
+class Link(Spec):
+    """A file beside the report.
+
+    Attributes:
+        href: Relative where the file lies beside the report, else where it lies.
+        sha256: Its digest, or empty where the record has none.
+    """
+
+    label: str
+    href: str
+    sha256: str = ""
+
+
+class BatchFacts(Spec):
+    """What is known of a batch without reading a row.
+
+    Attributes:
+        batch: Its id.
+        arn: Its ARN.
+        store: The store's id, for the ARNs of jobs.
+        name: What its document is called, or empty.
+        status: RoboMaker's status.
+        why: Why it failed or was stopped, or empty.
+        created_at_s: Seconds since 1970, as recorded.
+        simulated_s: Simulated seconds of all episodes.
+        seeds: How many seeds it was run with.
+        worlds: SHA-256 of each world's document, by ``<generation>/<name>``, in the batch's order.
+        variables: The values that each environment variable takes; None where an episode does not set it.
+        robots: Robot applications, each once.
+        simulations: Simulation applications, each once.
+        metadata: Engine, device, lanes and versions.
+        judgement: The gate's answer, or None where nobody judged.
+        audit: The parity audit as recorded, or None.
+        stages: How long the run's stages took, or nothing where that is not recorded.
+        links: Files of the batch.
+    """
+
+    batch: str
+    arn: str
+    store: str
+    name: str
+    status: str
+    why: str
+    created_at_s: float
+    simulated_s: float
+    seeds: int
+    worlds: dict[str, str]
+    variables: dict[str, tuple[str | None, ...]]
+    robots: tuple[ApplicationLaunch, ...]
+    simulations: tuple[ApplicationLaunch, ...]
+    metadata: dict[str, str]
+    judgement: Judgement | None = None
+    audit: dict[str, JsonValue] | None = None
+    stages: tuple[StageTime, ...] = ()
+    links: tuple[Link, ...] = Field(default=())

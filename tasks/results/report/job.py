@@ -1,0 +1,79 @@
+"""A batch's report made from the store: its tables and worlds are read, and the page is put beside the tables."""
+
+import hashlib
+import logging
+import tempfile
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from specs.common import OutputLocation
+from specs.errors import ObjectNotFound
+from specs.world import World
+from tasks.results.job import FAILURES_FILE, RESULTS_FILE
+from tasks.results.report.facts import BatchFacts
+from tasks.results.report.view import View, report_view
+from tasks.storage.buckets import open_bucket
+from tasks.storage.keys import checked_name, output_key, world_key
+from tasks.storage.store import Store
+
+logger = logging.getLogger(__name__)
+REPORT_FILE = "report.html"
+# Reading so many takes some seconds; of more, rooms and maps are told of the first ones alone.
+MOST_WORLDS = 2_000
+
+
+def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> View:
+    """Returns what a batch's report shows.
+
+    Args:
+        store: The store of the batch.
+        facts: What its records say.
+        location: Where its tables lie.
+
+    Raises:
+        ObjectNotFound: A table is gone.
+        StoreError: The store or the bucket cannot be read.
+    """
+    bucket = open_bucket(store, location.s3Bucket or "")
+    with tempfile.TemporaryDirectory(prefix="simyard-report-") as folder:
+        results, failures = Path(folder) / RESULTS_FILE, Path(folder) / FAILURES_FILE
+        for path in (results, failures):
+            bucket.download(file_key(location, facts.batch, path.name), path)
+        return report_view(facts, results, failures, stored_worlds(store, facts))
+
+
+def put_report(store: Store, location: OutputLocation, batch: str, page: bytes) -> str:
+    """Writes the page beside the batch's tables, and returns its URL."""
+    bucket = open_bucket(store, location.s3Bucket or "")
+    key = file_key(location, batch, REPORT_FILE)
+    bucket.put(key, page)
+    return f"{bucket.url}/{key}"
+
+
+def file_key(location: OutputLocation, batch: str, name: str) -> str:
+    """Returns the key of one of a batch's files in its bucket."""
+    return output_key(location.s3Prefix, f"{checked_name(batch, 'batch')}/{name}")
+
+
+def stored_worlds(store: Store, facts: BatchFacts) -> dict[str, World]:
+    """Returns a batch's worlds by name, without those that are gone or no longer what the batch ran in."""
+    found: dict[str, World] = {}
+    for name, digest in list(facts.worlds.items())[:MOST_WORLDS]:
+        world = _world(store, name, digest)
+        if world is not None:
+            found[name] = world
+    return found
+
+
+def _world(store: Store, name: str, digest: str) -> World | None:
+    generation, _, own = name.partition("/")
+    try:
+        body = store.get(world_key(generation, own)).body
+        if hashlib.sha256(body).hexdigest() == digest:
+            return World.model_validate_json(body)
+    except (ObjectNotFound, ValidationError) as exc:
+        logger.warning("world %s is left out of the report: %s", name, exc)
+    else:
+        logger.warning("world %s is left out of the report: it is not the one that the batch ran in", name)
+    return None

@@ -1,0 +1,161 @@
+"""Worlds from above, with the ways of failures, and the failures told one by one."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from specs.arn import arn
+from specs.base import Spec
+from specs.world import World
+from tasks.results.report.facts import BatchFacts
+from tasks.results.report.floor import FloorDrawing, dots_path, draw_floor, way_path
+from tasks.results.report.picking import picked
+from tasks.results.report.reading import NOT_SET, PASSED, Episodes, Failure, Failures, read_ways
+from tasks.results.report.rows import clipped, short_world
+from tasks.results.report.simplify import simplified
+
+MOST_MAPS = 24
+MARKS: Mapping[str, str] = {"collision": "hit", "timeout": "late", "stuck": "stuck", "out of bounds": "out"}
+_OTHER = "other"
+_TOLERANCE_M = 0.03
+_DOTS = 150
+_LONGEST = 160
+_CM = (100.0, -100.0)
+
+
+class WayDrawing(Spec):
+    """Where a failed episode went.
+
+    Attributes:
+        mark: Which mark and colour its reason has.
+        title: For who asks.
+        path: Path data; ``x`` and ``y`` where it ended.
+        number: Its number in the list, or empty.
+    """
+
+    mark: str
+    title: str
+    path: str
+    x: int
+    y: int
+    number: str
+
+
+class ListedFailure(Spec):
+    """A failure in words, and how to see it again."""
+
+    number: str
+    job: int
+    mark: str
+    reason: str
+    circumstances: str
+    what: str
+    replay: str
+
+
+class WorldMap(Spec):
+    """A world with its failures.
+
+    Attributes:
+        number: Makes its id on the page.
+        dots: Path data of where episodes that passed ended.
+        failures: How many there are; ``not_drawn`` and ``not_listed`` how many of them are left out.
+    """
+
+    number: int
+    world: str
+    drawing: FloorDrawing
+    dots: str
+    ways: tuple[WayDrawing, ...]
+    listed: tuple[ListedFailure, ...]
+    failures: int
+    not_drawn: int
+    not_listed: int
+
+
+def mark(reason: str) -> str:
+    """Returns which mark and colour a reason has."""
+    return MARKS.get(reason, _OTHER)
+
+
+def mapped_worlds(failures: Failures, worlds: Sequence[str]) -> list[str]:
+    """Returns the worlds that are drawn: most failures first, then in the batch's order."""
+    counts = dict(
+        zip(failures.world.names, np.bincount(failures.world.codes, minlength=len(failures.world.names)), strict=True)
+    )
+    return sorted(worlds, key=lambda world: -int(counts.get(world, 0)))[:MOST_MAPS]
+
+
+def world_maps(
+    facts: BatchFacts,
+    episodes: Episodes,
+    failures: Failures,
+    failures_file: Path,
+    worlds: Mapping[str, World],
+) -> list[WorldMap]:
+    """Returns maps of the worlds with most failures, as many as are looked at.
+
+    Args:
+        facts: The batch.
+        episodes: Its episodes.
+        failures: Those that did not pass.
+        failures_file: ``failures.parquet``, for the ways.
+        worlds: Those that can be read, by ``<generation>/<name>``.
+    """
+    names = mapped_worlds(failures, [name for name in facts.worlds if name in worlds])
+    picks = picked(failures, names)
+    ways = read_ways(failures_file, sorted(row for pick in picks.values() for row in pick.drawn))
+    label = short_world(tuple(facts.worlds))
+    found: list[WorldMap] = []
+    for number, name in enumerate(names, start=1):
+        pick = picks[name]
+        drawn, numbers = failures.told(pick.drawn), {row: str(place) for place, row in enumerate(pick.listed, start=1)}
+        found.append(
+            WorldMap(
+                number=number,
+                world=label(name),
+                drawing=draw_floor(worlds[name]),
+                dots=dots_path(_ends(episodes, name)),
+                ways=tuple(_way(each, ways[each.row], numbers.get(each.row, "")) for each in drawn),
+                listed=tuple(_listed(facts, each, numbers[each.row]) for each in drawn if each.row in numbers),
+                failures=pick.failures,
+                not_drawn=pick.failures - len(pick.drawn),
+                not_listed=pick.failures - len(pick.listed),
+            )
+        )
+    return found
+
+
+def _ends(episodes: Episodes, world: str) -> Float[np.ndarray, "ends 2"]:
+    """Returns where episodes of a world that passed ended; of many, some spread evenly over them."""
+    code = episodes.world.names.index(world) if world in episodes.world.names else -1
+    rows = np.flatnonzero((episodes.world.codes == code) & (episodes.outcome == PASSED))
+    return episodes.final_m[rows[:: max(1, -(-len(rows) // _DOTS))]]
+
+
+def _way(failure: Failure, way_m: Float[np.ndarray, "poses 2"], number: str) -> WayDrawing:
+    line = simplified(way_m, _TOLERANCE_M)
+    x, y = np.rint((line[-1] if len(line) else np.array(failure.final_m)) * _CM).astype(int).tolist()
+    title = f"job {failure.index}: {failure.reason} after {failure.simulated_s:.1f} s"
+    return WayDrawing(mark=mark(failure.reason), title=title, path=way_path(line), x=x, y=y, number=number)
+
+
+def _listed(facts: BatchFacts, failure: Failure, number: str) -> ListedFailure:
+    told = [f"seed {failure.seed}"]
+    told += [
+        f"{name} {clipped(failure.environment.get(name, NOT_SET), 40)}"
+        for name, values in facts.variables.items()
+        if len(values) > 1
+    ]
+    told += [f"{failure.goals_reached} of {failure.goals_total} goals"] * bool(failure.goals_total)
+    return ListedFailure(
+        number=number,
+        job=failure.index,
+        mark=mark(failure.reason),
+        reason=f"{failure.reason} after {failure.simulated_s:.1f} s",
+        circumstances=", ".join(told),
+        what=clipped(failure.failure_reason, _LONGEST),
+        replay=f"simyard replay {arn('simulation-job', facts.store, f'{facts.batch}/{failure.index}')}",
+    )

@@ -1,0 +1,50 @@
+"""In which room something is."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from specs.world import World
+from tasks.results.report.reading import Episodes, Labels
+
+BETWEEN = "between rooms"
+UNKNOWN = "world not readable"
+
+
+def start_rooms(episodes: Episodes, worlds: Mapping[str, World]) -> Labels:
+    """Returns the type of the room that each episode starts in: the one around the origin."""
+    kinds = [_room_types(worlds[name], np.zeros((1, 2)))[0] if name in worlds else UNKNOWN for name in _names(episodes)]
+    return _relabelled(np.array(kinds, object)[episodes.world.codes])
+
+
+def end_rooms(episodes: Episodes, worlds: Mapping[str, World]) -> Labels:
+    """Returns the type of the room that each episode ended in; a doorway belongs to none."""
+    found = np.full(len(episodes.outcome), UNKNOWN, object)
+    order = np.argsort(episodes.world.codes, kind="stable")
+    ends = np.cumsum(np.bincount(episodes.world.codes, minlength=len(_names(episodes))))
+    for name, rows in zip(_names(episodes), np.split(order, ends[:-1]), strict=True):
+        if name in worlds:
+            found[rows] = _room_types(worlds[name], episodes.final_m[rows])
+    return _relabelled(found)
+
+
+def _names(episodes: Episodes) -> tuple[str, ...]:
+    return episodes.world.names
+
+
+def _room_types(world: World, points_m: Float[np.ndarray, "points 2"]) -> np.ndarray:
+    found = np.full(len(points_m), BETWEEN, object)
+    for room in world.rooms:
+        floor = room.floor
+        inside: Bool[np.ndarray, " points"] = np.all(
+            (points_m >= (floor.x_min_m, floor.y_min_m)) & (points_m <= (floor.x_max_m, floor.y_max_m)), axis=1
+        )
+        found[inside] = room.type
+    return found
+
+
+def _relabelled(names: np.ndarray) -> Labels:
+    known, codes = np.unique(names.astype(str), return_inverse=True)
+    kept: Int[np.ndarray, " rows"] = codes.astype(np.int64)
+    return Labels(tuple(str(name) for name in known), kept)

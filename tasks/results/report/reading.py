@@ -1,0 +1,171 @@
+"""A batch's tables as columns: whole where a column is narrow, the wide ones only for the rows that are shown."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from jaxtyping import Float, Int
+
+NOT_SET = "(not set)"
+PASSED, FAILED, CANCELED = 1, 0, -1
+_COUNTED = ("world", "success", "environment", "final_x_m", "final_y_m")
+_LAUNCHED = (
+    *("robot_application", "robot_version", "robot_launch_file"),
+    *("simulation_application", "simulation_version", "simulation_launch_file"),
+)
+_TOLD = (
+    *("index", "world", "seed", "reason", "failure_reason", "simulated_s", "environment"),
+    *("goals_reached", "goals_total", "final_x_m", "final_y_m"),
+)
+_WAY = ("trajectory_x_m", "trajectory_y_m")
+
+
+@dataclass(frozen=True)
+class Labels:
+    """A column of names.
+
+    Attributes:
+        names: Each name once, in the order in which the rows come to them.
+        codes: Which name each row has.
+    """
+
+    names: tuple[str, ...]
+    codes: Int[np.ndarray, " rows"]
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """The columns of ``results.parquet`` that a report counts.
+
+    Attributes:
+        outcome: PASSED, FAILED or CANCELED.
+        world: In which world.
+        application: Which robot application in which scenario.
+        final_m: Where it ended (x m, y m).
+        variables: The value of each environment variable that was asked for.
+    """
+
+    outcome: Int[np.ndarray, " rows"]
+    world: Labels
+    application: Labels
+    final_m: Float[np.ndarray, "rows 2"]
+    variables: Mapping[str, Labels]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An episode that did not pass, as a report lists it."""
+
+    row: int
+    index: int
+    world: str
+    seed: int
+    reason: str
+    failure_reason: str
+    simulated_s: float
+    goals_reached: int
+    goals_total: int
+    final_m: tuple[float, float]
+    environment: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Failures:
+    """The columns of ``failures.parquet`` that a report counts; `told` gives rows of it.
+
+    Attributes:
+        table: Its narrow columns.
+        world: In which world.
+        reason: Why it did not pass.
+        final_m: Where it ended (x m, y m).
+    """
+
+    table: pa.Table
+    world: Labels
+    reason: Labels
+    final_m: Float[np.ndarray, "rows 2"]
+
+    def told(self, rows: Sequence[int]) -> list[Failure]:
+        """Returns what is known of some failures."""
+        found = self.table.take(pa.array(rows, pa.int64())).to_pylist()
+        return [_failure(row, values) for row, values in zip(rows, found, strict=True)]
+
+
+def read_episodes(path: Path, variables: Sequence[str]) -> Episodes:
+    """Returns what is counted of ``results.parquet``.
+
+    Args:
+        path: The file.
+        variables: Environment variables whose values are wanted.
+    """
+    table = pq.read_table(path, columns=[*_COUNTED, *_LAUNCHED])
+    success = table.column("success").cast(pa.int8()).fill_null(CANCELED)
+    return Episodes(
+        outcome=success.to_numpy().astype(np.int64),
+        world=_labels(table.column("world")),
+        application=_applications(table),
+        final_m=_points(table, "final_x_m", "final_y_m"),
+        variables={name: _labels(_looked_up(table.column("environment"), name)) for name in variables},
+    )
+
+
+def read_failures(path: Path) -> Failures:
+    """Returns what is counted of ``failures.parquet``."""
+    table = pq.read_table(path, columns=list(_TOLD))
+    return Failures(
+        table=table,
+        world=_labels(table.column("world")),
+        reason=_labels(table.column("reason")),
+        final_m=_points(table, "final_x_m", "final_y_m"),
+    )
+
+
+def read_ways(path: Path, rows: Sequence[int]) -> dict[int, Float[np.ndarray, "poses 2"]]:
+    """Returns where some failures went (x m, y m), by row; no more than a row group of the file is held in memory."""
+    file, found, first = pq.ParquetFile(path), dict[int, Float[np.ndarray, "poses 2"]](), 0
+    for group in range(file.num_row_groups):
+        end = first + file.metadata.row_group(group).num_rows
+        wanted = [row for row in rows if first <= row < end]
+        if wanted:
+            table = file.read_row_group(group, columns=list(_WAY)).take(pa.array([row - first for row in wanted]))
+            columns = [table.column(name).to_pylist() for name in _WAY]
+            for row, x_m, y_m in zip(wanted, *columns, strict=True):
+                found[row] = np.array([x_m, y_m], np.float64).T
+        first = end
+    return found
+
+
+def _applications(table: pa.Table) -> Labels:
+    """Returns each episode's applications, such as ``courier 1 go_to_goal in delivery 1 rooms``."""
+    robot, scenario = (
+        pc.call_function("binary_join_element_wise", [*(table.column(name).cast(pa.string()) for name in names), " "])
+        for names in (_LAUNCHED[:3], _LAUNCHED[3:])
+    )
+    return _labels(pc.call_function("binary_join_element_wise", [robot, scenario, " in "]))
+
+
+def _looked_up(words: pa.ChunkedArray, name: str) -> pa.ChunkedArray:
+    return pc.call_function("map_lookup", [words], pc.MapLookupOptions(name, "first"))  # pyright: ignore[reportAttributeAccessIssue] - stubs
+
+
+def _labels(column: pa.ChunkedArray) -> Labels:
+    encoded = column.cast(pa.string()).fill_null(NOT_SET).combine_chunks().dictionary_encode()
+    encoded = encoded.chunk(0) if isinstance(encoded, pa.ChunkedArray) else encoded
+    names = cast("list[str]", encoded.dictionary.to_pylist())
+    return Labels(tuple(names), encoded.indices.to_numpy(zero_copy_only=False).astype(np.int64))
+
+
+def _points(table: pa.Table, x: str, y: str) -> Float[np.ndarray, "rows 2"]:
+    return np.stack([table.column(x).to_numpy(), table.column(y).to_numpy()], axis=1)
+
+
+def _failure(row: int, values: Mapping[str, object]) -> Failure:
+    known = {name: value for name, value in values.items() if name not in {"environment", "final_x_m", "final_y_m"}}
+    final_m = (cast("float", values["final_x_m"]), cast("float", values["final_y_m"]))
+    environment = dict(cast("list[tuple[str, str]]", values["environment"]))
+    return Failure(row=row, final_m=final_m, environment=environment, **known)  # pyright: ignore[reportArgumentType] - as the schema says

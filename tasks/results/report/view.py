@@ -1,0 +1,204 @@
+"""A report as its template wants it: every number counted, every text cut to its length, nothing left to decide."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from specs.base import Spec
+from specs.world import World
+from tasks.results.report.audit import AuditView, audit_view
+from tasks.results.report.facts import BatchFacts
+from tasks.results.report.groups import counted, reasons, reasons_by_world, whole
+from tasks.results.report.maps import WorldMap, mark, world_maps
+from tasks.results.report.places import end_rooms, start_rooms
+from tasks.results.report.reading import NOT_SET, Episodes, Failures, read_episodes, read_failures
+from tasks.results.report.rows import (
+    RateTable,
+    Row,
+    clipped,
+    percent,
+    rate_row,
+    rate_table,
+    reasons_text,
+    short_world,
+    worst_first,
+)
+from tasks.results.report.scales import Scale, scale
+from tasks.results.summary import Group
+
+_CONFIDENCE = 0.95
+_LONGEST = 240
+
+
+class ReasonRow(Spec):
+    """Why episodes did not pass.
+
+    Attributes:
+        share: Of all failures.
+        width: Length of a bar, the most frequent reason being 100 %.
+        sample: What the first of them said of itself, or empty.
+    """
+
+    reason: str
+    mark: str
+    count: int
+    share: str
+    width: str
+    sample: str
+
+
+class StageRow(Spec):
+    """A stage's time; ``width`` is the length of a bar, the slowest being 100 %."""
+
+    name: str
+    seconds: str
+    width: str
+    summary: str
+
+
+class View(Spec):
+    """All that the template shows.
+
+    Attributes:
+        facts: What is shown as it is.
+        sentence: The gate's, without the verdict before it.
+        whole: All episodes as a line; ``axis`` is where they are drawn.
+        columns: Tables of rates, in the columns of a wide page.
+        audit: None where none was made.
+        stages: The slowest first.
+    """
+
+    facts: BatchFacts
+    title: str
+    created: str
+    sentence: str
+    confidence: str
+    total: Group
+    whole: Row
+    axis: Scale
+    reasons: tuple[ReasonRow, ...]
+    columns: tuple[tuple[RateTable, ...], ...]
+    maps: tuple[WorldMap, ...]
+    worlds: int
+    failures: int
+    simulated: str
+    audit: AuditView | None
+    stages: tuple[StageRow, ...]
+
+
+def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Mapping[str, World]) -> View:
+    """Returns what a report shows.
+
+    Args:
+        facts: The batch.
+        results: Its ``results.parquet``, a local file.
+        failures: Its ``failures.parquet``, likewise.
+        worlds: Its worlds by ``<generation>/<name>``, those that can be read.
+    """
+    swept = [name for name, values in facts.variables.items() if len(values) > 1]
+    episodes, failed = read_episodes(results, swept), read_failures(failures)
+    judgement = facts.judgement
+    confidence = judgement.confidence if judgement else _CONFIDENCE
+    total = whole(episodes, confidence)
+    axis = scale([total], judgement.at_least if judgement else None)
+    return View(
+        facts=facts,
+        title=facts.name or facts.batch,
+        created=f"{datetime.fromtimestamp(facts.created_at_s, tz=UTC):%Y-%m-%d %H:%M} UTC",
+        sentence=judgement.sentence.removeprefix(f"{judgement.verdict}: ") if judgement else "",
+        confidence=f"{100 * confidence:g}\u00a0%",
+        total=total,
+        whole=rate_row(total, axis, total.label),
+        axis=axis,
+        reasons=_reasons(failed),
+        columns=_columns(_tables(facts, episodes, failed, worlds, confidence)),
+        maps=tuple(world_maps(facts, episodes, failed, failures, worlds)),
+        worlds=len(facts.worlds),
+        failures=failed.table.num_rows,
+        simulated=_duration(facts.simulated_s),
+        audit=audit_view(facts.audit) if facts.audit else None,
+        stages=_stages(facts),
+    )
+
+
+def _tables(
+    facts: BatchFacts, episodes: Episodes, failed: Failures, worlds: Mapping[str, World], confidence: float
+) -> tuple[RateTable, ...]:
+    goal = facts.judgement.at_least if facts.judgement else None
+    why = {world: reasons_text(found) for world, found in reasons_by_world(failed).items()}
+    by_world = worst_first(counted(episodes, episodes.world, confidence))
+    found = [rate_table("By world", "World", by_world, goal=goal, why=why, label=short_world(tuple(facts.worlds)))]
+    if len(episodes.application.names) > 1:
+        by_application = counted(episodes, episodes.application, confidence)
+        found.append(rate_table("By application", "Robot and scenario", by_application, goal=goal))
+    for name, labels in episodes.variables.items():
+        groups = _ordered(counted(episodes, labels, confidence), facts.variables[name])
+        found.append(rate_table(f"By {clipped(name, 60)}", "Value", groups, goal=goal))
+    if worlds:
+        for caption, place in (("By room of the start", start_rooms), ("By room of the end", end_rooms)):
+            groups = worst_first(counted(episodes, place(episodes, worlds), confidence))
+            if len(groups) > 1:  # one room type says what all episodes say
+                found.append(rate_table(caption, "Room type", groups, goal=goal))
+    return tuple(found)
+
+
+def _columns(tables: Sequence[RateTable]) -> tuple[tuple[RateTable, ...], ...]:
+    """Returns the tables in two columns of about the same height, in their order."""
+    lines = [2.5 + sum(1.5 if row.why else 1.0 for row in table.rows) for table in tables]
+    cuts = range(1, len(tables) + 1)
+    cut = min(cuts, key=lambda cut: max(sum(lines[:cut]), sum(lines[cut:])))
+    return tuple(tuple(column) for column in (tables[:cut], tables[cut:]) if column)
+
+
+def _ordered(groups: Sequence[Group], values: Sequence[str | None]) -> list[Group]:
+    order = {NOT_SET if value is None else value: position for position, value in enumerate(values)}
+    return sorted(groups, key=lambda group: order.get(group.label, len(order)))
+
+
+def _reasons(failed: Failures) -> tuple[ReasonRow, ...]:
+    found, all_of_them = reasons(failed), failed.table.num_rows
+    samples = _samples(failed)
+    return tuple(
+        ReasonRow(
+            reason=reason,
+            mark=mark(reason),
+            count=count,
+            share=percent(count / all_of_them),
+            width=f"{100 * count / found[0][1]:.2f}%",
+            sample=clipped(samples.get(reason, ""), _LONGEST),
+        )
+        for reason, count in found
+    )
+
+
+def _samples(failed: Failures) -> dict[str, str]:
+    """Returns what the first failure of each reason said of itself, if it said something."""
+    firsts: dict[int, int] = {}
+    for row, code in enumerate(failed.reason.codes.tolist()):
+        firsts.setdefault(code, row)
+    return {failure.reason: failure.failure_reason for failure in failed.told(list(firsts.values()))}
+
+
+def _stages(facts: BatchFacts) -> tuple[StageRow, ...]:
+    slowest = sorted(facts.stages, key=lambda stage: (-stage.seconds, stage.name))
+    longest_s = slowest[0].seconds if slowest else 1.0
+    return tuple(
+        StageRow(
+            name=stage.name,
+            seconds=f"{stage.seconds:.1f} s",
+            width=f"{100 * stage.seconds / (longest_s or 1.0):.2f}%",
+            summary=clipped(stage.summary, _LONGEST),
+        )
+        for stage in slowest
+    )
+
+
+def _duration(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    return (
+        f"{minutes // 60} h {minutes % 60} min"
+        if minutes >= 60
+        else f"{minutes} min"
+        if minutes
+        else f"{seconds:.0f} s"
+    )
