@@ -7,6 +7,7 @@ from specs.episode import EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.results.parquet import write_parquet
 from tasks.results.report.facts import BatchFacts, Judgement, Link, StageTime
+from tasks.results.report.places import Worlds
 from tasks.results.report.view import View, report_view
 from tasks.results.tables import failures_table, results_table
 from tests.episodes_factory import ROBOT, SCENARIO, canceled, collided, crashed, passed, request
@@ -75,4 +76,9 @@ def view(
     files = written(folder, asked if requests is None else requests, answered if results is None else results)
     found = {name: apartment(name=name.partition("/")[2]) for name in WORLDS} if worlds is None else worlds
     named = {"worlds": dict.fromkeys(found or WORLDS, "c" * 64)}
-    return report_view(facts(**{**named, **changes}), *files, found)
+    return report_view(facts(**{**named, **changes}), *files, as_read(found))
+
+
+def as_read(worlds: Mapping[str, World]) -> Worlds:
+    """Returns worlds as a report reads them."""
+    return Worlds({name: world.rooms for name, world in worlds.items()}, lambda name: worlds[name])

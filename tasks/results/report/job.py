@@ -5,13 +5,14 @@ import logging
 import tempfile
 from pathlib import Path
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from specs.common import OutputLocation
 from specs.errors import ObjectNotFound
-from specs.world import World
+from specs.world import Room, World
 from tasks.results.job import FAILURES_FILE, RESULTS_FILE
 from tasks.results.report.facts import BatchFacts
+from tasks.results.report.places import Worlds
 from tasks.results.report.view import View, report_view
 from tasks.storage.buckets import open_bucket
 from tasks.storage.keys import checked_name, output_key, world_key
@@ -19,8 +20,16 @@ from tasks.storage.store import Store
 
 logger = logging.getLogger(__name__)
 REPORT_FILE = "report.html"
-# Reading so many takes some seconds; of more, rooms and maps are told of the first ones alone.
+# Reading so many takes a second or two; of more, rooms and maps are told of the first ones alone.
 MOST_WORLDS = 2_000
+
+
+class _Rooms(BaseModel):
+    """The part of a world that is wanted of every one; all of them as a whole would fill the memory."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    rooms: tuple[Room, ...]
 
 
 def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> View:
@@ -56,24 +65,28 @@ def file_key(location: OutputLocation, batch: str, name: str) -> str:
     return output_key(location.s3Prefix, f"{checked_name(batch, 'batch')}/{name}")
 
 
-def stored_worlds(store: Store, facts: BatchFacts) -> dict[str, World]:
-    """Returns a batch's worlds by name, without those that are gone or no longer what the batch ran in."""
-    found: dict[str, World] = {}
+def stored_worlds(store: Store, facts: BatchFacts) -> Worlds:
+    """Returns a batch's worlds, without those that are gone or no longer what the batch ran in."""
+    rooms: dict[str, tuple[Room, ...]] = {}
     for name, digest in list(facts.worlds.items())[:MOST_WORLDS]:
-        world = _world(store, name, digest)
-        if world is not None:
-            found[name] = world
-    return found
+        found = _rooms(store, name, digest)
+        if found is not None:
+            rooms[name] = found
+    return Worlds(rooms, lambda name: World.model_validate_json(_body(store, name)))
 
 
-def _world(store: Store, name: str, digest: str) -> World | None:
-    generation, _, own = name.partition("/")
+def _rooms(store: Store, name: str, digest: str) -> tuple[Room, ...] | None:
     try:
-        body = store.get(world_key(generation, own)).body
+        body = _body(store, name)
         if hashlib.sha256(body).hexdigest() == digest:
-            return World.model_validate_json(body)
+            return _Rooms.model_validate_json(body).rooms
     except (ObjectNotFound, ValidationError) as exc:
         logger.warning("world %s is left out of the report: %s", name, exc)
     else:
         logger.warning("world %s is left out of the report: it is not the one that the batch ran in", name)
     return None
+
+
+def _body(store: Store, name: str) -> bytes:
+    generation, _, own = name.partition("/")
+    return store.get(world_key(generation, own)).body

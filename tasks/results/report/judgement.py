@@ -2,8 +2,10 @@
 
 from specs.errors import ObjectNotFound
 from tasks.results.evidence import Evidence, read_evidence
-from tasks.results.report.facts import Judgement
+from tasks.results.report.facts import Judgement, RuleAnswer
 from tasks.storage.store import Store
+
+_CONFIDENCE = 0.95
 
 
 def judgement(store: Store, batch: str) -> Judgement | None:
@@ -21,9 +23,11 @@ def judgement(store: Store, batch: str) -> Judgement | None:
 
 def judged(evidence: Evidence) -> Judgement:
     """Returns what evidence says of the gate's answer."""
+    rate, rules = evidence.rule.successRate, evidence.rules
     return Judgement(
         verdict=evidence.verdict,
         sentence=evidence.sentence,
-        at_least=evidence.rule.atLeast,
-        confidence=evidence.rule.confidence,
+        at_least=rate.atLeast if rate else None,
+        confidence=rate.confidence if rate else _CONFIDENCE,
+        rules=tuple(RuleAnswer(name=each.rule, verdict=each.verdict, sentence=each.sentence) for each in rules),
     )

@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from specs.arn import arn
 from specs.base import Spec
-from specs.world import World
 from tasks.results.report.facts import BatchFacts
 from tasks.results.report.floor import FloorDrawing, dots_path, draw_floor, way_path
 from tasks.results.report.picking import picked
+from tasks.results.report.places import Worlds
 from tasks.results.report.reading import NOT_SET, PASSED, Episodes, Failure, Failures, read_ways
 from tasks.results.report.rows import clipped, short_world
 from tasks.results.report.simplify import simplified
@@ -93,7 +93,7 @@ def world_maps(
     episodes: Episodes,
     failures: Failures,
     failures_file: Path,
-    worlds: Mapping[str, World],
+    worlds: Worlds,
 ) -> list[WorldMap]:
     """Returns maps of the worlds with most failures, as many as are looked at.
 
@@ -102,9 +102,9 @@ def world_maps(
         episodes: Its episodes.
         failures: Those that did not pass.
         failures_file: ``failures.parquet``, for the ways.
-        worlds: Those that can be read, by ``<generation>/<name>``.
+        worlds: Its worlds.
     """
-    names = mapped_worlds(failures, [name for name in facts.worlds if name in worlds])
+    names = mapped_worlds(failures, [name for name in facts.worlds if name in worlds.rooms])
     picks = picked(failures, names)
     ways = read_ways(failures_file, sorted(row for pick in picks.values() for row in pick.drawn))
     label = short_world(tuple(facts.worlds))
@@ -116,7 +116,7 @@ def world_maps(
             WorldMap(
                 number=number,
                 world=label(name),
-                drawing=draw_floor(worlds[name]),
+                drawing=draw_floor(worlds.load(name)),
                 dots=dots_path(_ends(episodes, name)),
                 ways=tuple(_way(each, ways[each.row], numbers.get(each.row, "")) for each in drawn),
                 listed=tuple(_listed(facts, each, numbers[each.row]) for each in drawn if each.row in numbers),

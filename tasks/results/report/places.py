@@ -1,31 +1,46 @@
 """In which room something is."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from specs.world import World
+from specs.world import Room, World
 from tasks.results.report.reading import Episodes, Labels
 
 BETWEEN = "between rooms"
-UNKNOWN = "world not readable"
+UNKNOWN = "not known"
 
 
-def start_rooms(episodes: Episodes, worlds: Mapping[str, World]) -> Labels:
+@dataclass(frozen=True)
+class Worlds:
+    """A batch's worlds, as far as they can be read.
+
+    Attributes:
+        rooms: The rooms of each, by ``<generation>/<name>``.
+        load: Gives all of one of them; a batch has too many to hold them all.
+    """
+
+    rooms: Mapping[str, Sequence[Room]]
+    load: Callable[[str], World]
+
+
+def start_rooms(episodes: Episodes, worlds: Worlds) -> Labels:
     """Returns the type of the room that each episode starts in: the one around the origin."""
-    kinds = [_room_types(worlds[name], np.zeros((1, 2)))[0] if name in worlds else UNKNOWN for name in _names(episodes)]
+    rooms = worlds.rooms
+    kinds = [_room_types(rooms[name], np.zeros((1, 2)))[0] if name in rooms else UNKNOWN for name in _names(episodes)]
     return _relabelled(np.array(kinds, object)[episodes.world.codes])
 
 
-def end_rooms(episodes: Episodes, worlds: Mapping[str, World]) -> Labels:
+def end_rooms(episodes: Episodes, worlds: Worlds) -> Labels:
     """Returns the type of the room that each episode ended in; a doorway belongs to none."""
     found = np.full(len(episodes.outcome), UNKNOWN, object)
     order = np.argsort(episodes.world.codes, kind="stable")
     ends = np.cumsum(np.bincount(episodes.world.codes, minlength=len(_names(episodes))))
     for name, rows in zip(_names(episodes), np.split(order, ends[:-1]), strict=True):
-        if name in worlds:
-            found[rows] = _room_types(worlds[name], episodes.final_m[rows])
+        if name in worlds.rooms:
+            found[rows] = _room_types(worlds.rooms[name], episodes.final_m[rows])
     return _relabelled(found)
 
 
@@ -33,9 +48,9 @@ def _names(episodes: Episodes) -> tuple[str, ...]:
     return episodes.world.names
 
 
-def _room_types(world: World, points_m: Float[np.ndarray, "points 2"]) -> np.ndarray:
+def _room_types(rooms: Sequence[Room], points_m: Float[np.ndarray, "points 2"]) -> np.ndarray:
     found = np.full(len(points_m), BETWEEN, object)
-    for room in world.rooms:
+    for room in rooms:
         floor = room.floor
         inside: Bool[np.ndarray, " points"] = np.all(
             (points_m >= (floor.x_min_m, floor.y_min_m)) & (points_m <= (floor.x_max_m, floor.y_max_m)), axis=1

@@ -1,16 +1,15 @@
 """A report as its template wants it: every number counted, every text cut to its length, nothing left to decide."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from specs.base import Spec
-from specs.world import World
 from tasks.results.report.audit import AuditView, audit_view
 from tasks.results.report.facts import BatchFacts
 from tasks.results.report.groups import counted, reasons, reasons_by_world, whole
 from tasks.results.report.maps import WorldMap, mark, world_maps
-from tasks.results.report.places import end_rooms, start_rooms
+from tasks.results.report.places import Worlds, end_rooms, start_rooms
 from tasks.results.report.reading import NOT_SET, Episodes, Failures, read_episodes, read_failures
 from tasks.results.report.rows import (
     RateTable,
@@ -86,14 +85,14 @@ class View(Spec):
     stages: tuple[StageRow, ...]
 
 
-def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Mapping[str, World]) -> View:
+def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds) -> View:
     """Returns what a report shows.
 
     Args:
         facts: The batch.
         results: Its ``results.parquet``, a local file.
         failures: Its ``failures.parquet``, likewise.
-        worlds: Its worlds by ``<generation>/<name>``, those that can be read.
+        worlds: Its worlds.
     """
     swept = [name for name, values in facts.variables.items() if len(values) > 1]
     episodes, failed = read_episodes(results, swept), read_failures(failures)
@@ -122,7 +121,7 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Mappin
 
 
 def _tables(
-    facts: BatchFacts, episodes: Episodes, failed: Failures, worlds: Mapping[str, World], confidence: float
+    facts: BatchFacts, episodes: Episodes, failed: Failures, worlds: Worlds, confidence: float
 ) -> tuple[RateTable, ...]:
     goal = facts.judgement.at_least if facts.judgement else None
     why = {world: reasons_text(found) for world, found in reasons_by_world(failed).items()}
@@ -134,7 +133,7 @@ def _tables(
     for name, labels in episodes.variables.items():
         groups = _ordered(counted(episodes, labels, confidence), facts.variables[name])
         found.append(rate_table(f"By {clipped(name, 60)}", "Value", groups, goal=goal))
-    if worlds:
+    if worlds.rooms:
         for caption, place in (("By room of the start", start_rooms), ("By room of the end", end_rooms)):
             groups = worst_first(counted(episodes, place(episodes, worlds), confidence))
             if len(groups) > 1:  # one room type says what all episodes say
