@@ -37,8 +37,9 @@ def end_rooms(episodes: Episodes, worlds: Worlds) -> Labels:
     """Returns the type of the room that each episode ended in; a doorway belongs to none."""
     found = np.full(len(episodes.outcome), UNKNOWN, object)
     order = np.argsort(episodes.world.codes, kind="stable")
-    ends = np.cumsum(np.bincount(episodes.world.codes, minlength=len(_names(episodes))))
-    for name, rows in zip(_names(episodes), np.split(order, ends[:-1]), strict=True):
+    counts = np.bincount(episodes.world.codes, minlength=len(_names(episodes)))
+    for name, end, count in zip(_names(episodes), np.cumsum(counts), counts, strict=True):
+        rows = order[end - count : end]
         if name in worlds.rooms:
             found[rows] = _room_types(worlds.rooms[name], episodes.final_m[rows])
     return _relabelled(found)
