@@ -17,6 +17,7 @@ from rich.console import Console
 from flows.fleet_cli import fleet_app
 from flows.leaving import leave_after
 from flows.replay_cli import replay
+from flows.report_cli import report
 from flows.world_cli import world_app
 from specs.errors import DocumentError, PipelineNotPassed
 
@@ -30,6 +31,7 @@ application_app = typer.Typer(help="Publish application bundles.", no_args_is_he
 app.add_typer(application_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
+app.command()(report)
 app.command()(replay)
 
 _KINDS = (
