@@ -6,6 +6,7 @@ It is steered by its DevTools protocol.
 import base64
 import json
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -16,12 +17,16 @@ from itertools import count
 from pathlib import Path
 from typing import cast
 
+import pytest
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 _START_S = 60.0
 _ANSWER_S = 60.0
-_WATCHED = ("Network.requestWillBeSent", "Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded")
+_WATCHED = (
+    *("Network.requestWillBeSent", "Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"),
+    "Page.javascriptDialogOpening",
+)
 _OPTIONS = (
     *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--remote-debugging-port=0"),
     *("--no-first-run", "--disable-background-networking", "--hide-scrollbars", "--force-color-profile=srgb"),
@@ -91,13 +96,15 @@ class Page:
 
 
 @contextmanager
-def browsing(program: str, folder: Path) -> Generator[Page, None, None]:
-    """Yields an empty page of a browser of its own, which ends with the block.
+def browsing(folder: Path) -> Generator[Page, None, None]:
+    """Yields an empty page of a browser of its own, which ends with the block; skips the test where there is none.
 
     Args:
-        program: Chromium.
         folder: For the browser's profile.
     """
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("there is no Chromium to open the report with: apt install chromium")
     with (folder / "chromium.log").open("wb") as log:
         process = subprocess.Popen(
             [program, *_OPTIONS, f"--user-data-dir={folder / 'profile'}", "about:blank"],

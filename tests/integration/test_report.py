@@ -1,0 +1,57 @@
+"""The report of the quickstart, with fewer worlds and seeds, as its run leaves it, opened in a real browser."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.integration.runs import finished
+from tests.report.chromium import browsing
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture
+def page(small_run: Path) -> Path:
+    """The report that the run left beside its tables."""
+    (found,) = (small_run / ".simyard" / "buckets" / "results").rglob("report.html")
+    return found
+
+
+def test_the_report_shows_verdict_and_maps_and_asks_for_nothing(page: Path, tmp_path: Path):
+    with browsing(tmp_path) as browser:
+        browser.look(width=1280, height=900)
+        browser.open(page.as_uri())
+        assert browser.requests == [page.as_uri()]
+        assert browser.complaints == []
+        assert browser.run("document.querySelector('.verdict h2').innerText") == "PASS"
+        boxes = browser.run("[...document.querySelectorAll('svg.plan')].map(map => map.getBoundingClientRect().height)")
+        assert isinstance(boxes, list)
+        assert len(boxes) == 2
+        assert min(boxes) > 200
+        browser.look(width=390, height=844, dark=True)
+        assert browser.run("document.documentElement.scrollWidth") == 390
+
+
+def test_the_report_that_the_run_left_knows_the_verdict_and_what_the_stages_took(page: Path):
+    text = page.read_text()
+    stages = re.search(r"Where the time went</h2>(.*?)</section>", text, re.DOTALL)
+    assert stages is not None
+    assert set(re.findall(r'<th scope="row">(\w+)<small>', stages[1])) == {
+        "worldGeneration",
+        "worldExport",
+        "simulationBatch",
+        "gate",
+        "deployment",
+    }
+    assert "<title>PASS: apartment-regression</title>" in text
+
+
+def test_the_command_makes_the_same_page_from_the_arn_of_the_run(small_run: Path, page: Path, tmp_path: Path):
+    store = (small_run / ".simyard").as_uri()
+    runs = finished("list", "pipeline-runs", "--json", "--store", store).stdout.splitlines()
+    before = page.read_bytes()
+    done = finished("report", json.loads(runs[-1])["arn"], "--store", store)
+    assert (done.returncode, done.stdout.strip()) == (0, page.as_uri()), done.stderr
+    assert page.read_bytes() == before
