@@ -74,7 +74,7 @@ def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
     worlds, generation = generate(spec, store, base, run)
     exported = export(spec, worlds, store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
-    judged = judge(spec, batch, store)
+    judged = judge(spec, batch, store, run)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
         write_report(store, batch)
         show_report_of_batch(store, batch)

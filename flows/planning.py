@@ -8,7 +8,7 @@ from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
 from tasks.applications.publishing import unpack
-from tasks.results.gate import episodes_needed
+from tasks.results.episodes_needed import episodes_needed
 from tasks.simulate.cost import Span
 from tasks.simulate.preview import Basis, EnginePlan, engine_plan
 from tasks.simulate.resolving import FindVersion, matrix_worlds, plan_batch

@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from flows.deployment_sync import deployment_sync
+from flows.judging import gate_answer
 from flows.reporting import batch_report, deployment_report, export_report, gate_report, generation_report, texts
 from flows.resolving import Numbers, tested_bundles
 from flows.simulation_batch import simulation_batch
@@ -12,11 +13,7 @@ from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.pipeline import PipelineSpec
 from specs.report import StageReport
-from tasks.results.evidence import Tested, tested
-from tasks.results.success import EpisodeCounts
-from tasks.results.task import judge_batch
 from tasks.simulate.batch import plan_of
-from tasks.simulate.batch_plan import BatchPlan
 from tasks.storage.records import JobRecord
 from tasks.storage.runs import stage_token
 from tasks.storage.store import Store
@@ -54,14 +51,13 @@ def simulate(
     return record, (batch_report(record, seconds),)
 
 
-def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store) -> Reports:
+def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
     """Returns the report of the gate."""
-    if spec.gate is None or batch is None:
+    gate = spec.gate
+    if gate is None or batch is None:
         return ()
-    counts = EpisodeCounts.model_validate(batch.detail["counts"])
-    rule, facts = spec.gate.successRate, _tested(plan_of(batch), batch)
-    (verdict, evidence), seconds = _timed(lambda: judge_batch(store.url, batch.id, counts, rule=rule, tested=facts))
-    return (gate_report(verdict.verdict, verdict.sentence, evidence, seconds),)
+    answer, seconds = _timed(lambda: gate_answer(gate, batch, store, run))
+    return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
 
 
 def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: Numbers, run: JobRecord) -> Reports:
@@ -81,18 +77,6 @@ def skipped(spec: PipelineSpec) -> Reports:
         return ()
     summary = "nothing was deployed: the gate did not pass"
     return (StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0),)
-
-
-def _tested(plan: BatchPlan, batch: JobRecord) -> Tested:
-    return tested(
-        robots=[template.robot for template in plan.templates],
-        simulations=[template.scenario for template in plan.templates],
-        worlds=plan.worlds_used(),
-        seeds=plan.seeds,
-        variables=plan.variables(),
-        metadata=cast("dict[str, str]", batch.detail["metadata"]),
-        files=cast("dict[str, str]", batch.detail["sha256s"]),
-    )
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float]:

@@ -9,7 +9,8 @@ from specs.base import Spec
 from specs.common import Path as SourcePath
 from specs.common import PlainName
 from specs.digests import digest
-from specs.pipeline_simulation import Deployment, Gate, SimulationBatch
+from specs.pipeline_gate import Gate, unaudited
+from specs.pipeline_simulation import Deployment, SimulationBatch
 from specs.pipeline_worlds import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
 from specs.rules import Finding, Location, Ruled, items, part
 from specs.settings import max_worlds_of_job
@@ -61,6 +62,7 @@ class PipelineSpec(Ruled):
             yield Finding((), data, f"at least one of {', '.join(SECTIONS)}")
         if part(data, "gate") is not None and part(data, "simulationBatch") is None:
             yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
+        yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
         if part(data, "worldGeneration") is None:
             yield from _worlds_from_nowhere(data)
         yield from _too_many_to_export(data)

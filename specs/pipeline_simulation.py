@@ -1,4 +1,4 @@
-"""The sections of a pipeline that test and deploy: simulation batch, gate, deployment."""
+"""The sections of a pipeline that test and deploy: simulation batch, deployment."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -144,22 +144,6 @@ class SimulationBatch(Ruled):
             if type(seconds) is int and MAX_BATCHED_JOB_DURATION_S < seconds <= MAX_JOB_DURATION_S:
                 loc = ("createSimulationJobRequests", number, "maxJobDurationInSeconds")
                 yield Finding(loc, seconds, duration_rule(MAX_BATCHED_JOB_DURATION_S, " in a batch"))
-
-
-class SuccessRate(Spec):
-    """The share of episodes that must pass, and how sure that must be."""
-
-    # No number of episodes shows a rate of exactly 1: its interval always reaches below.
-    atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(
-        title="At least", description="From 0 to below 1, such as 0.99."
-    )
-    confidence: Annotated[Number, Field(ge=0.5, le=0.9999)] = Field(default=0.95, title="Confidence")
-
-
-class Gate(Spec):
-    """What the batch must show before anything is deployed."""
-
-    successRate: SuccessRate
 
 
 class LocalFleet(Spec):

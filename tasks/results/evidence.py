@@ -10,14 +10,16 @@ from typing import Literal
 from specs.base import Spec
 from specs.digests import canonical_document, canonical_json
 from specs.episode import ApplicationLaunch
-from specs.pipeline_simulation import SuccessRate
+from specs.pipeline_gate import Gate
 from specs.report import Verdict as Answer
-from tasks.results.gate import GateNumbers, Verdict
+from tasks.results.gate import Verdict
+from tasks.results.gate_rules import RuleVerdict
+from tasks.results.success import EpisodeCounts
 from tasks.storage.keys import result_key
 from tasks.storage.store import Store
 
 EVIDENCE_FILE = "evidence.json"
-EVIDENCE_VERSION = "2"
+EVIDENCE_VERSION = "3"
 _RAN_ON = frozenset({"engine", "device", "lanes"})
 
 
@@ -57,19 +59,52 @@ class Tested(Spec):
     files: dict[str, str]
 
 
+class Baseline(Spec):
+    """The other version that a gate compared with, and where its episodes are.
+
+    Attributes:
+        version: Its number.
+        digest: SHA-256 of its bundle.
+        batch: Id of the batch that drove it; the judged one itself if that has both versions.
+        sha256: SHA-256 of that batch's ``results.parquet``.
+    """
+
+    version: str
+    digest: str
+    batch: str
+    sha256: str
+
+
 class Evidence(Tested):
     """What a roll-out may rest on.
 
     Attributes:
         batch: Id of the simulation job batch.
+        rule: What the document asked for.
+        verdict: The gate's answer.
+        sentence: Why, for a person.
+        numbers: What the judged episodes came to.
+        rules: The answer of each rule, with its numbers.
+        left_out: Episodes that were not needed any more, because the gate was certain.
+        baseline: The version that ``noWorseThan`` compared with; it is in ``robots`` too if the batch drove it, and the
+            verdict is not about it.
     """
 
-    version: Literal["2"] = EVIDENCE_VERSION
+    version: Literal["3"] = EVIDENCE_VERSION
     batch: str
     verdict: Answer
     sentence: str
-    rule: SuccessRate
-    numbers: GateNumbers
+    rule: Gate
+    numbers: EpisodeCounts
+    rules: tuple[RuleVerdict, ...]
+    left_out: int = 0
+    baseline: Baseline | None = None
+
+    def vouched(self) -> tuple[ApplicationEvidence, ...]:
+        """Returns the robot applications that the verdict is about."""
+        if self.baseline is None or self.baseline.batch != self.batch:
+            return self.robots
+        return tuple(robot for robot in self.robots if robot.digest != self.baseline.digest)
 
 
 def tested(
@@ -109,7 +144,15 @@ def tested(
     )
 
 
-def gather(batch_id: str, rule: SuccessRate, verdict: Verdict, facts: Tested) -> Evidence:
+def gather(
+    batch_id: str,
+    rule: Gate,
+    verdict: Verdict,
+    facts: Tested,
+    *,
+    left_out: int = 0,
+    baseline: Baseline | None = None,
+) -> Evidence:
     """Returns the evidence for a verdict.
 
     Args:
@@ -117,6 +160,8 @@ def gather(batch_id: str, rule: SuccessRate, verdict: Verdict, facts: Tested) ->
         rule: What was asked for.
         verdict: What the gate answered.
         facts: What was tested.
+        left_out: Episodes that were not needed any more.
+        baseline: What the gate compared with, if it did.
     """
     return Evidence(
         **facts.model_dump(),
@@ -124,7 +169,10 @@ def gather(batch_id: str, rule: SuccessRate, verdict: Verdict, facts: Tested) ->
         verdict=verdict.verdict,
         sentence=verdict.sentence,
         rule=rule,
-        numbers=verdict.numbers,
+        numbers=verdict.counts,
+        rules=verdict.rules,
+        left_out=left_out,
+        baseline=baseline,
     )
 
 

@@ -1,111 +1,160 @@
-"""The gate: whether the episodes show what the rule asks for, or the opposite, or too little.
+"""The gate: whether the episodes show what its rules ask for, or the opposite, or too little.
 
-PASS needs the whole interval at or above the bar, FAIL the whole interval below it; in between the answer is
-INCONCLUSIVE, and more episodes are needed. A canceled or missing episode might have failed, so with one of them nothing
-passes.
+FAIL if any rule fails, PASS if all rules pass, else INCONCLUSIVE, and more episodes are needed.
 """
 
 import math
-from statistics import NormalDist
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+from pydantic import JsonValue
 
 from specs.base import Spec
-from specs.pipeline_simulation import SuccessRate
+from specs.pipeline_gate import Gate, QuantileRule
 from specs.report import Verdict as Answer
-from tasks.results.statistics import Interval, wilson
-from tasks.results.success import EpisodeCounts
+from tasks.results.gate_rules import (
+    Completeness,
+    RuleVerdict,
+    collision_rule,
+    flip_rule,
+    no_worse_rule,
+    quantile_rule,
+    success_rule,
+)
+from tasks.results.pairing import PAIRED_COLUMNS, Pairs
+from tasks.results.success import CANCELED, EpisodeCounts
 
-
-class GateNumbers(EpisodeCounts):
-    """What the verdict rests on.
-
-    Attributes:
-        missing: How many never got a result.
-        rate: Successes over episodes, or None without episodes.
-        interval: Two-sided Wilson interval of the rate.
-    """
-
-    missing: int
-    rate: float | None
-    interval: Interval
+_WHOLE = Completeness()
+_METRICS = "metrics."
+_NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
 
 
 class Verdict(Spec):
-    """The gate's answer, and why, in one sentence for a person."""
+    """The gate's answer, why in one sentence for a person, and the answer of each of its rules."""
 
     verdict: Answer
     sentence: str
-    numbers: GateNumbers
+    counts: EpisodeCounts
+    rules: tuple[RuleVerdict, ...]
 
 
-def judge(counts: EpisodeCounts, rule: SuccessRate, *, missing: int = 0) -> Verdict:
-    """Returns the verdict on a batch.
+@dataclass(frozen=True)
+class Material:
+    """What a gate judges by.
 
-    Args:
-        counts: What its episodes came to.
-        rule: The success rate asked for.
-        missing: How many episodes have no result.
+    Attributes:
+        counts: What the episodes came to; of the tested version alone, where another one is in the same batch.
+        lacks: What of the batch is not there to be counted.
+        rows: The columns `columns_needed` of the same episodes; None if no rule needs any.
+        pairs: How the tested version compares with the other one; or why it cannot be said.
+        audit: What the batch's record says of its parity audit; None if there was none.
     """
-    numbers = _numbers(counts, rule.confidence, missing)
-    answer = _answer(numbers, rule.atLeast)
-    return Verdict(verdict=answer, sentence=_sentence(answer, numbers, rule), numbers=numbers)
+
+    counts: EpisodeCounts
+    lacks: Completeness = _WHOLE
+    rows: pa.Table | None = None
+    pairs: Pairs | str = "there is no other version to compare with"
+    audit: Mapping[str, JsonValue] | None = None
 
 
-def episodes_needed(at_least: float, confidence: float, assumed_rate: float) -> int | None:
-    """Returns the fewest episodes that pass when the assumed share of them, rounded down, succeeds; None if none do.
-
-    The lower Wilson bound reaches the bar exactly when the score test does: share - bar >= z sqrt(bar (1 - bar) / n).
-
-    Args:
-        at_least: The bar, 0-1.
-        confidence: Coverage of the two-sided interval.
-        assumed_rate: The share of successes that one expects, 0-1.
-    """
-    if at_least == 0.0:
-        return 1
-    if assumed_rate <= at_least:
-        return None
-    spread = NormalDist().inv_cdf((1.0 + confidence) / 2.0) ** 2 * at_least * (1.0 - at_least)
-    n = max(1, math.ceil(spread / (assumed_rate - at_least) ** 2))
-    while not _reaches(math.floor(assumed_rate * n + 1e-9), n, at_least, spread):
-        n += 1
-    return n
+def judge(gate: Gate, material: Material) -> Verdict:
+    """Returns the verdict on a batch."""
+    rules = tuple(_answers(gate, material))
+    answer = together([rule.verdict for rule in rules])
+    if len(rules) == 1:
+        sentence = rules[0].sentence
+    else:
+        sentence = f"{answer}: " + " | ".join(f"{rule.rule} {rule.sentence}" for rule in rules)
+    return Verdict(verdict=answer, sentence=sentence, counts=material.counts, rules=rules)
 
 
-def _reaches(successes: int, n: int, at_least: float, spread: float) -> bool:
-    above = successes / n - at_least
-    return above >= 0.0 and above * above * n >= spread
+def together(answers: Sequence[Answer]) -> Answer:
+    """Returns the answer of several rules: FAIL if any fails, PASS if all pass."""
+    if "FAIL" in answers:
+        return "FAIL"
+    return "PASS" if answers and all(answer == "PASS" for answer in answers) else "INCONCLUSIVE"
 
 
-def _numbers(counts: EpisodeCounts, confidence: float, missing: int) -> GateNumbers:
-    return GateNumbers(
-        **counts.model_dump(),
-        missing=missing,
-        rate=counts.successes / counts.episodes if counts.episodes else None,
-        interval=wilson(counts.successes, counts.episodes, confidence),
+def columns_needed(gate: Gate) -> list[str]:
+    """Returns the columns of ``results.parquet`` that the gate's rules look at; none if counts are all they need."""
+    needed: list[str] = []
+    if gate.noWorseThan:
+        needed += [*PAIRED_COLUMNS, "status"]
+    if gate.collisionRate or gate.quantiles:
+        # robot_digest, to tell the tested version from another one in the same batch
+        needed += ["robot_digest", "status", "success", "collisions"]
+    needed += ["metrics" if rule.column.startswith(_METRICS) else rule.column for rule in gate.quantiles or ()]
+    return list(dict.fromkeys(needed))
+
+
+def counted(rows: pa.Table) -> EpisodeCounts:
+    """Returns what episodes came to, by their rows."""
+    status = cast("list[str]", rows.column("status").to_pylist())
+    success = cast("list[bool | None]", rows.column("success").to_pylist())
+    canceled = status.count(CANCELED)
+    return EpisodeCounts(
+        episodes=len(status) - canceled,
+        successes=success.count(True),
+        failed_jobs=status.count("Failed"),
+        canceled=canceled,
     )
 
 
-def _answer(numbers: GateNumbers, at_least: float) -> Answer:
-    if numbers.episodes == 0:
-        return "INCONCLUSIVE"
-    if numbers.interval.upper < at_least:
-        return "FAIL"
-    complete = not numbers.canceled and not numbers.missing
-    return "PASS" if complete and numbers.interval.lower >= at_least else "INCONCLUSIVE"
+def _answers(gate: Gate, material: Material) -> list[RuleVerdict]:
+    lacks = material.lacks
+    found: list[RuleVerdict] = []
+    if gate.successRate:
+        found.append(success_rule(material.counts, gate.successRate, lacks))
+    if gate.noWorseThan:
+        found.append(no_worse_rule(material.pairs, gate.noWorseThan, lacks))
+    if gate.collisionRate:
+        collided, unknown, n = _collisions(_rows(material))
+        found.append(collision_rule(collided, unknown, n, gate.collisionRate, lacks))
+    if gate.maxOutcomeFlipRate:
+        found.append(flip_rule(*_flips(material.audit), gate.maxOutcomeFlipRate))
+    for number, rule in enumerate(gate.quantiles or ()):
+        values, unknown = _values(_rows(material), rule)
+        found.append(quantile_rule(f"quantiles[{number}]", values, unknown, rule, lacks))
+    return found
 
 
-def _sentence(answer: Answer, numbers: GateNumbers, rule: SuccessRate) -> str:
-    if numbers.rate is None:
-        return f"{answer}: no episode has a result to count"
-    interval = f"{100 * rule.confidence:g} % interval {_range(numbers.interval)}"
-    counted = f"{numbers.successes} of {numbers.episodes} episodes passed ({100 * numbers.rate:.1f} %, {interval})"
-    asked = f"at least {100 * rule.atLeast:g} % asked for"
-    left_out = [f"{numbers.canceled} canceled"] * bool(numbers.canceled)
-    left_out += [f"{numbers.missing} without a result"] * bool(numbers.missing)
-    return "; ".join([f"{answer}: {counted}", asked, *left_out])
+def _rows(material: Material) -> pa.Table:
+    if material.rows is None:
+        raise ValueError("a rule looks at columns of the results, and there are none")
+    return material.rows.filter(pc.field("status") != CANCELED)
 
 
-def _range(interval: Interval) -> str:
-    # Outwards, so that a bound on the wrong side of the bar is never printed as on it.
-    lower, upper = math.floor(1000 * interval.lower) / 10, math.ceil(1000 * interval.upper) / 10
-    return f"{lower:.1f} to {upper:.1f} %"
+def _collisions(rows: pa.Table) -> tuple[int, int, int]:
+    """Returns in how many episodes a contact began, how many others' jobs failed, and how many there are."""
+    ended = zip(rows.column("status").to_pylist(), rows.column("collisions").to_pylist(), strict=True)
+    kinds = [(status == "Failed", collisions > 0) for status, collisions in ended]
+    collided = sum(touched for _, touched in kinds)
+    return collided, sum(failed and not touched for failed, touched in kinds), len(kinds)
+
+
+def _values(rows: pa.Table, rule: QuantileRule) -> tuple[list[float], int]:
+    """Returns a column's values, and how many episodes have none to rely on: null, or the job failed."""
+    if rule.column.startswith(_METRICS):
+        name = rule.column.removeprefix(_METRICS)
+        column = [dict(metrics).get(name) for metrics in rows.column("metrics").to_pylist()]
+    else:
+        column = rows.column(rule.column).to_pylist()
+    sound = [status != "Failed" for status in rows.column("status").to_pylist()]
+    known = [value for value, ended in zip(column, sound, strict=True) if ended and value is not None]
+    values = [float(value) for value in known if not math.isnan(value)]
+    return values, len(column) - len(values)
+
+
+def _flips(audit: Mapping[str, JsonValue] | None) -> tuple[int, int, str]:
+    """Returns how many episodes spread over the batch were compared, how many flipped, and why none can be counted."""
+    if audit is None:
+        return 0, 0, "the batch was not audited"
+    if audit["verdict"] in _NOT_COMPARED:
+        return 0, 0, f"the parity audit is {audit['verdict']}: {audit['sentence']}"
+    if audit.get("unreproduced"):
+        return 0, 0, f"the parity audit could not make all rows again: {audit['sentence']}"
+    spread = cast("Mapping[str, int]", audit["spread"])
+    return spread["lanes"], spread["flips"], ""

@@ -9,13 +9,12 @@ from prefect.cache_policies import NO_CACHE
 from pydantic import JsonValue
 
 from specs.common import OutputLocation
-from specs.pipeline_simulation import SuccessRate
+from specs.pipeline_gate import Gate
 from specs.report import Verdict as Answer
 from tasks.results.closing import write_batch_tables
-from tasks.results.evidence import Tested, gather, write_evidence
-from tasks.results.gate import Verdict, judge
+from tasks.results.evidence import Baseline, Tested, evidence_digest, gather, write_evidence
+from tasks.results.gate import Material, Verdict, judge
 from tasks.results.job import Part, Variables
-from tasks.results.success import EpisodeCounts
 from tasks.results.summary import summary_rows
 from tasks.storage.opening import open_store
 
@@ -57,19 +56,28 @@ def write_tables(
 
 @task(name="judge", cache_policy=NO_CACHE, persist_result=False)
 def judge_batch(
-    store_url: str, batch: str, counts: EpisodeCounts, *, rule: SuccessRate, tested: Tested
-) -> tuple[Verdict, str]:
-    """Returns the gate's verdict and the URL of its evidence.
+    store_url: str,
+    batch: str,
+    *,
+    rule: Gate,
+    material: Callable[[], Material],
+    tested: Tested,
+    baseline: Baseline | None = None,
+) -> tuple[Verdict, str, str]:
+    """Returns the gate's verdict, and the URL and the SHA-256 of its evidence.
 
     Args:
         store_url: Where evidence is kept.
         batch: The batch's id.
-        counts: What its episodes came to.
         rule: What the document asks for.
+        material: Gives what the gate judges by; Prefect would look into the rows themselves.
         tested: What was tested, and with what.
+        baseline: The version that ``noWorseThan`` compares with.
     """
-    verdict = judge(counts, rule)
-    url = write_evidence(open_store(store_url), gather(batch, rule, verdict, tested))
-    mark = _MARKS[verdict.verdict]
-    create_markdown_artifact(f"# {mark} {verdict.verdict}\n\n{verdict.sentence}\n\nEvidence: `{url}`", key="gate")
-    return verdict, url
+    found = material()
+    verdict = judge(rule, found)
+    evidence = gather(batch, rule, verdict, tested, left_out=found.lacks.left_out, baseline=baseline)
+    url = write_evidence(open_store(store_url), evidence)
+    mark, body = _MARKS[verdict.verdict], "\n".join(f"- {each.rule}: {each.sentence}" for each in verdict.rules)
+    create_markdown_artifact(f"# {mark} {verdict.verdict}\n\n{body}\n\nEvidence: `{url}`", key="gate")
+    return verdict, url, evidence_digest(evidence)

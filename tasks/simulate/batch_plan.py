@@ -52,6 +52,7 @@ class BatchPlan(Spec):
         data_sources: What episodes read from buckets, by digest.
         recordings: Which episodes are recorded besides those whose request says so, and at which rate.
         audit: Episodes that are driven again on C MuJoCo at the end; 0 for none.
+        shuffled: Whether chunks take their episodes from all over the batch, so that it may be ended after any of them.
     """
 
     templates: tuple[JobTemplate, ...]
@@ -65,6 +66,7 @@ class BatchPlan(Spec):
     data_sources: dict[str, PinnedSource] = Field(default_factory=dict[str, PinnedSource])
     recordings: Recordings = Recordings()
     audit: int = AUDITED_LANES
+    shuffled: bool = False
 
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""

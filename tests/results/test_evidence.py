@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from specs.pipeline_simulation import SuccessRate
+from specs.pipeline_gate import Gate, SuccessRate
 from tasks.results.evidence import (
     Evidence,
     encode_evidence,
@@ -12,11 +12,11 @@ from tasks.results.evidence import (
     tested,
     write_evidence,
 )
-from tasks.results.gate import judge
+from tasks.results.gate import Material, judge
 from tasks.storage.opening import open_store
 from tests.episodes_factory import ROBOT, SCENARIO, batch, counted
 
-RULE = SuccessRate(atLeast=0.9)
+GATE = Gate(successRate=SuccessRate(atLeast=0.9))
 WORLDS = {"wgj-1/world-1-1": "c" * 64, "wgj-1/world-2-1": "d" * 64}
 FILES = {"results.parquet": "f" * 64}
 
@@ -31,7 +31,7 @@ def evidence(successes: int = 40, worlds: dict[str, str] | None = None, seeds: t
         metadata={"engine": "planar", "device": "cpu", "lanes": "192", "mujoco": "3.17.0"},
         files=FILES,
     )
-    return gather("simb-1", RULE, judge(counted(batch(successes, 40 - successes)), RULE), facts)
+    return gather("simb-1", GATE, judge(GATE, Material(counted(batch(successes, 40 - successes)))), facts)
 
 
 def test_it_names_applications_worlds_seeds_and_files():

@@ -1,0 +1,106 @@
+"""The version that a gate compares with, and the batch that drove it on the same episodes."""
+
+from collections.abc import Iterator
+from typing import NamedTuple, cast
+
+import pyarrow as pa
+
+from specs.errors import BucketNotFound, ObjectNotFound
+from specs.pipeline_gate import NoWorseThan
+from tasks.applications.publishing import resolve
+from tasks.results.evidence import Baseline
+from tasks.results.job import RESULTS_FILE
+from tasks.results.pairing import PAIRED_COLUMNS, outcomes, paired_up
+from tasks.results.rows import read_rows
+from tasks.simulate.batch import KIND, plan_of
+from tasks.simulate.batch_plan import BatchPlan
+from tasks.simulate.requested import recorded_location
+from tasks.storage.records import JobRecord, records
+from tasks.storage.store import Store
+
+
+class NoBaseline(NamedTuple):
+    """There is nothing to compare with, and why, for a person."""
+
+    why: str
+
+
+def find_baseline(rule: NoWorseThan, batch: JobRecord, store: Store) -> Baseline | NoBaseline:
+    """Returns the batch that drove the other version: this one itself, else the newest that ended with the same worlds.
+
+    Args:
+        rule: Names the version.
+        batch: The batch that is judged.
+        store: Where versions and batches are.
+
+    Raises:
+        ResourceNotFound: There is no such version.
+        StageFailed: The results of a batch that would do are not what it wrote.
+    """
+    plan = plan_of(batch)
+    names = sorted({template.robot.name for template in plan.templates})
+    if len(names) != 1:
+        return NoBaseline(f"the batch tests several applications ({', '.join(names)}), and the rule means one")
+    digest = resolve(store, "robot-application", names[0], rule.applicationVersion).digest
+    if len(candidates(plan, digest)) != 1:
+        return NoBaseline(f"the batch tests several versions of {names[0]} besides version {rule.applicationVersion}")
+    for record in _may_have_driven(digest, batch, store):
+        if _same_episodes(digest, batch, record, store):
+            return Baseline(
+                version=rule.applicationVersion, digest=digest, batch=record.id, sha256=_results_digest(record)
+            )
+    return NoBaseline(
+        f"no batch that Completed drove version {rule.applicationVersion} of {names[0]} ({digest[:12]}) on the same "
+        "episodes; put both versions into createSimulationJobRequests"
+    )
+
+
+def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:
+    """Returns the digests of the robot applications that a batch tests, apart from the one to compare with.
+
+    A batch that has only that one tests it against itself.
+    """
+    own = frozenset(template.robot.digest for template in plan.templates)
+    return own - {baseline} or own
+
+
+def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[JobRecord]:
+    """Yields the batch itself if it has the version, else others that have it, newest first."""
+    if _drove(batch, digest):
+        yield batch
+        return
+    for record in reversed(records(store, KIND)):
+        if record.id != batch.id and record.status == "Completed" and _drove(record, digest):
+            yield record
+
+
+def _drove(record: JobRecord, digest: str) -> bool:
+    return any(template.robot.digest == digest for template in plan_of(record).templates)
+
+
+def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Store) -> bool:
+    if record.id == batch.id:
+        return True
+    plan, other = plan_of(batch), plan_of(record)
+    if not set(plan.world_digests.values()) & set(other.world_digests.values()):
+        return False
+    ours = _read(store, batch)
+    try:
+        theirs = _read(store, record)
+    except (ObjectNotFound, BucketNotFound):  # somebody cleared old results away
+        return False
+    return (
+        paired_up(
+            outcomes(ours, plan.world_digests, candidates(plan, digest)),
+            outcomes(theirs, other.world_digests, [digest]),
+        ).n
+        > 0
+    )
+
+
+def _read(store: Store, record: JobRecord) -> pa.Table:
+    return read_rows(store, recorded_location(record), record.id, _results_digest(record), PAIRED_COLUMNS)
+
+
+def _results_digest(record: JobRecord) -> str:
+    return cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]
