@@ -16,6 +16,7 @@ from specs.errors import StoreError
 from tasks.deploy.disk import Disk
 from tasks.deploy.launch import Place
 from tasks.deploy.lock import locking
+from tasks.deploy.outage import Outage
 from tasks.deploy.reporting import Reporter
 from tasks.deploy.robots import read_desired
 from tasks.deploy.states import Desired
@@ -58,11 +59,12 @@ def serve(robot: Robot, store: Store, name: str, stop: Stop, poll: Poll) -> None
         StopRequested: Always; there is no other end.
     """
     seen = ""
+    away = Outage("learn what is desired")
     robot.recover()
     while True:
-        desired, etag = _look(store, name)
+        desired, etag = _look(store, name, away)
         if desired and etag != seen:
-            etag = _accept(robot, desired, etag)
+            etag = _accept(robot, desired, etag, away)
         robot.supervise()
         pause_s = poll.next_s(busy=etag not in {"", seen})
         seen = etag or seen
@@ -94,12 +96,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _accept(robot: Robot, desired: Desired, etag: str) -> str:
+def _accept(robot: Robot, desired: Desired, etag: str, away: Outage) -> str:
     """Returns the etag of what was accepted or refused; an empty text when the store was away for that."""
     try:
         robot.accept(desired)
     except StoreError as exc:
-        _LOG.warning("cannot verify what is desired: %s", exc)
+        away.failed(exc)
         return ""
     return etag
 
@@ -113,12 +115,14 @@ def _check(options: argparse.Namespace, store: Store, disk: Disk) -> Check | Non
     return Verifier(store, disk.root / "trust", options.root_of_trust)
 
 
-def _look(store: Store, name: str) -> tuple[Desired | None, str]:
+def _look(store: Store, name: str, away: Outage) -> tuple[Desired | None, str]:
     try:
-        return read_desired(store, name)
+        found = read_desired(store, name)
     except StoreError as exc:
-        _LOG.warning("cannot read what is desired: %s", exc)
+        away.failed(exc)
         return None, ""
+    away.worked()
+    return found
 
 
 @contextmanager

@@ -5,14 +5,16 @@ import stat
 
 from specs.common import S3Object
 from specs.errors import DocumentError
-from tasks.deploy.install import StepFailed, retried
+from tasks.deploy.install import Patience, StepFailed, retried
 from tasks.deploy.launch import Place, run_program
 from tasks.deploy.states import Desired
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store import Store
 
+_MOST_BYTES = 16 << 20  # of a script
 
-def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Object) -> None:
+
+def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Object, patience: Patience) -> None:
     """Runs the condition; returns when it allows the download.
 
     Raises:
@@ -22,7 +24,7 @@ def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Obj
     script = place.disk.downloads / f"{desired.sequence:06d}-condition"
 
     def download() -> None:
-        stored = open_bucket(store, condition.bucket).get(condition.key)
+        stored = open_bucket(store, condition.bucket).get(condition.key, _MOST_BYTES)
         if condition.etag and condition.etag.strip('"') != stored.etag.strip('"'):
             raise StepFailed("EtagMismatch", f"{condition.key} has ETag {stored.etag}, not {condition.etag}")
         if desired.condition_sha256 not in {"", hashlib.sha256(stored.body).hexdigest()}:
@@ -30,7 +32,7 @@ def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Obj
         script.write_bytes(stored.body)
 
     try:
-        retried(download, desired, place.stop)
+        retried(download, desired, patience)
     except DocumentError as exc:
         raise StepFailed("DownloadConditionFailed", str(exc)) from exc
     script.chmod(script.stat().st_mode | stat.S_IXUSR)

@@ -2,9 +2,10 @@
 
 agent.lock             held by the one agent that works here
 state.json             which sequence was accepted, what runs, what ran before, how the last deployment ended
+sequence               the sequence once more, for who cannot read state.json
 versions/<digest>/     installed bundles, complete or absent
 current, previous      links into versions; replaced in one step, so never broken
-downloads/ logs/       leavings, of no consequence
+downloads/ logs/       what has arrived of a bundle so far, and other leavings of no consequence
 """
 
 import logging
@@ -19,6 +20,7 @@ from tasks.deploy.states import Desired, Reported
 from tasks.storage.atomic import make_folder, settle_names, whole_file
 
 _LOG = logging.getLogger(__name__)
+_SEQUENCE, _PARTIAL = "sequence", ".part"
 
 
 class RobotState(Spec):
@@ -27,6 +29,7 @@ class RobotState(Spec):
     Attributes:
         sequence: The highest that was accepted; a lower one is refused.
         deployment: What was accepted last.
+        length_bytes: Of the target's bundle, where it was signed.
         epoch: Of the controller that asked for it; for the same deployment, a lower one is refused.
         target: What is being deployed and has not ended.
         running: What `current` shows: the last that was deployed successfully.
@@ -37,6 +40,7 @@ class RobotState(Spec):
     sequence: int = 0
     deployment: str = ""
     epoch: int = 0
+    length_bytes: int | None = None
     target: Desired | None = None
     running: Desired | None = None
     previous: Desired | None = None
@@ -59,22 +63,46 @@ class Disk:
         """Returns what the robot remembers; nothing on a new robot.
 
         A state that cannot be read, as another version of Simyard may leave it, is set aside: a robot that takes its
-        latest desired state again is better off than one whose agent does not start.
+        latest desired state again is better off than one whose agent does not start. Only the latest, though: the
+        sequence is kept beside it, so that nobody brings an old version back.
         """
         path = self.root / "state.json"
         try:
             return RobotState.model_validate_json(path.read_bytes())
         except FileNotFoundError:
-            return RobotState()
+            return self._forgetful()
         except ValidationError as exc:
             _LOG.error("%s is set aside: %s", path, exc)
             path.replace(path.with_suffix(".unreadable"))
-            return RobotState()
+            return self._forgetful()
 
     def save(self, state: RobotState) -> None:
-        """Writes what the robot remembers, whole, and settled on the disk."""
+        """Writes what the robot remembers, whole, and settled on the disk.
+
+        Raises:
+            OSError: The disk is full, read-only or broken; what was remembered before is still there.
+        """
+        if self._sequence() != state.sequence:
+            with whole_file(self.root / _SEQUENCE) as file:
+                file.write(str(state.sequence).encode())
         with whole_file(self.root / "state.json") as file:
             file.write(state.model_dump_json().encode())
+
+    def _forgetful(self) -> RobotState:
+        return RobotState(sequence=max(0, self._sequence() - 1))
+
+    def _sequence(self) -> int:
+        try:
+            return int((self.root / _SEQUENCE).read_bytes())
+        except (FileNotFoundError, ValueError):
+            return 0
+
+    def download(self, digest: str) -> Path:
+        """Returns the file for what has arrived of a bundle; what had arrived of others is removed."""
+        for path in self.downloads.glob(f"*{_PARTIAL}"):
+            if path.name != f"{digest}{_PARTIAL}":
+                path.unlink()
+        return self.downloads / f"{digest}{_PARTIAL}"
 
     def version(self, digest: str) -> Path:
         """Returns the folder of an installed bundle, which may not be there."""
@@ -95,12 +123,15 @@ class Disk:
             if path.name not in kept:
                 shutil.rmtree(path, ignore_errors=True)
         for path in self.downloads.iterdir():
-            path.unlink(missing_ok=True)
+            if path.suffix != _PARTIAL:
+                path.unlink(missing_ok=True)
 
 
 def _link(link: Path, digest: str | None) -> None:
     if digest is None:
         link.unlink(missing_ok=True)
+    elif link.is_symlink() and link.readlink() == Path("versions") / digest:
+        return  # a full disk has no room for another
     else:
         fresh = link.with_name(f".{link.name}-{uuid4().hex}")
         fresh.symlink_to(Path("versions") / digest)

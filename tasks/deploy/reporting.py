@@ -1,16 +1,15 @@
 """What a robot tells the store about itself; a store that is away delays the telling, never the doing."""
 
-import logging
 import time
 
 from specs.deployment import DeploymentJobErrorCode, RobotDeploymentStep
 from specs.errors import StoreError
+from tasks.deploy.outage import Outage
 from tasks.deploy.states import Desired, Reported
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import reported_key
 from tasks.storage.store import Store
 
-_LOG = logging.getLogger(__name__)
 _PERCENT_INTERVAL_S = 0.5
 REASON_CHARACTERS = 1024
 
@@ -23,7 +22,8 @@ class Reporter:
         self._key = reported_key(robot)
         self._owed: Reported | None = None
         self._told: Reported | None = None
-        self._told_s = 0.0
+        self._tried_s = 0.0
+        self._outage = Outage("report")
 
     def tell(self, reported: Reported) -> None:
         """Reports now, or as soon as the store is back."""
@@ -31,8 +31,8 @@ class Reporter:
         self.settle()
 
     def tell_percent(self, reported: Reported) -> None:
-        """Reports unless something was told a moment ago."""
-        if time.monotonic() - self._told_s >= _PERCENT_INTERVAL_S:
+        """Reports unless something was told, or could not be told, a moment ago."""
+        if time.monotonic() - self._tried_s >= _PERCENT_INTERVAL_S:
             self.tell(reported)
 
     def settle(self) -> bool:
@@ -43,9 +43,12 @@ class Reporter:
         try:
             self._store.put(self._key, encoded(self._owed))
         except StoreError as exc:
-            _LOG.warning("cannot report: %s", exc)
+            self._outage.failed(exc)
             return False
-        self._told, self._owed, self._told_s = self._owed, None, time.monotonic()
+        finally:
+            self._tried_s = time.monotonic()
+        self._outage.worked()
+        self._told, self._owed = self._owed, None
         return True
 
 

@@ -1,20 +1,36 @@
 """Robots: who they are, which fleet they belong to, what was asked of them, and what they say."""
 
+import logging
 import time
 from collections.abc import Callable, Mapping
+from functools import lru_cache
+
+from pydantic import ValidationError
 
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.common import Architecture
-from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound, StoreError
+from specs.errors import (
+    DocumentError,
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ObjectTooBig,
+    ResourceNotFound,
+    StoreError,
+)
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.states import Desired, Reported, RobotRecord
 from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import desired_key, reported_key, robot_record_key
 from tasks.storage.store import Store
 
+_LOG = logging.getLogger(__name__)
 _ROBOTS = "robots"
 _RECORD = "record.json"
+TOO_BIG = "too big"
+"""Stands for the etag of an object that was not read because of its size."""
+_MOST_BYTES = 1 << 20
 
 
 def create_robot(
@@ -117,23 +133,40 @@ def members(store: Store, fleet: str) -> list[RobotRecord]:
 
 
 def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
-    """Returns what was asked of a robot last, and its etag; None and an empty text for nothing."""
+    """Returns what was asked of a robot last, and its etag; None and an empty text for nothing.
+
+    What cannot be read, because somebody else wrote it, asks nothing of the robot: None and its etag, or ``TOO_BIG``.
+    """
     key = desired_key(robot)
     try:
-        stored = store.get(key)
+        stored = store.get(key, _MOST_BYTES)
     except ObjectNotFound:
         return None, ""
-    return decoded(Desired, stored, store, key), stored.etag
+    except ObjectTooBig as exc:
+        _damaged(robot, TOO_BIG, str(exc))
+        return None, TOO_BIG
+    try:
+        return Desired.model_validate_json(stored.body), stored.etag
+    except ValidationError as exc:
+        _damaged(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        return None, stored.etag
 
 
 def read_reported(store: Store, robot: str) -> Reported | None:
-    """Returns what a robot said last, or None."""
+    """Returns what a robot said last, or None; a report that cannot be read tells nothing."""
     key = reported_key(robot)
     try:
-        stored = store.get(key)
+        stored = store.get(key, _MOST_BYTES)
     except ObjectNotFound:
         return None
-    return decoded(Reported, stored, store, key)
+    except ObjectTooBig as exc:
+        _damaged(robot, TOO_BIG, str(exc))
+        return None
+    try:
+        return Reported.model_validate_json(stored.body)
+    except ValidationError as exc:
+        _damaged(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        return None
 
 
 def ask(
@@ -164,11 +197,23 @@ def ask(
         new = desired.model_copy(update={"sequence": seen + 1})
         new = sign(new) if sign else new
         check()
+        if etag == TOO_BIG:
+            store.delete(key)
         try:
-            store.replace(key, encoded(new), etag) if before else store.create(key, encoded(new))
+            store.replace(key, encoded(new), etag) if etag not in {"", TOO_BIG} else store.create(key, encoded(new))
         except (ObjectExists, ObjectConflict):
             continue
         return new
+
+
+@lru_cache(maxsize=4096)
+def _damaged(robot: str, etag: str, what: str) -> None:
+    """Logs, once, that an object of a robot is not what Simyard writes; who asks goes on without it."""
+    _LOG.warning("%s is without news, what is written of it cannot be read (%s): %s", robot, etag, what)
+
+
+def _reason(exc: ValidationError) -> str:
+    return exc.errors(include_url=False, include_input=False)[0]["msg"]
 
 
 def _changed(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:

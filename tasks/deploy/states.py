@@ -12,6 +12,7 @@ from specs.base import Spec
 from specs.common import Architecture, S3Object
 from specs.deployment import DeploymentJobErrorCode, DeploymentLaunchConfig, RobotDeploymentStep, RobotStatus
 
+Seconds = Annotated[float, Field(ge=0, le=1e11)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -90,6 +91,8 @@ class Desired(Spec):
 class Reported(Spec):
     """How far a robot has come with a desired state.
 
+    Whoever can write to the store can write it, so every number is bounded that others count with.
+
     Attributes:
         boot_id: Random, one for each start of the agent.
         percent_done: Of the download and extraction.
@@ -100,16 +103,16 @@ class Reported(Spec):
 
     robot: str
     deployment: str
-    sequence: int
+    sequence: Annotated[int, Field(ge=0, le=1 << 53)]
     boot_id: str
     status: Literal["Deploying", "InSync", "Failed"]
     step: RobotDeploymentStep
-    percent_done: float = 0.0
+    percent_done: Annotated[float, Field(ge=0, le=100)] = 0.0
     failure_code: DeploymentJobErrorCode | None = None
-    failure_reason: str = ""
+    failure_reason: Annotated[str, Field(max_length=1024)] = ""
     running_digest: str = ""
-    started_at_s: float
-    finished_at_s: float = 0.0
+    started_at_s: Seconds
+    finished_at_s: Seconds = 0.0
 
 
 class RobotProgress(Spec):

@@ -11,11 +11,11 @@ import time
 from collections.abc import Callable
 from uuid import uuid4
 
-from specs.deployment import RobotDeploymentStep
+from specs.deployment import DeploymentJobErrorCode, RobotDeploymentStep
 from specs.errors import TrustRefused
 from tasks.deploy.condition import ask_condition
 from tasks.deploy.disk import Disk
-from tasks.deploy.install import StepFailed, fetch
+from tasks.deploy.install import Patience, StepFailed, fetch
 from tasks.deploy.launch import Application, CrashLoop, Place, run_script, validate
 from tasks.deploy.processes import end_all
 from tasks.deploy.reporting import REASON_CHARACTERS, Attempt, Reporter
@@ -25,7 +25,8 @@ from tasks.storage.store import Store
 _LOG = logging.getLogger(__name__)
 
 
-Check = Callable[[Desired], None]
+Check = Callable[[Desired], int]
+"""Returns how long the bundle is that the keys vouch for, or raises TrustRefused."""
 
 
 class Robot:
@@ -35,7 +36,7 @@ class Robot:
         store: Where bundles are.
         place: Where programs run.
         reporter: Whom to tell.
-        check: Raises TrustRefused for what the robot must not do; None for a robot that does what it finds.
+        check: Refuses what the keys do not vouch for; None for a robot that does what it finds.
     """
 
     def __init__(self, store: Store, place: Place, reporter: Reporter, check: Check | None = None) -> None:
@@ -46,6 +47,8 @@ class Robot:
         self._reporter = reporter
         self._state = self._disk.load()
         self._application: Application | None = None
+        self._owes_state = False
+        self._patience = Patience(place.stop, self._keep_up)
         self._boot_id = uuid4().hex[:12]
 
     def recover(self) -> None:
@@ -55,7 +58,8 @@ class Robot:
             StopRequested: The agent has to end.
         """
         end_all(self._disk.root)
-        self._restore()
+        if self._state.outcome or self._state.target:  # else nothing is known, and nothing is taken away
+            self._restore()
         if self._state.target:
             self._deploy(self._state.target)
         elif self._state.outcome:
@@ -71,14 +75,14 @@ class Robot:
         if desired.robot != self._place.robot or self._is_old(desired):
             asked = (desired.deployment, desired.robot, desired.sequence, desired.epoch)
             _LOG.warning("refused %s for %s: sequence %d, epoch %d", *asked)
-        elif desired.sequence > self._state.sequence and not self._refused(desired):
-            accepted = {"sequence": desired.sequence, "deployment": desired.deployment, "epoch": desired.epoch}
-            self._save(**accepted, target=desired)
+        elif desired.sequence > self._state.sequence and self._kept(desired):
             self._deploy(desired)
 
     def supervise(self) -> None:
         """Keeps the application up and tells what is still to be told; returns at once."""
         self._reporter.settle()
+        if self._owes_state:
+            self._save()
         try:
             if self._application:
                 self._application.supervise()
@@ -98,19 +102,31 @@ class Robot:
         again = desired.deployment == self._state.deployment
         return desired.sequence < self._state.sequence or (again and desired.epoch < self._state.epoch)
 
-    def _refused(self, desired: Desired) -> bool:
-        """Returns whether the keys do not vouch for it; then that is told, and nothing else changes.
+    def _kept(self, desired: Desired) -> bool:
+        """Returns whether it was accepted and kept; else why not is told, and nothing else changes.
 
-        Its sequence is not kept: whoever can write to the store could make the robot deaf with a high one.
+        The sequence of what the keys do not vouch for is not kept: whoever can write to the store could make the robot
+        deaf with a high one.
         """
+        accepted = {"sequence": desired.sequence, "deployment": desired.deployment, "epoch": desired.epoch}
         try:
-            if self._check:
-                self._check(desired)
+            length_bytes = self._check(desired) if self._check else None
+            changed = self._state.model_copy(update={**accepted, "target": desired, "length_bytes": length_bytes})
+            self._disk.save(changed)
         except TrustRefused as exc:
-            _LOG.warning("refused %s: %s", desired.deployment, exc)
-            self._reporter.tell(self._attempt(desired).failed("BadPermissionError", f"refused: {exc}"))
-            return True
-        return False
+            self._refuse(desired, "BadPermissionError", f"refused: {exc}")
+            return False
+        except OSError as exc:
+            self._refuse(desired, "EnvironmentSetupError", f"this robot cannot write to its disk: {exc}")
+            return False
+        self._state = changed
+        if self._check is None:
+            _LOG.warning("UNSIGNED: %s runs %s, which nobody's key vouches for", desired.robot, desired.digest[:12])
+        return True
+
+    def _refuse(self, desired: Desired, code: DeploymentJobErrorCode, reason: str) -> None:
+        _LOG.warning("refused %s: %s", desired.deployment, reason)
+        self._reporter.tell(self._attempt(desired).failed(code, reason))
 
     def _attempt(self, desired: Desired) -> Attempt:
         running = self._state.running
@@ -120,7 +136,7 @@ class Robot:
         running = self._state.running
         attempt = self._attempt(desired)
         try:
-            self._go_through(desired, attempt)
+            self._try(desired, attempt)
         except StepFailed as exc:
             _LOG.warning("%s failed: %s", desired.deployment, exc)
             outcome = attempt.failed(exc.code, exc.reason)
@@ -135,15 +151,22 @@ class Robot:
             self._keep_versions()
         self._reporter.tell(outcome)
 
+    def _try(self, desired: Desired, attempt: Attempt) -> None:
+        try:
+            self._go_through(desired, attempt)
+        except OSError as exc:  # the disk is full, or read-only, or broken
+            raise StepFailed("EnvironmentSetupError", f"this robot cannot write to its disk: {exc}") from exc
+
     def _go_through(self, desired: Desired, attempt: Attempt) -> None:
         launch = desired.launch
         self._begin(attempt, "Validating")
         validate(desired)
         if desired.condition:
             self._begin(attempt, "ExecutingDownloadCondition")
-            ask_condition(self._store, self._place, desired, desired.condition)
+            ask_condition(self._store, self._place, desired, desired.condition, self._patience)
         self._begin(attempt, "DownloadingExtracting")
-        fetch(self._store, self._disk, desired, self._place.stop, attempt.percent)
+        length_bytes = self._state.length_bytes
+        fetch(self._store, self._disk, desired, self._patience, attempt.percent, length_bytes=length_bytes)
         self._begin(attempt, "ExecutingPreLaunch")
         self._end_application()
         if launch.preLaunchFile:
@@ -155,6 +178,14 @@ class Robot:
         self._begin(attempt, "ExecutingPostLaunch")
         if launch.postLaunchFile:
             run_script(self._place, desired, launch.postLaunchFile, "post-launch", "PostLaunchFileFailure")
+
+    def _keep_up(self) -> None:
+        """Keeps up what runs while another version is brought, which will replace it whether it crashes or not."""
+        try:
+            if self._application:
+                self._application.supervise()
+        except (StepFailed, CrashLoop) as exc:
+            _LOG.warning("%s", exc)
 
     def _begin(self, attempt: Attempt, step: RobotDeploymentStep) -> None:
         self._place.stop.check()
@@ -209,5 +240,13 @@ class Robot:
         self._application = None
 
     def _save(self, **changes: object) -> None:
+        """Keeps what has happened; on a disk that is full, in memory, and on the disk as soon as that is possible."""
         self._state = self._state.model_copy(update=changes)
-        self._disk.save(self._state)
+        try:
+            self._disk.save(self._state)
+        except OSError as exc:
+            if not self._owes_state:
+                _LOG.error("cannot keep this robot's state: %s", exc)
+            self._owes_state = True
+        else:
+            self._owes_state = False

@@ -28,6 +28,7 @@ class FaultyProxy:
         self.lost = 0
         self.is_cut = False
         self._left_bytes: int | None = None  # that may still be sent
+        self._answers_left_bytes: int | None = None
         Thread(target=self._accept, daemon=True).start()
 
     def lose_the_next_answer(self) -> None:
@@ -37,6 +38,10 @@ class FaultyProxy:
     def cut_after(self, sent_bytes: int) -> None:
         """Cuts all connections, for good, when clients have sent so many bytes more; those still arrive."""
         self._left_bytes = sent_bytes
+
+    def cut_answers_after(self, answered_bytes: int) -> None:
+        """Cuts every connection, for good, when servers have answered so many bytes more; those still arrive."""
+        self._answers_left_bytes = answered_bytes
 
     def close(self) -> None:
         """Cuts all connections."""
@@ -75,7 +80,13 @@ class FaultyProxy:
                     self.lost += 1
                     client.shutdown(socket.SHUT_RDWR)
                     return
+                if self._answers_left_bytes is not None:
+                    data = data[: self._answers_left_bytes]
+                    self._answers_left_bytes -= len(data)
                 client.sendall(data)
+                if self._answers_left_bytes == 0:
+                    self.is_cut = True
+                    self.close()
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from specs.errors import DocumentError, ObjectConflict, ObjectExists, StoreError
 from tasks.storage import opening
 from tasks.storage.local import LocalStore
 from tasks.storage.opening import open_existing_store, open_store, store_id
-from tasks.storage.store import Store, Stored
+from tasks.storage.store import UNBOUNDED, Store, Stored
 
 
 def test_the_first_to_open_a_store_leaves_only_its_record(file_store: Store) -> None:
@@ -76,9 +76,9 @@ class _Counting(LocalStore):
         super().__init__(root)
         self.asked: list[str] = []
 
-    def get(self, key: str) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
         self.asked.append(f"get {key}")
-        return super().get(key)
+        return super().get(key, most_bytes)
 
     def create(self, key: str, body: bytes) -> str:
         self.asked.append(f"create {key}")

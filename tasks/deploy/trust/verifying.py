@@ -9,11 +9,13 @@ import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeGuard
 
 from tuf.api.exceptions import (
     BadVersionNumberError,
     DownloadError,
     DownloadHTTPError,
+    DownloadLengthMismatchError,
     ExpiredMetadataError,
     LengthOrHashMismatchError,
     RepositoryError,
@@ -21,7 +23,7 @@ from tuf.api.exceptions import (
 )
 from tuf.ngclient import FetcherInterface, Updater, UpdaterConfig
 
-from specs.errors import ObjectNotFound, StoreAccessDenied, StoreError, TrustRefused
+from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustRefused
 from tasks.deploy.states import Desired
 from tasks.deploy.trust.metadata import bundle_target, deployer_role, read_root, repository_of
 from tasks.deploy.trust.signature import verify
@@ -30,7 +32,8 @@ from tasks.storage.atomic import make_folder, settle_names
 from tasks.storage.store import Store
 
 _ASK_THE_OWNER = "find out who writes to the store"
-_CONFIG = UpdaterConfig(max_root_rotations=64, max_delegations=2, targets_max_length=5_000_000)
+_METADATA_BYTES = 5_000_000  # of any file; the updater holds each kind to less
+_CONFIG = UpdaterConfig(max_root_rotations=64, max_delegations=2, targets_max_length=_METADATA_BYTES)
 
 
 class Verifier:
@@ -53,8 +56,8 @@ class Verifier:
         self._repository = repository_of(read_root(root))
         self._folder = folder / self._repository
 
-    def __call__(self, desired: Desired) -> None:
-        """Does nothing for what the keys vouch for.
+    def __call__(self, desired: Desired) -> int:
+        """Returns the length of the bundle in bytes, for what the keys vouch for.
 
         Raises:
             TrustRefused: They do not; says what is wrong and what helps.
@@ -62,16 +65,18 @@ class Verifier:
         """
         make_folder(self._folder)
         try:
-            self._check(desired)
+            length_bytes = self._check(desired)
         except (RepositoryError, DownloadError) as exc:
-            if isinstance(exc.__cause__, StoreError) and not isinstance(exc.__cause__, ObjectNotFound):
-                raise exc.__cause__ from exc
+            cause = exc.__cause__
+            if _is_away(cause):
+                raise cause from exc
             raise TrustRefused(f"{_story(exc)} ({exc})") from exc
         except OSError as exc:
             raise TrustRefused(f"this robot cannot keep what it verified: {exc}") from exc
         _settle(self._folder)
+        return length_bytes
 
-    def _check(self, desired: Desired) -> None:
+    def _check(self, desired: Desired) -> int:
         prefix = f"trust/{self._repository}/"
         fetcher = _StoreFetcher(self._store)
         updater = Updater(str(self._folder), prefix, fetcher=fetcher, config=_CONFIG, bootstrap=self._root)
@@ -85,6 +90,7 @@ class Verifier:
         found = updater.get_targetinfo(bundle_target(desired.digest))
         if found is None or found.hashes.get("sha256") != desired.digest:
             raise TrustRefused(f"bundle {desired.digest[:12]} is not on the deployer's signed list; deploy it again")
+        return found.length
 
     def _clock(self) -> str:
         return f"this robot's clock says {_date(self._now_s())};"
@@ -98,11 +104,17 @@ class _StoreFetcher(FetcherInterface):
 
     def _fetch(self, url: str) -> Iterator[bytes]:
         try:
-            return iter([self._store.get(url).body])
+            return iter([self._store.get(url, _METADATA_BYTES).body])
+        except ObjectTooBig as exc:
+            raise DownloadLengthMismatchError(str(exc)) from exc
         except ObjectNotFound as exc:
             raise DownloadHTTPError(str(exc), 404) from exc
         except StoreAccessDenied as exc:  # S3's answer for what is not there, to who may not list
             raise DownloadHTTPError(str(exc), 403) from exc
+
+
+def _is_away(exc: BaseException | None) -> TypeGuard[StoreError]:
+    return isinstance(exc, StoreError) and not isinstance(exc, ObjectNotFound | ObjectTooBig)
 
 
 def _story(exc: RepositoryError | DownloadError) -> str:

@@ -85,7 +85,7 @@ def _dies(owner: Owner, work: Callable[[], object], death: Death, monkeypatch: p
     owner.store = immortal
 
 
-def _verified(verify: Callable[[Desired], None], wanted: Desired, *, replaced: bool) -> None:
+def _verified(verify: Callable[[Desired], int], wanted: Desired, *, replaced: bool) -> None:
     """Verifies; where the deployer's key may have been replaced meanwhile, that and nothing else may be wrong."""
     try:
         verify(wanted)

@@ -8,7 +8,7 @@ from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, TrustR
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signing import DeploymentSigner
 from tasks.deploy.trust.verifying import Verifier
-from tasks.storage.store import Store, Stored
+from tasks.storage.store import UNBOUNDED, Store, Stored
 from tests.deploy.one_robot import GOOD
 from tests.deploy.trust.trusting import NEWER, Owner
 from tests.deploy.yard import Yard
@@ -23,10 +23,10 @@ class _StrictStore:
         self._error = error
         self._names = names
 
-    def get(self, key: str) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
         if self._names in key:
             raise self._error("no")
-        return self._store.get(key)
+        return self._store.get(key, most_bytes)
 
 
 def test_a_robot_that_may_not_list_verifies(owner: Owner, yard: Yard, tmp_path: Path) -> None:
