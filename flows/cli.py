@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 import typer
 from rich.console import Console
 
+from flows.compare_cli import compare
 from flows.fleet_cli import fleet_app
 from flows.leaving import leave_after
 from flows.replay_cli import replay
@@ -33,6 +34,7 @@ app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
 app.command()(report)
 app.command()(replay)
+app.command()(compare)
 
 _KINDS = (
     "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "

@@ -5,11 +5,13 @@ collisions.
 """
 
 import hashlib
+import shutil
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
 from flows.closing import close_with_tables
+from flows.replaying import bundles
 from specs.episode import ApplicationLaunch, EpisodeResult
 from specs.pipeline_simulation import Recordings
 from specs.world import World
@@ -88,14 +90,21 @@ def closed_batch(store: Store, plan: BatchPlan, name: str = "tok") -> OpenBatch:
     """Returns a batch of a plan, simulated to its end."""
     batch = opened(store, open_batch(store, plan, request(plan), name).id)
     note_machine(batch)
-    folders = {launch.digest: PUSHER for template in plan.templates for launch in (template.robot,)}
-    folders |= {template.scenario.digest: DELIVERY for template in plan.templates}
+    folders = bundles(batch)
     record = partial(write_recordings, store.url, recorded_location(batch.record()), batch.id)
     for number in range(batch.layout.chunks):
         run_chunk(batch, number, partial(_simulate, batch, folders), record, lanes=plan.lanes, left_s=99.0)
     complete(batch)
     close_with_tables(batch)
     return batch
+
+
+def slower_pusher(folder: Path) -> Path:
+    """Returns another version of the pushing robot, made in a folder: it drives in other curves."""
+    robot = shutil.copytree(PUSHER, folder / "slower")
+    code = robot / "faulty" / "pushing.py"
+    code.write_text(code.read_text().replace("jnp.float32(0.4)", "jnp.float32(0.25)"))
+    return robot
 
 
 def _simulate(batch: OpenBatch, folders: Mapping[str, Path], part: Part) -> list[EpisodeResult]:

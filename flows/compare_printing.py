@@ -1,0 +1,55 @@
+"""What `simyard compare` tells."""
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tasks.results.comparing_svg import flip_text
+from tasks.results.comparing_verdict import Comparison
+from tasks.results.statistics import wilson
+
+FLIPS_SHOWN = 40
+_STYLES = {"NO WORSE": "bold green", "WORSE": "bold red", "INCONCLUSIVE": "bold yellow"}
+
+
+def show_comparison(found: Comparison, console: Console) -> None:
+    """Shows the rates, the flips and the answer."""
+    pairs = found.pairs
+    table = Table(box=None, pad_edge=False)
+    for heading in ("batch", "passed", "rate", f"{100 * found.confidence:g} % interval"):
+        table.add_column(heading)
+    for name, passed in ((found.first, pairs.first_passed), (found.second, pairs.second_passed)):
+        sure = wilson(passed, pairs.pairs, found.confidence)
+        rate = f"{passed / pairs.pairs:.3f}"
+        table.add_row(name, f"{passed} of {pairs.pairs}", rate, f"{sure.lower:.3f} to {sure.upper:.3f}")
+    console.print(table)
+    for flip in pairs.flips[:FLIPS_SHOWN]:
+        style = "green" if flip.gained else "red"
+        console.print(Text(f"{'gained' if flip.gained else 'lost'}  {flip_text(flip)}", style=style), soft_wrap=True)
+    if len(pairs.flips) > FLIPS_SHOWN:
+        console.print(f"and {len(pairs.flips) - FLIPS_SHOWN} flips more; --json has all")
+    for line in told(found):
+        console.print(Text(line), soft_wrap=True)
+    console.print(Text(answer(found), style=_STYLES[found.answer]), soft_wrap=True)
+
+
+def told(found: Comparison) -> list[str]:
+    """Returns what was compared, and what not."""
+    pairs = found.pairs
+    lines = [f"not the same: {origin}" for origin in pairs.origins]
+    if pairs.first_alone or pairs.second_alone or pairs.canceled:
+        lines.append(
+            f"left out: {pairs.first_alone} episodes of the first batch alone, {pairs.second_alone} of the second "
+            f"alone, {pairs.canceled} that were canceled"
+        )
+    return lines
+
+
+def answer(found: Comparison) -> str:
+    """Returns the answer and its figures in one sentence."""
+    low, high = found.interval.lower, found.interval.upper
+    return (
+        f"{found.answer}: {found.pairs.gains} gained and {found.pairs.losses} lost of {found.pairs.pairs} pairs; "
+        f"difference {found.difference:+.3f} ({low:+.3f} to {high:+.3f}), margin {found.margin:g}, "
+        f"McNemar p = {found.p_value:.3g}"
+    )

@@ -1,0 +1,115 @@
+"""`simyard compare`: two batches over the episodes that they have in common."""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+
+from flows.naming import named
+from flows.replaying import bundles
+from specs.base import Fault
+from specs.common import OutputLocation
+from specs.errors import DocumentError, ObjectNotFound
+from specs.world import World
+from tasks.export.stored import read_world
+from tasks.export.svg import floor_plan_svg
+from tasks.results.comparing import Flip, Pairs, compared
+from tasks.results.comparing_svg import Ways, flip_map_svg
+from tasks.results.job import RESULTS_FILE
+from tasks.results.stored_rows import recorded_samples, stored_rows
+from tasks.simulate.batch import KIND, OpenBatch, opened
+from tasks.simulate.replaying import replay
+from tasks.simulate.requested import recorded_location
+from tasks.storage.keys import world_key
+from tasks.storage.store import Store
+
+# Looking at more is done by nobody, and each way that was not recorded is simulated.
+MAPS_AT_MOST = 12
+WAYS_A_MAP = 6
+_Way = Float[np.ndarray, "samples 2"]
+
+
+class Batch(NamedTuple):
+    """A batch that has its tables, and the rows of its results."""
+
+    work: OpenBatch
+    location: OutputLocation
+    rows: pa.Table
+
+
+class FlipMap(NamedTuple):
+    """A drawing of flips in one world."""
+
+    world: str
+    svg: str
+
+
+def batch_named(store: Store, text: str) -> Batch:
+    """Returns a batch, by its ARN or id.
+
+    Raises:
+        ResourceNotFound: There is no such batch.
+        DocumentError: The text names no batch, or it has not left its tables yet.
+    """
+    work = opened(store, named(text, KIND))
+    record = work.record()
+    if "results_url" not in record.detail:
+        allowed = f"a batch that has its tables; this one is {record.status}"
+        raise DocumentError([Fault(path=KIND, value=work.id, allowed=allowed)], source="simyard")
+    location = recorded_location(record)
+    return Batch(work, location, stored_rows(store, location, work.id, RESULTS_FILE))
+
+
+def pairs_of(first: Batch, second: Batch) -> Pairs:
+    """Returns the episodes that two batches have in common.
+
+    Raises:
+        DocumentError: They have none.
+    """
+    worlds = [str(world) for each in (first, second) for world in each.rows.column("world").unique().to_pylist()]
+    pairs = compared(first.rows, second.rows, dict(_identities(first.work.store, dict.fromkeys(worlds))))
+    if not pairs.pairs:
+        allowed = "batches with episodes in common: the same worlds, seeds, environments and applications"
+        value = f"{first.work.id} and {second.work.id}"
+        raise DocumentError([Fault(path=KIND, value=value, allowed=allowed)], source="simyard")
+    return pairs
+
+
+def flip_maps(first: Batch, second: Batch, flips: Sequence[Flip]) -> Iterator[FlipMap]:
+    """Yields a drawing for each world with flips, those that have most of them first, at most so many.
+
+    Ways come from recordings where there are any; others are simulated once more.
+    """
+    by_world: dict[str, list[Flip]] = {}
+    for flip in flips:
+        by_world.setdefault(flip.world, []).append(flip)
+    # Python's sort keeps the order of worlds with as many.
+    for world, found in sorted(by_world.items(), key=lambda item: -len(item[1]))[:MAPS_AT_MOST]:
+        ways = [Ways(each, _way(first, each.first), _way(second, each.second)) for each in found[:WAYS_A_MAP]]
+        plan = floor_plan_svg(read_world(second.work.store, world, "simyard compare"))
+        yield FlipMap(world, flip_map_svg(plan, ways))
+
+
+def _identities(store: Store, worlds: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yields the digest of all of a world but what its generation was called; nothing for one that is gone."""
+    for world in worlds:
+        generation, _, name = world.partition("/")
+        try:
+            body = store.get(world_key(generation, name)).body
+        except ObjectNotFound:
+            continue
+        bare = World.model_validate_json(body).model_copy(update={"generation": ""})
+        yield world, hashlib.sha256(bare.model_dump_json().encode()).hexdigest()
+
+
+def _way(batch: Batch, index: int) -> _Way | None:
+    work = batch.work
+    recording, engine = (str(batch.rows.column(name)[index]) for name in ("recording", "engine"))
+    if recording:
+        samples = recorded_samples(work.store, batch.location, work.id, recording, index)
+        return np.stack([samples.column(name).to_numpy() for name in ("x_m", "y_m")], axis=1)
+    steps = replay(work, index, bundles(work), engine=engine).driven.steps
+    return None if steps is None else np.asarray(steps["pose"])[:, :2]

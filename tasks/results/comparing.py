@@ -1,0 +1,193 @@
+"""Two batches beside each other: which episodes they have in common, and which of those came out differently.
+
+Episodes are the same if world, seed, environment and applications are; versions of applications are what is compared.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import pyarrow as pa
+
+from specs.base import Spec
+
+_LAUNCHED = ("robot", "simulation")
+_ORIGINS = ("robot_version", "robot_digest", "simulation_digest", "duration_s", "engine", "device")
+_COLUMNS = ("index", "world", "seed", "environment", "success", "status", "failure_code", "outcome_reason", "recording")
+_Key = tuple[object, ...]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An episode as far as it is compared.
+
+    Attributes:
+        index: Its position in its batch.
+        world: ``<generation>/<world>`` in its batch.
+        passed: Whether it passed; None for one that was canceled.
+        reason: Why it did not pass, in one or two words; empty for one that passed.
+        recording: The file that holds its recording, or empty.
+        key: What makes it the same as another one.
+    """
+
+    index: int
+    world: str
+    seed: int
+    environment: Mapping[str, str]
+    passed: bool | None
+    reason: str
+    recording: str
+    key: _Key
+
+
+class Flip(Spec):
+    """An episode that passed in one batch and not in the other.
+
+    Attributes:
+        world: In the second batch.
+        first, second: Its positions in the batches.
+        before: Why it did not pass in the first batch; empty if it did.
+        after: The same of the second.
+    """
+
+    world: str
+    seed: int
+    environment: dict[str, str]
+    first: int
+    second: int
+    before: str
+    after: str
+
+    @property
+    def gained(self) -> bool:
+        """Returns whether it passes now and did not before."""
+        return not self.after
+
+
+class Pairs(Spec):
+    """What two batches have in common.
+
+    Attributes:
+        pairs: Episodes that both have and neither canceled.
+        first_passed, second_passed: How many of them passed in each.
+        first_alone, second_alone: Episodes that only one of them has.
+        canceled: Episodes that both have and one canceled.
+        flips: Those that came out differently, in the order of the second batch.
+        origins: What is not the same in both batches, such as ``robot_version: 1 -> 2``.
+    """
+
+    pairs: int
+    first_passed: int
+    second_passed: int
+    first_alone: int
+    second_alone: int
+    canceled: int
+    flips: tuple[Flip, ...]
+    origins: tuple[str, ...]
+
+    @property
+    def gains(self) -> int:
+        """Returns how many pass now and did not before."""
+        return sum(flip.gained for flip in self.flips)
+
+    @property
+    def losses(self) -> int:
+        """Returns how many passed before and do not now."""
+        return len(self.flips) - self.gains
+
+
+def compared(first: pa.Table, second: pa.Table, identities: Mapping[str, str]) -> Pairs:
+    """Returns what two batches have in common, and what came out differently.
+
+    Args:
+        first: The rows of one batch's ``results.parquet``.
+        second: The rows of the other's.
+        identities: What tells whether two worlds are the same, by ``<generation>/<world>``; worlds that it does not
+            have are told apart by their names.
+    """
+    applications = _told_apart(first, second)
+    ours, theirs = (_by_key(episodes(table, identities, applications)) for table in (first, second))
+    both = [(ours[key], theirs[key]) for key in theirs if key in ours]
+    counted = [(one, other) for one, other in both if one.passed is not None and other.passed is not None]
+    return Pairs(
+        pairs=len(counted),
+        first_passed=sum(bool(one.passed) for one, _ in counted),
+        second_passed=sum(bool(other.passed) for _, other in counted),
+        first_alone=len(ours) - len(both),
+        second_alone=len(theirs) - len(both),
+        canceled=len(both) - len(counted),
+        flips=tuple(_flip(one, other) for one, other in counted if one.passed != other.passed),
+        origins=tuple(_origins(first, second)),
+    )
+
+
+def episodes(table: pa.Table, identities: Mapping[str, str], applications: Sequence[str] = ()) -> list[Episode]:
+    """Returns the episodes of a table, those that are told apart by columns of their applications too."""
+    rows = table.select([*_COLUMNS, *applications]).to_pylist()
+    return [_episode(row, identities, applications) for row in rows]
+
+
+def _episode(row: Mapping[str, object], identities: Mapping[str, str], applications: Sequence[str]) -> Episode:
+    world, environment = str(row["world"]), dict(cast("Iterable[tuple[str, str]]", row["environment"]))
+    passed = cast("bool | None", row["success"])
+    return Episode(
+        index=cast("int", row["index"]),
+        world=world,
+        seed=cast("int", row["seed"]),
+        environment=environment,
+        passed=passed,
+        reason="" if passed else str(row["failure_code"] or row["outcome_reason"] or row["status"]),
+        recording=str(row["recording"]),
+        key=(
+            identities.get(world, world),
+            row["seed"],
+            tuple(sorted(environment.items())),
+            *(row[name] for name in applications),
+        ),
+    )
+
+
+def _by_key(found: Iterable[Episode]) -> dict[_Key, Episode]:
+    """Returns episodes by key; of those with one key the first, the second, ... are the same."""
+    seen: dict[_Key, int] = {}
+    keyed: dict[_Key, Episode] = {}
+    for episode in found:
+        seen[episode.key] = seen.get(episode.key, 0) + 1
+        keyed[*episode.key, seen[episode.key]] = episode
+    return keyed
+
+
+def _told_apart(first: pa.Table, second: pa.Table) -> list[str]:
+    """Returns the columns that tell applications apart.
+
+    Where each batch has a single robot, or a single scenario, it is what is compared, whatever its name.
+    """
+    columns: list[str] = []
+    for kind in _LAUNCHED:
+        names = [f"{kind}_{part}" for part in ("application", "package", "launch_file")]
+        alone = all(len(_distinct(table, name)) == 1 for table in (first, second) for name in names)
+        columns += [] if alone else names
+    return columns
+
+
+def _origins(first: pa.Table, second: pa.Table) -> Iterable[str]:
+    for name in ("robot_application", "simulation_application", *_ORIGINS):
+        one, other = _distinct(first, name), _distinct(second, name)
+        if one != other:
+            yield f"{name}: {', '.join(one)} -> {', '.join(other)}"
+
+
+def _distinct(table: pa.Table, name: str) -> list[str]:
+    return sorted({str(value)[:12] for value in table.column(name).unique().to_pylist()})
+
+
+def _flip(one: Episode, other: Episode) -> Flip:
+    return Flip(
+        world=other.world,
+        seed=other.seed,
+        environment=dict(other.environment),
+        first=one.index,
+        second=other.index,
+        before=one.reason,
+        after=other.reason,
+    )
