@@ -19,6 +19,7 @@ from flows.fleet_cli import fleet_app
 from flows.leaving import leave_after
 from flows.replay_cli import replay
 from flows.report_cli import report
+from flows.shrink_cli import shrink
 from flows.world_cli import world_app
 from specs.errors import DocumentError, PipelineNotPassed
 
@@ -35,6 +36,7 @@ app.add_typer(fleet_app, name="fleet")
 app.command()(report)
 app.command()(replay)
 app.command()(compare)
+app.command()(shrink)
 
 _KINDS = (
     "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "

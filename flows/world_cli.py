@@ -74,6 +74,18 @@ def sheet(
         _picture(output, render_sheet_png(chosen.worlds))
 
 
+@world_app.command("add")
+def add(
+    file: Annotated[Path, typer.Argument(help="A world's document, such as simyard shrink's.", show_default=False)],
+    store: _StoreUrl = None,
+) -> None:
+    """Put a world into the store, if what its certificate says is so; prints what documents name it by."""
+    from tasks.storage.opening import open_store
+    from tasks.worlds.adding import add_world
+
+    typer.echo(add_world(open_store(store), file))
+
+
 def _picture(output: Path, png: bytes | None) -> None:
     """Writes the picture beside its drawing, or says what is missing for it."""
     from flows.previewing import write_picture
