@@ -6,7 +6,7 @@ from pathlib import Path
 
 from specs.base import Spec
 from tasks.results.report.audit import AuditView, audit_view
-from tasks.results.report.facts import BatchFacts
+from tasks.results.report.facts import BatchFacts, Judgement, RuleAnswer
 from tasks.results.report.groups import counted, reasons, reasons_by_world, whole
 from tasks.results.report.maps import WorldMap, mark, world_maps
 from tasks.results.report.places import Worlds, end_rooms, start_rooms
@@ -60,7 +60,8 @@ class View(Spec):
 
     Attributes:
         facts: What is shown as it is.
-        sentence: The gate's, without the verdict before it.
+        sentence: The gate's, without the verdict before it; of several rules, how many say what.
+        rules: Each with its sentence, likewise, where there are several.
         whole: All episodes as a line; ``axis`` is where they are drawn.
         columns: Tables of rates, in the columns of a wide page.
         audit: None where none was made.
@@ -71,6 +72,7 @@ class View(Spec):
     title: str
     created: str
     sentence: str
+    rules: tuple[RuleAnswer, ...]
     confidence: str
     total: Group
     whole: Row
@@ -104,7 +106,8 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
         facts=facts,
         title=facts.name or facts.batch,
         created=f"{datetime.fromtimestamp(facts.created_at_s, tz=UTC):%Y-%m-%d %H:%M} UTC",
-        sentence=judgement.sentence.removeprefix(f"{judgement.verdict}: ") if judgement else "",
+        sentence=_sentence(judgement) if judgement else "",
+        rules=_rules(judgement) if judgement else (),
         confidence=f"{100 * confidence:g}\u00a0%",
         total=total,
         whole=rate_row(total, axis, total.label),
@@ -117,6 +120,27 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
         simulated=_duration(facts.simulated_s),
         audit=audit_view(facts.audit) if facts.audit else None,
         stages=_stages(facts),
+    )
+
+
+def _sentence(judgement: Judgement) -> str:
+    if len(judgement.rules) < 2:
+        return judgement.sentence.removeprefix(f"{judgement.verdict}: ")
+    answers = [rule.verdict for rule in judgement.rules]
+    said = [
+        f"{answers.count(answer)} say{'s' * (answers.count(answer) == 1)} {answer}"
+        for answer in ("FAIL", "INCONCLUSIVE", "PASS")
+        if answer in answers
+    ]
+    return f"Of {len(answers)} rules, {', '.join(said)}."
+
+
+def _rules(judgement: Judgement) -> tuple[RuleAnswer, ...]:
+    if len(judgement.rules) < 2:
+        return ()
+    return tuple(
+        rule.model_copy(update={"sentence": rule.sentence.removeprefix(f"{rule.verdict}: ")})
+        for rule in judgement.rules
     )
 
 
