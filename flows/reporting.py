@@ -61,6 +61,8 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     for entry in cast("list[dict[str, JsonValue]]", detail.get("why_not", []))[:_REASONS_SHOWN]:
         sample = str(entry["sample"])[:_SAMPLE_CHARACTERS]
         summary += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
+    if "stopped_early" in detail:
+        summary += f"; {cast('dict[str, JsonValue]', detail['stopped_early'])['sentence']}"
     artefacts = tuple(
         Artefact(label=label, url=str(detail[f"{label}_url"]))
         for label in ("report", "results", "failures", "recordings", "audit")

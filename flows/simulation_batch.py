@@ -9,12 +9,14 @@ from prefect import flow
 from pydantic import JsonValue
 
 from flows.batch_report import write_last_report
+from flows.early_end import EarlyEnd, endable
 from flows.ending import as_run, ended_well, run_name
 from flows.report_artifacts import show_report_of_batch
 from flows.resolving import batch_plan, numbered_finder
 from specs.common import OutputLocation
 from specs.digests import canonical_document
 from specs.errors import DocumentError, StageFailed
+from specs.pipeline_gate import Gate
 from specs.pipeline_requests import simulation_request
 from specs.pipeline_simulation import SimulationBatch
 from tasks.applications.task import unpack_application
@@ -52,6 +54,8 @@ def simulation_batch(
     store: str | None = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
+    *,
+    gate: Gate | None = None,
 ) -> JobRecord:
     """Returns the batch, whose ``detail`` says where results and failures lie and what they add up to.
 
@@ -61,13 +65,14 @@ def simulation_batch(
         store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
         versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
         token: Given by the pipeline; None makes this a run of its own.
+        gate: Given by the pipeline if its gate may end the batch early.
 
     Raises:
         DocumentError: A request cannot be run, or names what does not exist.
         StageFailed: The batch timed out, was cancelled, or failed for a reason of Simyard's own.
     """
     at = open_store(store)
-    plan = batch_plan(spec, worlds or [], at, numbered_finder(at, versions))
+    plan = endable(batch_plan(spec, worlds or [], at, numbered_finder(at, versions)), gate)
     location = output_location(spec)
 
     def work(given: str) -> JobRecord:
@@ -75,13 +80,13 @@ def simulation_batch(
         record = open_batch(at, plan, canonical_document(request), request.clientRequestToken or given)
         if is_terminal(record):
             return ended_well(record)
-        return ended_well(_run(at, record.id, location))
+        return ended_well(_run(at, record.id, location, gate))
 
     identity = {"spec": canonical_document(spec), "plan": plan.model_dump(mode="json")}
     return as_run(at, "simulation-batch", identity, token, work)
 
 
-def _run(store: Store, batch: str, location: OutputLocation) -> JobRecord:
+def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:
     with claimed(store, claim_key(KIND, batch)):
         work = opened(store, batch)
         record = work.record()
@@ -89,15 +94,18 @@ def _run(store: Store, batch: str, location: OutputLocation) -> JobRecord:
             return record
         try:
             folders = {digest: unpack_application(store.url, digest) for digest in work.plan.digests()}
-            _simulate(work, folders, location)
-            return _closed(work, folders, location)
+            early = _simulate(work, folders, location, gate)
+            return _closed(work, folders, location, early)
         except (DocumentError, StageFailed) as exc:
             close_batch(store, batch, "Failed", {}, str(exc))
             raise
 
 
-def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> None:
-    """Commits all chunks, or as many as there is time for and nobody cancels."""
+def _simulate(
+    batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, gate: Gate | None
+) -> dict[str, JsonValue]:
+    """Commits all chunks, or as many as there is time for and nobody cancels; returns why it ended early, if it did."""
+    early = EarlyEnd(batch, gate)
     layout, store_url = batch.layout, batch.store.url
     record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
@@ -109,7 +117,9 @@ def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocati
             left_s = batch.plan.timeout_s - worked_s
             now = time_out(batch) if left_s <= 0 else batch.record()
             if now.status not in GOING:
-                return
+                return {}
+            if early.reached(number):
+                break
             progress(done, layout.episodes)
 
             def tell(finished: int, done: int = done) -> None:
@@ -127,10 +137,13 @@ def _simulate(batch: OpenBatch, folders: dict[str, Path], location: OutputLocati
                 record=record,
             )
             lanes, done = ended.lanes, done + ended.episodes
-        progress(done, layout.episodes)
+        progress(layout.episodes, layout.episodes)
+    return early.detail
 
 
-def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> JobRecord:
+def _closed(
+    batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, early: dict[str, JsonValue]
+) -> JobRecord:
     """Returns the batch in its terminal state, its tables being written."""
     record = complete(batch)
     if is_terminal(record):
@@ -143,6 +156,7 @@ def _closed(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation
         location=location,
         metadata=batch_metadata(batch.plan.lanes),
     )
+    detail |= early
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))

@@ -12,6 +12,7 @@ from flows.simulation_batch import simulation_batch
 from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.pipeline import PipelineSpec
+from specs.pipeline_gate import stops_early
 from specs.report import StageReport
 from tasks.simulate.batch import plan_of
 from tasks.storage.records import JobRecord
@@ -47,7 +48,8 @@ def simulate(
     section = spec.simulationBatch
     if section is None:
         return None, ()
-    record, seconds = _timed(lambda: simulation_batch(section, worlds, store.url, versions, stage_token(run, "batch")))
+    gate, token = spec.gate if stops_early(spec.gate) else None, stage_token(run, "batch")
+    record, seconds = _timed(lambda: simulation_batch(section, worlds, store.url, versions, token, gate=gate))
     return record, (batch_report(record, seconds),)
 
 

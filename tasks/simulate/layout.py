@@ -2,7 +2,7 @@
 
 Episodes are numbered by request, world, parameter set and seed. Those that share a program form a group, in the order
 of their numbers, and a group is cut into chunks of as many as there are lanes (``tasks.simulate.chunks.plan_chunks``
-says the same of a list).
+says the same of a list). A batch that may be ended early is shuffled before it is cut; numbers stay what they are.
 """
 
 import bisect
@@ -12,9 +12,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from specs.digests import digest
 from specs.episode import EpisodeRequest
 from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.chunks import Chunk, ProgramKey, program_key, split_environment
+from tasks.simulate.shuffling import Shuffle
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,9 @@ class Layout:
         self._require(number, self.chunks, "chunk")
         group = self._groups[bisect.bisect_right(self._first_chunks, number) - 1]
         start = (number - group.first_chunk) * self.plan.lanes
-        positions = range(start, min(start + self.plan.lanes, group.size))
+        positions: Sequence[int] = range(start, min(start + self.plan.lanes, group.size))
+        if self.plan.shuffled:
+            positions = sorted(self._shuffle(group).order[start : start + self.plan.lanes])
         return Chunk(number=number, requests=tuple(self._at(group, position) for position in positions))
 
     def chunk_size(self, number: int) -> int:
@@ -112,10 +116,21 @@ class Layout:
         found: list[int] = []
         for group in self._groups:
             low, high = self._position(group, first), self._position(group, end)
-            if low < high:
-                lanes = self.plan.lanes
+            lanes = self.plan.lanes
+            if low < high and self.plan.shuffled:
+                turns = self._shuffle(group).turn[low:high]
+                found += sorted({group.first_chunk + turn // lanes for turn in turns})
+            elif low < high:
                 found += range(group.first_chunk + low // lanes, group.first_chunk + (high - 1) // lanes + 1)
         return found
+
+    def _shuffle(self, group: _Group) -> Shuffle:
+        return self._shuffles[self._first_chunks.index(group.first_chunk)]
+
+    @cached_property
+    def _shuffles(self) -> list[Shuffle]:
+        seed = digest(self.plan)
+        return [Shuffle(group.size, f"{seed}/{group.first_chunk}") for group in self._groups]
 
     @cached_property
     def _names(self) -> tuple[str, ...]:

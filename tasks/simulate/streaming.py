@@ -10,6 +10,8 @@ from tasks.simulate.committing import canceled_row
 
 # Some 40 MB if all of them failed and left long trajectories.
 PART_EPISODES = 2048
+# Each part of a shuffled batch is spread over all of its chunks, which are read again for the next one.
+SHUFFLED_PART_EPISODES = 16_384
 STOP_CODES = {
     "Canceling": "BatchCanceled",
     "Canceled": "BatchCanceled",
@@ -27,8 +29,9 @@ def parts(batch: OpenBatch) -> Iterator[tuple[list[EpisodeRequest], list[Episode
         ObjectNotFound: A chunk of a batch that was not stopped is not committed.
     """
     code = STOP_CODES.get(batch.record().status, "")
-    for first in range(0, batch.layout.episodes, PART_EPISODES):
-        end = min(first + PART_EPISODES, batch.layout.episodes)
+    size = SHUFFLED_PART_EPISODES if batch.plan.shuffled else PART_EPISODES
+    for first in range(0, batch.layout.episodes, size):
+        end = min(first + size, batch.layout.episodes)
         requests = list(batch.layout.requests(first, end))
         yield requests, _results(batch, first, end, code)
 

@@ -1,6 +1,7 @@
 """Episodes and chunks of a plan, computed for any place, are those of the plan written out."""
 
 import itertools
+from collections import Counter
 
 import pytest
 from hypothesis import given
@@ -8,10 +9,13 @@ from hypothesis import strategies as st
 
 from specs.episode import EpisodeRequest
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate, lane_count
-from tasks.simulate.chunks import plan_chunks
+from tasks.simulate.chunks import plan_chunks, program_key
 from tasks.simulate.layout import Layout
 from tests.simulate_factory import PUSHER, ROBOT, SCENARIO
 
+TEMPLATE = JobTemplate(
+    robot=ROBOT, scenario=SCENARIO, environment={}, duration_s=1.0, failure_behavior="Fail"
+)  # fmt: skip
 VALUES = st.lists(st.sampled_from(["0.3", "0.6", "1e1", "fast", "slow"]), min_size=1, max_size=3, unique=True)
 
 
@@ -38,6 +42,7 @@ def plans(draw: st.DrawFn) -> BatchPlan:
         timeout_s=1.0,
         world_digests={},
         engine="auto",
+        shuffled=draw(st.booleans()),
     )
 
 
@@ -72,8 +77,41 @@ def test_episodes_come_by_request_world_parameters_and_seed(plan: BatchPlan):
 
 @given(plans())
 def test_chunks_are_those_of_the_list_of_all_episodes(plan: BatchPlan):
-    layout = Layout(plan)
+    layout = Layout(plan.model_copy(update={"shuffled": False}))
     assert [layout.chunk(number) for number in range(layout.chunks)] == plan_chunks(written_out(plan), plan.lanes)
+
+
+@given(plans())
+def test_shuffled_chunks_have_the_same_programs_and_sizes_and_each_episode_once(plan: BatchPlan):
+    ordered, layout = (Layout(plan.model_copy(update={"shuffled": shuffled})) for shuffled in (False, True))
+    chunks = [layout.chunk(number).requests for number in range(layout.chunks)]
+    plain = [ordered.chunk(number).requests for number in range(ordered.chunks)]
+    assert [len(chunk) for chunk in chunks] == [len(chunk) for chunk in plain]
+    assert [program_key(chunk[0]) for chunk in chunks] == [program_key(chunk[0]) for chunk in plain]
+    assert all(len({program_key(request) for request in chunk}) == 1 for chunk in chunks)
+    assert all(list(chunk) == sorted(chunk, key=lambda request: request.index) for chunk in chunks)
+    everyone = sorted((request for chunk in chunks for request in chunk), key=lambda request: request.index)
+    assert everyone == written_out(plan)
+
+
+def test_any_beginning_of_a_shuffled_batch_has_episodes_of_all_its_worlds():
+    plan = BatchPlan(
+        templates=(TEMPLATE,),
+        worlds=tuple(f"g/w{number}" for number in range(8)),
+        seeds=tuple(range(48)),
+        sweep={},
+        lanes=64,
+        timeout_s=1.0,
+        world_digests={},
+        engine="auto",
+        shuffled=True,
+    )
+    for number in range(6):
+        found = Counter(request.world for request in Layout(plan).chunk(number).requests)
+        assert len(found) == 8
+        assert max(found.values()) < 24
+    other = Layout(plan.model_copy(update={"seeds": tuple(range(1, 49))}))
+    assert [r.index for r in other.chunk(0).requests] != [r.index for r in Layout(plan).chunk(0).requests]
 
 
 @given(plans(), st.data())
