@@ -1,23 +1,41 @@
 """The gate's answer, from its evidence."""
 
+from pydantic import BaseModel, ConfigDict, ValidationError
+
 from specs.errors import ObjectNotFound
-from tasks.results.evidence import Evidence, read_evidence
+from specs.report import Verdict as Answer
+from tasks.results.evidence import EVIDENCE_FILE, Evidence, read_evidence
 from tasks.results.report.facts import Judgement, RuleAnswer
+from tasks.storage.keys import result_key
 from tasks.storage.store import Store
 
 _CONFIDENCE = 0.95
 
 
+class _Told(BaseModel):
+    """What evidence of any version says."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    verdict: Answer
+    sentence: str
+
+
 def judgement(store: Store, batch: str) -> Judgement | None:
     """Returns what the gate answered on a batch; None where it was not judged.
 
+    Of evidence that another version wrote, verdict and sentence alone.
+
     Raises:
-        ValidationError: Its evidence is none that this version wrote.
+        ValidationError: What lies there is no evidence.
     """
     try:
         evidence = read_evidence(store, batch)
     except ObjectNotFound:
         return None
+    except ValidationError:
+        told = _Told.model_validate_json(store.get(result_key(batch, EVIDENCE_FILE)).body)
+        return Judgement(verdict=told.verdict, sentence=told.sentence, at_least=None, confidence=_CONFIDENCE)
     return judged(evidence)
 
 
