@@ -16,6 +16,7 @@ from specs.errors import StoreError
 from tasks.deploy.disk import Disk
 from tasks.deploy.launch import Place
 from tasks.deploy.lock import locking
+from tasks.deploy.orphans import adopt_orphans
 from tasks.deploy.outage import Outage
 from tasks.deploy.reporting import Reporter
 from tasks.deploy.robots import read_desired
@@ -81,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
     stop = Stop(options.parent)
     stop.listen()
+    adopt_orphans()
     disk = Disk(options.root.absolute())
     try:
         with _alone(disk, stop):

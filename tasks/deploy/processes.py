@@ -1,7 +1,8 @@
 """Runs what bundles bring along: in a group of its own, with a clean environment, and without survivors.
 
 Every process that is started carries a mark in its environment, which its children inherit. What leaves the process
-group, as a daemon does, is found by the mark, also by the next agent after this one was killed.
+group, as a daemon does, is found by the mark, also by the next agent after this one was killed. What clears its
+environment, too, is found as long as this agent lives (tasks.deploy.orphans).
 """
 
 import contextlib
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
+from tasks.deploy.orphans import orphans
 from tasks.deploy.stopping import Stop
 
 _LOG = logging.getLogger(__name__)
@@ -26,14 +28,16 @@ _OUTPUT_BYTES = 1 << 20
 _PATIENCE_S = 2.0
 _SLICE_S = 0.02
 _SWEEPS = 10
+_started: set[int] = set()  # and not waited for
 
 
 class Running:
     """A program that was started, and all that it started."""
 
-    def __init__(self, process: subprocess.Popen[bytes], mark: str) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], mark: str, others: frozenset[int]) -> None:
         self._process = process
         self._mark = mark
+        self._others = others  # orphans from before it began
 
     @property
     def exit_code(self) -> int | None:
@@ -50,7 +54,8 @@ class Running:
             # Only while its leader is not reaped does the group's number surely mean this group.
             _signal_group(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        _sweep(self._mark)
+        _started.discard(self._process.pid)
+        _sweep(self._mark, self._others)
 
 
 def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], root: Path, log: Path) -> Running:
@@ -67,6 +72,7 @@ def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], roo
         OSError: The program cannot be started.
     """
     run = uuid4().hex
+    others = frozenset(orphans(_started))
     process = subprocess.Popen(  # noqa: S603 - running the bundle's own programs is what an agent is for
         list(argv),
         cwd=folder,
@@ -76,9 +82,10 @@ def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], roo
         stderr=subprocess.STDOUT,
         start_new_session=True,
     )
+    _started.add(process.pid)
     if process.stdout:
         threading.Thread(target=_drain, args=(process.stdout, log), name=f"output {log.name}", daemon=True).start()
-    return Running(process, f"{_RUN_MARK}={run}")
+    return Running(process, f"{_RUN_MARK}={run}", others)
 
 
 def wait(running: Running, timeout_s: float, stop: Stop) -> int | None:
@@ -95,7 +102,12 @@ def wait(running: Running, timeout_s: float, stop: Stop) -> int | None:
 
 def end_all(root: Path) -> None:
     """Ends everything that agents on this robot's folder ever started."""
-    _sweep(f"{_ROOT_MARK}={root}")
+    _sweep(f"{_ROOT_MARK}={root}", frozenset())
+
+
+def reap() -> None:
+    """Lets go of orphans that have ended by themselves."""
+    orphans(_started)
 
 
 def _drain(output: IO[bytes], log: Path) -> None:
@@ -113,10 +125,10 @@ def _signal_group(pid: int, number: signal.Signals) -> None:
         os.killpg(pid, number)
 
 
-def _sweep(mark: str) -> None:
-    """Kills every process with the mark; again, while there are any, because they may be starting others."""
+def _sweep(mark: str, spared: frozenset[int]) -> None:
+    """Kills every process with the mark, and orphans without any; again, because they may be starting others."""
     for _ in range(_SWEEPS):
-        found = _marked(mark.encode())
+        found = {*_marked(mark.encode()), *(pid for pid in orphans(_started) if not _is_anothers(pid, mark, spared))}
         for pid in found:
             _LOG.info("ending process %d, left behind", pid)
             with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -127,12 +139,26 @@ def _sweep(mark: str) -> None:
     _LOG.error("processes with %s cannot be ended", mark)
 
 
+def _is_anothers(pid: int, mark: str, spared: frozenset[int]) -> bool:
+    """Returns whether an orphan was there before, or is of another run, as of the application that runs on."""
+    variables = _variables(_PROC / str(pid))
+    return pid in spared or (
+        mark.encode() not in variables and any(each.startswith(f"{_RUN_MARK}=".encode()) for each in variables)
+    )
+
+
+def _variables(process: Path) -> list[bytes]:
+    try:
+        return (process / "environ").read_bytes().split(b"\0")
+    except OSError:  # it has ended, or is not ours
+        return []
+
+
 def _marked(mark: bytes) -> list[int]:
     found: list[int] = []
     for path in _PROC.iterdir() if _PROC.is_dir() else ():
         if not path.name.isdigit() or int(path.name) == os.getpid():
             continue
-        with contextlib.suppress(OSError):  # it has ended, or is not ours
-            if mark in (path / "environ").read_bytes().split(b"\0"):
-                found.append(int(path.name))
+        if mark in _variables(path):
+            found.append(int(path.name))
     return found

@@ -17,7 +17,7 @@ from tasks.deploy.condition import ask_condition
 from tasks.deploy.disk import Disk
 from tasks.deploy.install import Patience, StepFailed, fetch
 from tasks.deploy.launch import Application, CrashLoop, Place, run_script, validate
-from tasks.deploy.processes import end_all
+from tasks.deploy.processes import end_all, reap
 from tasks.deploy.reporting import REASON_CHARACTERS, Attempt, Reporter
 from tasks.deploy.states import Desired
 from tasks.storage.store import Store
@@ -81,6 +81,7 @@ class Robot:
     def supervise(self) -> None:
         """Keeps the application up and tells what is still to be told; returns at once."""
         self._reporter.settle()
+        reap()
         if self._owes_state:
             self._save()
         try:
