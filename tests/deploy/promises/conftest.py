@@ -1,0 +1,48 @@
+"""The promises of a fleet: in short, as part of the tests, and for long with `make soak`."""
+
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tasks.deploy.fleets import create_fleet
+from tasks.deploy.processes import end_all
+from tests.deploy.promises.figures import REPORT, Figures
+from tests.deploy.yard import FLEET, Yard
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leaves out what takes minutes, unless it is asked for by its marker."""
+    if "soak" in str(config.getoption("markexpr")):
+        return
+    long = [item for item in items if item.get_closest_marker("soak")]
+    if long:
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if item not in long]
+
+
+@pytest.fixture(params=["file_store", "s3_store"], ids=["file", "s3"])
+def yard(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Yard]:
+    """A store of each kind in turn with an empty fleet; what robots started is ended with the test."""
+    store = request.getfixturevalue(request.param)
+    create_fleet(store, FLEET)
+    yield Yard(store, tmp_path)
+    for root in (tmp_path / "robots").glob("*"):
+        end_all(root)
+
+
+@pytest.fixture
+def figures(request: pytest.FixtureRequest) -> Figures:
+    """Writes down what was tried, once it went well, where `make soak` wants it."""
+    begun_s = time.monotonic()
+
+    def kept(promise: int, store: str, **counts: int | float) -> None:
+        if path := os.environ.get(REPORT):
+            line = {"promise": promise, "store": store, "seconds": round(time.monotonic() - begun_s, 1), **counts}
+            with Path(path).open("a") as file:
+                file.write(json.dumps(line) + "\n")
+
+    return kept

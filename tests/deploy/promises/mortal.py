@@ -1,0 +1,148 @@
+"""Controllers and agents that kill themselves, as `kill -9` does, at a step that a test chooses.
+
+They are forked from a process that has imported everything, so that hundreds of deaths take minutes.
+"""
+
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from multiprocessing.context import ForkServerContext, ForkServerProcess
+from pathlib import Path
+from typing import cast
+
+from specs.deployment import CreateDeploymentJobRequest
+from tasks.deploy import agent, install, job, launch, reporting, steps
+from tasks.deploy.disk import Disk
+from tasks.storage.claim import claimed
+from tasks.storage.opening import open_store
+from tasks.storage.store import Store
+from tests.deploy.puppets import PuppetRobots
+
+ROBOTS, PAUSABLE = 3, 10
+TTL_S, _LOOK_S = 1.5, 0.1
+_AGENT_STEPS: tuple[tuple[object, str], ...] = (
+    (reporting.Attempt, "at"),
+    (reporting.Reporter, "tell"),
+    (Disk, "save"),
+    (Disk, "switch"),
+    (Disk, "remember"),
+    (Disk, "tidy"),
+    (steps, "ask_condition"),
+    (steps, "fetch"),
+    (install, "install"),
+    (steps, "run_script"),
+    (launch.Application, "_launch"),
+    (launch.Application, "settle"),
+)
+
+
+class Death:
+    """Comes at the nth step, before it or after it; never for 0.
+
+    Args:
+        nth: Counted from 1.
+        after: Whether the step is done first.
+    """
+
+    def __init__(self, nth: int, *, after: bool) -> None:
+        self._left = nth
+        self._after = after
+
+    def of(self, step: Callable[..., object]) -> Callable[..., object]:
+        """Returns the step, as one who may die in it does it."""
+
+        def mortal(*arguments: object, **more: object) -> object:
+            self._left -= 1
+            dies = self._left == 0
+            if dies and not self._after:
+                os.kill(os.getpid(), signal.SIGKILL)
+            result = step(*arguments, **more)
+            if dies:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return result
+
+        return mortal
+
+
+class MortalStore:
+    """A store each of whose requests is a step."""
+
+    def __init__(self, store: Store, death: Death) -> None:
+        self.url = store.url
+        self._store = store
+        self._death = death
+
+    def __getattr__(self, name: str) -> Callable[..., object]:
+        return self._death.of(getattr(self._store, name))
+
+
+def process(work: Callable[..., None], *arguments: object, after: bool = False) -> ForkServerProcess:
+    """Returns a process that was started and does the work; its environment is this one's."""
+    context: ForkServerContext = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    child = context.Process(target=_in_environment, args=(dict(os.environ), work, arguments, after))
+    child.start()
+    return child
+
+
+def control(url: str, request: str, digest: str, nth: int, *, after: bool) -> None:
+    """Rolls out to robots that answer whenever the controller sleeps, and dies at the nth request."""
+    store = open_store(url)
+    robots = PuppetRobots(store, ROBOTS)
+    asked = CreateDeploymentJobRequest.model_validate_json(request)
+    job.run_deployment_job(
+        cast("Store", MortalStore(store, Death(nth, after=after))),
+        asked,
+        digest=digest,
+        token=asked.clientRequestToken,
+        progress=lambda *_: None,
+        pace=robots.pace,
+    )
+
+
+def pausable(url: str, request: str, digest: str, *, after: bool) -> None:
+    """Rolls out to robots of which one more answers at each look, with a claim that is soon given up."""
+    setattr(job, "claimed", partial(claimed, ttl_s=TTL_S))  # noqa: B010 - a module's name, in this process alone
+    robots = PuppetRobots(open_store(url), PAUSABLE)
+    robots.silent = set(robots.names)
+    answer, silent = robots.pace.sleep, list(reversed(robots.names))
+
+    def sleep(seconds: float) -> None:
+        time.sleep(_LOOK_S)
+        robots.silent -= set(silent[-1:])
+        del silent[-1:]
+        answer(seconds)
+
+    robots.pace_sleep = sleep
+    asked = CreateDeploymentJobRequest.model_validate_json(request)
+    job.run_deployment_job(
+        open_store(url),
+        asked,
+        digest=digest,
+        token=asked.clientRequestToken,
+        progress=lambda *_: None,
+        pace=robots.pace,
+    )
+
+
+def serve(url: str, root: str, nth: int, *, after: bool) -> None:
+    """Is the agent of the robot ``r1``, and dies at its nth step."""
+    log = os.open(Path(root).parent / "agent.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    os.dup2(log, 1)
+    os.dup2(log, 2)
+    death = Death(nth, after=after)
+    for owner, name in _AGENT_STEPS:
+        setattr(owner, name, death.of(getattr(owner, name)))
+    pace = ["--poll-s=0.02", "--longest-poll-s=0.05", "--grace-s=0.05", "--unsigned"]
+    sys.exit(agent.main(["--robot=r1", f"--root={root}", f"--store={url}", *pace]))
+
+
+def _in_environment(
+    environment: Mapping[str, str], work: Callable[..., None], arguments: tuple[object, ...], after: object
+) -> None:
+    os.environ.update(environment)
+    work(*arguments, after=after)

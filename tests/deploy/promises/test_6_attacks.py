@@ -1,0 +1,112 @@
+"""Whatever somebody does who can write to the store, robots run what they ran: the attacks, on both kinds of store."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from specs.bundle import Version
+from specs.errors import StoreError
+from tasks.deploy.robots import read_desired
+from tasks.storage.encoding import encoded
+from tasks.storage.keys import bundle_key, desired_key
+from tests.deploy.one_robot import GOOD, NAME
+from tests.deploy.promises.figures import Figures, kind, sizes
+from tests.deploy.trust.test_attacks import (  # collected here again, with this folder's stores
+    test_a_bundle_that_was_changed_is_refused,
+    test_a_condition_that_was_changed_after_the_signature_is_refused,
+    test_a_desired_state_that_expired_is_refused,
+    test_a_stolen_deployers_key_is_worth_nothing_once_it_was_replaced,
+    test_an_old_desired_state_does_not_come_back,
+    test_what_another_robot_is_asked_is_not_for_this_one,
+)
+from tests.deploy.trust.test_metadata_attacks import (
+    test_a_root_that_the_old_root_has_not_signed_is_refused,
+    test_a_store_that_is_frozen_in_the_past_is_refused,
+    test_metadata_signed_by_other_keys_is_refused,
+    test_metadata_that_is_gone_is_refused,
+    test_old_metadata_under_a_new_name_is_refused,
+    test_the_metadata_of_yesterday_is_refused,
+)
+from tests.deploy.trust.trusting import NEWER, CarefulRobot, Owner, asked
+from tests.deploy.yard import Yard
+
+__all__ = [
+    "test_a_bundle_that_was_changed_is_refused",
+    "test_a_condition_that_was_changed_after_the_signature_is_refused",
+    "test_a_desired_state_that_expired_is_refused",
+    "test_a_root_that_the_old_root_has_not_signed_is_refused",
+    "test_a_stolen_deployers_key_is_worth_nothing_once_it_was_replaced",
+    "test_a_store_that_is_frozen_in_the_past_is_refused",
+    "test_an_old_desired_state_does_not_come_back",
+    "test_metadata_signed_by_other_keys_is_refused",
+    "test_metadata_that_is_gone_is_refused",
+    "test_old_metadata_under_a_new_name_is_refused",
+    "test_the_metadata_of_yesterday_is_refused",
+    "test_what_another_robot_is_asked_is_not_for_this_one",
+]
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture
+def owner(yard: Yard, tmp_path: Path) -> Owner:
+    return Owner(yard.store, tmp_path / "keys")
+
+
+@pytest.fixture
+def careful(yard: Yard, owner: Owner) -> Iterator[CarefulRobot]:
+    robot = CarefulRobot(yard, owner.root)
+    yield robot
+    robot.robot.end()
+
+
+@pytest.fixture
+def installed(yard: Yard, owner: Owner, careful: CarefulRobot) -> Version:
+    """What the robot runs before the attack."""
+    version = yard.publish(GOOD)
+    assert careful.look(asked(owner, version, "good")).status == "InSync"
+    return version
+
+
+@sizes(short=8, long=300)
+def test_whatever_object_is_spoiled_nothing_runs_that_was_not_signed(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version, *, size: int, figures: Figures, tmp_path: Path
+) -> None:
+    dice, refused = Random(size), 0  # noqa: S311 - what is spoiled, and how
+    versions = (installed, yard.publish(NEWER))
+    for number in range(size):
+        version, before = versions[number % 2], careful.runs[0]
+        wanted = owner.signed(version, number + 2)
+        bundle = bundle_key(version.digest)
+        good = {**owner.metadata(), bundle: yard.store.get(bundle).body, desired_key(NAME): encoded(wanted)}
+        key = dice.choice(sorted(good))
+        yard.store.put(desired_key(NAME), good[desired_key(NAME)])
+        yard.store.put(key, _spoiled(good, key, dice))
+
+        # It has forgotten what it verified, so that it needs every object again.
+        careful.robot._check = owner.verifier(tmp_path / f"trust-{number}")
+        with suppress(StoreError):
+            found, _ = read_desired(yard.store, NAME)
+            careful.robot.accept(found or wanted)
+
+        ran, programs = careful.runs
+        assert ran in {before, version.digest}
+        assert programs == 1
+        refused += careful.disk.load().sequence != number + 2
+        yard.store.put(key, good[key])
+    assert refused > 0
+    figures(6, kind(yard.store.url), spoiled=size, refused=refused, unsigned_run=0)
+
+
+def _spoiled(good: Mapping[str, bytes], key: str, dice: Random) -> bytes:
+    """Returns an object cut short, with a bit turned over, without its end, or another one."""
+    body = bytearray(good[key])
+    way = dice.choice(["cut", "bit", "longer", "other"])
+    if way == "cut":
+        return bytes(body[: dice.randrange(len(body))])
+    if way == "bit":
+        body[dice.randrange(len(body))] ^= 1 << dice.randrange(8)
+        return bytes(body)
+    return bytes(body) + b"x" if way == "longer" else good[dice.choice(sorted(good))]
