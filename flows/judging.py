@@ -79,6 +79,12 @@ def answered(store: Store, run: JobRecord) -> GateAnswer | None:
     return GateAnswer.model_validate(said) if said is not None else None
 
 
+def compared_with(store: Store, run: JobRecord) -> Baseline | None:
+    """Returns the version that the gate of a run compares with, once it has found one."""
+    found = read(store, "pipeline-run", run.id).detail.get(_BASELINE)
+    return Baseline.model_validate(found) if found is not None else None
+
+
 def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> Material:
     """Returns what the gate judges a batch by: of the tested version alone, where another one is in the batch too.
 
@@ -128,9 +134,9 @@ def _baseline(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> Bas
     """Returns the version that the gate compares with, the same one whenever the run is continued."""
     if gate.noWorseThan is None:
         return None
-    pinned = read(store, "pipeline-run", run.id).detail.get(_BASELINE)
+    pinned = compared_with(store, run)
     if pinned is not None:
-        return Baseline.model_validate(pinned)
+        return pinned
     found = find_baseline(gate.noWorseThan, batch, store)
     if isinstance(found, Baseline):
         _pin(store, run, _BASELINE, found)

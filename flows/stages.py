@@ -7,14 +7,14 @@ from typing import TypeVar
 from flows.deployment_sync import deployment_sync
 from flows.judging import gate_answer
 from flows.reporting import batch_report, deployment_report, export_report, gate_report, generation_report, texts
-from flows.resolving import Numbers, tested_bundles
+from flows.resolving import Numbers, deployed_version, numbered_finder
+from flows.shipping import changes, refused, shippable, withdraw
 from flows.simulation_batch import simulation_batch
 from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.pipeline import PipelineSpec
 from specs.pipeline_gate import stops_early
 from specs.report import StageReport
-from tasks.simulate.batch import plan_of
 from tasks.storage.records import JobRecord
 from tasks.storage.runs import stage_token
 from tasks.storage.store import Store
@@ -63,12 +63,20 @@ def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRec
 
 
 def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: Numbers, run: JobRecord) -> Reports:
-    """Returns the report of the roll-out of the application that the batch tested."""
+    """Returns the report of the roll-out of the application that the batch tested.
+
+    Right before, all that the gate saw is held against its evidence; whatever has changed, nothing is shipped.
+    """
     section = spec.deployment
     if section is None:
         return ()
-    tested = tested_bundles(plan_of(batch)) if batch else None
     token = stage_token(run, "deployment")
+    tested = shippable(batch, store, run) if batch else None
+    version = deployed_version(section, store, numbered_finder(store, versions), tested)
+    found, seconds = _timed(lambda: changes(version.digest, store, run))
+    if found:
+        withdraw(store, section.clientRequestToken or token)
+        return (refused(found, seconds),)
     record, seconds = _timed(lambda: deployment_sync(section, store.url, tested, versions, token))
     return (deployment_report(record, seconds),)
 
