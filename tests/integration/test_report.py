@@ -2,11 +2,14 @@
 
 import json
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from tests.integration.runs import finished
+from tests.integration.runs import ROOT, finished
 from tests.report.chromium import browsing
 
 pytestmark = pytest.mark.integration
@@ -55,3 +58,15 @@ def test_the_command_makes_the_same_page_from_the_arn_of_the_run(small_run: Path
     done = finished("report", json.loads(runs[-1])["arn"], "--store", store)
     assert (done.returncode, done.stdout.strip()) == (0, page.as_uri()), done.stderr
     assert page.read_bytes() == before
+
+
+def test_the_commands_of_the_document_run(small_run: Path, tmp_path: Path):
+    shutil.copytree(small_run / ".simyard", tmp_path / ".simyard", symlinks=True)
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    (block,) = re.findall(r"```sh\n(.*?)```", (ROOT / "docs" / "report.md").read_text(), re.DOTALL)
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert [line.rpartition("/")[2] for line in done.stdout.split()] == ["report.html", "report.html"]
+    assert (tmp_path / ".simyard" / "report.html").stat().st_size > 10_000
