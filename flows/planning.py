@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from flows.gate_planning import gate_lines
 from flows.resolving import failing_sources, finder, pins
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
 from tasks.applications.publishing import unpack
-from tasks.results.episodes_needed import episodes_needed
 from tasks.simulate.cost import Span
 from tasks.simulate.preview import Basis, EnginePlan, engine_plan
 from tasks.simulate.resolving import FindVersion, matrix_worlds, plan_batch
@@ -44,15 +44,15 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
-    episodes = 0
+    episodes, audited = 0, 0
     if spec.simulationBatch:
         plan, section, longest_s = _batch(spec.simulationBatch, worlds, finder(trial, own), trial)
-        episodes = plan.episodes
+        episodes, audited = plan.episodes, plan.audited
         yield from _batch_lines(plan, section, longest_s)
         for reason in failing_sources(section, trial, finder(trial, own)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from _gate_lines(spec, episodes)
+        yield from gate_lines(spec.gate, episodes, audited)
     if spec.deployment:
         yield f"deployment        {_deployment(spec)}, bundle {str(found['deployment'])[:12]}"
     for field in inert_fields(spec):
@@ -105,18 +105,6 @@ def _recordings(section: SimulationBatch) -> str:
 
 def _audit(plan: EnginePlan) -> str:
     return f"{plan.audited} episodes audited on C MuJoCo" if plan.audited else "no audit"
-
-
-def _gate_lines(spec: PipelineSpec, episodes: int) -> Iterator[str]:
-    rule = spec.gate.successRate if spec.gate else None
-    if rule is None:
-        return
-    yield f"gate              at least {100 * rule.atLeast:g} % pass, {100 * rule.confidence:g} % confidence"
-    for rate in (1.0, 0.98, 0.95):
-        needed = episodes_needed(rule.atLeast, rule.confidence, rate)
-        if needed is not None:
-            enough = "enough" if episodes >= needed else "NOT ENOUGH"
-            yield f"                  if {100 * rate:g} % pass, {needed} are needed: {episodes} are {enough}"
 
 
 def _deployment(spec: PipelineSpec) -> str:

@@ -228,7 +228,18 @@ def _batches() -> Documents:
 
 def _gates() -> Documents:
     rate = optional({"atLeast": st.floats(0, 1, exclude_max=True)}, confidence=st.floats(0.5, 0.9999))
-    return st.fixed_dictionaries({"successRate": rate})
+    bar = st.floats(0.001, 0.999)
+    quantile = st.fixed_dictionaries({"column": st.just("spl"), "quantile": bar, "atMost": st.floats(-9, 9)})
+    return optional(
+        {"successRate": rate},
+        noWorseThan=optional(
+            {"applicationVersion": shape("DeploymentVersion"), "margin": bar}, confidence=st.floats(0.5, 0.9999)
+        ),
+        collisionRate=st.fixed_dictionaries({"atMost": bar}),
+        maxOutcomeFlipRate=st.fixed_dictionaries({"atMost": bar}),
+        quantiles=st.lists(quantile, min_size=1, max_size=1),
+        stopEarly=st.booleans(),
+    )
 
 
 def _deployments() -> Documents:
