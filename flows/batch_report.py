@@ -6,6 +6,7 @@ the same bytes.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import cast
 
 from pydantic import JsonValue
@@ -29,18 +30,29 @@ _STAGE = "-batch"
 _TABLES = ("results", "failures", "audit")
 
 
-def write_report(store: Store, record: JobRecord) -> str:
-    """Writes the report of a batch beside its tables, over the one before, and returns its URL.
+@dataclass(frozen=True)
+class Reported:
+    """A report that was written: where it is, and what it shows."""
+
+    url: str
+    view: View
+
+
+def write_report(store: Store, record: JobRecord) -> Reported:
+    """Writes the report of a batch beside its tables, over the one before.
 
     Args:
         store: The store of the batch.
         record: The batch's record, with its tables.
     """
-    return put_report(store, recorded_location(record), record.id, report_page(report_view_of(store, record)))
+    view = report_view_of(store, record)
+    return Reported(put_report(store, recorded_location(record), record.id, report_page(view)), view)
 
 
-def write_last_report(store: Store, record: JobRecord, status: str, detail: Mapping[str, JsonValue], why: str) -> str:
-    """Writes the report of a batch that is about to be closed, and returns its URL.
+def write_last_report(
+    store: Store, record: JobRecord, status: str, detail: Mapping[str, JsonValue], why: str
+) -> Reported:
+    """Writes the report of a batch that is about to be closed.
 
     Before and not after, so that a closed batch has its report, wherever its process was killed.
 

@@ -52,5 +52,5 @@ def close_with_tables(batch: OpenBatch) -> JobRecord:
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
-    detail["report_url"] = write_last_report(batch.store, record, status, detail, why)
+    detail["report_url"] = write_last_report(batch.store, record, status, detail, why).url
     return close_batch(batch.store, batch.id, status, detail, why)

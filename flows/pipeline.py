@@ -6,7 +6,7 @@ from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
 
 from flows.batch_report import write_report, write_report_of_run
-from flows.report_artifacts import show_report_of_batch
+from flows.report_artifacts import show_report
 from flows.reporting import told
 from flows.resolving import Numbers, pins
 from flows.stages import deploy, export, generate, judge, simulate, skipped
@@ -76,8 +76,7 @@ def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
     batch, simulated = simulate(spec, worlds, store, versions, run)
     judged = judge(spec, batch, store, run)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
-        write_report(store, batch)
-        show_report_of_batch(store, batch)
+        show_report(write_report(store, batch))
     verdict = judged[0].status if judged else None
     passed = verdict in (None, "PASS")
     deployed = deploy(spec, batch, store, versions, run) if passed else skipped(spec)

@@ -11,7 +11,7 @@ from pydantic import JsonValue
 from flows.batch_report import write_last_report
 from flows.early_end import EarlyEnd, endable
 from flows.ending import as_run, ended_well, run_name
-from flows.report_artifacts import show_report_of_batch
+from flows.report_artifacts import show_report
 from flows.resolving import batch_plan, numbered_finder
 from specs.common import OutputLocation
 from specs.digests import canonical_document
@@ -162,9 +162,10 @@ def _closed(
     status, why = ending(record, cast("int", detail["failed_inside"]))
     if status == "Completed":
         detail |= _audited(batch, folders, location)
-    detail["report_url"] = write_last_report(batch.store, record, status, detail, why)
+    reported = write_last_report(batch.store, record, status, detail, why)
+    detail["report_url"] = reported.url
     closed = close_batch(batch.store, batch.id, status, detail, why)
-    show_report_of_batch(batch.store, closed)
+    show_report(reported)
     return closed
 
 

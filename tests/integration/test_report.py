@@ -1,10 +1,12 @@
 """The report of the quickstart, with fewer worlds and seeds, as its run leaves it, opened in a real browser."""
 
+import base64
 import json
 import re
 import shutil
 import subprocess
 import sys
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -70,3 +72,16 @@ def test_the_commands_of_the_document_run(small_run: Path, tmp_path: Path):
     assert done.returncode == 0, done.stderr
     assert [line.rpartition("/")[2] for line in done.stdout.split()] == ["report.html", "report.html"]
     assert (tmp_path / ".simyard" / "report.html").stat().st_size > 10_000
+
+
+@pytest.mark.usefixtures("small_run")
+def test_it_is_in_prefects_pages_in_short_and_as_a_picture(prefect_server: str):
+    def shown(key: str) -> str:
+        with urllib.request.urlopen(f"{prefect_server}/artifacts/{key}/latest", timeout=30) as answer:  # noqa: S310 - our own server
+            return str(json.load(answer)["data"])
+
+    assert shown("batch-report").startswith("# ✅ PASS\n\n")
+    assert "report.html" in shown("batch-report")
+    kind, _, picture = shown("batch-picture").partition(",")
+    assert kind == "data:image/svg+xml;base64"
+    assert b"PASS</text>" in base64.b64decode(picture)
