@@ -1,15 +1,12 @@
 """A real S3 server for tests: SeaweedFS, from its wheel, on free ports of this machine."""
 
 import json
-import os
-import signal
 import socket
 import subprocess
 import sysconfig
 import time
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
@@ -25,17 +22,39 @@ _START_S = 60
 _PORTS: tuple[str, ...] = ("master", "master.grpc", "volume", "volume.grpc", "filer", "filer.grpc", "s3", "s3.grpc")
 
 
-@dataclass(frozen=True)
 class Seaweed:
-    """A running server.
+    """A server, with its data in a folder; started, killed and started again there.
 
     Attributes:
         endpoint: ``http://127.0.0.1:<port>``.
         process: The server; a test may stop and continue it.
     """
 
-    endpoint: str
-    process: subprocess.Popen[bytes]
+    def __init__(self, folder: Path) -> None:
+        """Starts it; see ``wait``."""
+        ports: dict[str, int] = dict(zip(_PORTS, _free_ports(len(_PORTS)), strict=True))
+        self._folder = folder
+        self._command = _command(folder, ports)
+        self.endpoint = f"http://127.0.0.1:{ports['s3']}"
+        self.process = self._started()
+
+    def wait(self) -> None:
+        """Returns when it takes writes."""
+        _wait(self, self._folder / "weed.log")
+
+    def kill(self) -> None:
+        """Ends it as a loss of power does."""
+        self.process.kill()
+        self.process.wait()
+
+    def start_again(self) -> None:
+        """Starts it with the data that it had, and waits until it takes writes."""
+        self.process = self._started()
+        self.wait()
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        with (self._folder / "weed.log").open("ab") as log:
+            return subprocess.Popen(self._command, stdout=log, stderr=log, cwd=self._folder)
 
     def environment(self, *, endpoint: str = "") -> dict[str, str]:
         """Returns what a process needs to reach the server, or it through another endpoint."""
@@ -70,16 +89,12 @@ class Seaweed:
 @contextmanager
 def running_seaweed(folder: Path) -> Generator[Seaweed]:
     """Starts a server that keeps its data in the folder, waits until it takes writes, and kills it at the end."""
-    ports: dict[str, int] = dict(zip(_PORTS, _free_ports(len(_PORTS)), strict=True))
-    with (folder / "weed.log").open("wb") as log:
-        process = subprocess.Popen(_command(folder, ports), stdout=log, stderr=log, cwd=folder)
-        try:
-            server = Seaweed(f"http://127.0.0.1:{ports['s3']}", process)
-            _wait(server, folder / "weed.log")
-            yield server
-        finally:
-            os.kill(process.pid, signal.SIGKILL)
-            process.wait()
+    server = Seaweed(folder)
+    try:
+        server.wait()
+        yield server
+    finally:
+        server.kill()
 
 
 def _command(folder: Path, ports: dict[str, int]) -> list[str]:

@@ -10,11 +10,14 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from itertools import count
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, ForkServerProcess
 from pathlib import Path
 from typing import cast
 
 from specs.deployment import CreateDeploymentJobRequest
+from specs.errors import ObjectExists, StoreUnreachable
 from tasks.deploy import agent, install, job, launch, reporting, steps
 from tasks.deploy.disk import Disk
 from tasks.storage.claim import claimed
@@ -127,6 +130,26 @@ def pausable(url: str, request: str, digest: str, *, after: bool) -> None:
         progress=lambda *_: None,
         pace=robots.pace,
     )
+
+
+def roll_out(url: str, request: str, digest: str, *, after: bool) -> None:
+    """Rolls out to the fleet's members at the usual pace."""
+    asked = CreateDeploymentJobRequest.model_validate_json(request)
+    token = asked.clientRequestToken
+    job.run_deployment_job(open_store(url), asked, digest=digest, token=token, progress=lambda *_: None)
+
+
+def write_for_ever(url: str, folder: str, told: Connection, *, after: bool) -> None:
+    """Creates objects until it is killed, and tells which ones the store has acknowledged."""
+    store = open_store(url)
+    for number in count():
+        key = f"{folder}/{number}.json"
+        try:
+            store.create(key, key.encode() * 100)
+        except (StoreUnreachable, ObjectExists):
+            time.sleep(_LOOK_S)
+        else:
+            told.send(key)
 
 
 def serve(url: str, root: str, nth: int, *, after: bool) -> None:
