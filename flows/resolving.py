@@ -7,12 +7,14 @@ from pathlib import Path
 
 from pydantic import JsonValue
 
+from flows.baselines import candidates, compared_digest
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.bundle import LATEST, ApplicationKind, Version
 from specs.episode import ApplicationLaunch
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.pipeline import ApplicationSource, PipelineSpec
+from specs.pipeline_gate import Gate
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import Deployment, LocalFleet, SimulationBatch
 from specs.simulation import DataSourceConfig
@@ -66,9 +68,14 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
     if spec.simulationBatch:
         batch = spec.simulationBatch
         _keep(faults, lambda: found.update(batch=_batch_pins(batch, store, find)))
+        _keep(faults, lambda: found.update(_compared_pin(spec.gate, batch, find)))
     if spec.deployment and not faults:
         deployment = spec.deployment
-        _keep(faults, lambda: found.update(deployment=_deployment_pin(deployment, spec.simulationBatch, store, find)))
+        other = str(found.get("comparedWith", ""))
+        _keep(
+            faults,
+            lambda: found.update(deployment=_deployment_pin(deployment, spec.simulationBatch, other, store, find)),
+        )
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
     return found, own
@@ -163,10 +170,11 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
     return version
 
 
-def tested_bundles(plan: BatchPlan) -> dict[str, str]:
-    """Returns the digest of each robot application that a batch tests, by name."""
+def tested_bundles(plan: BatchPlan, other: str) -> dict[str, str]:
+    """Returns the digest of each robot application that a batch tests, by name, but for what it is compared with."""
     launches: list[ApplicationLaunch] = [template.robot for template in plan.templates]
-    return {launch.name: launch.digest for launch in launches}
+    meant = candidates(plan, other)
+    return {launch.name: launch.digest for launch in launches if launch.digest in meant}
 
 
 def _published(source: ApplicationSource, store: Store, base: Path) -> dict[str, Version]:
@@ -183,8 +191,15 @@ def _batch_pins(section: SimulationBatch, store: Store, find: FindVersion) -> Pi
     return {"bundles": [*plan.digests()], "worlds": {**plan.world_digests}, **data}
 
 
-def _deployment_pin(section: Deployment, batch: SimulationBatch | None, store: Store, find: FindVersion) -> str:
-    tested = tested_bundles(batch_plan(batch, (), store, find)) if batch else None
+def _compared_pin(gate: Gate | None, batch: SimulationBatch, find: FindVersion) -> Pins:
+    digest = compared_digest(gate, batch, find)
+    return {"comparedWith": digest} if digest else {}
+
+
+def _deployment_pin(
+    section: Deployment, batch: SimulationBatch | None, other: str, store: Store, find: FindVersion
+) -> str:
+    tested = tested_bundles(batch_plan(batch, (), store, find), other) if batch else None
     digest = deployed_version(section, store, find, tested).digest
     fleet = section.fleet
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0

@@ -2,8 +2,8 @@
 
 from pydantic import JsonValue
 
-from flows.baselines import candidates
 from flows.judging import answered, compared_with
+from flows.resolving import tested_bundles
 from specs.errors import ResourceNotFound
 from specs.report import StageReport
 from tasks.deploy.steering import steer
@@ -18,10 +18,8 @@ _JOB = "deployment-job"
 
 def shippable(batch: JobRecord, store: Store, run: JobRecord) -> dict[str, str]:
     """Returns the digest of each robot application that a batch tested, by name, but for what it was compared with."""
-    plan, other = plan_of(batch), compared_with(store, run)
-    meant = candidates(plan, other.digest if other else "")
-    launches = [template.robot for template in plan.templates if template.robot.digest in meant]
-    return {launch.name: launch.digest for launch in launches}
+    other = compared_with(store, run)
+    return tested_bundles(plan_of(batch), other.digest if other else "")
 
 
 def changes(shipped: str, store: Store, run: JobRecord) -> list[str]:

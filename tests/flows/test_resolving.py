@@ -84,7 +84,7 @@ def test_a_bundle_that_was_changed_back_is_what_is_tested_and_shipped(file_store
     assert found["deployment"] == before.digest
     find = numbered_finder(file_store, {f"{ROBOT}/mine": str(before.number)})
     assert spec.simulationBatch is not None
-    assert tested_bundles(batch_plan(spec.simulationBatch, (), file_store, find)) == {"mine": before.digest}
+    assert tested_bundles(batch_plan(spec.simulationBatch, (), file_store, find), "") == {"mine": before.digest}
 
 
 def test_a_plan_publishes_nothing(file_store: Store, bundle: Path):
@@ -114,6 +114,29 @@ def test_a_bundle_that_no_batch_tests_is_not_shipped(file_store: Store, bundle: 
     publish(file_store, ROBOT, "other", bundle)
     spec = _generated(_request(), deployment=_deployment("other"))
     with pytest.raises(DocumentError, match=r"other version 2 .* the bundle that simulationBatch tests; .*: courier"):
+        pins(spec, file_store, ROOT / "examples")
+
+
+@pytest.mark.parametrize("named", [{}, {"applicationVersion": "2"}])
+def test_the_version_that_the_gate_compares_with_is_tested_and_not_shipped(
+    file_store: Store, bundle: Path, named: dict[str, str]
+):
+    publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").write_text("newer")
+    newer = publish(file_store, ROBOT, "mine", bundle)
+    requests = [_request("mine"), _request("mine")]
+    for request, version in zip(requests, ("2", "1"), strict=True):
+        request["robotApplications"][0]["applicationVersion"] = version
+    gate = {"noWorseThan": {"applicationVersion": "1", "margin": 0.02}}
+    spec = _generated(*requests, gate=gate, deployment=_deployment("mine", **named))
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+    found, _ = pins(spec, file_store, bundle.parent)
+    assert found["deployment"] == newer.digest
+
+
+def test_a_version_to_compare_with_that_does_not_exist_is_told_before_anything_runs(file_store: Store):
+    spec = _generated(_request(), gate={"noWorseThan": {"applicationVersion": "7", "margin": 0.02}})
+    with pytest.raises(DocumentError, match=r"gate\.noWorseThan\.applicationVersion: '?7'?: a version of courier: 1"):
         pins(spec, file_store, ROOT / "examples")
 
 
