@@ -15,7 +15,7 @@ from tests.deploy.trust.trusting import NEWER, CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
 
 
-def _forms(folder: Path) -> Iterator[bytes]:
+def private_forms(folder: Path) -> Iterator[bytes]:
     """Yields each private key as PEM's base64, raw, hex and base64."""
     for path in folder.glob("*.pem"):
         pem = path.read_bytes()
@@ -29,12 +29,12 @@ def test_no_private_key_is_anywhere_but_in_its_folder(
     owner: Owner, yard: Yard, careful: CarefulRobot, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG)
-    forms = set(_forms(owner.folder))
+    forms = set(private_forms(owner.folder))
     careful.look(asked(owner, yard.publish(GOOD), "one"))
     owner.rotate("root", "targets", "snapshot", "timestamp", "deployer")
     owner.renew()
     careful.look(asked(owner, yard.publish(NEWER), "two"))
-    forms |= set(_forms(owner.folder))
+    forms |= set(private_forms(owner.folder))
     told: list[str] = [repr(owner.signer), repr(owner.ring), str(vars(owner.signer))]
     try:
         (owner.folder / "root.json").write_bytes(b"{}")
@@ -57,7 +57,7 @@ def test_no_private_key_is_in_a_bucket(anywhere: Owner, tmp_path: Path) -> None:
     anywhere.signed(version, 1)
     anywhere.rotate("deployer")
 
-    forms = set(_forms(anywhere.folder))
+    forms = set(private_forms(anywhere.folder))
     for key in anywhere.store.keys(""):
         body = anywhere.store.get(key).body
         assert b"PRIVATE KEY" not in body
