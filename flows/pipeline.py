@@ -10,6 +10,7 @@ from flows.report_artifacts import show_report
 from flows.reporting import told
 from flows.resolving import Numbers, pins
 from flows.stages import deploy, export, generate, judge, simulate, skipped
+from flows.workers import wanted_workers
 from specs.digests import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline import PipelineSpec
@@ -36,6 +37,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         StageFailed: A stage ended Failed.
         PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
     """
+    wanted_workers()  # told of before anything runs
     opened = open_store(store)
     found, own = pins(spec, opened, Path(base))
     versions = {key: str(version.number) for key, version in own.items()}

@@ -13,6 +13,8 @@ from flows.early_end import EarlyEnd, endable
 from flows.ending import as_run, ended_well, run_name
 from flows.report_artifacts import show_report
 from flows.resolving import batch_plan, numbered_finder
+from flows.spread_batch import spread_batch
+from flows.workers import wanted_workers
 from specs.common import OutputLocation
 from specs.digests import canonical_document
 from specs.errors import DocumentError, StageFailed
@@ -71,6 +73,7 @@ def simulation_batch(
         DocumentError: A request cannot be run, or names what does not exist.
         StageFailed: The batch timed out, was cancelled, or failed for a reason of Simyard's own.
     """
+    wanted_workers()  # told of before anything is recorded
     at = open_store(store)
     plan = endable(batch_plan(spec, worlds or [], at, numbered_finder(at, versions)), gate)
     location = output_location(spec)
@@ -105,6 +108,10 @@ def _simulate(
     batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, gate: Gate | None
 ) -> dict[str, JsonValue]:
     """Commits all chunks, or as many as there is time for and nobody cancels; returns why it ended early, if it did."""
+    workers = None if batch.plan.shuffled else wanted_workers()  # an early end is decided chunk by chunk, in order
+    if workers:
+        spread_batch(batch, location, workers)
+        return {}
     early = EarlyEnd(batch, gate)
     layout, store_url = batch.layout, batch.store.url
     record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None

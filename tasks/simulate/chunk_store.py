@@ -71,6 +71,11 @@ def committed_chunk(store: Store, batch: str, number: int) -> list[EpisodeResult
         return None
 
 
+def is_committed(store: Store, batch: str, number: int) -> bool:
+    """Returns whether a chunk was committed."""
+    return store.exists(chunk_key(batch, number))
+
+
 def chunk_numbers(store: Store, batch: str) -> ChunkNumbers:
     """Returns which chunks were begun and which are committed, as a listing tells."""
     names = [key.rpartition("/")[2].removesuffix(".json") for key in store.keys(chunks_prefix(batch))]

@@ -53,3 +53,5 @@ class StopWatch:
         self.canceled = canceled_jobs(record)
         if record.status == "Canceling":
             self.code = "BatchCanceled"
+        elif record.status == "TimingOut":  # as whoever hands out chunks to many workers finds first
+            self.code = "BatchTimedOut"
