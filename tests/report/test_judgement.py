@@ -26,6 +26,10 @@ def test_what_the_gate_wrote_is_told_with_its_bar_and_its_rules(file_store: Stor
     assert found is not None
     assert (found.verdict, found.sentence, found.at_least) == (written.verdict, written.sentence, 0.9)
     assert [rule.name for rule in found.rules] == ["successRate"]
+    (rule,) = written.rules
+    assert found.interval is not None
+    assert (found.rate, found.interval.lower, found.interval.upper) == (rule.estimate, rule.lower, rule.upper)
+    assert found.method == "Wilson"
 
 
 def test_a_gate_without_a_success_rate_has_no_bar_to_draw():

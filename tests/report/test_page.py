@@ -14,6 +14,7 @@ from specs.episode import EpisodeRequest
 from specs.report import Verdict
 from tasks.results.report.facts import Judgement, Link, RuleAnswer
 from tasks.results.report.page import report_page, report_picture
+from tasks.results.statistics import Interval
 from tests.episodes_factory import collided, crashed, passed, request
 from tests.report.report_factory import WORLDS, episodes, view
 from tests.worlds_factory import apartment
@@ -155,6 +156,22 @@ def test_each_of_several_rules_has_its_verdict_and_its_sentence(tmp_path: Path):
     assert "Of 2 rules, 1 says INCONCLUSIVE, 1 says PASS." in text
     assert "PASS successRate: enough passed" in text
     assert "INCONCLUSIVE collisionRate: too few to tell" in text
+
+
+def test_the_interval_beside_the_verdict_is_the_one_that_was_judged_by(tmp_path: Path):
+    judged = Judgement(
+        verdict="FAIL",
+        sentence="FAIL: certain",
+        at_least=0.9,
+        confidence=0.9,
+        rate=0.25,
+        interval=Interval(lower=0.125, upper=0.5),
+        method="confidence sequence",
+    )
+    page = report_page(view(tmp_path, judgement=judged)).decode()
+    assert "25.0\u00a0%, 90\u00a0% interval (confidence sequence) 12.5 to 50.0\u00a0%; 90 % asked for</desc>" in page
+    assert "This batch might have ended as soon as the gate was certain" in page
+    assert "might have ended" not in report_page(view(tmp_path)).decode()
 
 
 def test_an_alarming_audit_stands_beside_the_verdict(tmp_path: Path):

@@ -5,6 +5,7 @@ from pydantic import Field, JsonValue
 from specs.base import Spec
 from specs.episode import ApplicationLaunch
 from specs.report import Verdict as Answer
+from tasks.results.statistics import Interval
 
 
 class RuleAnswer(Spec):
@@ -21,6 +22,9 @@ class Judgement(Spec):
     Attributes:
         at_least: The success rate that was asked for, 0-1, or None if none was.
         confidence: Coverage of the intervals that it was judged by.
+        rate: The success rate that was judged, of the tested version alone; None if none was.
+        interval: Its interval, or None likewise.
+        method: What that is: ``Wilson``, or ``confidence sequence`` for a batch that may end early.
         rules: Each rule by itself, where there are several.
     """
 
@@ -28,6 +32,9 @@ class Judgement(Spec):
     sentence: str
     at_least: float | None
     confidence: float
+    rate: float | None = None
+    interval: Interval | None = None
+    method: str = ""
     rules: tuple[RuleAnswer, ...] = ()
 
 

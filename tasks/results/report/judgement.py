@@ -6,10 +6,12 @@ from specs.errors import ObjectNotFound
 from specs.report import Verdict as Answer
 from tasks.results.evidence import EVIDENCE_FILE, Evidence, read_evidence
 from tasks.results.report.facts import Judgement, RuleAnswer
+from tasks.results.statistics import Interval
 from tasks.storage.keys import result_key
 from tasks.storage.store import Store
 
 _CONFIDENCE = 0.95
+_RATE = "successRate"
 
 
 class _Told(BaseModel):
@@ -42,10 +44,18 @@ def judgement(store: Store, batch: str) -> Judgement | None:
 def judged(evidence: Evidence) -> Judgement:
     """Returns what evidence says of the gate's answer."""
     rate, rules = evidence.rule.successRate, evidence.rules
+    answer = next((each for each in rules if each.rule == _RATE), None)
     return Judgement(
         verdict=evidence.verdict,
         sentence=evidence.sentence,
         at_least=rate.atLeast if rate else None,
         confidence=rate.confidence if rate else _CONFIDENCE,
+        rate=answer.estimate if answer else None,
+        interval=_interval(answer.lower, answer.upper) if answer else None,
+        method=answer.method if answer else "",
         rules=tuple(RuleAnswer(name=each.rule, verdict=each.verdict, sentence=each.sentence) for each in rules),
     )
+
+
+def _interval(lower: float | None, upper: float | None) -> Interval | None:
+    return None if lower is None or upper is None else Interval(lower=lower, upper=upper)

@@ -16,13 +16,14 @@ from tasks.results.report.rows import (
     Row,
     clipped,
     percent,
+    percent_range,
     rate_row,
     rate_table,
     reasons_text,
     short_world,
     worst_first,
 )
-from tasks.results.report.scales import Scale, scale
+from tasks.results.report.scales import Bar, Scale, scale
 from tasks.results.summary import Group
 
 _CONFIDENCE = 0.95
@@ -55,6 +56,14 @@ class StageRow(Spec):
     summary: str
 
 
+class Judged(Spec):
+    """The rate beside the verdict, in words and on an axis."""
+
+    text: str
+    axis: Scale
+    bar: Bar
+
+
 class View(Spec):
     """All that the template shows.
 
@@ -62,7 +71,9 @@ class View(Spec):
         facts: What is shown as it is.
         sentence: The gate's, without the verdict before it; of several rules, how many say what.
         rules: Each with its sentence, likewise, where there are several.
-        whole: All episodes as a line; ``axis`` is where they are drawn.
+        whole: All episodes as a line.
+        judged: The rate that was judged, or that of all episodes, on the axis of the verdict.
+        sequential: Whether the batch might have ended early, which Wilson intervals know nothing of.
         columns: Tables of rates, in the columns of a wide page.
         audit: None where none was made.
         stages: The slowest first.
@@ -76,7 +87,8 @@ class View(Spec):
     confidence: str
     total: Group
     whole: Row
-    axis: Scale
+    judged: Judged
+    sequential: bool
     reasons: tuple[ReasonRow, ...]
     columns: tuple[tuple[RateTable, ...], ...]
     maps: tuple[WorldMap, ...]
@@ -101,7 +113,6 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
     judgement = facts.judgement
     confidence = judgement.confidence if judgement else _CONFIDENCE
     total = whole(episodes, confidence)
-    axis = scale([total], judgement.at_least if judgement else None)
     return View(
         facts=facts,
         title=facts.name or facts.batch,
@@ -110,8 +121,9 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
         rules=_rules(judgement) if judgement else (),
         confidence=f"{100 * confidence:g}\u00a0%",
         total=total,
-        whole=rate_row(total, axis, total.label),
-        axis=axis,
+        whole=rate_row(total, scale([total], None), total.label),
+        judged=_judged(total, judgement, confidence),
+        sequential=judgement is not None and judgement.method not in {"", "Wilson"},
         reasons=_reasons(failed),
         columns=_columns(_tables(facts, episodes, failed, worlds, confidence)),
         maps=tuple(world_maps(facts, episodes, failed, failures, worlds)),
@@ -121,6 +133,16 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
         audit=audit_view(facts.audit) if facts.audit else None,
         stages=_stages(facts),
     )
+
+
+def _judged(total: Group, judgement: Judgement | None, confidence: float) -> Judged:
+    rate, interval, method = total.rate, total.interval, "Wilson"
+    if judgement and judgement.interval:
+        rate, interval, method = judgement.rate, judgement.interval, judgement.method
+    axis = scale([total.model_copy(update={"interval": interval})], judgement.at_least if judgement else None)
+    text = f"{100 * confidence:g}\u00a0% interval ({method}) {percent_range(interval)}"
+    shown = "no rate" if rate is None else percent(rate)
+    return Judged(text=f"{shown}, {text}", axis=axis, bar=axis.bar(interval, rate))
 
 
 def _sentence(judgement: Judgement) -> str:
