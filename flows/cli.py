@@ -9,11 +9,12 @@ import json
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from flows.app_cli import app_app
 from flows.compare_cli import compare
 from flows.fleet_cli import fleet_app
 from flows.leaving import leave_after
@@ -29,8 +30,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-application_app = typer.Typer(help="Publish application bundles.", no_args_is_help=True)
-app.add_typer(application_app, name="app")
+app.add_typer(app_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
 app.command()(report)
@@ -181,23 +181,6 @@ def agent(context: typer.Context) -> None:
     from tasks.deploy.agent import main as agent_main
 
     raise typer.Exit(agent_main(context.args))
-
-
-@application_app.command("publish")
-def publish_application(
-    name: Annotated[str, typer.Argument(help="The application's name.")],
-    folder: Annotated[Path, typer.Argument(help="The bundle: robot.xml and its packages, or a scenario.")],
-    kind: Annotated[Literal["robot", "simulation"], typer.Option(help="What the bundle holds.")] = "robot",
-    store: StoreUrl = None,
-) -> None:
-    """Publish a folder as an application's next version; the same content keeps its number."""
-    from tasks.applications.publishing import publish
-    from tasks.storage.opening import open_store
-
-    version = publish(
-        open_store(store), "robot-application" if kind == "robot" else "simulation-application", name, folder
-    )
-    typer.echo(f"{version.name} version {version.number}: {version.digest}")
 
 
 @contextmanager

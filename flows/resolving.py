@@ -32,6 +32,7 @@ from tasks.storage.archives import missing_files
 from tasks.storage.buckets import open_bucket
 from tasks.storage.cache import cache_folder
 from tasks.storage.keys import world_key
+from tasks.storage.sources import changed_sources
 from tasks.storage.store import Store
 
 Pins = dict[str, JsonValue]
@@ -94,7 +95,10 @@ def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
         brought = own.get(_key(kind, _path(reference)))
         if brought and version in {None, LATEST}:
             return brought
-        return resolve(store, kind, reference, version)
+        found = resolve(store, kind, reference, version)
+        if faults := changed_sources(store, found, "applicationVersion"):
+            raise DocumentError(faults)
+        return found
 
     return find
 
@@ -200,15 +204,15 @@ def _deployment_pin(
     section: Deployment, batch: SimulationBatch | None, other: str, store: Store, find: FindVersion
 ) -> str:
     tested = tested_bundles(batch_plan(batch, (), store, find), other) if batch else None
-    digest = deployed_version(section, store, find, tested).digest
+    version = deployed_version(section, store, find, tested)
     fleet = section.fleet
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
     launch = section.deploymentApplicationConfigs[0].launchConfig
     faults = trust_faults(trust=section.trust, local=agents > 0)
-    faults += preflight(store, fleet=fleet_reference(section), local_agents=agents, launch=launch, digest=digest)
+    faults += preflight(store, fleet=fleet_reference(section), local_agents=agents, launch=launch, version=version)
     if faults:
         raise DocumentError(faults)
-    return digest
+    return version.digest
 
 
 def _launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:

@@ -2,32 +2,39 @@
 
 import hashlib
 import tempfile
-import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from specs.arn import parse_reference
-from specs.base import Fault
-from specs.bundle import LATEST, VERSIONS_AT_MOST, Application, ApplicationKind, Version
-from specs.errors import (
-    BundleRefused,
-    DocumentError,
-    LimitExceeded,
-    ObjectConflict,
-    ObjectExists,
-    ObjectNotFound,
-    ResourceNotFound,
-)
+from specs.bundle import ARCHITECTURES, LATEST, Application, ApplicationKind, Build, Version
+from specs.common import Architecture
+from specs.errors import BundleRefused
 from tasks.applications.packing import pack
 from tasks.applications.shipped import shipped_application
+from tasks.applications.versions import (
+    application_name,
+    change,
+    known_version,
+    missing,
+    read_application,
+    require_revision,
+    with_version,
+)
 from tasks.storage.archives import install
-from tasks.storage.encoding import decoded, encoded
-from tasks.storage.keys import application_key, applications_prefix, bundle_key
+from tasks.storage.keys import applications_prefix, bundle_key
 from tasks.storage.store import Store
 
-__all__ = ["applications", "pack", "publish", "resolve", "unpack", "with_digest"]
+__all__ = ["add_version", "applications", "pack", "publish", "resolve", "unpack", "with_digest"]
 
 
-def publish(store: Store, kind: ApplicationKind, name: str, folder: Path, *, shipped: bool = False) -> Version:
+def publish(
+    store: Store,
+    kind: ApplicationKind,
+    name: str,
+    source: Path | Mapping[Architecture, Path],
+    *,
+    shipped: bool = False,
+    current_revision: str | None = None,
+) -> Version:
     """Returns the version that stands for the folder's content: an old one for old content, else the next number.
 
     Processes that publish at the same time get different numbers for different content, and the same for the same.
@@ -36,28 +43,42 @@ def publish(store: Store, kind: ApplicationKind, name: str, folder: Path, *, shi
         store: Where bundles and versions are kept.
         kind: Whether it runs robots or tests.
         name: The application; made by its first version.
-        folder: The bundle.
+        source: The bundle, which is for all architectures; or one for each of some.
         shipped: Whether it came with Simyard.
+        current_revision: The application's as the caller has seen it; None for any.
 
     Raises:
-        DocumentError: The folder is no bundle, or the name is none.
+        DocumentError: A folder is no bundle, the name is none, or the application was changed since.
         LimitExceeded: A 41st version (semantics 9).
     """
-    key = application_key(kind, name)
-    body = pack(folder)
-    while True:
-        application, etag = _read(store, kind, name)
-        versions = application.versions if application else ()
-        new = _version(kind, name, body, versions, shipped=shipped)
-        if new in versions:
-            return new
-        store.put(bundle_key(new.digest), body)  # first the bytes, then the number that promises them
-        after = encoded(Application(kind=kind, name=name, versions=(*versions, new)))
-        try:
-            store.replace(key, after, etag) if application else store.create(key, after)
-        except (ObjectExists, ObjectConflict):  # another process published; look again
-            continue
-        return new
+    folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
+    bundles = [_packed(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
+    return add_version(
+        store, kind, name, bundles, whole=isinstance(source, Path), shipped=shipped, current_revision=current_revision
+    )
+
+
+def add_version(
+    store: Store,
+    kind: ApplicationKind,
+    name: str,
+    bundles: Sequence[Build],
+    *,
+    whole: bool,
+    shipped: bool = False,
+    current_revision: str | None = None,
+) -> Version:
+    """Returns the version that stands for bundles which are in the store; the rest as in `publish`."""
+
+    def step(before: Application | None, number: int) -> Application:
+        application = before or Application(kind=kind, name=name, versions=())
+        require_revision(application, current_revision)
+        return with_version(application, bundles, whole=whole, shipped=shipped, number=number)
+
+    made = known_version(change(store, kind, name, step), bundles, whole=whole)
+    if made is None:
+        raise AssertionError(f"{name} has no version of what was just published")
+    return made
 
 
 def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str) -> Version:
@@ -67,10 +88,10 @@ def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str
         ResourceNotFound: No such application, or none of its versions is that bundle.
         DocumentError: The reference names another kind of resource, or the name is none.
     """
-    application, _ = _read(store, kind, _name(kind, reference))
+    application = read_application(store, kind, application_name(kind, reference))
     found = next((known for known in application.versions if known.digest == digest), None) if application else None
     if found is None:
-        raise _missing("application", reference, f"a {kind} with the bundle {digest}")
+        raise missing("application", reference, f"a {kind} with the bundle {digest}")
     return found
 
 
@@ -90,30 +111,29 @@ def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | 
         ResourceNotFound: No such application or version.
         DocumentError: The reference names another kind of resource, or the name is none.
     """
-    name = _name(kind, reference)
+    name = application_name(kind, reference)
     newest = version in {None, LATEST}
-    application, _ = _read(store, kind, name)
+    application = read_application(store, kind, name)
     folder = shipped_application(name)
-    if folder and (application is None or (newest and application.versions[-1].shipped)):
+    if folder and (application is None or (newest and application.versions and application.versions[-1].shipped)):
         published = publish(store, kind, name, folder, shipped=True)
         if newest or str(published.number) == version:
             return published
-        application, _ = _read(store, kind, name)
+        application = read_application(store, kind, name)
     if application is None:
-        raise _missing("application", reference, f"a published {kind}, or one that comes with Simyard")
-    if newest:
+        raise missing("application", reference, f"a published {kind}, or one that comes with Simyard")
+    if newest and application.versions:
         return application.versions[-1]
     found = next((known for known in application.versions if str(known.number) == version), None)
     if found is None:
-        numbers = ", ".join(str(known.number) for known in application.versions)
-        raise _missing("applicationVersion", str(version), f"a version of {name}: {numbers}")
+        raise missing("applicationVersion", str(version), f"a version of {name}: {application.numbers}")
     return found
 
 
 def applications(store: Store, kind: ApplicationKind) -> list[Application]:
-    """Returns all published applications of a kind, by name, for showing to people."""
+    """Returns all applications of a kind, by name, for showing to people."""
     names = [Path(key).stem for key in store.keys(applications_prefix(kind))]
-    found = (_read(store, kind, name)[0] for name in sorted(names))
+    found = (read_application(store, kind, name) for name in sorted(names))
     return [application for application in found if application]
 
 
@@ -140,51 +160,9 @@ def unpack(store: Store, digest: str, cache: Path) -> Path:
     return target
 
 
-def _read(store: Store, kind: ApplicationKind, name: str) -> tuple[Application | None, str]:
-    key = application_key(kind, name)
-    try:
-        stored = store.get(key)
-    except ObjectNotFound:
-        return None, ""
-    return decoded(Application, stored, store, key), stored.etag
-
-
-def _version(kind: ApplicationKind, name: str, body: bytes, versions: tuple[Version, ...], *, shipped: bool) -> Version:
-    """Returns the version that stands for a bundle's bytes: the one of ``versions`` that does, else the next."""
+def _packed(store: Store, architecture: Architecture, folder: Path) -> Build:
+    """Returns a folder's bundle after it was written: first the bytes, then the number that promises them."""
+    body = pack(folder)
     digest = hashlib.sha256(body).hexdigest()
-    known = next((version for version in versions if version.digest == digest), None)
-    return known or Version(
-        kind=kind,
-        name=name,
-        number=_next_number(name, versions),
-        digest=digest,
-        size_bytes=len(body),
-        created_at_s=time.time(),
-        shipped=shipped,
-    )
-
-
-def _next_number(name: str, versions: tuple[Version, ...]) -> int:
-    if len(versions) >= VERSIONS_AT_MOST:
-        fault = Fault(
-            path="application",
-            value=f"a new version of {name}",
-            allowed=f"at most {VERSIONS_AT_MOST} versions; publish under another name",
-        )
-        raise LimitExceeded([fault], source=name)
-    return len(versions) + 1
-
-
-def _name(kind: ApplicationKind, reference: str) -> str:
-    try:
-        parsed = parse_reference(reference)
-    except ValueError as exc:
-        raise DocumentError([Fault(path="application", value=reference, allowed=str(exc))]) from exc
-    if parsed.kind not in {None, kind}:
-        fault = Fault(path="application", value=reference, allowed=f"the ARN or the name of a {kind}")
-        raise DocumentError([fault])
-    return parsed.path
-
-
-def _missing(path: str, value: str, allowed: str) -> ResourceNotFound:
-    return ResourceNotFound([Fault(path=path, value=repr(value), allowed=allowed)])
+    store.put(bundle_key(digest), body)
+    return Build(architecture=architecture, digest=digest, size_bytes=len(body))

@@ -192,7 +192,7 @@ def _wanted(plan: Plan, deployment: str, robot: str, epoch: int, now_s: float) -
         epoch=epoch,
         application=plan.application,
         version=plan.version,
-        digest=plan.digest,
+        digest=plan.digest_for(robot) or plan.digest,  # who has none is never asked
         launch=plan.launch,
         environment=plan.environments[robot],
         condition=plan.condition,

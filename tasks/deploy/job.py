@@ -12,6 +12,7 @@ from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
 from specs.roll_out import RollOutRules
 from tasks.deploy.controller import Pace, roll_out
 from tasks.deploy.fleets import fleet_name, read_fleet
+from tasks.deploy.observing import dumped
 from tasks.deploy.plan import Plan
 from tasks.deploy.planning import check_request, plan_deployment
 from tasks.deploy.syncing import latest_deployment, plan_sync, sync_request
@@ -142,7 +143,10 @@ def _run(
         _take_fleet(store, fleet, job)
         with robots() if robots else nullcontext():
             plan = plan or work.plan()
-            detail = vouched(signer, record.id, plan.digest, plan.model_dump(mode="json"))
+            digests = list(dict.fromkeys([plan.digest, *plan.builds.values()]))
+            detail = vouched(signer, record.id, digests, plan.model_dump(mode="json"))
+            if (lacking := plan.lacking()) and _recorded_plan(known) is None:
+                detail = {**detail, "progress": dumped(lacking)}
             status = "Preparing" if known is None else "InProgress"
             record = advance(store, _KIND, record.id, status, detail=detail, epoch=claim.epoch)
             sign = signer.sign if signer else None

@@ -16,16 +16,18 @@ from specs.roll_out import RollOutRules
 from tasks.deploy import environment
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.local_agents import local_names
-from tasks.deploy.plan import Plan
+from tasks.deploy.plan import Plan, digests_for
 from tasks.deploy.robots import known_robot, members
 from tasks.deploy.rollout import Limits, limits
 from tasks.deploy.states import RobotRecord
 from tasks.storage.archives import bundled_files, safe_parts
 from tasks.storage.encoding import decoded
 from tasks.storage.keys import application_key, checked_name
+from tasks.storage.sources import changed_sources
 from tasks.storage.store import Store
 
 _PATH = "deploymentApplicationConfigs.0"
+_PUBLISHED = "a robot application that was published"
 _SECTION_PATH = "deployment.deploymentApplicationConfigs[0]"
 _TIMEOUT_S = 18_000  # semantics 8
 # RoboMaker states no defaults. With these a bad version reaches a fifth of a fleet, and stops before it reaches half.
@@ -60,6 +62,8 @@ def plan_deployment(
         application=version.name,
         version=version.number,
         digest=version.digest,
+        builds=version.digests,
+        digests=digests_for(robots, version.digests),
         launch=config.launchConfig,
         environments={robot.name: environment.environment(variables, robot.tags, tags) for robot in robots},
         condition=rules.downloadConditionFile,
@@ -82,7 +86,7 @@ def bounds_for(robots: int, request: CreateDeploymentJobRequest) -> Limits:
 
 
 def preflight(
-    store: Store, *, fleet: str, local_agents: int, launch: DeploymentLaunchConfig, digest: str
+    store: Store, *, fleet: str, local_agents: int, launch: DeploymentLaunchConfig, version: Version
 ) -> list[Fault]:
     """Returns what would fail at the end of a pipeline that deploys and can be told before its beginning.
 
@@ -91,23 +95,35 @@ def preflight(
         fleet: Its name or ARN.
         local_agents: How many robots the run makes for itself; 0 for a fleet that has its own.
         launch: What is run on a robot.
-        digest: Of the bundle that is deployed.
+        version: What is deployed.
     """
     path = f"{_SECTION_PATH}.launchConfig"
+    bundles = dict.fromkeys(version.digests.values() or [version.digest])
     return [
-        *(_local_faults(store, fleet, local_agents) if local_agents else _member_faults(store, fleet)),
-        *_file_faults(store, launch, digest, path),
+        *(_local_faults(store, fleet, local_agents) if local_agents else _member_faults(store, fleet, version)),
+        *outside_package(launch, path),
+        *(fault for digest in bundles for fault in _file_faults(store, launch, digest, path)),
         *environment.faults(launch.environmentVariables or {}, f"{path}.environmentVariables"),
     ]
 
 
-def _member_faults(store: Store, reference: str) -> list[Fault]:
+def _member_faults(store: Store, reference: str, version: Version) -> list[Fault]:
     path = "deployment.fleet"
     try:
         name = read_fleet(store, reference)[0].name
     except DocumentError as exc:
         return [fault.model_copy(update={"path": path}) for fault in exc.faults]
-    return list(_fleet_faults(name, members(store, name), path))
+    robots = members(store, name)
+    return [*_fleet_faults(name, robots, path), *_architecture_faults(robots, version, path)]
+
+
+def _architecture_faults(robots: Iterable[RobotRecord], version: Version, path: str) -> Iterator[Fault]:
+    for robot in robots:
+        if version.builds and robot.architecture not in version.digests:
+            value = f"{robot.name}, of architecture {robot.architecture}"
+            allowed = f"robots for which version {version.number} of {version.name} has a bundle"
+            allowed = f"{allowed}: {', '.join(version.digests)} (MissingRobotApplicationArchitecture)"
+            yield Fault(path=path, value=value, allowed=allowed)
 
 
 def _local_faults(store: Store, fleet: str, count: int) -> list[Fault]:
@@ -125,8 +141,7 @@ def _local_faults(store: Store, fleet: str, count: int) -> list[Fault]:
 
 
 def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path: str) -> Iterator[Fault]:
-    outside = list(outside_package(launch, path))
-    yield from outside
+    outside = {fault.path for fault in outside_package(launch, path)}
     try:
         found = bundled_files(store, digest)
     except (ObjectNotFound, BundleRefused) as exc:
@@ -134,7 +149,7 @@ def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path
         return
     for field, name in launch_files(launch).items():
         place = f"{path}.{field}"
-        if found.get(name) or place in {fault.path for fault in outside}:
+        if found.get(name) or place in outside:
             continue
         wrong = "is not executable: chmod +x it and publish again" if name in found else "is not in the bundle"
         yield Fault(path=place, value=repr(getattr(launch, field)), allowed=f"an executable file; {name} {wrong}")
@@ -155,6 +170,7 @@ def _checked(store: Store, request: CreateDeploymentJobRequest, digest: str, fle
     config = request.deploymentApplicationConfigs[0]
     version = _version(store, config)
     faults = [*_faults(config, version, digest), *fleet_faults]
+    faults += changed_sources(store, version, f"{_PATH}.applicationVersion")
     if faults:
         raise DocumentError(faults, source="deployment")
     return version
@@ -171,11 +187,13 @@ def _version(store: Store, config: DeploymentApplicationConfig) -> Version:
     try:
         application = decoded(Application, store.get(key), store, key)
     except ObjectNotFound as exc:
-        raise _missing("application", config.application, "a robot application that was published") from exc
+        raise _missing("application", config.application, _PUBLISHED) from exc
+    if application.deleted:
+        raise _missing("application", config.application, _PUBLISHED)
     wanted = int(config.applicationVersion)
     found = next((version for version in application.versions if version.number == wanted), None)
     if found is None:
-        raise _missing("applicationVersion", config.applicationVersion, f"1 to {len(application.versions)}")
+        raise _missing("applicationVersion", config.applicationVersion, application.numbers)
     return found
 
 

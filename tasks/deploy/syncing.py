@@ -10,7 +10,7 @@ from specs.deployment import CreateDeploymentJobRequest
 from specs.errors import ResourceNotFound
 from tasks.deploy import environment
 from tasks.deploy.fleets import read_fleet
-from tasks.deploy.plan import Plan
+from tasks.deploy.plan import Plan, digests_for
 from tasks.deploy.planning import bounds_for
 from tasks.deploy.robots import members, read_desired, read_reported
 from tasks.storage.records import JobRecord, read, records
@@ -53,7 +53,9 @@ def plan_sync(store: Store, last: JobRecord) -> Plan:
     request = CreateDeploymentJobRequest.model_validate(last.request)
     # Those of the plan, not of the request: a signature may stand under the plan.
     variables, tags = plan.launch.environmentVariables or {}, request.tags or {}
-    wanted = {robot.name: environment.environment(variables, robot.tags, tags) for robot in members(store, plan.fleet)}
+    robots = members(store, plan.fleet)
+    plan = plan.model_copy(update={"digests": digests_for(robots, plan.builds)})
+    wanted = {robot.name: environment.environment(variables, robot.tags, tags) for robot in robots}
     given = {robot: each for robot, each in wanted.items() if not _runs(store, robot, plan, each)}
     bounds = bounds_for(len(given), request)
     return plan.model_copy(update={"environments": given, "at_once": bounds.at_once, "failures": bounds.failures})
@@ -65,7 +67,7 @@ def _runs(store: Store, robot: str, plan: Plan, variables: Mapping[str, str]) ->
     reported = read_reported(store, robot)
     if desired is None or reported is None:
         return False
-    wanted = (plan.digest, plan.launch, dict(variables))
+    wanted = (plan.digest_for(robot), plan.launch, dict(variables))
     answered = (reported.deployment, reported.sequence) == (desired.deployment, desired.sequence)
     return answered and reported.status == "InSync" and (desired.digest, desired.launch, desired.environment) == wanted
 

@@ -135,6 +135,7 @@ def _launch(
 ) -> ApplicationLaunch:
     try:
         version = find_version(kind, use.application, use.applicationVersion)
+        _require_simulated_build(version)
     except DocumentError as exc:
         placed = [fault.model_copy(update={"path": f"{where}.{fault.path}"}) for fault in exc.faults]
         raise type(exc)(placed, exc.source) from exc
@@ -145,6 +146,13 @@ def _launch(
         package=use.launchConfig.packageName or "",
         launch_file=(use.launchConfig.launchFile or "").removesuffix(".py").removesuffix(".launch"),
     )
+
+
+def _require_simulated_build(version: Version) -> None:
+    """Does nothing for a version that can be simulated: what is simulated is the build for X86_64 (semantics 3)."""
+    if version.builds and "X86_64" not in version.digests:
+        value = f"{version.name} version {version.number}, for {', '.join(version.digests)}"
+        raise DocumentError([Fault(path="applicationVersion", value=value, allowed="a version with an X86_64 source")])
 
 
 def _own_worlds(request: PipelineJobRequest) -> list[str]:

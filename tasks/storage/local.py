@@ -95,6 +95,13 @@ class LocalStore:
         with self._explained(key, reading=True), path.open("rb") as file:
             return os.fstat(file.fileno()).st_size
 
+    def etag(self, key: str) -> str:
+        """Returns the object's etag, or raises ObjectNotFound; all of it is read."""
+        hashed = hashlib.blake2b(digest_size=16)
+        for block in self.blocks(key):
+            hashed.update(block)
+        return hashed.hexdigest()
+
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields the object's bytes from one of them on, or raises ObjectNotFound."""
         path = self._path(key)

@@ -52,6 +52,10 @@ class OverlayStore:
         """Returns an object's size; see Store."""
         return len(self.get(key).body) if key in self._written else self._below.size(key)
 
+    def etag(self, key: str) -> str:
+        """Returns an object's ETag; see Store."""
+        return self.get(key).etag if key in self._written else self._below.etag(key)
+
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields an object's bytes; see Store."""
         if key in self._written:

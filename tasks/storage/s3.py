@@ -90,6 +90,12 @@ class S3Store:
         with self._explained(key):
             return cast("int", self._client.call("head_object", Bucket=self._bucket, Key=path)["ContentLength"])
 
+    def etag(self, key: str) -> str:
+        """Returns the object's etag, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key):
+            return str(self._client.call("head_object", Bucket=self._bucket, Key=path)["ETag"])
+
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields the object's bytes from one of them on, or raises ObjectNotFound."""
         path = self._path(key)

@@ -71,6 +71,14 @@ class Store(Protocol):
         """
         ...
 
+    def etag(self, key: str) -> str:
+        """Returns the object's etag without keeping the object in memory.
+
+        Raises:
+            ObjectNotFound: There is none under the key.
+        """
+        ...
+
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields the object's bytes, from the one with that number on, as they arrive.
 

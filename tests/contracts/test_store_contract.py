@@ -173,6 +173,14 @@ def test_a_big_file_survives_the_round_trip(store: Store, tmp_path: Path) -> Non
     assert target.read_bytes() == source.read_bytes()
 
 
+def test_the_etag_of_an_object_is_the_one_it_is_read_with(store: Store) -> None:
+    for body in (b"", b"1", bytes(700_000)):
+        store.put("a.bin", body)
+        assert store.etag("a.bin") == store.get("a.bin").etag
+    with pytest.raises(ObjectNotFound):
+        store.etag("none.bin")
+
+
 @pytest.mark.parametrize("first_byte", [0, 1, 300_000, 999_999, 1_000_000, 1_000_001])
 def test_an_object_is_read_from_any_byte_on(first_byte: int, store: Store) -> None:
     body = bytes(range(250)) * 4_000

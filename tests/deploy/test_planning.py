@@ -19,8 +19,8 @@ def _launch(**changes: object) -> DeploymentLaunchConfig:
 
 
 def _faults(yard: Yard, *, fleet: str = FLEET, local_agents: int = 2, **launch: object) -> list[Fault]:
-    digest = yard.publish({"run.sh": STAYS_UP}).digest
-    return preflight(yard.store, fleet=fleet, local_agents=local_agents, launch=_launch(**launch), digest=digest)
+    version = yard.publish({"run.sh": STAYS_UP})
+    return preflight(yard.store, fleet=fleet, local_agents=local_agents, launch=_launch(**launch), version=version)
 
 
 def test_what_can_be_deployed_has_no_faults_and_leaves_the_store_as_it_is(yard: Yard) -> None:
@@ -82,17 +82,18 @@ def test_a_launch_file_must_be_executable(yard: Yard) -> None:
     (package / "run.sh").write_text(STAYS_UP)
     version = publish(yard.store, "robot-application", "plain", package.parent)
 
-    (fault,) = preflight(yard.store, fleet=FLEET, local_agents=1, launch=_launch(), digest=version.digest)
+    (fault,) = preflight(yard.store, fleet=FLEET, local_agents=1, launch=_launch(), version=version)
 
     assert (fault.path, "chmod +x" in fault.allowed) == (f"{LAUNCH}.launchFile", True)
 
 
 @pytest.mark.parametrize("body", [b"", b"noise" * 1000, None])
 def test_a_bundle_that_is_no_archive_or_is_gone_is_a_fault(body: bytes | None, yard: Yard) -> None:
-    digest = "0" * 64
+    version = yard.publish({"run.sh": STAYS_UP})
+    yard.store.delete(bundle_key(version.digest))
     if body is not None:
-        yard.store.put(bundle_key(digest), body)
+        yard.store.put(bundle_key(version.digest), body)
 
-    (fault,) = preflight(yard.store, fleet=FLEET, local_agents=1, launch=_launch(), digest=digest)
+    (fault,) = preflight(yard.store, fleet=FLEET, local_agents=1, launch=_launch(), version=version)
 
     assert fault.path == "deployment.deploymentApplicationConfigs[0].application"

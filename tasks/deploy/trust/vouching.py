@@ -5,7 +5,7 @@ change it between, and have the deployer's key sign the change.
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from pydantic import JsonValue
@@ -40,19 +40,23 @@ class Signer(Protocol):
         ...
 
 
-def vouched(signer: Signer | None, job: str, digest: str, plan: dict[str, JsonValue]) -> dict[str, JsonValue]:
-    """Returns what a job's record holds of a plan, once robots will accept its bundle.
+def vouched(
+    signer: Signer | None, job: str, digests: Sequence[str], plan: dict[str, JsonValue]
+) -> dict[str, JsonValue]:
+    """Returns what a job's record holds of a plan, once robots will accept its bundles.
 
     Args:
         signer: Who vouches, or None.
         job: The job's id.
-        digest: Of the bundle.
+        digests: Of the bundles.
         plan: The plan as the record holds it.
     """
     if signer is None:
-        _LOG.warning("UNSIGNED: %s asks robots to run %s, and nobody's key vouches for it", job, digest[:12])
+        shown = ", ".join(digest[:12] for digest in digests)
+        _LOG.warning("UNSIGNED: %s asks robots to run %s, and nobody's key vouches for it", job, shown)
         return {_PLAN: plan, _TRUST: UNSIGNED}
-    signer.admit(digest)
+    for digest in digests:
+        signer.admit(digest)
     signature = signer.sign_plan(_bytes(job, plan))
     return {_PLAN: plan, _TRUST: f"signed by {signature.keyid}", _SIGNATURE: signature.model_dump(mode="json")}
 

@@ -1,0 +1,162 @@
+"""An application's one object in the store: read, and changed by compare-and-swap."""
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+
+from pydantic import JsonValue
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Build, Version
+from specs.digests import canonical_json
+from specs.errors import DocumentError, LimitExceeded, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from tasks.storage.encoding import decoded, encoded
+from tasks.storage.keys import application_key
+from tasks.storage.store import Store
+
+_REVISION_CHARACTERS = 40
+
+
+def read_application(store: Store, kind: ApplicationKind, name: str) -> Application | None:
+    """Returns an application that somebody made and nobody deleted, or None."""
+    found = _read(store, kind, name)[0]
+    return None if found is None or found.deleted else found
+
+
+def known_application(store: Store, kind: ApplicationKind, reference: str) -> Application:
+    """Returns an application by name or ARN.
+
+    Raises:
+        ResourceNotFound: No such application.
+        DocumentError: The reference names another kind of resource, or the name is none.
+    """
+    found = read_application(store, kind, application_name(kind, reference))
+    if found is None:
+        raise missing("application", reference, f"a published {kind}; see simyard list {kind}s")
+    return found
+
+
+def change(
+    store: Store, kind: ApplicationKind, name: str, step: Callable[[Application | None, int], Application]
+) -> Application:
+    """Returns an application after a change, written over exactly what was read.
+
+    Args:
+        store: Where it is.
+        kind: What it runs.
+        name: What it is called.
+        step: Returns what it shall be, from what it is (None for one that is not there) and the number that a new
+            version would have. Called again when another process changed it meanwhile.
+    """
+    key = application_key(kind, name)
+    while True:
+        before, etag = _read(store, kind, name)
+        last = _last_number(before) if before else 0
+        after = step(None if before is None or before.deleted else before, last + 1)
+        after = after.model_copy(update={"last_number": max(_last_number(after), last)})  # also after a deletion
+        if after == before:
+            return after
+        body = encoded(after)
+        try:
+            store.replace(key, body, etag) if before else store.create(key, body)
+        except (ObjectExists, ObjectConflict):  # another process was first; look again
+            continue
+        return after
+
+
+def with_version(
+    before: Application, bundles: Sequence[Build], *, whole: bool, shipped: bool, number: int
+) -> Application:
+    """Returns the application with one more version, or as it is when it has one of these bundles already.
+
+    Args:
+        before: The application.
+        bundles: What the version stands for.
+        whole: Whether the only bundle is for all architectures.
+        shipped: Whether it came with Simyard.
+        number: The version's.
+
+    Raises:
+        LimitExceeded: A 41st version (semantics 9).
+    """
+    builds = () if whole else tuple(bundles)
+    if known_version(before, bundles, whole=whole):
+        return before
+    if len(before.versions) >= VERSIONS_AT_MOST:
+        value, allowed = f"a new version of {before.name}", f"at most {VERSIONS_AT_MOST} versions; delete one"
+        raise LimitExceeded([Fault(path="application", value=value, allowed=allowed)], source=before.name)
+    main = next((build for build in bundles if build.architecture == "X86_64"), bundles[0])
+    revision = next_revision(before, [number, *(build.digest for build in bundles)])
+    version = Version(
+        kind=before.kind,
+        name=before.name,
+        number=number,
+        digest=main.digest,
+        size_bytes=main.size_bytes,
+        created_at_s=time.time(),
+        shipped=shipped,
+        builds=builds,
+        revision=revision,
+    )
+    return before.model_copy(update={"versions": (*before.versions, version), "revision": revision})
+
+
+def known_version(application: Application, bundles: Sequence[Build], *, whole: bool) -> Version | None:
+    """Returns the version that stands for exactly these bundles, or None."""
+    builds = () if whole else tuple(bundles)
+    same = (
+        each for each in application.versions if each.builds == builds and (builds or each.digest == bundles[0].digest)
+    )
+    return next(same, None)
+
+
+def next_revision(before: Application, change: Sequence[int | str]) -> str:
+    """Returns the revision after a change: another one for every change, also for one that goes back."""
+    document: dict[str, JsonValue] = {"before": before.revision, "change": [*change]}
+    return hashlib.sha256(canonical_json(document)).hexdigest()[:_REVISION_CHARACTERS]
+
+
+def require_revision(application: Application, current: str | None) -> None:
+    """Does nothing when the application is as the caller has seen it, or when the caller does not care.
+
+    Raises:
+        DocumentError: Somebody has changed it since.
+    """
+    if current is not None and current != application.revision:
+        allowed = f"the revision that it has now, {application.revision!r}: somebody has changed it; look at it again"
+        raise DocumentError([Fault(path="currentRevisionId", value=repr(current), allowed=allowed)], application.name)
+
+
+def application_name(kind: ApplicationKind, reference: str) -> str:
+    """Returns the name that a reference means.
+
+    Raises:
+        DocumentError: It names another kind of resource.
+    """
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise DocumentError([Fault(path="application", value=reference, allowed=str(exc))]) from exc
+    if parsed.kind not in {None, kind}:
+        fault = Fault(path="application", value=reference, allowed=f"the ARN or the name of a {kind}")
+        raise DocumentError([fault])
+    return parsed.path
+
+
+def missing(path: str, value: str, allowed: str) -> ResourceNotFound:
+    """Returns the error that says that something does not exist."""
+    return ResourceNotFound([Fault(path=path, value=repr(value), allowed=allowed)])
+
+
+def _read(store: Store, kind: ApplicationKind, name: str) -> tuple[Application | None, str]:
+    key = application_key(kind, name)
+    try:
+        stored = store.get(key)
+    except ObjectNotFound:
+        return None, ""
+    return decoded(Application, stored, store, key), stored.etag
+
+
+def _last_number(application: Application) -> int:
+    return max(application.last_number, *(version.number for version in application.versions), 0)
