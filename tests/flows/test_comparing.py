@@ -87,9 +87,16 @@ def test_a_map_shows_both_ways_whether_they_were_recorded_or_not(
     lines = [each for each in root.iter(f"{SVG}polyline") if each.get("class") in {"first", "second"}]
     shown = min(6, sum(flip.world == drawn[0].world for flip in flips))
     assert [each.get("class") for each in lines] == ["first", "second"] * shown
-    start_x, _ = plan_page(drawn[0].svg).at((0.0, 0.0))
-    for line in lines:  # the scenario starts at the origin
-        assert float((line.get("points") or "").partition(",")[0]) == pytest.approx(start_x, abs=0.06)
+    page = plan_page(drawn[0].svg)
+    ends = [
+        page.at(float(batch.rows.column(name)[index].as_py()) for name in ("final_x_m", "final_y_m"))
+        for flip in [flip for flip in flips if flip.world == drawn[0].world][:6]
+        for batch, index in ((first, flip.first), (second, flip.second))
+    ]
+    for line, end in zip(lines, ends, strict=True):
+        points = [tuple(map(float, point.split(","))) for point in (line.get("points") or "").split()]
+        assert points[0] == pytest.approx(page.at((0.0, 0.0)), abs=0.06)  # where the scenario starts
+        assert points[-1] == pytest.approx(end, abs=0.06)
     run("--output", str(tmp_path / "maps"))
     assert len(list((tmp_path / "maps").glob("flips-again-pen-*.svg"))) == len(drawn)
 

@@ -11,7 +11,7 @@ def playback(samples: int = SAMPLES, rays: int = RAYS) -> Playback:
     """Returns an episode of so many samples at 20 Hz; a goal is reached and something is touched in the middle."""
     number = np.arange(samples)
     last = samples - 1
-    pose = np.stack([number / 20, np.full(samples, 0.5), np.pi - 0.2 + number / 20], 1)
+    pose = np.stack([number / 20, np.full(samples, 0.5), (2 * np.pi - 0.2 + number / 20) % (2 * np.pi) - np.pi], 1)
     return Playback(
         job="simb-1/3",
         ending="collision",

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
@@ -60,6 +61,9 @@ def test_the_robot_is_where_it_was(found: Found):
     _, body = found["/tf"][-1]
     assert (body["parent_frame_id"], body["child_frame_id"]) == ("world", "robot")
     assert body["translation"] == {"x": 1.0, "y": 0.5, "z": 0.0}
+    half_rad = (1.0 - 0.2 - np.pi) / 2
+    expected = {"x": 0.0, "y": 0.0, "z": pytest.approx(np.sin(half_rad)), "w": pytest.approx(np.cos(half_rad))}
+    assert body["rotation"] == expected
     assert body["rotation"] == found["/pose"][-1][1]["pose"]["orientation"]
 
 
@@ -78,6 +82,9 @@ def test_the_scene_has_every_solid_and_the_robot(found: Found):
     entities = {entity["id"]: entity for entity in scene["entities"]}
     drawn = ["walls", *(piece.name for piece in WORLD.furniture)]
     assert sum(len(entities[name]["cubes"]) + len(entities[name]["cylinders"]) for name in drawn) == len(solids(WORLD))
+    low = entities["sofa-1"]["cubes"][0]
+    assert low["size"] == {"x": 2.0, "y": 0.9, "z": 0.45}
+    assert low["pose"]["position"] == {"x": 0.0, "y": -1.55, "z": 0.225}
     assert entities["robot"]["frame_id"] == "robot"
     assert entities["robot"]["cylinders"][0]["size"] == {"x": 0.4, "y": 0.4, "z": 0.3}
     assert len(entities["goals"]["cylinders"]) == 2

@@ -92,6 +92,12 @@ def test_a_long_episode_is_shown_faster_and_stays_small():
     drawing = replay_svg(PLAN, playback(20 * 600 + 1, rays=360), WORLD.footprint)
     assert len(drawing) < 1_500_000
     assert "collision, 20 times as fast" in drawing
+    root = ET.fromstring(drawing)  # noqa: S314 - our own document
+    (bar,) = _moves(_of(root, "past"))
+    length_s = float(bar.get("dur", "").rstrip("s"))
+    assert length_s == pytest.approx(31.5)
+    shares = [float(each) for each in bar.get("keyTimes", "").split(";")]
+    assert shares[-2] * length_s == pytest.approx(30.0, abs=1e-2)
 
 
 def test_a_robot_without_lidar_and_one_that_never_moved_are_drawn():

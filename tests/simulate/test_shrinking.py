@@ -57,6 +57,13 @@ def test_rounds_are_few_because_all_of_a_round_is_tried_together():
     assert len(trials.rounds) <= 7  # nothing, and one for each halving
 
 
+def test_of_what_fails_in_a_round_the_smallest_is_taken():
+    def fails(selections: Sequence[Names]) -> list[bool]:
+        return [bool(names) for names in selections]
+
+    assert smaller(("a", "b", "c"), fails, 3).names == ("a",)  # nothing; a; b and c
+
+
 def test_a_failure_that_nothing_of_it_causes_needs_one_trial():
     assert smaller(ALL, Needs(frozenset()), 10) == ((), 1, True)
 

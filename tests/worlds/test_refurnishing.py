@@ -6,7 +6,7 @@ import pytest
 
 from specs.errors import DocumentError
 from specs.template import TemplateBody
-from specs.world import World
+from specs.world import Wish, World
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 from tasks.worlds.adding import add_world
@@ -59,7 +59,9 @@ def test_nobody_takes_it_for_a_world_that_was_generated(world: World, half: Worl
 
 
 def test_without_a_template_wishes_about_furniture_are_left_out(world: World):
-    bare = refurnished(world, set(), None).certificate
+    full = Wish(kind="density", subject="Living room", wished="Dense", found="Dense", met=True)
+    said = world.certificate.model_copy(update={"wishes": (*world.certificate.wishes, full)})
+    bare = refurnished(world.model_copy(update={"certificate": said}), set(), None).certificate
     kinds = {wish.kind for wish in bare.wishes[:-1]}
     assert kinds
     assert not kinds & {"furniture", "density"}
