@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from jaxtyping import Float
 
-from tasks.results.report.simplify import simplified
+from tasks.results.report.simplify import fitted, simplified
 
 TOLERANCE_M = 0.05
 lines = st.integers(1, 40).flatmap(lambda points: arrays(np.float64, (points, 2), elements=st.floats(-10, 10)))
@@ -48,3 +48,11 @@ def test_a_corner_stays():
 def test_a_way_back_to_where_it_began_is_more_than_a_point():
     line = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 0.0]])
     assert simplified(line, TOLERANCE_M).tolist() == line.tolist()
+
+
+@given(lines, st.integers(2, 10))
+def test_a_line_has_never_more_points_than_there_is_room_for(line: Float[np.ndarray, "points 2"], most: int):
+    kept = fitted(line, TOLERANCE_M, most)
+    assert len(kept) <= most
+    assert kept[0].tolist() == line[0].tolist()
+    assert kept[-1].tolist() == line[-1].tolist()

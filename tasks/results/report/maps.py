@@ -14,12 +14,14 @@ from tasks.results.report.picking import picked
 from tasks.results.report.places import Worlds
 from tasks.results.report.reading import NOT_SET, PASSED, Episodes, Failure, Failures, read_ways
 from tasks.results.report.rows import clipped, short_world
-from tasks.results.report.simplify import simplified
+from tasks.results.report.simplify import fitted
 
 MOST_MAPS = 24
 MARKS: Mapping[str, str] = {"collision": "hit", "timeout": "late", "stuck": "stuck", "out of bounds": "out"}
 _OTHER = "other"
 _TOLERANCE_M = 0.03
+# So that the drawn ways of all maps are less than a megabyte, however long episodes are.
+_POINTS = 160
 _DOTS = 150
 _LONGEST = 160
 _CM = (100.0, -100.0)
@@ -136,7 +138,7 @@ def _ends(episodes: Episodes, world: str) -> Float[np.ndarray, "ends 2"]:
 
 
 def _way(failure: Failure, way_m: Float[np.ndarray, "poses 2"], number: str) -> WayDrawing:
-    line = simplified(way_m, _TOLERANCE_M)
+    line = fitted(way_m, _TOLERANCE_M, _POINTS)
     x, y = np.rint((line[-1] if len(line) else np.array(failure.final_m)) * _CM).astype(int).tolist()
     title = f"job {failure.index}: {failure.reason} after {failure.simulated_s:.1f} s"
     return WayDrawing(mark=mark(failure.reason), title=title, path=way_path(line), x=x, y=y, number=number)

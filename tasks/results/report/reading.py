@@ -1,6 +1,6 @@
 """A batch's tables as columns: whole where a column is narrow, the wide ones only for the rows that are shown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -22,6 +22,8 @@ _TOLD = (
     *("index", "world", "seed", "reason", "failure_reason", "simulated_s", "environment"),
     *("goals_reached", "goals_total", "final_x_m", "final_y_m"),
 )
+# Of episodes of an hour these are some 60 MB.
+_ROWS_AT_ONCE = 512
 _WAY = ("trajectory_x_m", "trajectory_y_m")
 
 
@@ -126,18 +128,25 @@ def read_failures(path: Path) -> Failures:
 
 
 def read_ways(path: Path, rows: Sequence[int]) -> dict[int, Float[np.ndarray, "poses 2"]]:
-    """Returns where some failures went (x m, y m), by row; no more than a row group of the file is held in memory."""
+    """Returns where some failures went (x m, y m), by row; of the others no more is held in memory than some."""
     file, found, first = pq.ParquetFile(path), dict[int, Float[np.ndarray, "poses 2"]](), 0
     for group in range(file.num_row_groups):
-        end = first + file.metadata.row_group(group).num_rows
-        wanted = [row for row in rows if first <= row < end]
-        if wanted:
-            table = file.read_row_group(group, columns=list(_WAY)).take(pa.array([row - first for row in wanted]))
-            columns = [table.column(name).to_pylist() for name in _WAY]
-            for row, x_m, y_m in zip(wanted, *columns, strict=True):
-                found[row] = np.array([x_m, y_m], np.float64).T
-        first = end
+        count = file.metadata.row_group(group).num_rows
+        if any(first <= row < first + count for row in rows):
+            found.update(_ways(file, group, first, frozenset(rows)))
+        first += count
     return found
+
+
+def _ways(
+    file: pq.ParquetFile, group: int, first: int, rows: frozenset[int]
+) -> Iterator[tuple[int, Float[np.ndarray, "poses 2"]]]:
+    for batch in file.iter_batches(_ROWS_AT_ONCE, row_groups=[group], columns=list(_WAY)):
+        wanted = [row for row in range(first, first + batch.num_rows) if row in rows]
+        for row in wanted:
+            x_m, y_m = (batch.column(name)[row - first].values.to_numpy() for name in _WAY)
+            yield row, np.stack([x_m, y_m], axis=1)
+        first += batch.num_rows
 
 
 def _applications(table: pa.Table) -> Labels:

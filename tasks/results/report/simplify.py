@@ -22,6 +22,15 @@ def simplified(line_m: Float[np.ndarray, "points 2"], tolerance_m: float) -> Flo
     return line_m[keep]
 
 
+def fitted(line_m: Float[np.ndarray, "points 2"], tolerance_m: float, most: int) -> Float[np.ndarray, "kept 2"]:
+    """Returns the line with as few points as `simplified` leaves, coarser where those were more than ``most``."""
+    kept = simplified(line_m, tolerance_m)
+    while len(kept) > max(2, most):
+        tolerance_m *= 2.0
+        kept = simplified(kept, tolerance_m)
+    return kept
+
+
 def _mark(line_m: Float[np.ndarray, "points 2"], keep: Bool[np.ndarray, " points"], tolerance_m: float) -> None:
     waiting = [(0, len(line_m) - 1)]
     while waiting:
