@@ -39,8 +39,8 @@ def refurnished(world: World, kept: Collection[str], template: TemplateBody | No
     taken = Wish(
         kind="furniture",
         subject="all rooms",
-        wished=f"{len(world.furniture)} pieces, as generated",
-        found=f"{len(furniture)} pieces; the others were taken out",
+        wished=f"{len(world.furniture)} as generated",
+        found=f"{len(furniture)} left",
         met=len(furniture) == len(world.furniture),
     )
     return world.model_copy(

@@ -64,7 +64,7 @@ def test_no_lower_seed_fails_so(batch: OpenBatch, found: Shrunk):
 def test_the_world_is_in_the_store_with_a_certificate_of_its_own(batch: OpenBatch, found: Shrunk, tmp_path: Path):
     stored = decode_world(batch.store.get(world_key("shrunk", found.small_world.name)).body)
     assert stored == found.small_world
-    assert stored.certificate.wishes[-1].found == "1 pieces; the others were taken out"
+    assert stored.certificate.wishes[-1].found == "1 left"
     (tmp_path / "world.json").write_bytes(batch.store.get(world_key("shrunk", stored.name)).body)
     assert add_world(open_store((tmp_path / "other").as_uri()), tmp_path / "world.json") == f"shrunk/{stored.name}"
 
