@@ -8,6 +8,7 @@ from pydantic import JsonValue
 from specs.base import Spec
 
 _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
+_NAMED = 8
 _DISTANCES = (("final", "Apart at the end"), ("way", "Apart where farthest"))
 _SHARES = (("spread", "Spread over the batch"), ("failed", "Failed ones"))
 
@@ -38,17 +39,35 @@ def audit_view(audit: Mapping[str, JsonValue]) -> AuditView:
     Args:
         audit: As it is recorded; docs/audit.md says what its fields are.
     """
-    found = [("Compared", f"{audit.get('engine')} with {audit.get('reference')}, {audit.get('compared')} episodes")]
+    found: list[tuple[str, str]] = []
+    if "compared" in audit:
+        found.append(
+            ("Compared", f"{audit['compared']} episodes of {audit.get('engine')} with {audit.get('reference')}")
+        )
     found += [(label, _flips(share)) for name, label in _SHARES if (share := _mapping(audit, name))]
     found += [(label, _metres(each)) for name, label in _DISTANCES if (each := _mapping(audit, name))]
-    not_again = cast("Sequence[JsonValue]", audit.get("unreproduced") or ())
-    found += [("Rows that could not be made again", f"{len(not_again)}")]
+    found += [(label, _some(texts)) for label, texts in _episodes(audit) if texts]
     return AuditView(
         verdict=str(audit.get("verdict", "")),
         sentence=str(audit.get("sentence", "")),
         alarming=audit.get("verdict") in _ALARMING,
         lines=tuple(AuditLine(label=label, text=text) for label, text in found),
     )
+
+
+def _episodes(audit: Mapping[str, JsonValue]) -> list[tuple[str, list[str]]]:
+    """Returns the episodes that the audit names, with what it names them for."""
+    flips = cast("Sequence[Mapping[str, JsonValue]]", audit.get("flips") or ())
+    not_again = cast("Sequence[JsonValue]", audit.get("unreproduced") or ())
+    return [
+        ("Came to another end", [f"job {each['index']}: {each['row']}, not {each['reference']}" for each in flips]),
+        ("Could not be made again", [f"job {index}" for index in not_again]),
+    ]
+
+
+def _some(texts: Sequence[str]) -> str:
+    more = f", and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
+    return "; ".join(texts[:_NAMED]) + more
 
 
 def _mapping(audit: Mapping[str, JsonValue], name: str) -> Mapping[str, JsonValue]:
