@@ -1,6 +1,7 @@
 """One robot in the process of the test."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from specs.bundle import Version
 from specs.deployment import DeploymentLaunchConfig
@@ -22,11 +23,12 @@ class OneRobot:
         self.yard = yard
         self.stop = Stop()
         self.root = yard.root(NAME)
+        self.store: Any = yard.store  # or something in front of it
         self.robot = self.restarted()
 
     def restarted(self) -> Robot:
         place = Place(robot=NAME, disk=Disk(self.root), stop=self.stop, grace_s=0.15)
-        self.robot = Robot(self.yard.store, place, Reporter(self.yard.store, NAME))
+        self.robot = Robot(self.store, place, Reporter(self.store, NAME))
         return self.robot
 
     def deploy(self, version: Version, sequence: int, **changes: object) -> Reported:

@@ -1,17 +1,19 @@
 """One robot: what it accepts, refuses, survives and takes up again."""
 
-from collections.abc import Callable, Mapping
+import errno
+from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 
 import pytest
 
 from specs.errors import StoreUnreachable
-from tasks.deploy.disk import Disk
+from tasks.deploy.disk import Disk, RobotState
 from tasks.deploy.launch import Place
 from tasks.deploy.reporting import Reporter
 from tasks.deploy.robots import read_reported
 from tasks.deploy.steps import Robot
 from tasks.deploy.stopping import Stop, StopRequested
+from tasks.storage.keys import bundle_key
 from tasks.storage.store import Store
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
 from tests.deploy.yard import STAYS_UP, Yard, eventually
@@ -92,7 +94,7 @@ def test_a_failing_step_is_reported_and_the_version_before_runs_on(
     assert (reported.status, reported.failure_code, reported.step) == ("Failed", code, step)
     assert reported.failure_reason
     assert one.yard.current(NAME) == good.digest
-    assert one.programs == ["sleep 1000"]
+    eventually(lambda: one.programs == ["sleep 1000"])  # a moment ago it was still the shell
 
 
 def test_a_first_version_that_fails_leaves_nothing_running(one: OneRobot) -> None:
@@ -186,3 +188,146 @@ class _StopWhen(Stop):
         if self._path.exists():
             self.request()
         super().sleep(seconds)
+
+
+def test_a_robot_whose_state_was_set_aside_takes_its_latest_again_and_nothing_older(one: OneRobot) -> None:
+    older, newer = one.yard.publish({"run.sh": STAYS_UP + "# older\n"}), one.yard.publish(GOOD)
+    one.deploy(older, 6)
+    one.deploy(newer, 7)
+    one.robot.end()
+    (one.root / "state.json").write_text("{")
+    one.yard.store.delete(bundle_key(newer.digest))  # it is here already
+
+    one.restarted().recover()
+
+    assert one.yard.current(NAME) == newer.digest
+    assert one.deploy(older, 6).sequence == 7
+    assert one.programs == []
+    reported = one.deploy(newer, 7)
+    assert (reported.status, reported.sequence) == ("InSync", 7)
+    eventually(lambda: one.programs == ["sleep 1000"])
+
+
+def test_a_download_goes_on_after_a_restart(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD, padding_bytes=3 << 20)
+    body = one.yard.store.get(bundle_key(version.digest)).body
+    one.robot.accept(desired(version, 1, timeout_s=0.0, digest="0" * 64))
+    state = RobotState(sequence=2, target=desired(version, 2))
+    one.robot.end()
+    Disk(one.root).save(state)
+    Disk(one.root).download(version.digest).write_bytes(body[: 2 << 20])
+    one.store = CountingStore(one.yard.store)
+
+    one.restarted().recover()
+
+    reported = read_reported(one.yard.store, NAME)
+    assert reported is not None
+    assert (reported.status, one.yard.current(NAME)) == ("InSync", version.digest)
+    assert one.store.first_bytes == [2 << 20]
+    assert list((one.root / "downloads").iterdir()) == []
+
+
+def test_a_robot_without_room_says_so_and_runs_what_it_ran(one: OneRobot) -> None:
+    good, big = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# new\n"})
+    one.deploy(good, 1)
+    Disk(one.root).download(big.digest).symlink_to("/dev/full")
+
+    reported = one.deploy(big, 2)
+
+    assert (reported.failure_code, reported.step) == ("EnvironmentSetupError", "DownloadingExtracting")
+    assert "no room for the bundle" in reported.failure_reason
+    assert one.yard.current(NAME) == good.digest
+    eventually(lambda: one.programs == ["sleep 1000"])
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
+def test_a_robot_that_cannot_keep_its_state_refuses_and_runs_what_it_ran(
+    code: int, one: OneRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, new = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# new\n"})
+    one.deploy(good, 1)
+    with monkeypatch.context() as full:
+        full.setattr(Disk, "save", _raising(OSError(code, "the disk says no")))
+        refused = one.deploy(new, 2)
+        one.robot.supervise()
+
+    assert (refused.failure_code, refused.sequence) == ("EnvironmentSetupError", 2)
+    eventually(lambda: one.programs == ["sleep 1000"])
+    assert one.deploy(new, 2).status == "InSync"
+
+
+def test_a_disk_that_fills_up_in_between_ends_the_deployment_and_is_written_to_later(
+    one: OneRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, new = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# new\n"})
+    one.deploy(good, 1)
+    with monkeypatch.context() as full:
+        full.setattr(Disk, "switch", _raising(OSError(errno.ENOSPC, "full"), once=True))
+        full.setattr(Disk, "save", _raising(OSError(errno.ENOSPC, "full"), after=1))
+        reported = one.deploy(new, 2)
+        assert (reported.failure_code, reported.step) == ("EnvironmentSetupError", "Launching")
+        assert Disk(one.root).load().outcome != reported
+    one.robot.supervise()
+
+    kept = Disk(one.root).load()
+    assert (kept.target, kept.running and kept.running.digest) == (None, good.digest)
+    assert kept.outcome == reported
+
+
+def test_an_application_that_crashes_during_a_download_is_started_again(one: OneRobot) -> None:
+    crashing = {"run.sh": '#!/bin/sh\necho up >> "$HOME/launches"\nsleep 0.3\n'}
+    one.deploy(one.yard.publish(crashing), 1)
+    one.store = WaitingStore(one.yard.store, lambda: (one.root / "launches").read_text().count("up") >= 3)
+    one.robot.end()
+    (one.root / "launches").unlink()
+    one.restarted().recover()
+
+    assert one.deploy(one.yard.publish(GOOD), 2).status == "InSync"
+    assert one.store.waited
+
+
+class _Forwarding:
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def __getattr__(self, name: str) -> Callable[..., object]:
+        return getattr(self._store, name)
+
+
+class CountingStore(_Forwarding):
+    """A store that notes from which byte on bundles are read."""
+
+    def __init__(self, store: Store) -> None:
+        super().__init__(store)
+        self.first_bytes: list[int] = []
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        self.first_bytes.append(first_byte)
+        return self._store.blocks(key, first_byte)
+
+
+class WaitingStore(_Forwarding):
+    """A store that is away for downloads until something has happened."""
+
+    def __init__(self, store: Store, happened: Callable[[], bool]) -> None:
+        super().__init__(store)
+        self.waited = 0
+        self._happened = happened
+
+    def size(self, key: str) -> int:
+        if not self._happened():
+            self.waited += 1
+            raise StoreUnreachable("away")
+        return self._store.size(key)
+
+
+def _raising(exc: OSError, *, after: int = 0, once: bool = False) -> Callable[..., None]:
+    """Returns a method that raises; after so many calls, which do nothing, or only the first time."""
+    calls = [0]
+
+    def method(self: Disk, *_: object) -> None:
+        calls[0] += 1
+        if calls[0] > after and not (once and calls[0] > 1):
+            raise exc
+
+    return method
