@@ -31,12 +31,13 @@ class FloorDrawing(Spec):
 
     Attributes:
         view_box: For the SVG.
-        width: Of the view box, and ``height``.
+        x: Left edge of the view box; ``width`` and ``height`` are its size.
         letter: Height of letters that can be read when the drawing is as wide as a phone.
         furniture: Path data of all pieces; ``walls`` and ``doors`` likewise.
     """
 
     view_box: str
+    x: int
     width: int
     height: int
     letter: int
@@ -52,6 +53,7 @@ def draw_floor(world: World) -> FloorDrawing:
     letter = max(width, height) // _LABELS_ACROSS
     return FloorDrawing(
         view_box=f"{x} {y} {width} {height}",
+        x=x,
         width=width,
         height=height,
         letter=letter,
