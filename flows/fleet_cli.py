@@ -65,6 +65,7 @@ def sync(
     fleet: _Fleet,
     store: _StoreUrl = None,
     unsigned: Annotated[bool, typer.Option("--unsigned", help="Ask robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
+    failed: Annotated[bool, typer.Option("--failed", help="Only robots that failed, or did not answer.")] = False,  # noqa: FBT002 - a switch
 ) -> None:
     """Bring a fleet to its latest deployment: robots that joined later, were away, or failed; signed (SIMYARD_KEYS)."""
     from uuid import uuid4
@@ -75,9 +76,9 @@ def sync(
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
-    behind = list(plan_sync(opened, latest_deployment(opened, fleet)).environments)
+    behind = list(plan_sync(opened, latest_deployment(opened, fleet), only_failed=failed).environments)
     if not behind:
-        typer.echo(f"all robots of {fleet} are in sync")
+        typer.echo(f"no robot of {fleet} failed" if failed else f"all robots of {fleet} are in sync")
         return
     signer = chosen_signer(opened, "unsigned" if unsigned else "signed", local=False)
     typer.echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")
@@ -86,6 +87,7 @@ def sync(
         fleet,
         token=uuid4().hex,
         progress=lambda ended, robots: typer.echo(f"{ended} of {robots} robots"),
+        only_failed=failed,
         signer=signer,
     )
     typer.echo(f"{record.status} {record.arn}" + (f": {record.failure_reason}" if record.failure_reason else ""))

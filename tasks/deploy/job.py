@@ -89,6 +89,7 @@ def run_sync_job(
     *,
     token: str,
     progress: Callable[[int, int], None],
+    only_failed: bool = False,
     pace: Pace | None = None,
     signer: Signer | None = None,
 ) -> JobRecord:
@@ -99,6 +100,7 @@ def run_sync_job(
         fleet: Its name or ARN.
         token: The client request token.
         progress: Called with robots that have ended and robots in all, whenever that changes.
+        only_failed: Whether to try again those that failed or did not answer, and nobody else.
         pace: Clock and poll interval.
         signer: As for a deployment; it must have signed the one that is synced.
 
@@ -112,7 +114,7 @@ def run_sync_job(
     check_recorded(signer, last)
     known = _known(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
-    work = _Work(request, plan=lambda: plan_sync(store, last), check=lambda: None)
+    work = _Work(request, plan=lambda: plan_sync(store, last, only_failed=only_failed), check=lambda: None)
     return _run(store, work, token, progress, pace=pace or Pace(), robots=None, signer=signer)
 
 

@@ -4,6 +4,7 @@ They joined later, were away, or failed; with a failed one, a sync is how only t
 """
 
 from collections.abc import Mapping
+from typing import Literal
 
 from specs.base import Fault
 from specs.deployment import CreateDeploymentJobRequest
@@ -43,11 +44,12 @@ def sync_request(last: JobRecord, token: str) -> CreateDeploymentJobRequest:
     return CreateDeploymentJobRequest.model_validate({**document, "clientRequestToken": token})
 
 
-def plan_sync(store: Store, last: JobRecord) -> Plan:
+def plan_sync(store: Store, last: JobRecord, *, only_failed: bool = False) -> Plan:
     """Returns the last deployment's plan for those members of its fleet that are not in sync with it.
 
-    Bytes and launch are those of the last plan, whatever was published since; shares are of those that take part, and
-    variables follow robots' tags.
+    Only the failed are those that were asked and failed, or did not answer; not those that joined later, or that a
+    roll-out which stopped had left as they were. Bytes and launch are those of the last plan, whatever was published
+    since; shares are of those that take part, and variables follow robots' tags.
     """
     plan = Plan.model_validate(last.detail["plan"])
     request = CreateDeploymentJobRequest.model_validate(last.request)
@@ -56,20 +58,27 @@ def plan_sync(store: Store, last: JobRecord) -> Plan:
     robots = members(store, plan.fleet)
     plan = plan.model_copy(update={"digests": digests_for(robots, plan.builds)})
     wanted = {robot.name: environment.environment(variables, robot.tags, tags) for robot in robots}
-    given = {robot: each for robot, each in wanted.items() if not _runs(store, robot, plan, each)}
+    lacking = {"failed"} if only_failed else {"failed", "other"}
+    given = {robot: each for robot, each in wanted.items() if _standing(store, robot, plan, each) in lacking}
     bounds = bounds_for(len(given), request)
     return plan.model_copy(update={"environments": given, "at_once": bounds.at_once, "failures": bounds.failures})
 
 
-def _runs(store: Store, robot: str, plan: Plan, variables: Mapping[str, str]) -> bool:
-    """Returns whether a robot runs the plan's bytes as the plan launches them, with these variables."""
+def _standing(
+    store: Store, robot: str, plan: Plan, variables: Mapping[str, str]
+) -> Literal["in sync", "failed", "other"]:
+    """Returns whether a robot runs the plan's bytes as the plan launches them, with these variables, or failed to."""
     desired, _ = read_desired(store, robot)
+    if desired is None or (desired.digest, desired.launch) != (plan.digest_for(robot), plan.launch):
+        return "other"
     reported = read_reported(store, robot)
-    if desired is None or reported is None:
-        return False
-    wanted = (plan.digest_for(robot), plan.launch, dict(variables))
-    answered = (reported.deployment, reported.sequence) == (desired.deployment, desired.sequence)
-    return answered and reported.status == "InSync" and (desired.digest, desired.launch, desired.environment) == wanted
+    answered = reported is not None and (reported.deployment, reported.sequence) == (
+        desired.deployment,
+        desired.sequence,
+    )
+    if reported is None or not answered or reported.status != "InSync":
+        return "failed"
+    return "in sync" if desired.environment == dict(variables) else "other"
 
 
 def _plan_of(job: JobRecord) -> Mapping[str, object]:

@@ -13,8 +13,16 @@ from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
 
-def sync(yard: Yard, robots: PuppetRobots, token: str = "sync") -> JobRecord:  # noqa: S107 - of a client request
-    return run_sync_job(yard.store, FLEET, token=token, progress=lambda *_: None, pace=robots.pace)
+def sync(
+    yard: Yard,
+    robots: PuppetRobots,
+    token: str = "sync",  # noqa: S107 - of a client request
+    *,
+    only_failed: bool = False,
+) -> JobRecord:
+    return run_sync_job(
+        yard.store, FLEET, token=token, progress=lambda *_: None, only_failed=only_failed, pace=robots.pace
+    )
 
 
 def test_a_robot_that_joined_later_gets_what_the_others_run(yard: Yard) -> None:
@@ -43,6 +51,34 @@ def test_only_those_that_failed_are_tried_again(yard: Yard) -> None:
 
     assert record.status == "Succeeded"
     assert list(recorded_progress(record)) == ["r3"]
+
+
+def test_those_that_joined_later_or_were_left_out_may_be_kept_out_of_it(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5), yard.publish({"run.sh": STAYS_UP})
+    robots.failing = {"r0", "r1"}
+    first = run(yard, robots, yard.request(version, "one"), version.digest)
+    assert [each.failure_code for each in recorded_progress(first).values()].count("RobotDeploymentAborted") == 3
+    create_robot(yard.store, "late")
+    register_robot(yard.store, FLEET, "late")
+    robots.failing = set()
+
+    retried = sync(yard, robots, "retry", only_failed=True)
+
+    assert retried.status == "Succeeded"
+    assert list(recorded_progress(retried)) == ["r0", "r1"]
+    robots.names.append("late")
+    assert list(recorded_progress(sync(yard, robots))) == ["r2", "r3", "r4", "late"]
+
+
+def test_who_does_not_answer_is_tried_again_like_who_failed(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 5, step_s=10_000.0), yard.publish({"run.sh": STAYS_UP})
+    robots.silent = {"r4"}
+    run(yard, robots, yard.request(version, "one"), version.digest)
+    robots.silent = set()
+
+    retried = sync(yard, robots, "retry", only_failed=True)
+
+    assert (retried.status, list(recorded_progress(retried))) == ("Succeeded", ["r4"])
 
 
 def test_a_fleet_in_sync_is_synced_without_asking_anybody(yard: Yard) -> None:
