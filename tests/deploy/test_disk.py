@@ -1,5 +1,7 @@
 from pathlib import Path
 
+import pytest
+
 from specs.deployment import DeploymentLaunchConfig
 from tasks.deploy.disk import Disk, RobotState
 from tasks.deploy.states import Desired
@@ -61,3 +63,50 @@ def test_tidying_keeps_what_runs_what_comes_and_what_ran_before(tmp_path: Path) 
 
     assert sorted(path.name[0] for path in disk.versions.iterdir()) == ["a", "b", "c"]
     assert list(disk.downloads.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "left", [None, b"", b"{", b'{"sequence": "x"}', b"\xff\xfe", b'{"sequence": 9, "written by": "x"}']
+)
+def test_the_sequence_outlives_the_state(left: bytes | None, tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.save(RobotState(sequence=7))
+    disk.save(RobotState(sequence=8, running=_desired("b")))
+    if left is None:
+        (tmp_path / "state.json").unlink()
+    else:
+        (tmp_path / "state.json").write_bytes(left)
+
+    assert Disk(tmp_path).load() == RobotState(sequence=7)  # so that the eighth is taken once more
+
+
+@pytest.mark.parametrize("left", [b"", b"x", b"-"])
+def test_a_sequence_that_cannot_be_read_harms_no_state_that_can(left: bytes, tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.save(RobotState(sequence=7))
+    (tmp_path / "sequence").write_bytes(left)
+
+    assert Disk(tmp_path).load() == RobotState(sequence=7)
+    disk.save(RobotState(sequence=7))
+    assert (tmp_path / "sequence").read_bytes() == b"7"
+
+
+def test_of_downloads_only_what_has_arrived_of_one_bundle_is_kept(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.download("a" * 64).write_bytes(b"half")
+    disk.tidy(RobotState())
+    assert disk.download("a" * 64).read_bytes() == b"half"
+
+    disk.download("b" * 64).write_bytes(b"half")
+
+    assert [path.name[0] for path in disk.downloads.iterdir()] == ["b"]
+
+
+def test_a_link_that_is_right_is_left_alone(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.version("a" * 64).mkdir()
+    disk.switch("a" * 64)
+    before = disk.current.lstat().st_ino
+    disk.switch("a" * 64)
+
+    assert disk.current.lstat().st_ino == before

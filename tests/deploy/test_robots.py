@@ -1,3 +1,4 @@
+import json
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -11,11 +12,14 @@ from tasks.deploy.robots import (
     deregister_robot,
     members,
     read_desired,
+    read_reported,
     read_robot,
     register_robot,
     robots,
 )
-from tasks.deploy.states import Desired
+from tasks.deploy.states import Desired, Reported
+from tasks.storage.encoding import encoded
+from tasks.storage.keys import desired_key, reported_key
 from tasks.storage.store import Store
 
 
@@ -147,3 +151,65 @@ def test_the_sequence_grows_with_every_deployment(file_store: Store) -> None:
     sequences = [ask(file_store, _desired(deployment)).sequence for deployment in ("dep-1", "dep-2", "dep-2", "dep-3")]
 
     assert sequences == [1, 2, 2, 3]
+
+
+GARBAGE = [b"", b"{", b"[]", b"\xff\xfe", b'{"robot": "r1"}', b"9" * 5000, b" " * ((1 << 20) + 1)]
+
+
+@pytest.mark.parametrize("body", GARBAGE)
+def test_garbage_asks_nothing_of_a_robot_and_is_written_over_by_who_asks(
+    body: bytes, store: Store, caplog: pytest.LogCaptureFixture
+) -> None:
+    store.put(reported_key("r1"), encoded(_reported(sequence=4)))
+    store.put(desired_key("r1"), body)
+    assert read_desired(store, "r1")[0] is None
+
+    asked = ask(store, _desired("dep-1"))
+
+    assert (asked.sequence, read_desired(store, "r1")[0]) == (5, asked)
+    assert [each for each in caplog.messages if "robots/r1/desired.json" in each]
+
+
+@pytest.mark.parametrize("body", GARBAGE)
+def test_a_robot_whose_report_is_garbage_is_without_news(
+    body: bytes, file_store: Store, caplog: pytest.LogCaptureFixture
+) -> None:
+    file_store.put(reported_key("r1"), body)
+
+    assert [read_reported(file_store, "r1") for _ in range(3)] == [None] * 3
+    assert ask(file_store, _desired("dep-1")).sequence == 1
+    assert len([each for each in caplog.messages if "r1 is without news" in each]) == 1, "told once"
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("percent_done", "1e308"),
+        ("percent_done", "NaN"),
+        ("percent_done", "-1"),
+        ("sequence", "-1"),
+        ("sequence", "9" * 30),
+        ("started_at_s", "NaN"),
+        ("finished_at_s", "1e300"),
+        ("finished_at_s", "Infinity"),
+        ("failure_reason", '"' + "x" * 2000 + '"'),
+    ],
+)
+def test_a_report_with_a_number_that_nobody_can_count_with_is_none(field: str, value: str, file_store: Store) -> None:
+    document = json.loads(encoded(_reported(sequence=4)))
+    document[field] = "HERE"
+    file_store.put(reported_key("r1"), json.dumps(document).replace('"HERE"', value).encode())
+
+    assert read_reported(file_store, "r1") is None
+
+
+def _reported(sequence: int) -> Reported:
+    return Reported(
+        robot="r1",
+        deployment="dep-0",
+        sequence=sequence,
+        boot_id="b",
+        status="InSync",
+        step="Finished",
+        started_at_s=1.0,
+    )
