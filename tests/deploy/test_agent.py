@@ -1,8 +1,10 @@
 """The agent as a process of its own: killed, told to end, and what it needs."""
 
+import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from random import Random
@@ -14,10 +16,17 @@ from specs.deployment import DeploymentLaunchConfig
 from specs.errors import DocumentError
 from tasks.deploy.agent import Poll, _alone, main
 from tasks.deploy.disk import Disk
+from tasks.deploy.fleets import create_fleet
 from tasks.deploy.robots import ask
 from tasks.deploy.states import Desired
 from tasks.deploy.stopping import Stop, StopRequested
-from tests.deploy.yard import STAYS_UP, Yard, eventually, kill, programs_of, wait_for_report
+from tasks.storage.keys import desired_key
+from tasks.storage.store import Store
+from tests.deploy.one_robot import desired
+from tests.deploy.trust.trusting import Owner
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, marked_by, programs_of, wait_for_report
+from tests.seaweed import Seaweed
+from tests.storage.faulty_proxy import faulty_proxy
 
 pytestmark = pytest.mark.integration
 SLOW = '#!/bin/sh\necho "$0" >> "$HOME/runs"\nsleep 0.15\n'
@@ -165,10 +174,92 @@ def test_an_agent_waits_longer_while_nothing_happens_and_never_in_step() -> None
     assert poll.next_s(busy=True) <= 1.25
 
 
-def test_an_agent_needs_none_of_the_heavy_packages() -> None:
-    heavy = ["jax", "jaxlib", "prefect", "mujoco", "pyarrow", "numpy", "scipy", "typer", "rich", "s3fs"]
-    code = f"import sys, tasks.deploy.agent; print([name for name in {heavy} if name in sys.modules])"
+HEAVY = [
+    "jax",
+    "jaxlib",
+    "prefect",
+    "mujoco",
+    "pyarrow",
+    "numpy",
+    "scipy",
+    "typer",
+    "rich",
+    "s3fs",
+    "fsspec",
+    "aiohttp",
+    "aiobotocore",
+    "httpx",
+    "boto3",
+    "asyncio",
+]
+
+
+@pytest.mark.parametrize("module", ["tasks.deploy.agent", "tasks.storage.s3", "tasks.deploy.trust.verifying"])
+def test_an_agent_needs_none_of_the_heavy_packages(module: str) -> None:
+    code = f"import sys, {module}; print([name for name in {HEAVY} if name in sys.modules])"
 
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
     assert loaded.strip() == "[]"
+
+
+def test_an_agent_that_verifies_takes_less_than_80_megabytes(
+    store: Store, tmp_path: Path, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    create_fleet(store, FLEET)
+    yard = Yard(store, tmp_path)
+    owner = Owner(store, tmp_path / "keys")
+    version = yard.publish({"run.sh": STAYS_UP}, padding_bytes=40 << 20)
+    agents.append(yard.start_agent("r1", f"--root-of-trust={owner.folder / 'root.json'}"))
+    owner.signer.admit(version.digest)
+    ask(store, desired(version, 1, timeout_s=60.0), owner.signer.sign)
+
+    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+
+    assert _peak_mb(agents[0]) < 80
+
+
+def _peak_mb(agent: subprocess.Popen[bytes]) -> float:
+    """The most memory that a process has had resident."""
+    lines = Path(f"/proc/{agent.pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024 / 1e6
+
+
+def test_an_agent_outlives_garbage_and_takes_what_comes_after_it(
+    yard: Yard, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    log = yard.root("r1") / "agent.log"
+    yard.store.put(desired_key("r1"), b"{")
+    agents.append(yard.start_agent("r1"))
+    eventually(lambda: log.exists() and "r1 is without news" in log.read_text())
+    time.sleep(1.0)  # ten looks
+    _ask(yard, yard.publish({"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"}), "dep-1")
+
+    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+
+    assert log.read_text().count("without news") == 1
+    assert "UNSIGNED: r1 runs whatever anybody writes" in log.read_text()
+
+
+def test_an_agent_waits_quietly_for_a_store_that_is_away_and_keeps_its_application_up(
+    s3_store: Store, seaweed: Seaweed, tmp_path: Path, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    create_fleet(s3_store, FLEET)
+    yard, log = Yard(s3_store, tmp_path), tmp_path / "robots" / "r1" / "agent.log"
+    scripts = {"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"}
+    with faulty_proxy(seaweed.endpoint) as proxy:
+        agents.append(yard.start_agent("r1", "--unsigned", AWS_ENDPOINT_URL_S3=proxy.endpoint))
+        _ask(yard, yard.publish(scripts), "dep-1")
+        wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+        (running,) = marked_by(yard.root("r1"))
+        proxy.refuse()
+        eventually(lambda: "cannot learn what is desired" in log.read_text())
+        os.kill(running, signal.SIGKILL)
+        eventually(lambda: marked_by(yard.root("r1")) not in ([], [running]))
+        _ask(yard, yard.publish({**scripts, "run.sh": STAYS_UP + "# new\n"}), "dep-2")
+        proxy.accept()
+
+        wait_for_report(yard, "r1", lambda reported: (reported.deployment, reported.status) == ("dep-2", "InSync"))
+
+    assert log.read_text().count("cannot learn") == 1
+    assert log.read_text().count("can learn what is desired again") == 1

@@ -75,13 +75,13 @@ class Yard:
             robots=partial(local_agents, self.store, FLEET, agents, folder, grace_s=0.2) if agents else None,
         )
 
-    def start_agent(self, robot: str) -> subprocess.Popen[bytes]:
+    def start_agent(self, robot: str, trust: str = "--unsigned", **variables: str) -> subprocess.Popen[bytes]:
         root = self.root(robot)
         root.mkdir(parents=True, exist_ok=True)
-        pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3", "--unsigned"]
+        pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3", trust]
         argv = ["-m", "tasks.deploy.agent", f"--robot={robot}", f"--root={root}", f"--store={self.store.url}", *pace]
         with (root / "agent.log").open("ab") as log:
-            return subprocess.Popen([sys.executable, *argv], stdout=log, stderr=log)
+            return subprocess.Popen([sys.executable, *argv], stdout=log, stderr=log, env={**os.environ, **variables})
 
     def root(self, robot: str) -> Path:
         return self.folder / "robots" / robot
@@ -118,8 +118,13 @@ def eventually(condition: Callable[[], bool]) -> None:
 
 def programs_of(root: Path) -> list[str]:
     """Returns the command lines of everything that agents on a robot's folder started and that lives."""
+    return [command_line(Path("/proc") / str(pid)) for pid in marked_by(root)]
+
+
+def marked_by(root: Path) -> list[int]:
+    """Returns the processes that agents on a robot's folder started and that live."""
     mark = f"SIMYARD_ROBOT_ROOT={root}".encode()
-    return [command_line(process) for process in Path("/proc").glob("[0-9]*") if mark in _variables(process)]
+    return [int(process.name) for process in Path("/proc").glob("[0-9]*") if mark in _variables(process)]
 
 
 def command_line(process: Path) -> str:

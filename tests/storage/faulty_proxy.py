@@ -23,6 +23,7 @@ class FaultyProxy:
         self._server = (parts.hostname or "", parts.port or 80)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._lose_next = Event()
+        self._refuses = Event()
         self._open: list[socket.socket] = [self._listener]
         self.endpoint = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
         self.lost = 0
@@ -43,6 +44,17 @@ class FaultyProxy:
         """Cuts every connection, for good, when servers have answered so many bytes more; those still arrive."""
         self._answers_left_bytes = answered_bytes
 
+    def refuse(self) -> None:
+        """Cuts all connections, and every new one, until they are accepted again."""
+        self._refuses.set()
+        for each in [*self._open[1:]]:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+
+    def accept(self) -> None:
+        """Accepts connections again."""
+        self._refuses.clear()
+
     def close(self) -> None:
         """Cuts all connections."""
         for each in self._open:
@@ -54,6 +66,9 @@ class FaultyProxy:
         with suppress(OSError):
             while True:
                 client, _ = self._listener.accept()
+                if self._refuses.is_set():
+                    client.close()
+                    continue
                 server = socket.create_connection(self._server)
                 self._open += [client, server]
                 Thread(target=self._pass_on, args=(client, server), daemon=True).start()
