@@ -4,12 +4,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from flows.replaying import Replayed
+from specs.world import World
+from tasks.export.film import Scene, filming
 from tasks.export.svg import floor_plan_svg
 from tasks.results.extras import is_installed, require_extra
+from tasks.results.playback import Playback
 from tasks.results.replay_svg import replay_svg
 
-# As many as there are control steps: the film runs in simulated time.
-_FRAMES_HZ = 20
+# From above there is a picture a control step. With a GL in software one takes a twentieth of a second.
+_FROM_ABOVE_HZ, _STEPS_A_PICTURE = 20, 2
+_SIZE = (960, 720)
 
 
 class Wanted(NamedTuple):
@@ -50,9 +54,22 @@ def write_files(again: Replayed, folder: Path, wanted: Wanted) -> list[Path]:
         written.append(folder / "replay.mcap")
         write_mcap(written[-1], again.world, again.playback)
     if wanted.video:
-        from tasks.results.replay_frames import frames  # noqa: PLC0415 - an extra
-        from tasks.results.replay_video import write_video  # noqa: PLC0415 - an extra
-
         written.append(folder / "replay.mp4")
-        write_video(written[-1], frames(again.world, again.playback), _FRAMES_HZ)
+        _write_film(written[-1], again.world, again.playback)
     return written
+
+
+def _write_film(path: Path, world: World, playback: Playback) -> None:
+    """Writes the film: in three dimensions where a GL is there, else from above."""
+    from tasks.results.replay_frames import captioned, frames  # noqa: PLC0415 - an extra
+    from tasks.results.replay_video import write_video  # noqa: PLC0415 - an extra
+
+    low_m, high_m = playback.heights_m
+    scene = Scene(world=world, radius_m=playback.radius_m, low_m=low_m, high_m=high_m)
+    with filming(scene, *_SIZE) as shoot:
+        if shoot is None:
+            write_video(path, frames(world, playback), _FROM_ABOVE_HZ)
+            return
+        shown = playback.every(_STEPS_A_PICTURE).tolist()
+        pictures = (captioned(shoot(*playback.pose[each].tolist()), playback, each) for each in shown)
+        write_video(path, pictures, _FROM_ABOVE_HZ // _STEPS_A_PICTURE)

@@ -21,6 +21,9 @@ READY = b"GL\n"
 Pixels = UInt8[np.ndarray, "rows columns 3"]
 Render = Callable[[World, Sequence[str]], Pixels]
 """Takes a world and the lines of a caption, each of which takes CAPTION_LINE rows of the picture that it returns."""
+Ask = Callable[[str, bytes, int], bytes]
+"""Takes what is drawn, for a complaint, a line without its end, and how many bytes the answer has."""
+CHANNELS = 3
 REQUEST: TypeAdapter[tuple[tuple[str, ...], World]] = TypeAdapter(tuple[tuple[str, ...], World])
 CAPTION_LINE = 26
 _GL = "MUJOCO_GL"
@@ -37,16 +40,38 @@ def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Ren
         height: Rows of a picture.
         samples: Renderings that a picture is the mean of; shadows have about half as many steps.
     """
+    with drawing("rendering", [str(width), str(height), str(samples)]) as ask:
+        if ask is None:
+            yield None
+            return
+        yield lambda world, caption: pixels_of(
+            ask(world.name, REQUEST.dump_json((tuple(caption), world)), width * height * CHANNELS), width, height
+        )
+
+
+@contextmanager
+def drawing(module: str, arguments: Sequence[str]) -> Generator[Ask | None, None, None]:
+    """Yields a function that asks a process of its own, which draws with a GL; None where no GL is.
+
+    Args:
+        module: Of this package; answers each line with as many bytes as it should.
+        arguments: Its command line.
+    """
     with tempfile.TemporaryFile() as complaints:
-        process = _started([str(width), str(height), str(samples)], complaints)
+        process = _started(module, arguments, complaints)
         if process is None:
             yield None
             return
         try:
-            yield lambda world, caption: _picture(process, (tuple(caption), world), (height, width, 3), complaints)
+            yield lambda what, question, length: _answer(process, what, question, length, complaints)
         finally:
             process.kill()
             process.communicate()
+
+
+def pixels_of(answer: bytes, width: int, height: int) -> Pixels:
+    """Returns an answer as a picture."""
+    return np.frombuffer(answer, np.uint8).reshape(height, width, CHANNELS)
 
 
 def render_png(world: World, width: int, height: int) -> bytes | None:
@@ -55,12 +80,12 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
         return None if render is None else encode_rgb(render(world, ()))
 
 
-def _started(arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
-    """Returns the process, ready to render with the first GL that works: MUJOCO_GL's, else any."""
+def _started(module: str, arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
+    """Returns the process, ready to draw with the first GL that works: MUJOCO_GL's, else any."""
     wanted = os.environ.get(_GL)
     for backend in (wanted,) if wanted else _BACKENDS:
         process = subprocess.Popen(  # noqa: S603 - our own module, and numbers
-            [sys.executable, "-m", "tasks.export.rendering", *arguments],
+            [sys.executable, "-m", f"tasks.export.{module}", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=complaints,
@@ -72,23 +97,17 @@ def _started(arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen
     return None
 
 
-def _picture(
-    process: subprocess.Popen[bytes],
-    request: tuple[tuple[str, ...], World],
-    shape: tuple[int, int, int],
-    complaints: BinaryIO,
-) -> Pixels:
-    """Returns the answer of the process to a request.
+def _answer(process: subprocess.Popen[bytes], what: str, question: bytes, length: int, complaints: BinaryIO) -> bytes:
+    """Returns the answer of the process to a line.
 
     Raises:
         RuntimeError: It ended, which a GL that works is no reason for.
     """
-    rows, columns, channels = shape
-    answer = _asked(process, REQUEST.dump_json(request) + b"\n", rows * columns * channels)
-    if len(answer) < rows * columns * channels:
+    answer = _asked(process, question + b"\n", length)
+    if len(answer) < length:
         complaints.seek(0)
-        raise RuntimeError(f"rendering {request[1].name} failed: {complaints.read().decode(errors='replace')[-2000:]}")
-    return np.frombuffer(answer, np.uint8).reshape(shape)
+        raise RuntimeError(f"rendering {what} failed: {complaints.read().decode(errors='replace')[-2000:]}")
+    return answer
 
 
 def _asked(process: subprocess.Popen[bytes], question: bytes, length: int) -> bytes:

@@ -68,10 +68,7 @@ class View:
 
 def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: BinaryIO) -> None:
     """Renders world after world until there are no more."""
-    context = mujoco.GLContext(width, height)
-    context.make_current()
-    # Some libraries only warn where there is no GL; drawing does not.
-    mujoco.MjrContext(mujoco.MjSpec().compile(), mujoco.mjtFontScale.mjFONTSCALE_100).free()
+    context = gl_that_works(width, height)
     pictures.write(READY)
     pictures.flush()
     for line in worlds:
@@ -83,6 +80,15 @@ def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: Bina
     context.free()
 
 
+def gl_that_works(width: int, height: int) -> mujoco.GLContext:
+    """Returns a GL context, which is current, once something was drawn with it."""
+    context = mujoco.GLContext(width, height)
+    context.make_current()
+    # Some libraries only warn where there is no GL; drawing does not.
+    mujoco.MjrContext(mujoco.MjSpec().compile(), mujoco.mjtFontScale.mjFONTSCALE_100).free()
+    return context
+
+
 def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
     """Returns a picture of a world cut open; a GL context is current."""
     return photographed(world_spec(cut_open(world, CUT_M)), framed(world, width / height), width, height, samples)
@@ -90,7 +96,7 @@ def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
 
 def photographed(spec: mujoco.MjSpec, view: View, width: int, height: int, samples: int) -> Pixels:
     """Returns a picture of a model that has a world's ground and sky; a GL context is current."""
-    model = _model(spec, width, height)
+    model = lit_model(spec, width, height)
     data = mujoco.MjData(model)
     scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
     context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -98,7 +104,7 @@ def photographed(spec: mujoco.MjSpec, view: View, width: int, height: int, sampl
     area = mujoco.MjrRect(0, 0, width, height)
     pixels = np.empty((height, width, 3), np.uint8)
     light = np.zeros((height, width, 3), np.uint32)
-    for camera, direction in _samples(view, samples, height):
+    for camera, direction in views(view, samples, height):
         model.light_dir[0] = -direction
         model.light_pos[0] = view.target_m + direction * view.distance_m
         mujoco.mj_forward(model, data)
@@ -154,7 +160,8 @@ def framed(world: World, aspect: float) -> View:
     return view
 
 
-def _model(spec: mujoco.MjSpec, width: int, height: int) -> mujoco.MjModel:
+def lit_model(spec: mujoco.MjSpec, width: int, height: int) -> mujoco.MjModel:
+    """Returns a model that has a world's ground and sky with a single lamp, and the field of view of all pictures."""
     for light in list(spec.lights):
         spec.delete(light)
     lamp = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=True)
@@ -178,7 +185,7 @@ def _model(spec: mujoco.MjSpec, width: int, height: int) -> mujoco.MjModel:
     return spec.compile()
 
 
-def _samples(view: View, count: int, height: int) -> Iterator[tuple[mujoco.MjvCamera, Float64[np.ndarray, "3"]]]:
+def views(view: View, count: int, height: int) -> Iterator[tuple[mujoco.MjvCamera, Float64[np.ndarray, "3"]]]:
     """Yields cameras, each shifted by another part of a pixel, and directions to the light: sky and sun in turn."""
     right, up, _ = view.axes
     pixel_m = 2.0 * view.distance_m * math.tan(_FOVY_RAD / 2) / height

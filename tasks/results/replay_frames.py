@@ -34,6 +34,18 @@ def frames(world: World, playback: Playback, stride: int = 1) -> Iterator[Pixels
         yield stage.picture(int(sample))
 
 
+def captioned(picture: Pixels, playback: Playback, sample: int) -> Pixels:
+    """Returns a picture of a sample with the job, the time and the ending written on it."""
+    image = Image.fromarray(picture)
+    _caption(ImageDraw.Draw(image), playback, sample)
+    return np.asarray(image)
+
+
+def _caption(draw: ImageDraw.ImageDraw, playback: Playback, sample: int) -> None:
+    text = f"{playback.job}   {playback.t_s[sample]:6.2f} s   {playback.ending}"
+    draw.text((_EDGE, 10), text, fill=_INK, font_size=18)
+
+
 class _Stage:
     """A world drawn once, and the robot on it again and again."""
 
@@ -68,8 +80,7 @@ class _Stage:
         self._disc(draw, (x, y), playback.radius_m, outline=_INK, fill=_ROBOT)
         tip = (x + playback.radius_m * math.cos(yaw), y + playback.radius_m * math.sin(yaw))
         draw.line([self._at((x, y)), self._at(tip)], fill=_INK, width=3)
-        text = f"{playback.job}   {playback.t_s[sample]:6.2f} s   {playback.ending}"
-        draw.text((_EDGE, 10), text, fill=_INK, font_size=18)
+        _caption(draw, playback, sample)
         return np.asarray(image)
 
     def _with_scan(self, sample: int) -> Image.Image:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import av
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -148,6 +149,14 @@ def test_drawing_and_mcap_are_written(again: Replayed, tmp_path: Path):
     files = write_files(again, tmp_path / "new" / "folder", Wanted(mcap=True, video=False))
     assert [path.name for path in files] == ["replay.svg", "replay.mcap"]
     assert all(path.stat().st_size > 1000 for path in files)
+
+
+def test_without_a_gl_the_film_is_from_above(again: Replayed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+    assert again.playback
+    *_, film = write_files(again, tmp_path, Wanted(mcap=False, video=True))
+    with av.open(str(film)) as opened:
+        assert opened.streams.video[0].frames == len(again.playback.t_s)
 
 
 def test_what_is_not_installed_is_left_out_or_refused_with_the_remedy(monkeypatch: pytest.MonkeyPatch):
