@@ -36,9 +36,14 @@ def create(
 def register(
     fleet: _Fleet,
     robot: Annotated[str, typer.Argument(help="The robot's name; made if there is none.", show_default=False)],
+    architecture: Annotated[
+        Literal["X86_64", "ARM64", "ARMHF"] | None, typer.Option(help="Of its processor; X86_64 for a new robot.")
+    ] = None,
     store: _StoreUrl = None,
 ) -> None:
     """Put a robot into a fleet; a robot has one. Prints the robot's ARN."""
+    from specs.base import Fault
+    from specs.errors import DocumentError
     from tasks.deploy.describe import describe_robot
     from tasks.deploy.fleets import read_fleet
     from tasks.deploy.robots import create_robot, register_robot
@@ -46,7 +51,12 @@ def register(
 
     opened = open_store(store)
     found, _ = read_fleet(opened, fleet)  # before there is a robot that belongs nowhere
-    create_robot(opened, robot)
+    known = create_robot(opened, robot, architecture or "X86_64")
+    if architecture not in {None, known.architecture}:
+        value, allowed = f"{robot}, of architecture {known.architecture}", f"a robot of architecture {architecture}"
+        raise DocumentError(
+            [Fault(path="--architecture", value=value, allowed=f"{allowed}; delete it to make it anew")]
+        )
     register_robot(opened, found.name, robot)
     typer.echo(describe_robot(opened, robot).arn)
 

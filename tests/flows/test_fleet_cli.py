@@ -89,3 +89,13 @@ def test_robots_and_fleets_leave_as_they_came(file_store: Store) -> None:
     assert _simyard(file_store, "delete-robot", "r2").output == "r2 is deleted\n"
     assert [robot.name for robot in robots(file_store)] == ["r1"]
     assert fleets(file_store) == []
+
+
+def test_a_robot_has_the_architecture_it_was_made_with(file_store: Store) -> None:
+    create_fleet(file_store, "couriers")
+    _simyard(file_store, "register", "couriers", "arm", "--architecture", "ARM64")
+    _simyard(file_store, "register", "couriers", "arm")
+    with pytest.raises(DocumentError, match="arm, of architecture ARM64"):
+        _simyard(file_store, "register", "couriers", "arm", "--architecture", "ARMHF")
+
+    assert [robot.architecture for robot in robots(file_store)] == ["ARM64"]

@@ -9,15 +9,19 @@ import pytest
 from flows import resolving
 from flows.planning import planned
 from flows.resolving import batch_plan, deployed_version, finder, numbered_finder, pins, tested_bundles
+from specs.applications import SourceConfig
 from specs.bundle import ApplicationKind, Version
 from specs.digests import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline import PipelineSpec
+from tasks.applications.packing import pack
 from tasks.applications.publishing import applications, publish, resolve
+from tasks.applications.sources import create_application, create_version
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.robots import create_robot, register_robot
 from tasks.simulate.layout import Layout
 from tasks.simulate.resolving import output_location
+from tasks.storage.buckets import open_bucket
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 from tests.worlds_factory import apartment
@@ -244,3 +248,25 @@ def test_a_format_that_cannot_be_written_here_is_refused_before_anything_runs(
         ("worldExport.formats", "glb"),
         ("worldExport.formats", "usd"),
     ]
+
+
+def test_a_version_whose_source_was_changed_is_not_used(file_store: Store, bundle: Path) -> None:
+    bucket = open_bucket(file_store, "builds")
+    bucket.put("a.tar", pack(bundle))
+    create_application(file_store, ROBOT, "mine", [SourceConfig(s3Bucket="builds", s3Key="a.tar")])
+    version = create_version(file_store, ROBOT, "mine")
+    assert finder(file_store, {})(ROBOT, "mine", None) == version
+    (bundle / "more").write_text("more")
+    bucket.put("a.tar", pack(bundle))
+
+    with pytest.raises(DocumentError, match="RobotApplicationVersionMismatchedEtag"):
+        finder(file_store, {})(ROBOT, "mine", "1")
+
+
+def test_what_has_no_build_for_x86_is_not_simulated(file_store: Store, bundle: Path) -> None:
+    publish(file_store, ROBOT, "mine", {"ARM64": bundle})
+    section = _generated(_request("mine")).simulationBatch
+    assert section is not None
+
+    with pytest.raises(DocumentError, match=r"mine version 1, for ARM64: a version with an X86_64 source"):
+        batch_plan(section, (), file_store, finder(file_store, {}))
