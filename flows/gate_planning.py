@@ -16,18 +16,25 @@ _BAD_RATES = (0.0, 0.02, 0.05)
 _DISAGREEING = (0.0, 0.02, 0.1)
 
 
-def gate_lines(gate: Gate, episodes: int, audited: int) -> Iterator[str]:
+def gate_lines(gate: Gate, episodes: int, audited: int, programs: int = 1) -> Iterator[str]:
     """Yields lines for a person: each rule, and what it needs if episodes come out in some ways.
 
     Args:
         gate: The document's section.
         episodes: How many episodes the batch has.
         audited: How many of them are driven again on C MuJoCo.
+        programs: How many compiled programs the batch has; only of one its episodes can be shuffled, to end it early.
     """
+    if gate.stopEarly and programs > 1:
+        gate = gate.model_copy(update={"stopEarly": False})
+        ends = [f"runs the batch to its end: its {programs} programs cannot be shuffled into common chunks"]
+    else:
+        ends = ["may end the batch early, after any chunk"] * bool(gate.stopEarly)
     lines = [*_rate_lines(gate, episodes), *_collision_lines(gate, episodes), *_comparison_lines(gate, episodes)]
-    lines += [*_flip_lines(gate, audited)]
+    lines += _flip_lines(gate, audited)
     for rule in gate.quantiles or ():
         lines += _quantile_lines(rule, episodes)
+    lines += ends
     for number, line in enumerate(lines):
         yield f"{'gate':<18}{line}" if number == 0 else f"{_INDENT}{line}"
 

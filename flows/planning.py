@@ -44,15 +44,15 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
-    episodes, audited = 0, 0
+    episodes, audited, programs = 0, 0, 1
     if spec.simulationBatch:
         plan, section, longest_s = _batch(spec.simulationBatch, worlds, finder(trial, own), trial)
-        episodes, audited = plan.episodes, plan.audited
+        episodes, audited, programs = plan.episodes, plan.audited, plan.compilations
         yield from _batch_lines(plan, section, longest_s)
         for reason in failing_sources(section, trial, finder(trial, own)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from gate_lines(spec.gate, episodes, audited)
+        yield from gate_lines(spec.gate, episodes, audited, programs)
     if spec.deployment:
         yield f"deployment        {_deployment(spec)}, bundle {str(found['deployment'])[:12]}"
     for field in inert_fields(spec):

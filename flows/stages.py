@@ -12,10 +12,12 @@ from flows.shipping import changes, refused, shippable, withdraw
 from flows.simulation_batch import simulation_batch
 from flows.world_export import world_export
 from flows.world_generation import world_generation
+from specs.errors import ResourceNotFound
 from specs.pipeline import PipelineSpec
 from specs.pipeline_gate import stops_early
 from specs.report import StageReport
-from tasks.storage.records import JobRecord
+from tasks.simulate.batch import KIND
+from tasks.storage.records import JobRecord, job_id, read
 from tasks.storage.runs import stage_token
 from tasks.storage.store import Store
 
@@ -48,6 +50,9 @@ def simulate(
     section = spec.simulationBatch
     if section is None:
         return None, ()
+    ended = _ended_batch(store, run)
+    if ended is not None:
+        return ended, (batch_report(ended, 0.0),)
     gate, token = spec.gate if stops_early(spec.gate) else None, stage_token(run, "batch")
     record, seconds = _timed(lambda: simulation_batch(section, worlds, store.url, versions, token, gate=gate))
     return record, (batch_report(record, seconds),)
@@ -87,6 +92,18 @@ def skipped(spec: PipelineSpec) -> Reports:
         return ()
     summary = "nothing was deployed: the gate did not pass"
     return (StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0),)
+
+
+def _ended_batch(store: Store, run: JobRecord) -> JobRecord | None:
+    """Returns the batch of a run that goes on after it, or None.
+
+    What it tested is not looked up anew: where that has changed since, the deployment is refused, and told why.
+    """
+    try:
+        record = read(store, KIND, job_id(KIND, stage_token(run, "batch")))
+    except ResourceNotFound:
+        return None
+    return record if record.status == "Completed" else None
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float]:

@@ -24,6 +24,14 @@ def test_a_batch_that_may_be_ended_early_needs_more_in_the_worst_case():
     ]
 
 
+def test_a_batch_of_several_programs_is_told_that_it_runs_to_its_end():
+    gate = Gate.model_validate({"successRate": {"atLeast": 0.9}, "stopEarly": True})
+    told = list(gate_lines(gate, 384, 16, programs=2))
+    assert told[1].strip() == "if 100 % pass, 35 are needed: 384 are enough"
+    assert told[-1].strip() == "runs the batch to its end: its 2 programs cannot be shuffled into common chunks"
+    assert list(gate_lines(gate, 384, 16))[-1].strip() == "may end the batch early, after any chunk"
+
+
 def test_too_few_are_said_to_be_so():
     assert "if 100 % pass, 35 are needed: 30 are NOT ENOUGH" in lines(30, successRate={"atLeast": 0.9})[1]
 

@@ -1,0 +1,27 @@
+"""A run that is killed between its gate and its deployment, and continued when something has changed, ships nothing."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.integration.runs import finished, kill_when, simyard, small_document, write_document
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
+
+
+def test_a_changed_byte_of_a_world_is_named_by_the_run_that_goes_on(tmp_path: Path):
+    gate = {"successRate": {"atLeast": 0.5}, "collisionRate": {"atMost": 0.6}, "stopEarly": True}
+    file = write_document(tmp_path, small_document(gate=gate))
+    store = tmp_path / "store"
+    command = ("run", str(file), "--store", store.as_uri())
+    kill_when(simyard(*command), lambda: any(store.glob("results/*/evidence.json")))
+    world = sorted(store.glob("worlds/*/world-*.json"))[0]
+    world.write_bytes(world.read_bytes().replace(b"0", b"1", 1))
+    result = finished(*command)
+    assert result.returncode == 1, result.stderr
+    told = " ".join(result.stdout.split())
+    assert "Refused" in told
+    assert f"worlds/{world.parent.name}/{world.name}, has changed" in told
+    assert not any(store.glob("robots/*/desired.json"))
+    # A PASS after the first of two chunks, so that the other one was left out.
+    assert "the gate was certain of PASS after 16 episodes" in told
