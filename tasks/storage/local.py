@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,7 @@ from tasks.storage.keys import checked_key
 from tasks.storage.store import UNBOUNDED, Stored
 
 _LOCKS = ".locks"
+_LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
 _NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
 _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -61,23 +63,28 @@ class LocalStore:
     def replace(self, key: str, body: bytes, etag: str) -> str:
         """Returns the new etag, or raises ObjectConflict when the object is not the one with ``etag``."""
         path = self._path(key)
-        with self._explained(key), self._locked(key):
-            try:
-                current = _etag(path.read_bytes())
-            except FileNotFoundError as exc:
-                raise ObjectConflict(f"{self.url}: {key} is gone") from exc
-            if current != etag:
-                raise ObjectConflict(f"{self.url}: {key} has changed since it was read")
-            with whole_file(path) as file:
+        with self._explained(key):
+            self._compare(path, key, etag)  # spares the loser the writing; the comparison under the lock decides
+            with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
+                settle(file)
+                with self._locked(key):
+                    self._compare(path, key, etag)
+                    hidden.replace(path)
+            settle_names(path.parent)
         return _etag(body)
 
     def put(self, key: str, body: bytes) -> str:
         """Returns the etag of the object written over whatever was there."""
         path = self._path(key)
-        # Under the lock too, or it could land between another's comparison and its rename, and be lost.
-        with self._explained(key), self._locked(key), whole_file(path) as file:
-            file.write(body)
+        with self._explained(key):
+            with hidden_file(path.parent) as (file, hidden):
+                file.write(body)
+                settle(file)
+                # Under the lock too, or it could land between another's comparison and its rename, and be lost.
+                with self._locked(key):
+                    hidden.replace(path)
+            settle_names(path.parent)
         return _etag(body)
 
     def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
@@ -192,19 +199,42 @@ class LocalStore:
                 raise StoreUnsafe(f"{self.url}: its disk has no hard links; use a folder on another disk") from exc
             raise
 
+    def _compare(self, path: Path, key: str, etag: str) -> None:
+        try:
+            current = _etag(path.read_bytes())
+        except FileNotFoundError as exc:
+            raise ObjectConflict(f"{self.url}: {key} is gone") from exc
+        if current != etag:
+            raise ObjectConflict(f"{self.url}: {key} has changed since it was read")
+
     @contextmanager
     def _locked(self, key: str) -> Generator[None]:
-        # A few shared lock files instead of one beside every object; nothing takes two, so nothing deadlocks.
+        # A few shared lock files instead of one beside every object; nothing takes two, so nothing deadlocks. Nobody
+        # waits for a disk while it has one, so that hardly anybody is paused with it.
         make_folder(self.root / _LOCKS)
         path = self.root / _LOCKS / hashlib.blake2b(key.encode(), digest_size=1).hexdigest()
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            self._lock(descriptor, key)
             yield
         finally:
             # Closing alone would leave the lock with a child that was forked meanwhile.
             fcntl.flock(descriptor, fcntl.LOCK_UN)
             os.close(descriptor)
+
+    def _lock(self, descriptor: int, key: str) -> None:
+        until_s = time.monotonic() + _LONGEST_WAIT_S
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as exc:
+                if time.monotonic() > until_s:
+                    raise StoreUnreachable(
+                        f"{self.url}: {key}: a process that is paused, or hangs, has the lock"
+                    ) from exc
+                time.sleep(_LOCK_POLL_S)
+            else:
+                return
 
     @contextmanager
     def _explained(self, key: str, *, reading: bool = False) -> Generator[None]:

@@ -12,6 +12,7 @@ from threading import Thread
 import pytest
 
 from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, StoreUnsafe
+from tasks.storage import local
 from tasks.storage.local import LocalStore
 from tasks.storage.opening import open_store
 from tasks.storage.store import Store
@@ -62,12 +63,14 @@ def test_nothing_is_written_between_a_comparison_and_its_replacement(
     other = {"put": (b"other",), "delete": (), "upload": (tmp_path / "source",)}[method]
     writer = Thread(target=lambda: getattr(folder, method)("a.json", *other))
     etag = folder.create("a.json", b"1")
-    real = Path.read_bytes
+    real, reads = Path.read_bytes, list[Path]()
 
     def read_bytes(self: Path) -> bytes:
         body = real(self)
-        writer.start()
-        writer.join(0.3)  # without a lock it would be done by then
+        reads.append(self)
+        if len(reads) == 2:  # the first only spares the writing
+            writer.start()
+            writer.join(0.3)  # without a lock it would be done by then
         return body
 
     with monkeypatch.context() as patched:
@@ -180,3 +183,17 @@ def test_what_a_killed_upload_left_is_swept_and_nothing_else(tmp_path: Path) -> 
     assert list((tmp_path / "store").glob(".tmp-*"))
     store.sweep("big.bin")
     assert not list((tmp_path / "store").glob(".tmp-*"))
+
+
+def test_who_is_paused_with_a_lock_is_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local, "_LONGEST_WAIT_S", 0.1)
+    store = LocalStore(tmp_path)
+    etag = store.create("a.json", b"1")
+    with store._locked("a.json"):
+        with pytest.raises(StoreUnreachable, match="paused"):
+            store.replace("a.json", b"2", etag)
+        with pytest.raises(StoreUnreachable, match="paused"):
+            store.put("a.json", b"2")
+        assert store.get("a.json").body == b"1"
+    store.replace("a.json", b"2", etag)
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["a.json"]
