@@ -63,10 +63,11 @@ class Death:
             dies = self._left == 0
             if dies and not self._after:
                 os.kill(os.getpid(), signal.SIGKILL)
-            result = step(*arguments, **more)
-            if dies:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return result
+            try:
+                return step(*arguments, **more)
+            finally:
+                if dies:
+                    os.kill(os.getpid(), signal.SIGKILL)
 
         return mortal
 
