@@ -1,19 +1,18 @@
 """`simyard compare`: two batches over the episodes that they have in common."""
 
-import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 
+from flows.alike_worlds import alike_worlds
 from flows.naming import named
 from flows.replaying import bundles
 from specs.base import Fault
 from specs.common import OutputLocation
-from specs.errors import DocumentError, ObjectNotFound
-from specs.world import World
+from specs.errors import DocumentError
 from tasks.export.stored import read_world
 from tasks.export.svg import floor_plan_svg
 from tasks.results.comparing import Flip, Pairs, compared
@@ -23,7 +22,6 @@ from tasks.results.stored_rows import recorded_samples, stored_rows
 from tasks.simulate.batch import KIND, OpenBatch, opened
 from tasks.simulate.replaying import replay
 from tasks.simulate.requested import recorded_location
-from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 
 # Looking at more is done by nobody, and each way that was not recorded is simulated.
@@ -70,7 +68,7 @@ def pairs_of(first: Batch, second: Batch) -> Pairs:
         DocumentError: They have none.
     """
     worlds = [str(world) for each in (first, second) for world in each.rows.column("world").unique().to_pylist()]
-    pairs = compared(first.rows, second.rows, dict(_identities(first.work.store, dict.fromkeys(worlds))))
+    pairs = compared(first.rows, second.rows, alike_worlds(first.work.store, worlds))
     if not pairs.pairs:
         allowed = "batches with episodes in common: the same worlds, seeds, environments and applications"
         value = f"{first.work.id} and {second.work.id}"
@@ -91,18 +89,6 @@ def flip_maps(first: Batch, second: Batch, flips: Sequence[Flip]) -> Iterator[Fl
         ways = [Ways(each, _way(first, each.first), _way(second, each.second)) for each in found[:WAYS_A_MAP]]
         plan = floor_plan_svg(read_world(second.work.store, world, "simyard compare"))
         yield FlipMap(world, flip_map_svg(plan, ways))
-
-
-def _identities(store: Store, worlds: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yields the digest of all of a world but what its generation was called; nothing for one that is gone."""
-    for world in worlds:
-        generation, _, name = world.partition("/")
-        try:
-            body = store.get(world_key(generation, name)).body
-        except ObjectNotFound:
-            continue
-        bare = World.model_validate_json(body).model_copy(update={"generation": ""})
-        yield world, hashlib.sha256(bare.model_dump_json().encode()).hexdigest()
 
 
 def _way(batch: Batch, index: int) -> _Way | None:
