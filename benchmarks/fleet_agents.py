@@ -8,6 +8,7 @@ from pathlib import Path
 from specs.arn import arn
 from specs.deployment import CreateDeploymentJobRequest
 from tasks.applications.publishing import publish
+from tasks.deploy.fleets import create_fleet
 from tasks.deploy.job import run_deployment_job
 from tasks.deploy.local_agents import local_agents
 from tasks.deploy.observing import recorded_progress
@@ -23,9 +24,10 @@ _BROKEN = "#!/bin/sh\nexit 1\n"
 
 def agents_row(store: Store, count: int, folder: Path) -> list[str]:
     """Returns a row of the table; what the agents started ends with them."""
+    create_fleet(store, FLEET)
     good_s, good, digest = _deployed(store, count, folder, _GOOD, "good")
     broken_s, broken, _ = _deployed(store, count, folder, _BROKEN, "broken")
-    links = (folder / FLEET).glob("*/current")
+    links = (folder / FLEET / store.url.partition(":")[0]).glob("*/current")
     return [
         store.url.partition(":")[0],
         str(count),
@@ -50,7 +52,7 @@ def _deployed(store: Store, count: int, folder: Path, program: str, token: str) 
         digest=version.digest,
         token=token,
         progress=lambda *_: None,
-        robots=partial(local_agents, store, FLEET, count, folder / FLEET),
+        robots=partial(local_agents, store, FLEET, count, folder / FLEET / store.url.partition(":")[0]),
     )
     return time.perf_counter() - begun_s, record, version.digest
 
