@@ -1,1 +1,1 @@
-"""Objects under one root: atomic creation, compare-and-swap, buckets, job records, claims."""
+"""Objects under one fsspec root: atomic creation, compare-and-swap, buckets, job records, claims."""

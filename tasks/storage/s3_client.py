@@ -1,12 +1,12 @@
-"""One connection to an S3 server through botocore: the only place that knows the client's parameters.
+"""One connection to an S3 server: the only place that knows the client's parameters.
 
-Endpoint, region and credentials come from the usual AWS variables and profiles. botocore itself, not s3fs above it: a
-robot's agent lives with a third less memory so, and every answer is the server's own.
+Endpoint, region and credentials come from the usual AWS variables and profiles. Conditions on writes are no part of
+fsspec's interface, so that objects go through botocore itself, and a robot's agent stays below 80 MB; what is big goes
+through fsspec's s3fs (tasks.storage.s3_upload).
 """
 
 import threading
 from collections.abc import Generator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import BinaryIO, Protocol, cast
 
@@ -22,9 +22,8 @@ _FIRST_ANSWER_S = 8.0
 _ANSWER_S = 20.0
 PART_BYTES = 16 << 20
 _BLOCK_BYTES = 1 << 18
-_SENDERS = 4
 _AFTER_THE_END = "InvalidRange"
-_CONFIG: Mapping[str, object] = {
+CONFIG: Mapping[str, object] = {
     "connect_timeout": 2,
     "max_pool_connections": 32,
     # Newer checksums are refused by older servers; ETags and TLS protect what is sent.
@@ -99,24 +98,12 @@ class S3Client:
 
     def send(self, source: Path, bucket: str, key: str) -> None:
         """Writes the file's bytes as an object, in parts when it is big; it shows when the last part has arrived."""
-        place = {"Bucket": bucket, "Key": key}
-        size = source.stat().st_size
-        if size <= PART_BYTES:
-            self.call("put_object", Body=source.read_bytes(), **place)
+        if source.stat().st_size <= PART_BYTES:
+            self.call("put_object", Bucket=bucket, Key=key, Body=source.read_bytes())
             return
-        upload = str(self.call("create_multipart_upload", **place)["UploadId"])
+        from tasks.storage.s3_upload import send_in_parts  # noqa: PLC0415 - a robot's agent has nothing big to send
 
-        def part(number: int) -> dict[str, object]:
-            body = _part(source, number)
-            sent = self.call("upload_part", Body=body, PartNumber=number, UploadId=upload, **place)
-            return {"ETag": sent["ETag"], "PartNumber": number}
-
-        with ThreadPoolExecutor(_SENDERS) as pool:
-            try:
-                parts = list(pool.map(part, range(1, -(-size // PART_BYTES) + 1)))
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-        self.call("complete_multipart_upload", UploadId=upload, MultipartUpload={"Parts": parts}, **place)
+        send_in_parts(source, bucket, key)
 
     def _ready(self) -> object:
         with self._making:
@@ -132,11 +119,5 @@ class S3Client:
     def _made(self, answer_s: float, attempts: int) -> object:
         self._session = self._session or Session()
         retries = {"mode": "standard", "total_max_attempts": attempts}
-        config = Config(**_CONFIG, read_timeout=answer_s, retries=retries)  # pyright: ignore[reportArgumentType] - untyped options
+        config = Config(**CONFIG, read_timeout=answer_s, retries=retries)  # pyright: ignore[reportArgumentType] - untyped options
         return cast("object", self._session.create_client("s3", config=config))
-
-
-def _part(source: Path, number: int) -> bytes:
-    with source.open("rb") as file:
-        file.seek((number - 1) * PART_BYTES)
-        return file.read(PART_BYTES)

@@ -177,7 +177,7 @@ def test_a_url_with_a_slash_at_the_end_is_the_same_store(s3_url: Callable[[], st
 def test_a_folder_is_opened_without_importing_an_s3_client(tmp_path: Path) -> None:
     work = (
         "import sys; from tasks.storage.opening import open_store; open_store(sys.argv[1]); "
-        "print({'botocore', 'urllib3', 'aiohttp'} & set(sys.modules))"
+        "print({'fsspec', 's3fs', 'botocore', 'aiohttp'} & set(sys.modules))"
     )
     ended = subprocess.run([sys.executable, "-c", work, tmp_path.as_uri()], capture_output=True, text=True, check=False)
     assert (ended.stdout, ended.stderr) == ("set()\n", "")

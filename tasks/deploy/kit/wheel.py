@@ -16,7 +16,7 @@ from tasks.deploy.kit.closure import AGENT_MODULE, agent_sources
 
 _NAME = "simyard_agent"
 _ALWAYS = frozenset({"pydantic", "tuf", "securesystemslib", "cryptography"})
-_FOR_S3 = frozenset({"botocore"})
+_FOR_S3 = frozenset({"s3fs", "botocore"})
 _DISTRIBUTION = re.compile(r"[A-Za-z0-9._-]+")
 _WHEEL = "Wheel-Version: 1.0\nGenerator: simyard\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can say
