@@ -50,7 +50,7 @@ def download(
         size = store.size(key)
         if size > most:
             raise _too_big(target, f"{store.url}: {key} has {size} bytes", most)
-        first = _kept(target, size)
+        first = _kept(target)
         _receive(store, key, target, size, heard)
         if digest_of(target) == digest:
             return
@@ -59,18 +59,13 @@ def download(
             raise StoreDamaged(f"{store.url}: {key} is not the one with digest {digest}")
 
 
-def _kept(target: Path, size: int) -> int:
-    """Returns how many bytes are there; a file with more than there are to come is none of ours."""
-    kept = target.stat().st_size if target.exists() else 0
-    if kept > size:
-        target.unlink()
-        return 0
-    return kept
+def _kept(target: Path) -> int:
+    return target.stat().st_size if target.exists() else 0
 
 
 def _receive(store: Store, key: str, target: Path, size: int, heard: Callable[[int, int], None]) -> None:
     # Unpacked it takes the same again. A disk that is filled to the brim would end what runs on it.
-    done = target.stat().st_size if target.exists() else 0
+    done = _kept(target)
     needed, free = 2 * size - done, shutil.disk_usage(target.parent).free
     if needed > free:
         raise _full(target, f"{needed >> 20} MiB are needed, {free >> 20} MiB are free")

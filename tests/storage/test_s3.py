@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from io import BytesIO
 from pathlib import Path
 from threading import Thread
 from uuid import uuid4
@@ -235,6 +236,27 @@ def test_sweeping_goes_on_after_an_upload_that_is_over() -> None:
 def test_sweeping_tells_what_else_is_refused() -> None:
     with pytest.raises(StoreError, match="405"):
         S3Store("bucket", "p", _Uploads("MethodNotAllowed", 405)).sweep("a.bin")
+
+
+class _Whole(S3Client):
+    """A server that knows no ranges: it sends all of an object, whatever part of it is asked for."""
+
+    def __init__(self, body: bytes) -> None:
+        self.asked: list[object] = []
+        self._body = body
+
+    def call(self, operation: str, **parameters: object) -> Answer:  # noqa: ARG002 - as the client is called
+        self.asked.append(parameters.get("Range"))
+        return {"Body": BytesIO(self._body)}
+
+
+@pytest.mark.parametrize("first_byte", [0, 1, 262_143, 262_144, 300_000, 1_000_000])
+def test_only_what_is_missing_is_asked_for_and_taken(first_byte: int) -> None:
+    body = bytes(range(250)) * 4_000
+    server = _Whole(body)
+
+    assert b"".join(S3Store("bucket", "p", server).blocks("a.bin", first_byte)) == body[first_byte:]
+    assert server.asked == [f"bytes={first_byte}-" if first_byte else None]
 
 
 def _uploads_under_way(seaweed: Seaweed, store: Store) -> bool:

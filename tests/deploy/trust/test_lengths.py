@@ -7,7 +7,9 @@ import pytest
 from specs.bundle import Version
 from specs.errors import TrustRefused
 from tasks.deploy.robots import read_reported
+from tasks.deploy.trust.verifying import Verifier
 from tasks.storage.keys import bundle_key
+from tasks.storage.store import UNBOUNDED, Store, Stored
 from tests.deploy.one_robot import GOOD, NAME
 from tests.deploy.trust.trusting import NEWER, CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
@@ -62,3 +64,25 @@ def test_metadata_that_never_ends_is_refused(name: str, owner: Owner, yard: Yard
 
     with pytest.raises(TrustRefused, match="not the file that was signed for"):
         owner.verifier(tmp_path / "trust")(wanted)
+
+
+class _Noting:
+    """A store that notes how much is read at most."""
+
+    def __init__(self, store: Store) -> None:
+        self.bounds: list[int] = []
+        self._store = store
+
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+        self.bounds.append(most_bytes)
+        return self._store.get(key, most_bytes)
+
+
+def test_no_metadata_is_read_without_a_bound(owner: Owner, yard: Yard, tmp_path: Path) -> None:
+    noting = _Noting(yard.store)
+    verify = Verifier(noting, tmp_path / "trust", owner.root)  # pyright: ignore[reportArgumentType] - reads alone
+
+    verify(owner.signed(yard.publish(GOOD), 1))
+
+    assert noting.bounds
+    assert max(noting.bounds) <= 5_000_000
