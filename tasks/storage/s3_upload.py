@@ -1,4 +1,4 @@
-"""Files too big for one request, through fsspec's s3fs: in parts, several at a time, which the last request makes one."""
+"""Files too big for one request, through fsspec's s3fs: in parts, several at a time, made one by the last request."""
 
 from pathlib import Path
 
