@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.export.film import Scene, Shoot, filming
-from tasks.export.render import Pixels
+from tasks.export.render import Pixels, rendering
 from tests.worlds_factory import apartment
 
 WIDTH, HEIGHT = 320, 240
@@ -37,6 +37,13 @@ def test_only_the_robot_moves(shoot: Shoot):
     before, after = shoot(-1.5, 0.5, 0.0), shoot(1.0, 0.5, 0.0)
     changed = np.argwhere((before != after).any(axis=2))
     assert 50 < len(changed) < 0.02 * WIDTH * HEIGHT
+
+
+def test_what_stands_still_is_rendered_as_any_picture_of_the_world(shoot: Shoot):
+    with rendering(WIDTH, HEIGHT, 2) as render:
+        assert render
+        alone = render(SCENE.world, ())
+    assert (shoot(1.0, 0.5, 0.0) != alone).any(axis=2).mean() < 0.01
 
 
 def test_it_points_ahead(shoot: Shoot):

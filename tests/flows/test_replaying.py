@@ -8,8 +8,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
 from flows import replaying
+from flows.cli import app
 from flows.replay_files import Wanted, wanted_files, write_files
 from flows.replay_printing import answer
 from flows.replaying import Replayed, replayed
@@ -143,6 +145,18 @@ def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
 def test_an_arn_of_something_else_is_refused(batch: OpenBatch):
     with pytest.raises(DocumentError, match="an ARN of a simulation-job"):
         replayed(batch.store, f"arn:simyard:{KIND}:0:{batch.id}")
+
+
+def test_the_command_ends_with_0_for_the_same_bits_and_with_1_for_others(
+    batch: OpenBatch, tampered: Tamper, tmp_path: Path
+):
+    command = ["replay", f"{batch.id}/4", "--store", batch.store.url, "--no-mcap", "--output", str(tmp_path)]
+    sound = CliRunner().invoke(app, command)
+    assert (sound.exit_code, "deviation 0 in all" in sound.output) == (0, True)
+    tampered("failures.parquet", "simulated_s", 1.0)
+    wrong = CliRunner().invoke(app, command)
+    assert (wrong.exit_code, "columns deviate: simulated_s" in wrong.output) == (1, True)
+    assert (tmp_path / "replay.svg").is_file()
 
 
 def test_drawing_and_mcap_are_written(again: Replayed, tmp_path: Path):
