@@ -4,12 +4,13 @@ READY := $(VENV)/.ready
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-processes test-modules explore check format lint types layers bench lock
+.PHONY: help run test test-processes test-modules explore check format lint types layers bench soak lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
 	@echo "make test   set up, then run the tests"
 	@echo "make explore  run the tests with new random examples, many more of them"
+	@echo "make soak   try the promises of fleets for long, and write the figures into docs/fleet.md"
 	@echo "make check  format, lint, types, import layers, tests"
 	@echo "make bench  print the benchmark tables"
 	@echo "make lock   pin every version in constraints.txt"
@@ -55,6 +56,12 @@ layers: $(READY)
 bench: $(READY)
 	$(BIN)/python benchmarks/quickstart.py
 	$(BIN)/python benchmarks/worlds.py
+
+# An hour or so; what the tests try in short. The figures are of a run that kept every promise, or they are not written.
+soak: $(READY)
+	rm -f soak.jsonl
+	SIMYARD_SOAK_REPORT=$(CURDIR)/soak.jsonl $(BIN)/pytest -m soak tests/deploy/promises
+	$(BIN)/python -m benchmarks.promises soak.jsonl --document docs/fleet.md
 
 lock: $(READY)
 	$(BIN)/uv pip compile --quiet --upgrade --no-header --no-annotate --extra dev --output-file constraints.txt pyproject.toml

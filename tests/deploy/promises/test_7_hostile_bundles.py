@@ -35,13 +35,16 @@ SURVIVORS = {
 }
 
 
-def test_no_archive_of_the_corpus_gets_out_of_its_folder(yard: Yard, figures: Figures, tmp_path: Path) -> None:
+@sizes(short=1, long=5)
+def test_no_archive_of_the_corpus_gets_out_of_its_folder(
+    yard: Yard, size: int, figures: Figures, tmp_path: Path
+) -> None:
     one = OneRobot(yard)
     good = yard.publish(GOOD)
     one.deploy(good, 1)
     inside = tmp_path / "inside"
     inside.mkdir()
-    for number, make in enumerate(CORPUS.values()):
+    for number, make in enumerate([*CORPUS.values()] * size):
         archive = make(inside)
         digest = digest_of(archive)
         yard.store.upload(bundle_key(digest), archive)
@@ -54,7 +57,7 @@ def test_no_archive_of_the_corpus_gets_out_of_its_folder(yard: Yard, figures: Fi
         assert _outside(tmp_path, one.root) == before
         assert (yard.current(NAME), one.programs) == (good.digest, ["sleep 1000"])
     one.robot.end()
-    figures(7, kind(yard.store.url), archives=len(CORPUS), escapes=0)
+    figures(7, kind(yard.store.url), archives=size * len(CORPUS), escapes=0)
 
 
 @sizes(short=100, long=20_000)

@@ -12,7 +12,7 @@ import pytest
 from tasks.deploy.describe import describe_deployment_job, describe_robot
 from tasks.deploy.job import run_deployment_job
 from tasks.deploy.robots import create_robot, read_reported, register_robot
-from tests.deploy.promises.figures import Figures, kind
+from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.trust.test_secrets import private_forms
 from tests.deploy.trust.trusting import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, kill, programs_of
@@ -49,11 +49,13 @@ def agent(yard: Yard, owner: Owner, monkeypatch: pytest.MonkeyPatch) -> Iterator
     kill(started)
 
 
+@sizes(short=1, long=5)
 def test_no_secret_is_told(
     yard: Yard,
     owner: Owner,
     agent: subprocess.Popen[bytes],
     *,
+    size: int,
     figures: Figures,
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
@@ -62,7 +64,7 @@ def test_no_secret_is_told(
     caplog.set_level(logging.DEBUG, logger="tasks")
     version = yard.publish({"run.sh": STAYS_UP, "fail.sh": LEAKY})
     told: list[str] = []
-    for number, launch in enumerate(({}, {"preLaunchFile": "fail.sh"}, {"launchFile": "none.sh"})):
+    for number, launch in enumerate(({}, {"preLaunchFile": "fail.sh"}, {"launchFile": "none.sh"}) * size):
         request = yard.request(version, f"run-{number}", environmentVariables={"TOKEN": VARIABLE}, **launch)
         record = run_deployment_job(
             yard.store,
