@@ -63,8 +63,6 @@ def roll_out(
 ) -> JobRecord:
     """Returns the deployment job's record after every robot has ended or was left out.
 
-    While the store is away it waits for it, with growing pauses.
-
     Args:
         store: Where robots look.
         record: The job; its detail holds what an earlier controller knew.
@@ -75,7 +73,7 @@ def roll_out(
         sign: Signs what a robot is asked, or None.
 
     Raises:
-        StoreError: The store fails or stays away, or another process has taken the job over.
+        StoreError: The store fails or stays away for minutes, or another process has taken the job over.
     """
     controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
     reached_s, pause_s = time.monotonic(), _FIRST_PAUSE_S
