@@ -1,30 +1,33 @@
 """Which worlds are the same, whatever their generation is called: each run of a document generates its own."""
 
 import hashlib
-from collections.abc import Iterable
+import json
+from collections.abc import Mapping
 
+from specs.digests import canonical_json
 from specs.errors import ObjectNotFound
-from specs.world import World
 from tasks.storage.keys import world_key
 from tasks.storage.store import Store
 
 
-def alike_worlds(store: Store, references: Iterable[str]) -> dict[str, str]:
-    """Returns a digest of all of each world but what its generation was called, by ``<generation>/<world>``.
+def alike_worlds(store: Store, worlds: Mapping[str, str]) -> dict[str, str]:
+    """Returns what tells worlds apart, by ``<generation>/<world>``: all of each but what its generation was called.
 
-    Worlds that are gone are left out.
+    A world that is gone, or is not what it was, is the same as one whose whole document was the same.
 
     Args:
         store: Where they are.
-        references: Which ones.
+        worlds: SHA-256 of each world's document as it was, by ``<generation>/<world>``.
     """
-    found: dict[str, str] = {}
-    for reference in dict.fromkeys(references):
-        generation, _, name = reference.partition("/")
-        try:
-            body = store.get(world_key(generation, name)).body
-        except ObjectNotFound:
-            continue
-        bare = World.model_validate_json(body).model_copy(update={"generation": ""})
-        found[reference] = hashlib.sha256(bare.model_dump_json().encode()).hexdigest()
-    return found
+    return {reference: _identity(store, reference, digest) for reference, digest in worlds.items()}
+
+
+def _identity(store: Store, reference: str, digest: str) -> str:
+    generation, _, name = reference.partition("/")
+    try:
+        body = store.get(world_key(generation, name)).body
+    except ObjectNotFound:
+        return digest
+    if hashlib.sha256(body).hexdigest() != digest:
+        return digest
+    return hashlib.sha256(canonical_json({**json.loads(body), "generation": ""})).hexdigest()

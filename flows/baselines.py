@@ -1,18 +1,17 @@
 """The version that a gate compares with, and the batch that drove it on the same episodes."""
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from typing import NamedTuple, cast
 
-import pyarrow as pa
-
-from specs.errors import BucketNotFound, ObjectNotFound, ResourceNotFound
+from flows.alike_worlds import alike_worlds
+from specs.errors import BucketNotFound, ResourceNotFound
 from specs.pipeline_gate import Gate, NoWorseThan
 from specs.pipeline_simulation import SimulationBatch
 from tasks.applications.publishing import resolve
 from tasks.results.evidence import Baseline
 from tasks.results.job import RESULTS_FILE
 from tasks.results.pairing import PAIRED_COLUMNS, outcomes, paired_up
-from tasks.results.rows import read_rows
+from tasks.results.stored_rows import stored_rows
 from tasks.simulate.batch import KIND, plan_of
 from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.requested import recorded_location
@@ -88,6 +87,23 @@ def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:
     return own - {baseline} or own
 
 
+def driven(store: Store, record: JobRecord, digests: Iterable[str]) -> dict[Hashable, bool]:
+    """Returns whether a batch's episodes passed, by what was asked of them but for the robot application.
+
+    Args:
+        store: Where the batch is.
+        record: A batch that ended.
+        digests: Robot applications whose episodes are meant.
+
+    Raises:
+        ResourceNotFound: Its results are gone.
+        StageFailed: They are not what it wrote.
+    """
+    place, written = recorded_location(record), _results_digest(record)
+    rows = stored_rows(store, place, record.id, RESULTS_FILE, sha256=written, columns=PAIRED_COLUMNS)
+    return outcomes(rows, alike_worlds(store, plan_of(record).worlds_used()), digests)
+
+
 def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[JobRecord]:
     """Yields the batch itself if it has the version, else others that have it, newest first."""
     if _drove(batch, digest):
@@ -106,24 +122,13 @@ def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Stor
     if record.id == batch.id:
         return True
     plan, other = plan_of(batch), plan_of(record)
-    if not set(plan.world_digests.values()) & set(other.world_digests.values()):
+    if not set(plan.seeds) & set(other.seeds):  # there is no need to look into worlds and rows
         return False
-    ours = _read(store, batch)
     try:
-        theirs = _read(store, record)
-    except (ObjectNotFound, BucketNotFound):  # somebody cleared old results away
+        theirs = driven(store, record, [digest])
+    except (ResourceNotFound, BucketNotFound):  # somebody cleared old results away
         return False
-    return (
-        paired_up(
-            outcomes(ours, plan.world_digests, candidates(plan, digest)),
-            outcomes(theirs, other.world_digests, [digest]),
-        ).n
-        > 0
-    )
-
-
-def _read(store: Store, record: JobRecord) -> pa.Table:
-    return read_rows(store, recorded_location(record), record.id, _results_digest(record), PAIRED_COLUMNS)
+    return paired_up(driven(store, batch, candidates(plan, digest)), theirs).n > 0
 
 
 def _results_digest(record: JobRecord) -> str:

@@ -1,7 +1,7 @@
 """`simyard compare`: two batches over the episodes that they have in common."""
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
@@ -51,6 +51,7 @@ def batch_named(store: Store, text: str) -> Batch:
     Raises:
         ResourceNotFound: There is no such batch.
         DocumentError: The text names no batch, or it has not left its tables yet.
+        StageFailed: Its results are not what it wrote.
     """
     work = opened(store, named(text, KIND))
     record = work.record()
@@ -58,7 +59,8 @@ def batch_named(store: Store, text: str) -> Batch:
         allowed = f"a batch that has its tables; this one is {record.status}"
         raise DocumentError([Fault(path=KIND, value=work.id, allowed=allowed)], source="simyard")
     location = recorded_location(record)
-    return Batch(work, location, stored_rows(store, location, work.id, RESULTS_FILE))
+    written = cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]
+    return Batch(work, location, stored_rows(store, location, work.id, RESULTS_FILE, sha256=written))
 
 
 def pairs_of(first: Batch, second: Batch) -> Pairs:
@@ -67,8 +69,8 @@ def pairs_of(first: Batch, second: Batch) -> Pairs:
     Raises:
         DocumentError: They have none.
     """
-    worlds = [str(world) for each in (first, second) for world in each.rows.column("world").unique().to_pylist()]
-    pairs = compared(first.rows, second.rows, alike_worlds(first.work.store, worlds))
+    worlds, others = (alike_worlds(each.work.store, each.work.plan.worlds_used()) for each in (first, second))
+    pairs = compared(first.rows, second.rows, worlds, others)
     if not pairs.pairs:
         allowed = "batches with episodes in common: the same worlds, seeds, environments and applications"
         value = f"{first.work.id} and {second.work.id}"

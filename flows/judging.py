@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import JsonValue
 
-from flows.baselines import NoBaseline, candidates, find_baseline
+from flows.baselines import NoBaseline, candidates, driven, find_baseline
 from specs.base import Spec
 from specs.pipeline_gate import Gate
 from specs.report import Verdict as Answer
@@ -15,8 +15,8 @@ from tasks.results.evidence import Baseline, Tested, tested
 from tasks.results.gate import Material, columns_needed, counted
 from tasks.results.gate_rules import Completeness
 from tasks.results.job import RESULTS_FILE
-from tasks.results.pairing import PAIRED_COLUMNS, Pairs, outcomes, paired_up
-from tasks.results.rows import read_rows
+from tasks.results.pairing import Pairs, paired_up
+from tasks.results.stored_rows import stored_rows
 from tasks.results.success import EpisodeCounts
 from tasks.results.task import judge_batch
 from tasks.simulate.batch import KIND, plan_of
@@ -112,7 +112,7 @@ def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBas
             sequential=bool(gate.stopEarly) and plan_of(batch).shuffled,
         ),
         rows=rows,
-        pairs=_pairs(batch, store, other, rows),
+        pairs=_pairs(batch, store, other),
         audit=cast("dict[str, JsonValue] | None", batch.detail.get("audit")),
     )
 
@@ -143,23 +143,19 @@ def _baseline(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> Bas
     return found
 
 
-def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None, rows: pa.Table | None) -> Pairs | str:
-    if other is None or rows is None:
+def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> Pairs | str:
+    if other is None:
         return ""
     if isinstance(other, NoBaseline):
         return other.why
-    plan, record = plan_of(batch), read(store, KIND, other.batch)
-    place = recorded_location(record)
-    theirs = read_rows(store, place, other.batch, other.sha256, PAIRED_COLUMNS)
-    return paired_up(
-        outcomes(rows, plan.world_digests, candidates(plan, other.digest)),
-        outcomes(theirs, plan_of(record).world_digests, [other.digest]),
-    )
+    ours = driven(store, batch, candidates(plan_of(batch), other.digest))
+    return paired_up(ours, driven(store, read(store, KIND, other.batch), [other.digest]))
 
 
 def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:
     digests = cast("dict[str, str]", batch.detail["sha256s"])
-    return read_rows(store, recorded_location(batch), batch.id, digests[RESULTS_FILE], columns)
+    place, written = recorded_location(batch), digests[RESULTS_FILE]
+    return stored_rows(store, place, batch.id, RESULTS_FILE, sha256=written, columns=columns)
 
 
 def _pin(store: Store, run: JobRecord, key: str, value: Spec) -> None:

@@ -111,13 +111,13 @@ def playback(batch_id: str, again: Replay) -> Playback | None:
 def _recorded_row(batch: OpenBatch, record: JobRecord, location: OutputLocation, index: int) -> pa.Table:
     if "results_url" not in record.detail:
         raise _refused(batch, index, f"a job of a batch that has its tables; this one is {record.status}")
-    row = stored_rows(batch.store, location, batch.id, RESULTS_FILE, index)
+    row = stored_rows(batch.store, location, batch.id, RESULTS_FILE, index=index)
     passed = row.column("success").to_pylist()[0]
     if passed is None:
         raise _refused(
             batch, index, "a job that came to its end; this one was canceled, so there is nothing to compare"
         )
-    return row if passed else stored_rows(batch.store, location, batch.id, FAILURES_FILE, index)
+    return row if passed else stored_rows(batch.store, location, batch.id, FAILURES_FILE, index=index)
 
 
 def _in_recording(batch: OpenBatch, location: OutputLocation, recorded: pa.Table, again: Replay) -> list[Deviation]:

@@ -3,18 +3,18 @@
 Episodes are the same if world, seed, environment and applications are; versions of applications are what is compared.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
 import pyarrow as pa
 
 from specs.base import Spec
+from tasks.results.pairing import episode_keys
 
 _LAUNCHED = ("robot", "simulation")
 _ORIGINS = ("robot_version", "robot_digest", "simulation_digest", "duration_s", "engine", "device")
 _COLUMNS = ("index", "world", "seed", "environment", "success", "status", "failure_code", "outcome_reason", "recording")
-_Key = tuple[object, ...]
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,6 @@ class Episode:
         passed: Whether it passed; None for one that was canceled.
         reason: Why it did not pass, in one or two words; empty for one that passed.
         recording: The file that holds its recording, or empty.
-        key: What makes it the same as another one.
     """
 
     index: int
@@ -37,7 +36,6 @@ class Episode:
     passed: bool | None
     reason: str
     recording: str
-    key: _Key
 
 
 class Flip(Spec):
@@ -96,17 +94,18 @@ class Pairs(Spec):
         return len(self.flips) - self.gains
 
 
-def compared(first: pa.Table, second: pa.Table, identities: Mapping[str, str]) -> Pairs:
+def compared(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], others: Mapping[str, str]) -> Pairs:
     """Returns what two batches have in common, and what came out differently.
 
     Args:
         first: The rows of one batch's ``results.parquet``.
         second: The rows of the other's.
-        identities: What tells whether two worlds are the same, by ``<generation>/<world>``; worlds that it does not
-            have are told apart by their names.
+        worlds: What tells the first batch's worlds apart, by ``<generation>/<world>``; worlds that it does not have are
+            told apart by their names.
+        others: The same of the second batch, whose worlds may be others of the same names.
     """
-    applications = _told_apart(first, second)
-    ours, theirs = (_by_key(episodes(table, identities, applications)) for table in (first, second))
+    told_apart = _told_apart(first, second)
+    ours, theirs = _by_key(first, worlds, told_apart), _by_key(second, others, told_apart)
     both = [(ours[key], theirs[key]) for key in theirs if key in ours]
     counted = [(one, other) for one, other in both if one.passed is not None and other.passed is not None]
     return Pairs(
@@ -121,40 +120,22 @@ def compared(first: pa.Table, second: pa.Table, identities: Mapping[str, str]) -
     )
 
 
-def episodes(table: pa.Table, identities: Mapping[str, str], applications: Sequence[str] = ()) -> list[Episode]:
-    """Returns the episodes of a table, those that are told apart by columns of their applications too."""
-    rows = table.select([*_COLUMNS, *applications]).to_pylist()
-    return [_episode(row, identities, applications) for row in rows]
+def _by_key(table: pa.Table, worlds: Mapping[str, str], told_apart: Sequence[str]) -> dict[Hashable, Episode]:
+    rows = table.select(list(_COLUMNS)).to_pylist()
+    return dict(zip(episode_keys(table, worlds, told_apart), map(_episode, rows), strict=True))
 
 
-def _episode(row: Mapping[str, object], identities: Mapping[str, str], applications: Sequence[str]) -> Episode:
-    world, environment = str(row["world"]), dict(cast("Iterable[tuple[str, str]]", row["environment"]))
+def _episode(row: Mapping[str, object]) -> Episode:
     passed = cast("bool | None", row["success"])
     return Episode(
         index=cast("int", row["index"]),
-        world=world,
+        world=str(row["world"]),
         seed=cast("int", row["seed"]),
-        environment=environment,
+        environment=dict(cast("Iterable[tuple[str, str]]", row["environment"])),
         passed=passed,
         reason="" if passed else str(row["failure_code"] or row["outcome_reason"] or row["status"]),
         recording=str(row["recording"]),
-        key=(
-            identities.get(world, world),
-            row["seed"],
-            tuple(sorted(environment.items())),
-            *(row[name] for name in applications),
-        ),
     )
-
-
-def _by_key(found: Iterable[Episode]) -> dict[_Key, Episode]:
-    """Returns episodes by key; of those with one key the first, the second, ... are the same."""
-    seen: dict[_Key, int] = {}
-    keyed: dict[_Key, Episode] = {}
-    for episode in found:
-        seen[episode.key] = seen.get(episode.key, 0) + 1
-        keyed[*episode.key, seen[episode.key]] = episode
-    return keyed
 
 
 def _told_apart(first: pa.Table, second: pa.Table) -> list[str]:

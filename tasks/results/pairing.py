@@ -1,23 +1,16 @@
-"""Two versions on the same episodes: which of them both have, and where they came to different ends."""
+"""The same episodes of two versions: which of them both have, and where they came to different ends."""
 
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from specs.base import Spec
 
-PAIRED_COLUMNS = (
-    "world",
-    "seed",
-    "simulation_digest",
-    "simulation_package",
-    "simulation_launch_file",
-    "environment",
-    "duration_s",
-    "robot_digest",
-    "success",
-)
+_SAME = ("simulation_digest", "simulation_package", "simulation_launch_file", "duration_s")
+_ASKED = ("world", "seed", "environment")
+PAIRED_COLUMNS = (*_ASKED, *_SAME, "robot_digest", "success")
 Outcomes = Mapping[Hashable, bool]
 
 
@@ -37,32 +30,40 @@ class Pairs(Spec):
     unpaired: int
 
 
+def episode_keys(table: pa.Table, worlds: Mapping[str, str], columns: Sequence[str]) -> list[Hashable]:
+    """Returns what makes each row the same episode as a row of another table: world, seed, variables, and columns.
+
+    Equal requests of one table are told apart by their turn.
+
+    Args:
+        table: Rows in the order of their indices.
+        worlds: What tells worlds apart, by ``<generation>/<world>``; those that it does not have go by their names.
+        columns: What else makes an episode the same.
+    """
+    turns, keys = Counter[Hashable](), list[Hashable]()
+    for row in table.select([*_ASKED, *columns]).to_pylist():
+        world = worlds.get(row["world"], row["world"])
+        asked = (world, row["seed"], tuple(sorted(row["environment"])), *(row[name] for name in columns))
+        turns[asked] += 1
+        keys.append((asked, turns[asked]))
+    return keys
+
+
 def outcomes(table: pa.Table, worlds: Mapping[str, str], digests: Iterable[str]) -> dict[Hashable, bool]:
     """Returns whether episodes passed, by what was asked of them but for the robot application.
 
     World, seed, scenario, variables and duration make the same episode; a world by what is in it, not by its name, so
-    that worlds that were generated again are the same ones. Canceled episodes are left out. Equal requests of one batch
-    are told apart by their turn.
+    that worlds that were generated again are the same ones. Canceled episodes are left out.
 
     Args:
         table: Rows with the columns ``PAIRED_COLUMNS``, in the order of their indices.
-        worlds: SHA-256 of each world's document, by ``<generation>/<world>``.
+        worlds: What tells worlds apart, by ``<generation>/<world>``.
         digests: Robot applications whose episodes are meant.
     """
-    wanted, turns = frozenset(digests), Counter[Hashable]()
-    found: dict[Hashable, bool] = {}
-    for row in table.select(list(PAIRED_COLUMNS)).to_pylist():
-        if row["robot_digest"] not in wanted or row["success"] is None:
-            continue
-        asked = (
-            worlds[row["world"]],
-            *(row[name] for name in PAIRED_COLUMNS[1:5]),
-            tuple(map(tuple, row["environment"])),
-            row["duration_s"],
-        )
-        turns[asked] += 1
-        found[asked, turns[asked]] = row["success"]
-    return found
+    meant = table.filter(pc.field("robot_digest").isin(list(digests)))
+    passed = meant.column("success").to_pylist()
+    keys = episode_keys(meant, worlds, _SAME)
+    return {key: success for key, success in zip(keys, passed, strict=True) if success is not None}
 
 
 def paired_up(new: Outcomes, other: Outcomes) -> Pairs:

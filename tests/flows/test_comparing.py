@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from flows.cli import app
 from flows.comparing import batch_named, flip_maps, pairs_of
-from specs.errors import DocumentError
+from specs.errors import DocumentError, StageFailed
 from tasks.results.plan_page import plan_page
 from tasks.simulate.batch import OpenBatch
 from tasks.storage.opening import open_store
@@ -111,3 +111,15 @@ def test_batches_without_a_common_episode_are_refused(batches: tuple[OpenBatch, 
     other = closed_batch(store, pushing_plan(store, seeds=(900, 901)), "other")
     with pytest.raises(DocumentError, match="batches with episodes in common"):
         pairs_of(batch_named(store, batches[0].id), batch_named(store, other.id))
+
+
+def test_results_that_are_not_what_the_batch_wrote_are_not_compared(batches: tuple[OpenBatch, OpenBatch]):
+    store, record = batches[0].store, batches[0].record()
+    key = str(record.detail["results_url"]).removeprefix(store.url + "/")
+    before = store.get(key).body
+    store.put(key, before + b" ")
+    try:
+        with pytest.raises(StageFailed, match=r"MismatchedEtag.*is not what the batch wrote"):
+            batch_named(store, record.id)
+    finally:
+        store.put(key, before)

@@ -1,26 +1,33 @@
 """What a gate judges by: the tested version alone, and the same other version on the same episodes, however often."""
 
+import hashlib
 from pathlib import Path
+from typing import cast
 
 import pytest
 
 from flows.baselines import NoBaseline, candidates, find_baseline
 from flows.judging import compared_with, facts, gate_answer, material
-from specs.episode import EpisodeResult
+from specs.episode import ApplicationLaunch, EpisodeResult
 from specs.errors import ResourceNotFound, StageFailed
 from specs.pipeline_gate import Gate, NoWorseThan
+from specs.template import TemplateBody
+from specs.world_jobs import CreateWorldGenerationJobRequest
 from tasks.results.evidence import Baseline, read_evidence
 from tasks.results.gate import judge
 from tasks.simulate.batch import plan_of
 from tasks.simulate.committing import Part
 from tasks.storage.keys import world_key
+from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
+from tasks.worlds.job import run_generation_job
 from tests.episodes_factory import collided, passed
 from tests.flows.judged_batches import courier, delivery, ended, run_of, without_prefect
 from tests.simulate.batch_factory import mixed
 
 RULE = NoWorseThan(applicationVersion="1", margin=0.06)
 GATE = Gate(noWorseThan=RULE)
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(autouse=True)
@@ -89,18 +96,32 @@ def test_else_the_newest_batch_that_drove_it_on_the_same_episodes(file_store: St
     assert found.batch == second.id
 
 
-def test_worlds_that_were_made_again_under_another_name_are_the_same_worlds(file_store: Store, shelf: Shelf):
-    before = ended(file_store, shelf.old, scenario=shelf.scenario, name="before")
-    names = {"g/w0": "night-2/w0", "g/w1": "night-2/w1"}
-    digests = {names[name]: digest for name, digest in plan_of(before).world_digests.items()}
-    for name in digests:
-        file_store.put(world_key("night-2", name[-2:]), file_store.get(world_key("g", name[-2:])).body)
-    batch = ended(
-        file_store, shelf.new, scenario=shelf.scenario, name="now", worlds=tuple(digests), world_digests=digests
+def generated(store: Store, token: str) -> dict[str, str]:
+    """Returns the digests of worlds that a run of a document generates, always from the same template and seed."""
+    template = TemplateBody.model_validate_json((EXAMPLES / "templates/two-rooms.json").read_bytes())
+    asked = CreateWorldGenerationJobRequest.model_validate(
+        {"template": "arn:simyard:world-template:0123456789ab:t", "worldCount": {"floorplanCount": 2}}
     )
+    record = run_generation_job(store, asked, template, seed=7, token=token, progress=lambda *_: None, workers=1)
+    names = cast("list[str]", record.detail["worlds"])
+    bodies = {name: store.get(world_key(*name.split("/"))).body for name in names}
+    return {name: hashlib.sha256(body).hexdigest() for name, body in bodies.items()}
+
+
+def test_worlds_that_another_run_generated_again_are_the_same_worlds(file_store: Store, shelf: Shelf):
+    first, second = (generated(file_store, token) for token in ("yesterday", "today"))
+    assert not set(first.values()) & set(second.values())  # each document names its generation
+
+    def drove(robot: ApplicationLaunch, worlds: dict[str, str], name: str) -> JobRecord:
+        used = {"worlds": tuple(worlds), "world_digests": worlds}
+        return ended(file_store, robot, scenario=shelf.scenario, name=name, simulate=old_collides(shelf), **used)
+
+    before, batch = drove(shelf.old, first, "before"), drove(shelf.new, second, "now")
     found = find_baseline(RULE, batch, file_store)
     assert isinstance(found, Baseline)
-    assert judge(GATE, material(GATE, batch, file_store, found)).rules[0].counted == 80
+    assert found.batch == before.id
+    (rule,) = judge(GATE, material(GATE, batch, file_store, found)).rules
+    assert (rule.counted, rule.facts["gains"], rule.facts["unpaired"]) == (80, 8, 0)
 
 
 def test_where_nobody_drove_it_the_rule_is_open_and_says_what_to_do(file_store: Store, shelf: Shelf):

@@ -94,7 +94,7 @@ def tampered(batch: OpenBatch) -> Iterator[Tamper]:
 
 def test_a_number_that_is_off_in_its_last_bit_is_found(batch: OpenBatch, tampered: Tamper):
     location = recorded_location(batch.record())
-    x_m = stored_rows(batch.store, location, batch.id, "failures.parquet", 4).column("final_x_m")[0].as_py()
+    x_m = stored_rows(batch.store, location, batch.id, "failures.parquet", index=4).column("final_x_m")[0].as_py()
     tampered("failures.parquet", "final_x_m", float(np.nextafter(x_m, 9.0)))
     found = replayed(batch.store, f"{batch.id}/4")
     (deviation,) = [each for each in found.deviations if not each.same]

@@ -15,7 +15,7 @@ Row = tuple[EpisodeRequest, EpisodeResult]
 
 def _pairs(first: Sequence[Row], second: Sequence[Row], identities: dict[str, str] | None = None) -> Pairs:
     one, other = (results_table("b", [row[0] for row in rows], [row[1] for row in rows]) for rows in (first, second))
-    return compared(one, other, identities or {})
+    return compared(one, other, identities or {}, identities or {})
 
 
 def test_episodes_are_paired_by_world_seed_and_environment_in_any_order():

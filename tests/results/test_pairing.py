@@ -49,3 +49,9 @@ def test_equal_requests_are_paired_by_their_turn():
     new = found((request(0), passed(0)), (request(1), collided(1)))
     old = found((request(0), collided(0)), (request(1), collided(1)))
     assert paired_up(new, old) == Pairs(n=2, gains=1, losses=0, unpaired=0)
+
+
+def test_a_canceled_one_of_equal_requests_keeps_its_turn():
+    new = found((request(0), canceled(0)), (request(1), collided(1)))
+    old = found((request(0), collided(0)), (request(1), passed(1)))
+    assert paired_up(new, old) == Pairs(n=1, gains=0, losses=1, unpaired=0)
