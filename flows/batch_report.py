@@ -2,16 +2,18 @@
 
 It is written when the batch ends, again when the gate has judged it, and again when its run has ended, which tells
 what the stages took; each time over the one before, and from records and tables alone, so that `simyard report` makes
-the same bytes.
+the same bytes. It decides nothing: what it is about is ended, judged and shipped without it, too, and tells that it is
+missing.
 """
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import cast
 
 from pydantic import JsonValue
 
-from specs.errors import ResourceNotFound
+from specs.errors import ResourceNotFound, SimyardError
 from specs.report import PipelineReport
 from tasks.results.recordings import RECORDINGS_FOLDER
 from tasks.results.report.facts import BatchFacts, Link, StageTime
@@ -26,6 +28,7 @@ from tasks.storage.records import JobRecord, is_terminal, job_id, read
 from tasks.storage.runs import stage_token
 from tasks.storage.store import Store
 
+logger = logging.getLogger(__name__)
 _STAGE = "-batch"
 _TABLES = ("results", "failures", "audit")
 
@@ -38,23 +41,55 @@ class Reported:
     view: View
 
 
-def write_report(store: Store, record: JobRecord) -> Reported:
+@dataclass(frozen=True)
+class Unreported:
+    """There is no report, and why, for a person."""
+
+    why: str
+
+    def alarm(self) -> str:
+        """Returns what is told of it, loudly."""
+        return f"There is no new report: {self.why}"
+
+
+def write_report(store: Store, record: JobRecord) -> Reported | Unreported:
     """Writes the report of a batch beside its tables, over the one before.
 
     Args:
         store: The store of the batch.
         record: The batch's record, with its tables.
     """
-    view = report_view_of(store, record)
-    return Reported(put_report(store, recorded_location(record), record.id, report_page(view)), view)
+
+    def write() -> Reported:
+        view = report_view_of(store, record)
+        return Reported(put_report(store, recorded_location(record), record.id, report_page(view)), view)
+
+    return attempted(write)
+
+
+def attempted(write: Callable[[], Reported]) -> Reported | Unreported:
+    """Returns a report that was written, or why it could not be.
+
+    A defect in a page must not keep a batch from its end, nor a version that passed from its robots. Nothing is hushed
+    up: records and the terminal tell of it, and `simyard report` ends with it.
+    """
+    try:
+        return write()
+    except SimyardError as exc:
+        logger.warning("no report was written: %s", exc)
+        return Unreported(" ".join(str(exc).split()))
+    except Exception as exc:
+        logger.exception("no report was written")
+        return Unreported(f"this is a defect of Simyard: {' '.join(f'{type(exc).__name__}: {exc}'.split())}")
 
 
 def write_last_report(
     store: Store, record: JobRecord, status: str, detail: Mapping[str, JsonValue], why: str
-) -> Reported:
+) -> Reported | Unreported:
     """Writes the report of a batch that is about to be closed.
 
-    Before and not after, so that a closed batch has its report, wherever its process was killed.
+    Before and not after, so that a closed batch has its report, wherever its process was killed; `noted` says of it
+    what the record says.
 
     Args:
         store: The store of the batch.
@@ -67,15 +102,19 @@ def write_last_report(
     return write_report(store, record.model_copy(update=closed))
 
 
-def write_report_of_run(store: Store, run: JobRecord) -> None:
-    """Writes the report of a run's batch once more, if it has one with tables."""
+def noted(written: Reported | Unreported) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its report: ``report_url``, or ``report_failed`` and why."""
+    return {"report_url": written.url} if isinstance(written, Reported) else {"report_failed": written.why}
+
+
+def write_report_of_run(store: Store, run: JobRecord) -> Reported | Unreported | None:
+    """Writes the report of a run's batch once more; None if it has none with tables."""
     batch = job_id(KIND, stage_token(run, "batch"))
     try:
         record = read(store, KIND, batch)
     except ResourceNotFound:
-        return
-    if has_tables(record):
-        write_report(store, record)
+        return None
+    return write_report(store, record) if has_tables(record) else None
 
 
 def has_tables(record: JobRecord) -> bool:

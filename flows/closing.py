@@ -1,8 +1,11 @@
 """A batch that was stopped while no process worked on it, closed by whoever asks about it."""
 
+from collections.abc import Mapping
 from typing import cast
 
-from flows.batch_report import write_last_report
+from pydantic import JsonValue
+
+from flows.batch_report import noted, write_last_report
 from tasks.results.closing import write_batch_tables
 from tasks.results.recordings import recordings_url
 from tasks.simulate.abandoned import give_up
@@ -52,5 +55,16 @@ def close_with_tables(batch: OpenBatch) -> JobRecord:
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
-    detail["report_url"] = write_last_report(batch.store, record, status, detail, why).url
+    detail |= noted(write_last_report(batch.store, record, status, detail, why))
     return close_batch(batch.store, batch.id, status, detail, why)
+
+
+def with_audit(detail: Mapping[str, JsonValue], audited: Mapping[str, JsonValue]) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its tables and of its audit, whose file is one of the batch's, too.
+
+    Args:
+        detail: Of the tables, with the SHA-256 of each by its name.
+        audited: Of the audit, likewise; empty if there was none.
+    """
+    tables, audit = (cast("dict[str, JsonValue]", each.get("sha256s", {})) for each in (detail, audited))
+    return {**detail, **audited, "sha256s": {**tables, **audit}}

@@ -5,11 +5,11 @@ from pathlib import Path
 from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
 
-from flows.batch_report import write_report, write_report_of_run
+from flows.batch_report import Reported, Unreported, write_report, write_report_of_run
 from flows.report_artifacts import show_report
-from flows.reporting import told
+from flows.reporting import alarmed, run_alarmed, told
 from flows.resolving import Numbers, pins
-from flows.stages import deploy, export, generate, judge, simulate, skipped
+from flows.stages import Reports, deploy, export, generate, judge, simulate, skipped
 from flows.workers import wanted_workers
 from specs.digests import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
@@ -63,8 +63,8 @@ def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: 
         raise
     status = "Completed" if report.passed else "Failed"
     advance(store, "pipeline-run", run.id, status, detail={"report": report.model_dump(mode="json")})
-    write_report_of_run(store, run)  # with what the stages took
-    return report
+    written = write_report_of_run(store, run)  # with what the stages took
+    return run_alarmed(report, written.alarm()) if isinstance(written, Unreported) else report
 
 
 def _stages(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
@@ -78,7 +78,7 @@ def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
     batch, simulated = simulate(spec, worlds, store, versions, run)
     judged = judge(spec, batch, store, run)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
-        show_report(write_report(store, batch))
+        judged = _shown(judged, store, batch)
     verdict = judged[0].status if judged else None
     passed = verdict in (None, "PASS")
     deployed = deploy(spec, batch, store, versions, run) if passed else skipped(spec)
@@ -91,6 +91,15 @@ def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
             "shipped": deployed[0].status == "Succeeded" if deployed and passed else None,
         }
     )
+
+
+def _shown(judged: Reports, store: Store, batch: JobRecord) -> Reports:
+    """Returns the gate's report, the batch's page being written; with an alarm where it could not be."""
+    written = write_report(store, batch)
+    if isinstance(written, Reported):
+        show_report(written)
+        return judged
+    return tuple(alarmed(stage, written.alarm()) for stage in judged)
 
 
 def _show(report: PipelineReport) -> None:

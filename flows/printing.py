@@ -24,7 +24,7 @@ def show_report(report: PipelineReport, console: Console) -> None:
     table.add_column("what came of it")
     table.add_column("seconds", justify="right")
     for stage in report.stages:
-        table.add_row(stage.name, _status(stage.status), stage.summary, f"{stage.seconds:.1f}")
+        table.add_row(stage.name, _status(stage.status), Text(stage.summary), f"{stage.seconds:.1f}")
     console.print(table)
     for stage in report.stages:
         if stage.arn:

@@ -69,7 +69,9 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
         if f"{label}_url" in detail
     )
     stage = _stage("simulationBatch", record, summary, seconds, artefacts)
-    return _with_audit(stage, cast("dict[str, JsonValue]", detail["audit"])) if "audit" in detail else stage
+    if "audit" in detail:
+        stage = _with_audit(stage, cast("dict[str, JsonValue]", detail["audit"]))
+    return alarmed(stage, f"There is no report: {detail['report_failed']}") if "report_failed" in detail else stage
 
 
 def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
@@ -89,6 +91,19 @@ def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     if not is_unsigned(record):
         return stage
     return stage.model_copy(update={"summary": f"{summary}; UNSIGNED", "facts": {"alarm": UNSIGNED_ALARM}})
+
+
+def alarmed(stage: StageReport, alarm: str) -> StageReport:
+    """Returns a stage's report with one more alarm, a line each; one that it tells already is not told twice."""
+    before = str(stage.facts.get("alarm", "")).splitlines()
+    return stage.model_copy(update={"facts": {**stage.facts, "alarm": "\n".join(dict.fromkeys([*before, alarm]))}})
+
+
+def run_alarmed(report: PipelineReport, alarm: str) -> PipelineReport:
+    """Returns a run's report with one more alarm, unless one of its stages tells it already."""
+    if any(alarm in str(stage.facts.get("alarm", "")) for stage in report.stages):
+        return report
+    return report.model_copy(update={"stages": (*report.stages[:-1], alarmed(report.stages[-1], alarm))})
 
 
 def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:

@@ -8,7 +8,8 @@ from typing import cast
 from prefect import flow
 from pydantic import JsonValue
 
-from flows.batch_report import write_last_report
+from flows.batch_report import Reported, noted, write_last_report
+from flows.closing import with_audit
 from flows.early_end import EarlyEnd, endable
 from flows.ending import as_run, ended_well, run_name
 from flows.report_artifacts import show_report
@@ -168,11 +169,11 @@ def _closed(
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
     if status == "Completed":
-        detail |= _audited(batch, folders, location)
+        detail = with_audit(detail, _audited(batch, folders, location))
     reported = write_last_report(batch.store, record, status, detail, why)
-    detail["report_url"] = reported.url
-    closed = close_batch(batch.store, batch.id, status, detail, why)
-    show_report(reported)
+    closed = close_batch(batch.store, batch.id, status, detail | noted(reported), why)
+    if isinstance(reported, Reported):
+        show_report(reported)
     return closed
 
 

@@ -4,6 +4,7 @@ FAIL if any rule fails, PASS if all rules pass, else INCONCLUSIVE, and more epis
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -29,11 +30,12 @@ from tasks.results.success import CANCELED, EpisodeCounts
 
 _WHOLE = Completeness()
 _METRICS = "metrics."
+_WEIGHT: tuple[Answer, ...] = ("FAIL", "INCONCLUSIVE", "PASS")
 _NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
 
 
 class Verdict(Spec):
-    """The gate's answer, why in one sentence for a person, and the answer of each of its rules."""
+    """The gate's answer, why for a person, a line for each of several rules, and the answer of each of its rules."""
 
     verdict: Answer
     sentence: str
@@ -64,11 +66,7 @@ def judge(gate: Gate, material: Material) -> Verdict:
     """Returns the verdict on a batch."""
     rules = tuple(_answers(gate, material))
     answer = together([rule.verdict for rule in rules])
-    if len(rules) == 1:
-        sentence = rules[0].sentence
-    else:
-        sentence = f"{answer}: " + " | ".join(f"{rule.rule} {rule.sentence}" for rule in rules)
-    return Verdict(verdict=answer, sentence=sentence, counts=material.counts, rules=rules)
+    return Verdict(verdict=answer, sentence=_told(answer, rules), counts=material.counts, rules=rules)
 
 
 def together(answers: Sequence[Answer]) -> Answer:
@@ -76,6 +74,16 @@ def together(answers: Sequence[Answer]) -> Answer:
     if "FAIL" in answers:
         return "FAIL"
     return "PASS" if answers and all(answer == "PASS" for answer in answers) else "INCONCLUSIVE"
+
+
+def _told(answer: Answer, rules: Sequence[RuleVerdict]) -> str:
+    """Returns a rule's sentence; of several a line each, what decided first, under one that counts them."""
+    if len(rules) == 1:
+        return rules[0].sentence
+    by_weight = sorted(rules, key=lambda rule: _WEIGHT.index(rule.verdict))
+    counts = Counter(rule.verdict for rule in by_weight)
+    said = ", ".join(f"{count} {'says' if count == 1 else 'say'} {each}" for each, count in counts.items())
+    return "\n".join([f"{answer}: of {len(rules)} rules, {said}", *(rule.sentence for rule in by_weight)])
 
 
 def columns_needed(gate: Gate) -> list[str]:

@@ -6,7 +6,7 @@ measure, a PASS takes the worst and a FAIL the best. A canceled or missing episo
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from pydantic import Field, JsonValue
@@ -43,6 +43,11 @@ class RuleVerdict(Spec):
     lower: float | None = None
     upper: float | None = None
     facts: dict[str, JsonValue] = Field(default_factory=dict[str, JsonValue])
+
+    @property
+    def title(self) -> str:
+        """Returns what a person calls the rule: its name in the document, and of a quantile what it is of."""
+        return f"quantile of {self.facts['column']}" if "column" in self.facts else self.rule
 
 
 class Completeness(NamedTuple):
@@ -144,7 +149,7 @@ def quantile_rule(
     """
     n = len(values) + unknown
     if not values:
-        return _nothing(name, f"no episode has a value of {rule.column}")
+        return _nothing(name, f"no episode has a value of {rule.column}", {"column": rule.column})
     worst = quantile_interval([*values, *[-math.inf] * unknown], rule.quantile, rule.confidence).lower
     best = quantile_interval([*values, *[math.inf] * unknown], rule.quantile, rule.confidence).upper
     interval = Interval(lower=worst, upper=best)
@@ -252,8 +257,8 @@ def _below(interval: Interval, bar: float, n: int, *, sound: bool) -> Answer:
     return "PASS" if n and sound and interval.upper <= bar else "INCONCLUSIVE"
 
 
-def _nothing(rule: str, why: str) -> RuleVerdict:
-    return RuleVerdict(rule=rule, verdict="INCONCLUSIVE", sentence=f"INCONCLUSIVE: {why}")
+def _nothing(rule: str, why: str, facts: Mapping[str, JsonValue] | None = None) -> RuleVerdict:
+    return RuleVerdict(rule=rule, verdict="INCONCLUSIVE", sentence=f"INCONCLUSIVE: {why}", facts=dict(facts or {}))
 
 
 def _sentence(answer: Answer, seen: str, asked: str, lacks: Completeness) -> str:

@@ -78,6 +78,6 @@ def judge_batch(
     verdict = judge(rule, found)
     evidence = gather(batch, rule, verdict, tested, left_out=found.lacks.left_out, baseline=baseline)
     url = write_evidence(open_store(store_url), evidence)
-    mark, body = _MARKS[verdict.verdict], "\n".join(f"- {each.rule}: {each.sentence}" for each in verdict.rules)
+    mark, body = _MARKS[verdict.verdict], "\n".join(f"- {each.title}: {each.sentence}" for each in verdict.rules)
     create_markdown_artifact(f"# {mark} {verdict.verdict}\n\n{body}\n\nEvidence: `{url}`", key="gate")
     return verdict, url, evidence_digest(evidence)

@@ -6,6 +6,7 @@ process, for want of memory, is given up: the batch would never end.
 This module imports no JAX itself, as ``tasks.simulate.runner``.
 """
 
+import hashlib
 import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -42,7 +43,10 @@ class _Begun(Spec):
 def audit_batch(
     batch: OpenBatch, bundles: Mapping[str, Path], location: OutputLocation, progress: Progress = lambda _: None
 ) -> dict[str, JsonValue]:
-    """Returns ``audit``, the report, and ``audit_url``, where it lies beside the tables, for the batch's record.
+    """Returns what a batch's record says of its audit.
+
+    That is ``audit``, the report; ``audit_url``, where it lies beside the tables; and its SHA-256 by its file's name in
+    ``sha256s``.
 
     Args:
         batch: All its chunks are committed.
@@ -58,8 +62,10 @@ def audit_batch(
     logger.info("audit: %s: %s", report.verdict, report.sentence)
     bucket = open_bucket(batch.store, location.s3Bucket or "")
     key = output_key(location.s3Prefix, f"{batch.id}/{AUDIT_FILE}")
-    bucket.put(key, encoded(report))
-    return {"audit": report.model_dump(mode="json"), "audit_url": f"{bucket.url}/{key}"}
+    body = encoded(report)
+    bucket.put(key, body)
+    digests: dict[str, JsonValue] = {AUDIT_FILE: hashlib.sha256(body).hexdigest()}
+    return {"audit": report.model_dump(mode="json"), "audit_url": f"{bucket.url}/{key}", "sha256s": digests}
 
 
 def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) -> AuditReport:

@@ -7,13 +7,15 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from pydantic import JsonValue
 
-from flows.closing import settled
+from flows.closing import settled, with_audit
 from flows.inspecting import cancel, described, listed
+from flows.reporting import batch_report
 from flows.simulation_batch import _run
 from specs.common import OutputLocation
 from specs.episode import EpisodeResult
-from specs.errors import BucketNotFound, DocumentError
+from specs.errors import BucketNotFound, DocumentError, StageFailed
 from tasks.simulate.batch import OpenBatch, time_out
 from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.chunk_store import begin_chunk, committed_chunk
@@ -143,3 +145,30 @@ def test_a_process_that_waited_for_a_batch_that_was_closed_meanwhile_does_nothin
     before = left.record()
     assert _run(left.store, left.id, OutputLocation(s3Bucket="results")) == before
     assert committed_chunk(left.store, left.id, 2) is None
+
+
+def test_the_audit_is_one_of_the_files_that_evidence_hashes():
+    detail: dict[str, JsonValue] = {"passed": 1, "sha256s": {"results.parquet": "a"}}
+    audited: dict[str, JsonValue] = {"audit_url": "file:///x", "sha256s": {"audit.json": "b"}}
+    digests = {"results.parquet": "a", "audit.json": "b"}
+    assert with_audit(detail, audited) == {"passed": 1, "audit_url": "file:///x", "sha256s": digests}
+    assert with_audit(detail, {}) == detail
+
+
+@pytest.mark.parametrize("exc", [ZeroDivisionError("no such page"), StageFailed("MismatchedEtag", "no such page")])
+def test_a_report_that_cannot_be_written_keeps_no_batch_from_its_end(
+    left: OpenBatch, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, exc: Exception
+):
+    def fails(*_: object) -> None:
+        raise exc
+
+    monkeypatch.setattr("flows.batch_report.report_page", fails)
+    cancel(left.store, left.record().arn)
+    record = left.record()
+    assert record.status == "Canceled"
+    assert "report_url" not in record.detail
+    assert str(record.detail["report_failed"]).endswith("no such page")
+    assert "no report was written" in caplog.text
+    assert results(left).num_rows == 6
+    stage = batch_report(record, 1.0)
+    assert stage.facts["alarm"] == f"There is no report: {record.detail['report_failed']}"

@@ -8,16 +8,26 @@ from pydantic import JsonValue
 from rich.console import Console
 
 from flows.printing import show_report
-from flows.reporting import batch_report, deployment_report, generation_report, told
+from flows.reporting import alarmed, batch_report, deployment_report, generation_report, run_alarmed, told
 from specs.errors import DocumentError, StageFailed
 from specs.report import PipelineReport, StageReport, Verdict
 from tasks.storage.records import JobKind, JobRecord, advance, submit
 from tasks.storage.store import Store
 
 
-def _ended(store: Store, kind: JobKind, status: str, detail: dict[str, JsonValue], **failure: str) -> JobRecord:
+def _ended(
+    store: Store,
+    kind: JobKind,
+    status: str,
+    detail: dict[str, JsonValue],
+    *,
+    failure_code: str = "",
+    failure_reason: str = "",
+) -> JobRecord:
     record = submit(store, kind, {}, "tok")
-    return advance(store, kind, record.id, status, detail=detail, **failure)
+    return advance(
+        store, kind, record.id, status, detail=detail, failure_code=failure_code, failure_reason=failure_reason
+    )
 
 
 def test_who_waited_is_told_the_report_of_the_run(file_store: Store):
@@ -107,8 +117,8 @@ def test_a_batch_tells_its_most_frequent_reasons_and_a_sample(file_store: Store)
     assert summary.endswith("; 8 x RobotApplicationCrash: no module go_to_gaol; 2 x timeout")
 
 
-@pytest.mark.parametrize(("verdict", "alarmed"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True)])
-def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: str, alarmed: bool):
+@pytest.mark.parametrize(("verdict", "alarms"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True)])
+def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: str, alarms: bool):
     detail: dict[str, JsonValue] = {
         "passed": 4,
         "episodes": 4,
@@ -124,7 +134,17 @@ def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: st
     console = Console(file=io.StringIO(), width=200)
     show_report(PipelineReport(run="run-1", name="n", stages=(stage,)), console)
     shown = cast("io.StringIO", console.file).getvalue()
-    assert (f"The parity audit is {verdict}: 1 of 4 rows" in shown) is alarmed
+    assert (f"The parity audit is {verdict}: 1 of 4 rows" in shown) is alarms
+
+
+def test_a_second_alarm_stands_beside_the_first_and_none_is_told_twice():
+    stage = StageReport(name="gate", arn="", status="PASS", summary="PASS: 9 of 9", seconds=0.5)
+    for alarm in ("no page", "no picture", "no page"):
+        stage = alarmed(stage, alarm)
+    assert stage.facts["alarm"] == "no page\nno picture"
+    report = PipelineReport(run="run-1", name="n", stages=(stage, stage.model_copy(update={"facts": {}})))
+    assert run_alarmed(report, "no picture") == report
+    assert run_alarmed(report, "no disk").stages[1].facts == {"alarm": "no disk"}
 
 
 @pytest.mark.parametrize(("trust", "alarms"), [("unsigned", 1), ("signed by 0123", 0)])
@@ -134,3 +154,10 @@ def test_a_deployment_that_nobody_vouched_for_says_so_in_red(file_store: Store, 
     show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="PASS"), console)
     assert console.export_text().count("UNSIGNED: nobody's key vouches for this deployment") == alarms
     assert stage.summary.endswith("UNSIGNED") == bool(alarms)
+
+
+def test_what_came_of_a_stage_is_shown_as_it_is():
+    stage = StageReport(name="gate", arn="", status="FAIL", summary="KeyError: box[bold]", seconds=0.5)
+    console = Console(file=io.StringIO(), width=200)
+    show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="FAIL"), console)
+    assert "KeyError: box[bold]" in cast("io.StringIO", console.file).getvalue()

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from flows.closing import close_with_tables
 from flows.report_cli import report
 from flows.report_files import local_copy, write_to
-from specs.errors import DocumentError, ResourceNotFound
+from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.results.report.job import stored_worlds
 from tasks.simulate.batch import OpenBatch, complete
 from tasks.simulate.committing import run_chunk
@@ -117,3 +117,12 @@ def test_the_command_prints_where_the_page_is_and_opens_it(file_store: Store, mo
     done = CliRunner().invoke(app, [record.arn, "--open", "--store", file_store.url])
     assert done.output.strip() == record.detail["report_url"]
     assert opened == [record.detail["report_url"]]
+
+
+@pytest.mark.parametrize("name", ["results", "failures"])
+def test_tables_that_are_not_what_the_batch_wrote_are_not_reported_on(file_store: Store, name: str):
+    record = closed(file_store)
+    path = Path(urlsplit(str(record.detail[f"{name}_url"])).path)
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(StageFailed, match=rf"MismatchedEtag: .*{name}\.parquet is not what the batch wrote"):
+        write_to(file_store, record.id, None)

@@ -187,9 +187,19 @@ def test_of_several_rules_each_has_its_sentence_and_the_worst_decides():
         ("collisionRate", "INCONCLUSIVE"),
     ]
     assert verdict.verdict == "INCONCLUSIVE"
-    assert all(f"{rule.rule} {rule.sentence}" in verdict.sentence for rule in verdict.rules)
+    head, first, second = verdict.sentence.split("\n")
+    assert head == "INCONCLUSIVE: of 2 rules, 1 says INCONCLUSIVE, 1 says PASS"
+    assert (first, second) == (verdict.rules[1].sentence, verdict.rules[0].sentence)
     assert judge(both, rows(0, 99)).verdict == "FAIL"
     assert judge(both, rows(500, 0)).verdict == "PASS"
+
+
+def test_a_quantile_is_called_by_its_column():
+    rule = gate(quantiles=[{"column": "min_clearance_m", "quantile": 0.5, "atLeast": 0.1}])
+    for material in (rows(80, 0), rows(0, 0)):
+        (found,) = judge(rule, material).rules
+        assert (found.rule, found.title) == ("quantiles[0]", "quantile of min_clearance_m")
+    assert judge(gate(collisionRate={"atMost": 0.1}), rows(80, 0)).rules[0].title == "collisionRate"
 
 
 def test_a_batch_that_may_be_ended_early_is_judged_by_what_holds_at_any_look():

@@ -1,5 +1,6 @@
 """An audit belongs to its batch's end, can be made again, and never loses the batch."""
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -62,6 +63,7 @@ def test_the_report_lies_beside_the_tables(batch: OpenBatch, audited: Calls):
     assert detail["audit_url"] == f"{folder}/audit.json"
     written = Path(str(detail["audit_url"]).removeprefix("file://")).read_bytes()
     assert AuditReport.model_validate_json(written) == report(detail)
+    assert detail["sha256s"] == {"audit.json": hashlib.sha256(written).hexdigest()}
     assert report(detail).verdict == "SOUND"
     assert [each.request.index for each in audited[0]] == [0, 1, 2, 3, 4, 5]
 

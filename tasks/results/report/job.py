@@ -14,6 +14,7 @@ from tasks.results.job import FAILURES_FILE, RESULTS_FILE
 from tasks.results.report.facts import BatchFacts
 from tasks.results.report.places import Worlds
 from tasks.results.report.view import View, report_view
+from tasks.results.stored_rows import require_as_written
 from tasks.storage.buckets import open_bucket
 from tasks.storage.keys import checked_name, output_key, world_key
 from tasks.storage.store import Store
@@ -42,13 +43,16 @@ def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> Vie
 
     Raises:
         ObjectNotFound: A table is gone.
+        StageFailed: A table is not the one that the batch wrote, whose SHA-256 the page names.
         StoreError: The store or the bucket cannot be read.
     """
     bucket = open_bucket(store, location.s3Bucket or "")
     with tempfile.TemporaryDirectory(prefix="simyard-report-") as folder:
         results, failures = Path(folder) / RESULTS_FILE, Path(folder) / FAILURES_FILE
         for path in (results, failures):
-            bucket.download(file_key(location, facts.batch, path.name), path)
+            key = file_key(location, facts.batch, path.name)
+            bucket.download(key, path)
+            _require_as_written(path, facts, f"{bucket.url}/{key}")
         return report_view(facts, results, failures, stored_worlds(store, facts))
 
 
@@ -73,6 +77,13 @@ def stored_worlds(store: Store, facts: BatchFacts) -> Worlds:
         if found is not None:
             rooms[name] = found
     return Worlds(rooms, lambda name: World.model_validate_json(_body(store, name)))
+
+
+def _require_as_written(path: Path, facts: BatchFacts, url: str) -> None:
+    named = next((link.sha256 for link in facts.links if link.label == path.name), "")
+    if named:
+        with path.open("rb") as file:
+            require_as_written(hashlib.file_digest(file, "sha256").hexdigest(), named, url)
 
 
 def _rooms(store: Store, name: str, digest: str) -> tuple[Room, ...] | None:

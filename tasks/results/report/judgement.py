@@ -53,7 +53,7 @@ def judged(evidence: Evidence) -> Judgement:
         rate=answer.estimate if answer else None,
         interval=_interval(answer.lower, answer.upper) if answer else None,
         method=answer.method if answer else "",
-        rules=tuple(RuleAnswer(name=each.rule, verdict=each.verdict, sentence=each.sentence) for each in rules),
+        rules=tuple(RuleAnswer(name=each.title, verdict=each.verdict, sentence=each.sentence) for each in rules),
     )
 
 
