@@ -81,14 +81,19 @@ def sync(
     from uuid import uuid4
 
     from tasks.deploy.job import run_sync_job
-    from tasks.deploy.syncing import latest_deployment, plan_sync
+    from tasks.deploy.robots import members
+    from tasks.deploy.syncing import latest_deployment, plan_sync, unbuilt
     from tasks.deploy.trust.signing import chosen_signer
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
-    behind = list(plan_sync(opened, latest_deployment(opened, fleet), only_failed=failed).environments)
-    if not behind:
-        typer.echo(f"no robot of {fleet} failed" if failed else f"all robots of {fleet} are in sync")
+    plan = plan_sync(opened, latest_deployment(opened, fleet), only_failed=failed)
+    if never := unbuilt(members(opened, plan.fleet), plan):
+        typer.echo(f"left out, the version has no bundle for their architecture: {', '.join(never)}")
+    if not (behind := list(plan.environments)):
+        typer.echo(
+            f"no robot of {fleet} failed" if failed else f"all {'other ' if never else ''}robots of {fleet} are in sync"
+        )
         return
     signer = chosen_signer(opened, "unsigned" if unsigned else "signed", local=False)
     typer.echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")

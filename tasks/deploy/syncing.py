@@ -3,7 +3,7 @@
 They joined later, were away, or failed; with a failed one, a sync is how only the failed are tried again.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from specs.base import Fault
@@ -14,6 +14,7 @@ from tasks.deploy.fleets import read_fleet
 from tasks.deploy.plan import Plan, digests_for
 from tasks.deploy.planning import bounds_for
 from tasks.deploy.robots import members, read_desired, read_reported
+from tasks.deploy.states import RobotRecord
 from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
 
@@ -49,7 +50,8 @@ def plan_sync(store: Store, last: JobRecord, *, only_failed: bool = False) -> Pl
 
     Only the failed are those that were asked and failed, or did not answer; not those that joined later, or that a
     roll-out which stopped had left as they were. Bytes and launch are those of the last plan, whatever was published
-    since; shares are of those that take part, and variables follow robots' tags.
+    since; shares are of those that take part, and variables follow robots' tags. Who can never run the version, because
+    it has no bundle for the robot's architecture, is left out (`unbuilt` names them).
     """
     plan = Plan.model_validate(last.detail["plan"])
     request = CreateDeploymentJobRequest.model_validate(last.request)
@@ -59,9 +61,16 @@ def plan_sync(store: Store, last: JobRecord, *, only_failed: bool = False) -> Pl
     plan = plan.model_copy(update={"digests": digests_for(robots, plan.builds)})
     wanted = {robot.name: environment.environment(variables, robot.tags, tags) for robot in robots}
     lacking = {"failed"} if only_failed else {"failed", "other"}
-    given = {robot: each for robot, each in wanted.items() if _standing(store, robot, plan, each) in lacking}
+    never = unbuilt(robots, plan)
+    asked = {robot: each for robot, each in wanted.items() if robot not in never}
+    given = {robot: each for robot, each in asked.items() if _standing(store, robot, plan, each) in lacking}
     bounds = bounds_for(len(given), request)
     return plan.model_copy(update={"environments": given, "at_once": bounds.at_once, "failures": bounds.failures})
+
+
+def unbuilt(robots: Iterable[RobotRecord], plan: Plan) -> tuple[str, ...]:
+    """Returns the robots that can never run a plan's version: it has no bundle for their architecture."""
+    return tuple(robot.name for robot in robots if plan.builds and robot.architecture not in plan.builds)
 
 
 def _standing(

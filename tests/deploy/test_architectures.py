@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from flows.cli import app
 from specs.applications import SourceConfig
 from specs.bundle import Version
 from specs.common import Architecture
@@ -106,12 +108,33 @@ def test_a_robot_that_joins_later_gets_its_own_bundle_too(yard: Yard, robots: Pu
     assert plan_sync(yard.store, latest_deployment(yard.store, FLEET)).environments == {}
     for name in ("late", "later"):
         _join(yard, robots, name, "ARM64")
-    _join(yard, robots, "old", "ARMHF")
 
     record = run_sync_job(yard.store, FLEET, token=FLEET, progress=lambda _ended, _all: None, pace=robots.pace)
 
-    assert _codes(record)["old"] == "MissingRobotApplicationArchitecture"
+    assert record.status == "Succeeded"
     assert {_asked(yard, "late"), _asked(yard, "later")} == {version.digests["ARM64"]}
+
+
+def test_robots_without_a_bundle_are_left_out_of_a_sync_by_name_and_stop_nobody(
+    yard: Yard, robots: PuppetRobots
+) -> None:
+    version = _version(yard)
+    run(yard, robots, yard.request(version, "one"), version.digest)
+    _join(yard, robots, "old-1", "ARMHF")
+    _join(yard, robots, "old-2", "ARMHF")
+    _join(yard, robots, "late", "ARM64")
+
+    for token in ("first", "second"):
+        record = run_sync_job(yard.store, FLEET, token=token, progress=lambda _ended, _all: None, pace=robots.pace)
+
+        assert record.status == "Succeeded"
+        assert not {"old-1", "old-2"} & set(_codes(record))
+    assert _asked(yard, "late") == version.digests["ARM64"]
+    told = CliRunner().invoke(app, ["fleet", "sync", FLEET, "--store", yard.store.url], catch_exceptions=False).output
+    assert told.splitlines() == [
+        "left out, the version has no bundle for their architecture: old-1, old-2",
+        f"all other robots of {FLEET} are in sync",
+    ]
 
 
 def test_what_lacks_a_robots_architecture_is_told_before_anything_runs(yard: Yard, robots: PuppetRobots) -> None:
