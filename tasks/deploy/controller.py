@@ -123,13 +123,13 @@ class _Controller:
             return record
         self._ask(self._watch.owed(self._known))
         seen, move = self._judged(record)
-        if ended(seen) != ended(self._known):
-            self._progress(ended(seen), len(seen))
         if move.verdict:
+            self._tell(seen)
             end = verdict(self._plan, move, seen)
             return self._advance(end.status, seen, end.failure_code, end.failure_reason)
         if statuses(seen) != statuses(self._known):
             record = self._advance("InProgress", seen)
+        self._tell(seen)  # who is told may look into the record
         self._known = seen
         if not is_terminal(record):
             self._ask(move.start)
@@ -146,6 +146,10 @@ class _Controller:
             move = next_move(phases(seen), self._plan.limits, wish)
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
         return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
+
+    def _tell(self, seen: Mapping[str, RobotProgress]) -> None:
+        if ended(seen) != ended(self._known):
+            self._progress(ended(seen), len(seen))
 
     def _ask(self, robots: Sequence[str]) -> None:
         for robot in robots:

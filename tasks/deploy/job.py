@@ -10,6 +10,7 @@ from specs.deployment import CreateDeploymentJobRequest
 from specs.digests import canonical_document
 from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
 from specs.roll_out import RollOutRules
+from tasks.deploy.closing import close_left
 from tasks.deploy.controller import Pace, roll_out
 from tasks.deploy.fleets import fleet_name, read_fleet
 from tasks.deploy.observing import dumped
@@ -197,5 +198,5 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
             )
             raise ConcurrentDeployment([fault], source="deployment")
         reason = f"nobody worked on it any more when {job} was asked for"
-        ended = advance(store, _KIND, other, "Canceled", failure_reason=reason)
+        ended = close_left(store, known, claim, reason)
     _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)

@@ -10,6 +10,7 @@ from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
+from tasks.deploy.closing import close_left
 from tasks.deploy.controller import CANCELED, WISH
 from tasks.deploy.fleets import read_fleet
 from tasks.storage.claim import claimed_unless_alive
@@ -18,7 +19,6 @@ from tasks.storage.records import JobRecord, advance, is_terminal, read
 from tasks.storage.store import Store
 
 _KIND = "deployment-job"
-_GOING = frozenset({"Pending", "Preparing", "InProgress"})
 
 
 def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> JobRecord:
@@ -73,7 +73,7 @@ def _closed_if_left(store: Store, record: JobRecord) -> JobRecord:
         if claim is None:
             return record
         reason = "canceled on request, when nobody worked on it"
-        return advance(store, _KIND, record.id, "Canceled", only_from=_GOING, failure_reason=reason)
+        return close_left(store, record, claim, reason)
 
 
 def _refused(value: str, allowed: str) -> DocumentError:
