@@ -3,7 +3,7 @@
 from specs.base import Fault
 from specs.errors import ConcurrentDeployment, ObjectConflict
 from tasks.deploy.fleets import read_fleet
-from tasks.deploy.robots import deregister_robot, members, read_robot
+from tasks.deploy.robots import deregister_robot, members, read_robot, robot_name
 from tasks.deploy.states import FleetRecord
 from tasks.storage.encoding import encoded
 from tasks.storage.keys import fleet_key, robot_record_key
@@ -48,7 +48,10 @@ def delete_robot(store: Store, reference: str) -> str:
     Raises:
         ResourceNotFound: No such robot.
     """
-    name = read_robot(store, reference)[0].name
+    name = robot_name(reference)
+    key = robot_record_key(name)
+    if not store.exists(key):  # it is not read: one that was spoilt goes away like any other
+        read_robot(store, name)
     # Its desired state stays: a robot refuses a sequence that is lower than one it had, and may come back by this name.
-    store.delete(robot_record_key(name))
+    store.delete(key)
     return name

@@ -30,6 +30,8 @@ _ROBOTS = "robots"
 _RECORD = "record.json"
 TOO_BIG = "too big"
 """Stands for the etag of an object that was not read because of its size."""
+NOTHING_ASKED = b"null"
+"""Lies where a robot is asked things, and asks nothing (tasks.deploy.closing)."""
 _MOST_BYTES = 1 << 20
 
 
@@ -99,7 +101,7 @@ def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
         ResourceNotFound: No such robot.
         DocumentError: The name is none.
     """
-    key = robot_record_key(_name(reference))
+    key = robot_record_key(robot_name(reference))
     try:
         stored = store.get(key)
     except ObjectNotFound as exc:
@@ -120,10 +122,28 @@ def known_robot(store: Store, name: str) -> RobotRecord | None:
         return None
 
 
+def robot_name(reference: str) -> str:
+    """Returns the name of the robot that a plain name or an ARN refers to.
+
+    Raises:
+        ResourceNotFound: An ARN of something else.
+    """
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise _missing(reference, str(exc)) from exc
+    if parsed.kind not in {None, "robot"}:
+        raise _missing(reference, "the name or ARN of a robot")
+    return parsed.path
+
+
 def robots(store: Store) -> list[RobotRecord]:
-    """Returns all robots, oldest first."""
+    """Returns all robots, oldest first.
+
+    One whose record was spoilt is left out, and named in the log: nobody knows its fleet, so nobody asks it anything.
+    """
     names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
-    found = [read_robot(store, name)[0] for name in names]
+    found = [robot for name in names if (robot := _listed(store, name))]
     return sorted(found, key=lambda robot: (robot.created_at_s, robot.name))
 
 
@@ -145,6 +165,8 @@ def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
     except ObjectTooBig as exc:
         _damaged(robot, TOO_BIG, str(exc))
         return None, TOO_BIG
+    if stored.body.strip() == NOTHING_ASKED:
+        return None, stored.etag
     try:
         return Desired.model_validate_json(stored.body), stored.etag
     except ValidationError as exc:
@@ -196,14 +218,41 @@ def ask(
         seen = max(before.sequence if before else 0, reported.sequence if reported else 0)
         new = desired.model_copy(update={"sequence": seen + 1})
         new = sign(new) if sign else new
-        check()
-        if etag == TOO_BIG:
-            store.delete(key)
         try:
-            store.replace(key, encoded(new), etag) if etag not in {"", TOO_BIG} else store.create(key, encoded(new))
-        except (ObjectExists, ObjectConflict):
+            etag = store.etag(key) if etag == TOO_BIG else etag
+            check()
+            store.replace(key, encoded(new), etag) if etag else store.create(key, encoded(new))
+        except (ObjectExists, ObjectConflict, ObjectNotFound):
             continue
         return new
+
+
+def _listed(store: Store, name: str) -> RobotRecord | None:
+    key = robot_record_key(name)
+    try:
+        stored = store.get(key, _MOST_BYTES)
+    except ObjectNotFound:  # deleted since it was listed
+        return None
+    except ObjectTooBig as exc:
+        _left_out(name, TOO_BIG, str(exc))
+        return None
+    try:
+        record = RobotRecord.model_validate_json(stored.body)
+    except ValidationError as exc:
+        _left_out(name, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        return None
+    if record.name != name:
+        _left_out(name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
+        return None
+    return record
+
+
+@lru_cache(maxsize=4096)
+def _left_out(robot: str, etag: str, what: str) -> None:
+    """Logs, once, that a robot's record is not what Simyard writes; who lists goes on without the robot."""
+    _LOG.warning(
+        "robot %s is left out, its record cannot be read (%s): %s; delete it to make it anew", robot, etag, what
+    )
 
 
 @lru_cache(maxsize=4096)
@@ -226,16 +275,6 @@ def _changed(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotR
     except ObjectConflict:
         return None
     return changed
-
-
-def _name(reference: str) -> str:
-    try:
-        parsed = parse_reference(reference)
-    except ValueError as exc:
-        raise _missing(reference, str(exc)) from exc
-    if parsed.kind not in {None, "robot"}:
-        raise _missing(reference, "the name or ARN of a robot")
-    return parsed.path
 
 
 def _missing(reference: str, allowed: str) -> ResourceNotFound:

@@ -25,7 +25,7 @@ class FleetRecord(Spec):
     """
 
     name: str
-    created_at_s: float
+    created_at_s: Seconds
     tags: dict[str, str]
     deployment: str = ""
     deleted: bool = False
@@ -41,7 +41,7 @@ class RobotRecord(Spec):
 
     name: str
     architecture: Architecture
-    created_at_s: float
+    created_at_s: Seconds
     tags: dict[str, str]
     fleet: str = ""
     local: bool = False
