@@ -53,13 +53,18 @@ def summarise_generation_job(record: JobRecord) -> WorldGenerationJobSummary:
     return WorldGenerationJobSummary.model_validate(fields)
 
 
-def describe_world(world: World, record: JobRecord) -> DescribeWorldResponse:
-    """Returns the answer of DescribeWorld, given the world and the job that generated it.
+def describe_world(world: World, record: JobRecord | None, store: str) -> DescribeWorldResponse:
+    """Returns the answer of DescribeWorld; what is empty is left out.
 
     The description body is left out for a world without doors, as it is for templates of version 1.
+
+    Args:
+        world: The world.
+        record: The job that generated it; None for one that somebody added.
+        store: Id of the store.
     """
-    fields = _identity(f"{world.generation}/{world.name}", record)
-    if "worldTags" in record.request:
+    fields = _identity(f"{world.generation}/{world.name}", record, store)
+    if record and "worldTags" in record.request:
         fields["tags"] = record.request["worldTags"]
     if world.doors:
         fields["worldDescriptionBody"] = canonical_json(world_description(world)).decode()
@@ -68,12 +73,20 @@ def describe_world(world: World, record: JobRecord) -> DescribeWorldResponse:
 
 def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:
     """Returns the lines of a job's worlds in ListWorlds."""
-    return tuple(WorldSummary.model_validate(_identity(reference, record)) for reference in _worlds(record))
+    store = _store(record)
+    return tuple(WorldSummary.model_validate(_identity(reference, record, store)) for reference in _worlds(record))
 
 
-def _identity(reference: str, record: JobRecord) -> dict[str, JsonValue]:
-    return {
-        "arn": _world_arn(reference, record),
+def summarise_added_world(reference: str, store: str) -> WorldSummary:
+    """Returns the line in ListWorlds of a world that no job generated."""
+    return WorldSummary.model_validate(_identity(reference, None, store))
+
+
+def _identity(reference: str, record: JobRecord | None, store: str) -> dict[str, JsonValue]:
+    own: dict[str, JsonValue] = {"arn": arn("world", store, reference)}
+    if record is None:
+        return own
+    return own | {
         "generationJob": record.arn,
         "template": record.request["template"],
         "createdAt": record.created_at_s,
@@ -94,7 +107,7 @@ def _finished(record: JobRecord) -> dict[str, JsonValue]:
     failed = sum(failure.count for failure in failures.values())
     summary: dict[str, JsonValue] = {"finishedCount": len(worlds) + failed}
     if worlds:
-        summary["succeededWorlds"] = [_world_arn(reference, record) for reference in worlds]
+        summary["succeededWorlds"] = [arn("world", _store(record), reference) for reference in worlds]
     if failures:
         listed: list[JsonValue] = [
             {"failureCode": code, "sampleFailureReason": failure.sample_reason, "failureCount": failure.count}
@@ -112,6 +125,5 @@ def _failures(record: JobRecord) -> dict[str, _Failure]:
     return _FAILURES.validate_python(record.detail.get("failures", {}))
 
 
-def _world_arn(reference: str, record: JobRecord) -> str:
-    store = record.arn.split(":")[3]
-    return arn("world", store, reference)
+def _store(record: JobRecord) -> str:
+    return record.arn.split(":")[3]

@@ -17,12 +17,12 @@ from tasks.storage.opening import store_id
 from tasks.storage.records import read, records
 from tasks.storage.store import Store
 from tasks.worlds.canonical import decode_world
-from tasks.worlds.describe import describe_world, summarise_worlds
+from tasks.worlds.describe import describe_world, summarise_added_world, summarise_worlds
 from tasks.worlds.job import KIND
 
 
 def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
-    """Returns a world, by ``<generation>/<world>``.
+    """Returns a world, by ``<generation>/<world>``; of one that somebody added no job is told.
 
     Raises:
         ResourceNotFound: There is no such world.
@@ -30,12 +30,23 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
     """
     generation, _, name = path.partition("/")
     body = _found(store, world_key(generation, name), "world", path)
-    return describe_world(decode_world(body), read(store, KIND, generation))
+    try:
+        record = read(store, KIND, generation)
+    except ResourceNotFound:
+        record = None
+    return describe_world(decode_world(body), record, store_id(store))
 
 
 def list_worlds(store: Store) -> list[WorldSummary]:
-    """Returns the worlds of all generation jobs, oldest job first."""
-    return [summary for record in records(store, KIND) for summary in summarise_worlds(record)]
+    """Returns the worlds of all generation jobs, oldest job first, and then those that somebody added, by name."""
+    jobs = records(store, KIND)
+    generations = {record.id for record in jobs}
+    names = [PurePosixPath(key) for key in store.keys("worlds") if key.endswith(".json")]
+    added = [f"{each.parent.name}/{each.stem}" for each in names if each.parent.name not in generations]
+    return [
+        *(summary for record in jobs for summary in summarise_worlds(record)),
+        *(summarise_added_world(reference, store_id(store)) for reference in added),
+    ]
 
 
 def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:

@@ -2,14 +2,17 @@
 
 import pytest
 
-from flows.inspecting import cancel, described_together
+from flows.inspecting import cancel, described, described_together, listed
 from specs.errors import DocumentError, ResourceNotFound
 from specs.simulation_descriptions import BatchDescribeSimulationJobResponse
 from tasks.storage.claim import claimed
 from tasks.storage.keys import claim_key
+from tasks.storage.opening import store_id
 from tasks.storage.records import JobKind, read, submit
 from tasks.storage.store import Store
+from tests.batches_factory import put_worlds
 from tests.simulate.batch_factory import begun
+from tests.worlds_factory import apartment
 
 
 @pytest.mark.parametrize(
@@ -58,3 +61,17 @@ def test_a_deployment_is_cancelled(file_store: Store):
     record = submit(file_store, "deployment-job", {}, "one")
     cancel(file_store, record.arn)
     assert read(file_store, "deployment-job", record.id).status == "Canceled"
+
+
+def test_a_world_that_somebody_added_is_listed_and_described_without_a_job(file_store: Store):
+    put_worlds(file_store, {"shrunk/small": apartment()})
+    arn = f"arn:simyard:world:{store_id(file_store)}:shrunk/small"
+    file_store.put("worlds/shrunk/contact-sheet.svg", b"<svg/>")
+    assert [each.model_dump(exclude_none=True) for each in listed(file_store, "worlds")] == [{"arn": arn}]
+    assert described(file_store, arn).model_dump(exclude_none=True) == {"arn": arn}
+
+
+def test_a_world_of_a_job_that_goes_on_is_not_taken_for_an_added_one(file_store: Store):
+    job = submit(file_store, "world-generation-job", {}, "one")
+    put_worlds(file_store, {f"{job.id}/world-1-1": apartment()})
+    assert list(listed(file_store, "worlds")) == []

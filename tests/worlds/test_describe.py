@@ -89,7 +89,7 @@ def test_a_summary_counts_worlds() -> None:
 
 def test_a_world_is_described_with_its_job_and_its_own_tags() -> None:
     world: World = apartment(generation=JOB, name="world-1-1")
-    found = plain(describe_world(world, record("Completed", [f"{JOB}/world-1-1"], {})))
+    found = plain(describe_world(world, record("Completed", [f"{JOB}/world-1-1"], {}), "feed"))
     assert found == {
         "arn": f"arn:simyard:world:feed:{JOB}/world-1-1",
         "generationJob": f"arn:simyard:world-generation-job:feed:{JOB}",
@@ -102,7 +102,7 @@ def test_a_world_is_described_with_its_job_and_its_own_tags() -> None:
 def test_a_world_with_doors_is_described_with_them() -> None:
     body = template(room("A"), room("B"), version="2", doorways=(doorway("Target.All", 25),))
     world = generate_world(body, seed=1, generation=JOB, floorplan_index=1, interior_index=1)
-    text = describe_world(world, record("Completed", [f"{JOB}/world-1-1"], {})).worldDescriptionBody
+    text = describe_world(world, record("Completed", [f"{JOB}/world-1-1"], {}), "feed").worldDescriptionBody
     assert text is not None
     (door,) = json.loads(text)["doors"]
     assert (door["name"], sorted(door["rooms"]), door["openPercent"]) == ("door_1", ["A", "B"], 25)
