@@ -3,12 +3,14 @@
 import contextlib
 import logging
 import os
+import platform
 import subprocess
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from specs.common import Architecture
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.lock import locking
 from tasks.deploy.processes import end_all
@@ -17,6 +19,12 @@ from tasks.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 10.0
+_ARCHITECTURES: Mapping[str, Architecture] = {
+    "aarch64": "ARM64",
+    "arm64": "ARM64",
+    "armv7l": "ARMHF",
+    "armv8l": "ARMHF",
+}
 _PACKAGES = Path(__file__).parents[2]
 
 
@@ -66,11 +74,16 @@ def local_names(fleet: str, count: int) -> tuple[str, ...]:
     return tuple(f"{fleet}-{number}" for number in range(1, count + 1))
 
 
+def machine_architecture() -> Architecture:
+    """Returns the architecture of this machine, in RoboMaker's words; X86_64 for one that it has no word for."""
+    return _ARCHITECTURES.get(platform.machine().lower(), "X86_64")
+
+
 def _robots(store: Store, fleet: str, count: int) -> tuple[str, ...]:
     create_fleet(store, fleet)
     names = local_names(fleet, count)
     for name in names:
-        create_robot(store, name, local=True)
+        create_robot(store, name, machine_architecture(), local=True)
         register_robot(store, fleet, name)
     for robot in members(store, fleet):
         if robot.local and robot.name not in names:

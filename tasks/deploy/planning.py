@@ -1,10 +1,11 @@
 """What a request for a deployment comes to: which bytes, to whom, how many at a time; or every reason why not."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.bundle import Application, Version
+from specs.common import Architecture
 from specs.deployment import (
     CreateDeploymentJobRequest,
     DeploymentApplicationConfig,
@@ -15,7 +16,7 @@ from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceN
 from specs.roll_out import RollOutRules
 from tasks.deploy import environment
 from tasks.deploy.fleets import read_fleet
-from tasks.deploy.local_agents import local_names
+from tasks.deploy.local_agents import local_names, machine_architecture
 from tasks.deploy.plan import Plan, digests_for
 from tasks.deploy.robots import known_robot, members
 from tasks.deploy.rollout import Limits, limits
@@ -100,7 +101,11 @@ def preflight(
     path = f"{_SECTION_PATH}.launchConfig"
     bundles = dict.fromkeys(version.digests.values() or [version.digest])
     return [
-        *(_local_faults(store, fleet, local_agents) if local_agents else _member_faults(store, fleet, version)),
+        *(
+            _local_faults(store, fleet, local_agents, version)
+            if local_agents
+            else _member_faults(store, fleet, version)
+        ),
         *outside_package(launch, path),
         *(fault for digest in bundles for fault in _file_faults(store, launch, digest, path)),
         *environment.faults(launch.environmentVariables or {}, f"{path}.environmentVariables"),
@@ -114,30 +119,37 @@ def _member_faults(store: Store, reference: str, version: Version) -> list[Fault
     except DocumentError as exc:
         return [fault.model_copy(update={"path": path}) for fault in exc.faults]
     robots = members(store, name)
-    return [*_fleet_faults(name, robots, path), *_architecture_faults(robots, version, path)]
+    architectures: dict[str, Architecture] = {robot.name: robot.architecture for robot in robots}
+    return [*_fleet_faults(name, robots, path), *_architecture_faults(architectures, version, path)]
 
 
-def _architecture_faults(robots: Iterable[RobotRecord], version: Version, path: str) -> Iterator[Fault]:
-    for robot in robots:
-        if version.builds and robot.architecture not in version.digests:
-            value = f"{robot.name}, of architecture {robot.architecture}"
+def _architecture_faults(robots: Mapping[str, Architecture], version: Version, path: str) -> Iterator[Fault]:
+    for robot, architecture in robots.items():
+        if version.builds and architecture not in version.digests:
+            value = f"{robot}, of architecture {architecture}"
             allowed = f"robots for which version {version.number} of {version.name} has a bundle"
             allowed = f"{allowed}: {', '.join(version.digests)} (MissingRobotApplicationArchitecture)"
             yield Fault(path=path, value=value, allowed=allowed)
 
 
-def _local_faults(store: Store, fleet: str, count: int) -> list[Fault]:
+def _local_faults(store: Store, fleet: str, count: int, version: Version) -> list[Fault]:
     path = "deployment.fleet.name"
     try:
         checked_name(fleet)
-        records = [known_robot(store, name) for name in local_names(fleet, count)]
+        names = local_names(fleet, count)
+        records = [known_robot(store, name) for name in names]
     except DocumentError as exc:
         return [fault.model_copy(update={"path": path}) for fault in exc.faults]
     taken = [record for record in records if record and record.fleet not in {"", fleet}]
-    return [
+    faults = [
         Fault(path=path, value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
         for record in taken
     ]
+    made = machine_architecture()  # of those that are not there yet
+    robots: dict[str, Architecture] = {
+        name: record.architecture if record else made for name, record in zip(names, records, strict=True)
+    }
+    return [*faults, *_architecture_faults(robots, version, path)]
 
 
 def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path: str) -> Iterator[Fault]:

@@ -15,13 +15,15 @@ from tasks.applications.packing import pack
 from tasks.applications.publishing import publish
 from tasks.applications.sources import create_application, create_version
 from tasks.deploy.job import run_deployment_job, run_sync_job
+from tasks.deploy.local_agents import local_agents
 from tasks.deploy.observing import recorded_progress
 from tasks.deploy.plan import Plan
 from tasks.deploy.planning import preflight
-from tasks.deploy.robots import create_robot, read_desired, register_robot
+from tasks.deploy.robots import create_robot, members, read_desired, register_robot
 from tasks.deploy.syncing import latest_deployment, plan_sync
 from tasks.storage.buckets import open_bucket
 from tasks.storage.records import JobRecord
+from tasks.storage.store import Store
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.trust.trusting import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
@@ -145,6 +147,41 @@ def test_what_lacks_a_robots_architecture_is_told_before_anything_runs(yard: Yar
 
     assert fault.value == "old, of architecture ARMHF"
     assert "X86_64, ARM64 (MissingRobotApplicationArchitecture)" in fault.allowed
+
+
+@pytest.mark.parametrize(("machine", "known"), [("aarch64", "ARM64"), ("armv7l", "ARMHF"), ("x86_64", "X86_64")])
+def test_robots_on_this_machine_are_of_its_architecture(
+    machine: str, known: Architecture, file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    monkeypatch.setattr("tasks.deploy.local_agents._start", lambda *_: _Ended())
+
+    with local_agents(file_store, "yard", 1, tmp_path):
+        assert [robot.architecture for robot in members(file_store, "yard")] == [known]
+
+
+class _Ended:
+    """An agent that was never started: on another architecture's machine there is none to test with."""
+
+    def terminate(self) -> None:
+        pass
+
+    def wait(self, _seconds: float) -> None:
+        pass
+
+    def poll(self) -> int:
+        return 0
+
+
+def test_a_demonstration_on_a_machine_without_a_bundle_is_refused_before_anything_runs(
+    yard: Yard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("platform.machine", lambda: "armv7l")
+    launch = DeploymentLaunchConfig(packageName="courier", launchFile="run.sh")
+
+    faults = preflight(yard.store, fleet="new", local_agents=2, launch=launch, version=_version(yard))
+
+    assert [fault.value for fault in faults] == ["new-1, of architecture ARMHF", "new-2, of architecture ARMHF"]
 
 
 def test_every_bundle_must_have_the_launch_file(yard: Yard, robots: PuppetRobots) -> None:
