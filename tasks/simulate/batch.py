@@ -128,13 +128,18 @@ def job_of(store: Store, path: str) -> tuple[OpenBatch, int]:
 
 
 def canceled_job_mark(index: int) -> str:
-    """Returns the key in a batch's detail that says that a job was cancelled by itself."""
+    """Returns the key in a batch's detail that says that a job was cancelled by itself, and whether it had begun."""
     return f"{_CANCELED_JOB}{index}"
 
 
 def canceled_jobs(record: JobRecord) -> frozenset[int]:
     """Returns the indices of the jobs that were cancelled by themselves."""
     return frozenset(int(key.removeprefix(_CANCELED_JOB)) for key in record.detail if key.startswith(_CANCELED_JOB))
+
+
+def canceled_before_begun(record: JobRecord) -> frozenset[int]:
+    """Returns the indices of the jobs that were cancelled by themselves before their chunk was begun."""
+    return frozenset(index for index in canceled_jobs(record) if record.detail[canceled_job_mark(index)] is False)
 
 
 def restarted_job_mark(index: int) -> str:

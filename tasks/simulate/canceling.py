@@ -5,7 +5,7 @@ from pydantic import JsonValue
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.simulate.batch import GOING, KIND, canceled_job_mark, job_of
-from tasks.simulate.chunk_store import committed_chunk
+from tasks.simulate.chunk_store import chunk_start, committed_chunk
 from tasks.storage.records import JobRecord, advance
 from tasks.storage.store import Store
 
@@ -37,9 +37,12 @@ def cancel_job(store: Store, path: str) -> None:
         DocumentError: It has ended, or its batch has, or is about to.
     """
     batch, index = job_of(store, path)
-    mark: dict[str, JsonValue] = {canceled_job_mark(index): True}
-    ended = {row.index: row.status for row in committed_chunk(store, batch.id, batch.layout.chunk_of(index)) or ()}
+    chunk = batch.layout.chunk_of(index)
+    mark: dict[str, JsonValue] = {canceled_job_mark(index): chunk_start(store, batch.id, chunk) is not None}
+    ended = {row.index: row.status for row in committed_chunk(store, batch.id, chunk) or ()}
     record = batch.record()
+    if index not in ended and record.status in GOING and mark.keys() <= record.detail.keys():
+        return
     while index not in ended and record.status in GOING:
         # Only if the batch still stands as it was read: a mark on one that has ended would mean nothing.
         record = advance(store, KIND, batch.id, record.status, only_from={record.status}, detail=mark)

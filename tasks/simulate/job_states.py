@@ -18,7 +18,7 @@ from specs.simulation_descriptions import (
     FailedCreateSimulationJobRequest,
     SimulationJobSummary,
 )
-from tasks.simulate.batch import STOPPING, canceled_jobs, opened, restarted_jobs
+from tasks.simulate.batch import STOPPING, canceled_before_begun, canceled_jobs, opened, restarted_jobs
 from tasks.simulate.chunk_store import chunk_numbers, chunk_start, committed_chunk
 from tasks.simulate.requested import entries, is_single
 from tasks.simulate.streaming import STOP_CODES
@@ -53,6 +53,7 @@ class Jobs:
         self._store_id = store_id(store)
         self._chunks = chunk_numbers(store, batch)
         self._canceled, self._restarted = canceled_jobs(self.record), restarted_jobs(self.record)
+        self._never_begun = canceled_before_begun(self.record)
         self._entries = entries(self.record)
         self._rows = functools.lru_cache(maxsize=_CHUNKS_KEPT)(self._read_rows)
 
@@ -130,7 +131,7 @@ class Jobs:
     def _active(self, index: int, chunk: int) -> str:
         begun = chunk in self._chunks.begun
         if index in self._canceled:  # its row is still to be written, and says so
-            return "Terminating" if begun else "Canceled"
+            return "Terminating" if begun and index not in self._never_begun else "Canceled"
         if self.record.status in STOPPING and begun:
             return "Terminating"
         if not begun:

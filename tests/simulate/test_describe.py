@@ -250,3 +250,11 @@ def test_a_job_that_is_being_stopped_is_terminating_and_one_that_never_began_is_
     cancel_batch(running.store, running.id)
     states = [str(describe_job(running.store, f"{running.id}/{index}").status) for index in (3, 4, 5, 10, 11)]
     assert states == ["Failed", "Terminating", "Terminating", "Pending", "Canceled"]
+
+
+def test_a_job_that_was_canceled_before_it_began_stays_canceled_when_its_lanes_begin(running: OpenBatch):
+    cancel_job(running.store, f"{running.id}/11")
+    begin_chunk(running.store, running.id, running.layout.chunk_of(11), 0.0)
+    cancel_job(running.store, f"{running.id}/11")
+    states = [str(describe_job(running.store, f"{running.id}/{index}").status) for index in (10, 11)]
+    assert states == ["Running", "Canceled"]

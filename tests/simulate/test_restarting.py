@@ -81,9 +81,9 @@ def test_what_is_stopped_while_it_runs_again_keeps_the_row_that_it_had(file_stor
 @pytest.mark.parametrize(("index", "status"), [(0, "Completed"), (2, "Terminating"), (4, "Canceled"), (5, "Pending")])
 def test_only_a_running_job_is_restarted(file_store: Store, index: int, status: str):
     batch = begun(file_store)
+    begin_chunk(file_store, batch.id, 0, 0.0)
     for job in (2, 4):
         cancel_job(file_store, f"{batch.id}/{job}")
-    begin_chunk(file_store, batch.id, 0, 0.0)
     if status == "Completed":
         run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
     with pytest.raises(DocumentError, match=f"a job that is running; this one is {status}"):
