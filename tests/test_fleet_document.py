@@ -8,10 +8,11 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
-from specs.deployment import DeploymentConfig
+from specs.deployment import DeploymentConfig, DeploymentJobErrorCode
 from specs.roll_out import RollOutRules
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.processes import end_all
@@ -85,6 +86,16 @@ def test_its_rules_are_the_programs() -> None:
     known = {*DeploymentConfig.model_fields, *(f"rollOut.{name}" for name in RollOutRules.model_fields)}
     assert set(rules) <= known
     assert {f"rollOut.{name}" for name in ("canaryRobots", "leastExecutedRobots")} <= set(rules)
+
+
+def test_every_failure_code_that_a_robot_or_a_deployment_can_have_is_explained() -> None:
+    sources = (path.read_text() for path in sorted((ROOT / "tasks/deploy").rglob("*.py")))
+    used = {code for text in sources for code in re.findall(r'"([A-Za-z]+)"', text)} & set(
+        get_args(DeploymentJobErrorCode)
+    )
+    tables = "".join(re.findall(r"^\| (`[A-Z].*?) \|", DOCUMENT.split("### Failure codes")[1], flags=re.MULTILINE))
+
+    assert set(re.findall(r"`([A-Z][A-Za-z]+)`", tables)) == used
 
 
 def test_every_command_that_it_names_is_one() -> None:
