@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from specs.pipeline_gate import CollisionRate, Gate, SuccessRate
+from tasks.results.evidence import ApplicationEvidence, Baseline
 from tasks.results.report.facts import Judgement
 from tasks.results.report.judgement import judged, judgement
 from tasks.storage.keys import result_key
@@ -40,6 +41,17 @@ def test_a_gate_without_a_success_rate_has_no_bar_to_draw():
 def test_the_confidence_is_the_one_of_the_rule():
     other = evidence().model_copy(update={"rule": Gate(successRate=SuccessRate(atLeast=0.5, confidence=0.8))})
     assert (judged(other).at_least, judged(other).confidence) == (0.5, 0.8)
+
+
+def test_of_a_batch_with_both_versions_the_judged_one_is_named():
+    one = evidence()
+    other = ApplicationEvidence(name="courier", version="2", digest="e" * 64)
+    both = one.model_copy(update={"robots": (*one.robots, other)})
+    against = Baseline(version="1", digest="a" * 64, batch=one.batch, sha256="f" * 64)
+    assert judged(both).alone == ""
+    assert judged(both.model_copy(update={"baseline": against})).alone == "courier version 2"
+    elsewhere = against.model_copy(update={"batch": "simb-0"})
+    assert judged(one.model_copy(update={"baseline": elsewhere})).alone == ""
 
 
 def test_evidence_of_another_version_tells_its_verdict_and_its_sentence(file_store: Store):

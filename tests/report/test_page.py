@@ -158,6 +158,13 @@ def test_each_of_several_rules_has_its_verdict_and_its_sentence(tmp_path: Path):
     assert "INCONCLUSIVE collisionRate: too few to tell" in text
 
 
+def test_where_two_versions_drove_it_is_said_which_one_was_judged(tmp_path: Path):
+    both = Judgement(verdict="PASS", sentence="PASS: good", at_least=0.9, confidence=0.95, alone="courier version 2")
+    text = "".join(elements(report_page(view(tmp_path, judgement=both))).text)
+    assert "The verdict is about courier version 2 alone." in text
+    assert "The verdict is about" not in report_page(view(tmp_path)).decode()
+
+
 def test_the_interval_beside_the_verdict_is_the_one_that_was_judged_by(tmp_path: Path):
     judged = Judgement(
         verdict="FAIL",

@@ -26,6 +26,7 @@ class Judgement(Spec):
         interval: Its interval, or None likewise.
         method: What that is: ``Wilson``, or ``confidence sequence`` for a batch that may end early.
         rules: Each rule by itself, where there are several.
+        alone: The version that was judged, where the batch drove the one that it was compared with, too; else empty.
     """
 
     verdict: Answer
@@ -36,6 +37,7 @@ class Judgement(Spec):
     interval: Interval | None = None
     method: str = ""
     rules: tuple[RuleAnswer, ...] = ()
+    alone: str = ""
 
 
 class StageTime(Spec):

@@ -54,7 +54,15 @@ def judged(evidence: Evidence) -> Judgement:
         interval=_interval(answer.lower, answer.upper) if answer else None,
         method=answer.method if answer else "",
         rules=tuple(RuleAnswer(name=each.title, verdict=each.verdict, sentence=each.sentence) for each in rules),
+        alone=_alone(evidence),
     )
+
+
+def _alone(evidence: Evidence) -> str:
+    vouched = evidence.vouched()
+    if vouched == evidence.robots:
+        return ""
+    return ", ".join(f"{robot.name} version {robot.version}" for robot in vouched)
 
 
 def _interval(lower: float | None, upper: float | None) -> Interval | None:
