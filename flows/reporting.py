@@ -75,9 +75,10 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
 
 
 def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
-    """Returns what the gate answered."""
+    """Returns what the gate answered; the verdict, which is the status, is not told once more."""
     evidence = Artefact(label="evidence", url=evidence_url)
-    return StageReport(name="gate", arn="", status=verdict, summary=sentence, seconds=seconds, artefacts=(evidence,))
+    said = sentence.removeprefix(f"{verdict}: ")
+    return StageReport(name="gate", arn="", status=verdict, summary=said, seconds=seconds, artefacts=(evidence,))
 
 
 def deployment_report(record: JobRecord, seconds: float) -> StageReport:

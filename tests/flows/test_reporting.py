@@ -8,7 +8,7 @@ from pydantic import JsonValue
 from rich.console import Console
 
 from flows.printing import show_report
-from flows.reporting import alarmed, batch_report, deployment_report, generation_report, run_alarmed, told
+from flows.reporting import alarmed, batch_report, deployment_report, gate_report, generation_report, run_alarmed, told
 from specs.errors import DocumentError, StageFailed
 from specs.report import PipelineReport, StageReport, Verdict
 from tasks.storage.records import JobKind, JobRecord, advance, submit
@@ -161,3 +161,8 @@ def test_what_came_of_a_stage_is_shown_as_it_is():
     console = Console(file=io.StringIO(), width=200)
     show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="FAIL"), console)
     assert "KeyError: box[bold]" in cast("io.StringIO", console.file).getvalue()
+
+
+def test_the_gates_verdict_is_told_once():
+    report = gate_report("FAIL", "FAIL: of 2 rules, 1 says FAIL, 1 says PASS\nFAIL: few\nPASS: none", "file:///e", 0.5)
+    assert report.summary == "of 2 rules, 1 says FAIL, 1 says PASS\nFAIL: few\nPASS: none"

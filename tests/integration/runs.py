@@ -27,7 +27,7 @@ def small_document(**changes: object) -> dict[str, object]:
     document["simulationBatch"]["batchPolicy"]["maxConcurrency"] = 16
     document["simulationBatch"]["matrix"]["seeds"] = 8
     document["simulationBatch"]["recordings"] = {"episodes": "all", "rateHz": 4}
-    document["gate"]["successRate"]["atLeast"] = 0.5
+    document["gate"] = {"successRate": {"atLeast": 0.5}}
     document["deployment"]["fleet"]["localAgents"] = 2
     return {**document, **changes}
 
