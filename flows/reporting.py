@@ -54,10 +54,10 @@ def export_report(record: JobRecord, seconds: float) -> StageReport:
 
 def batch_report(record: JobRecord, seconds: float) -> StageReport:
     """Returns what a batch came to."""
-    detail = record.detail
-    summary = (
-        f"{detail['passed']} of {detail['episodes']} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
-    )
+    detail, asked = record.detail, record.detail["episodes"]
+    if "stopped_early" in detail:
+        asked = cast("dict[str, JsonValue]", detail["stopped_early"])["episodes"]
+    summary = f"{detail['passed']} of {asked} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
     for entry in cast("list[dict[str, JsonValue]]", detail.get("why_not", []))[:_REASONS_SHOWN]:
         sample = str(entry["sample"])[:_SAMPLE_CHARACTERS]
         summary += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")

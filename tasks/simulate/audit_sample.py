@@ -1,5 +1,6 @@
 """Which episodes of a batch are audited: the same ones whenever it is asked, found without listing them all."""
 
+import bisect
 import hashlib
 import itertools
 import math
@@ -8,7 +9,10 @@ from typing import NamedTuple
 
 from specs.digests import digest
 from specs.episode import EpisodeRequest, EpisodeResult
+from tasks.simulate.ending_early import was_left_out
 from tasks.simulate.layout import Layout
+
+Rows = Callable[[int], Sequence[EpisodeResult]]
 
 
 class Sampled(NamedTuple):
@@ -23,7 +27,7 @@ class Sampled(NamedTuple):
     spread: bool
 
 
-def sampled(layout: Layout, rows_of: Callable[[int], Sequence[EpisodeResult]], lanes: int) -> list[Sampled]:
+def sampled(layout: Layout, rows_of: Rows, lanes: int) -> list[Sampled]:
     """Returns the episodes to audit, by index; those that were never driven are left out.
 
     Half of the lanes go to episodes that failed, where there are so many: they are what a person has to defend, and
@@ -37,8 +41,7 @@ def sampled(layout: Layout, rows_of: Callable[[int], Sequence[EpisodeResult]], l
         lanes: Most episodes, at least 1.
     """
     seed = digest(layout.plan)
-    settings = math.prod(len(values) for values in layout.plan.sweep.values())
-    even = audited_positions(layout.episodes, lanes, seed, settings)
+    even = _spread_over(layout, rows_of, lanes, seed)
     read = {row.index: row for chunk in sorted({layout.chunk_of(k) for k in even}) for row in rows_of(chunk)}
     failed = sorted(index for index, row in read.items() if was_driven(row) and row_failed(row))
     chosen = {failed[position] for position in audited_positions(len(failed), lanes // 2, seed)}
@@ -48,6 +51,27 @@ def sampled(layout: Layout, rows_of: Callable[[int], Sequence[EpisodeResult]], l
         for index in sorted(chosen | spread)
         if was_driven(read[index])
     ]
+
+
+def _spread_over(layout: Layout, rows_of: Rows, lanes: int, seed: str) -> list[int]:
+    """Returns indices spread over the episodes that a batch did not leave out, ascending."""
+    driven = _chunks_driven(layout, rows_of)
+    if driven == layout.chunks:
+        settings = math.prod(len(values) for values in layout.plan.sweep.values())
+        return audited_positions(layout.episodes, lanes, seed, settings)
+    begins = list(itertools.accumulate((layout.chunk_size(number) for number in range(driven)), initial=0))
+    found: list[int] = []
+    for position in audited_positions(begins[-1], lanes, seed):  # in a drawn order, so that no sweep keeps step with it
+        number = bisect.bisect_right(begins, position) - 1
+        found.append(layout.chunk(number).requests[position - begins[number]].index)
+    return sorted(found)
+
+
+def _chunks_driven(layout: Layout, rows_of: Rows) -> int:
+    """Returns how many chunks there are before those that a batch left out when it was ended early."""
+    if not layout.plan.shuffled:
+        return layout.chunks
+    return bisect.bisect_left(range(layout.chunks), 1, key=lambda number: int(was_left_out(rows_of(number))))
 
 
 def audited_positions(episodes: int, lanes: int, seed: str, cycle: int = 1) -> list[int]:

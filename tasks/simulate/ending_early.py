@@ -1,6 +1,8 @@
 """The rest of a batch that nobody needs any more: its episodes are Canceled, as RoboMaker calls jobs that never ran."""
 
-from specs.episode import unfinished
+from collections.abc import Sequence
+
+from specs.episode import EpisodeResult, unfinished
 from tasks.simulate.batch import OpenBatch
 from tasks.simulate.chunk_store import commit
 
@@ -19,3 +21,8 @@ def leave_out(batch: OpenBatch, first: int) -> int:
         commit(batch.store, batch.id, number, rows)
         left_out += len(rows)
     return left_out
+
+
+def was_left_out(rows: Sequence[EpisodeResult]) -> bool:
+    """Returns whether a chunk's rows are those of one that was left out."""
+    return bool(rows) and rows[0].failure_reason == LEFT_OUT

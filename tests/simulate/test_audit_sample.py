@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.episode import EpisodeResult
+from specs.episode import EpisodeResult, unfinished
 from tasks.simulate.audit_sample import audited_positions, sampled
 from tasks.simulate.batch_plan import BatchPlan
+from tasks.simulate.ending_early import LEFT_OUT
 from tasks.simulate.layout import Layout
 from tests.episodes_factory import canceled, collided, crashed, passed
 from tests.simulate.batch_factory import template
@@ -128,3 +129,27 @@ def test_another_plan_has_another_sample():
     rows, others = Rows(1000, 10**9), Rows(1001, 10**9)
     indices = [{each.request.index for each in sampled(each.layout, each, 16)} for each in (rows, others)]
     assert indices[0] != indices[1]
+
+
+def test_of_a_batch_that_was_ended_early_what_was_driven_is_audited():
+    whole = layout(400)
+    early, read = Layout(whole.plan.model_copy(update={"shuffled": True})), list[int]()
+
+    def rows_of(number: int) -> list[EpisodeResult]:
+        read.append(number)
+        indices = [request.index for request in early.chunk(number).requests]
+        if number < 3:
+            return [passed(index) for index in indices]
+        return [unfinished(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
+
+    found = sampled(early, rows_of, 16)
+    assert len(found) == 16
+    assert {early.chunk_of(each.request.index) for each in found} == {0, 1, 2}
+    assert len(set(read)) <= 3 + 4  # of 16 chunks
+
+
+def test_a_shuffled_batch_that_ran_to_its_end_is_audited_as_any_other():
+    rows = Rows(100, 10)
+    rows.layout = Layout(rows.layout.plan.model_copy(update={"shuffled": True}))
+    found = sampled(rows.layout, rows, 16)
+    assert max(each.request.index for each in found) > 150
