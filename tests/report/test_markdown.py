@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from tasks.results.report.facts import Judgement
 from tasks.results.report.markdown import plain, report_markdown
 from tests.episodes_factory import crashed, request
 from tests.report.report_factory import view
@@ -35,3 +36,9 @@ def test_no_name_becomes_markup(tmp_path: Path):
     assert "[x](y)" not in text
     assert "\n# z" not in text
     assert plain("a_b | c") == "a\\_b \\| c"
+
+
+def test_several_rules_are_a_list_under_what_they_come_to(tmp_path: Path):
+    told = Judgement(verdict="FAIL", sentence="FAIL: of 2 rules\nFAIL: few\nPASS: none", at_least=0.9, confidence=0.95)
+    text = report_markdown(view(tmp_path, judgement=told), URL)
+    assert text.startswith("# ❌ FAIL\n\nFAIL: of 2 rules\n- FAIL: few\n- PASS: none\n\n| group |")

@@ -15,15 +15,14 @@ def report_markdown(view: View, url: str) -> str:
     """Returns the verdict, the rates and the reasons, and where the page is."""
     judged = view.facts.judgement
     title = f"# {_MARKS[judged.verdict]} {judged.verdict}" if judged else "# Not judged"
-    sentence = judged.sentence if judged else "No gate has judged this batch."
+    told = judged.sentence.splitlines() if judged else ["No gate has judged this batch."]
+    sentence = "\n".join([plain(told[0]), *(f"- {plain(line)}" for line in told[1:])])
     rows = [
         view.whole,
         *(row for column in view.columns for table in column for row in _marked(table.caption, table.rows)),
     ]
     reasons = [f"- {row.count:,} x {plain(row.reason)} ({row.share} of failures)" for row in view.reasons]
-    return "\n\n".join(
-        [title, plain(sentence), _table(rows), "\n".join(reasons) or "No failures.", f"Report: {plain(url)}"]
-    )
+    return "\n\n".join([title, sentence, _table(rows), "\n".join(reasons) or "No failures.", f"Report: {plain(url)}"])
 
 
 def plain(text: str) -> str:
