@@ -1,13 +1,39 @@
+import shutil
+import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.processes import end_all
+from tasks.storage.claim import claimed
+from tasks.storage.opening import open_store
 from tasks.storage.store import Store
 from tests.deploy.one_robot import OneRobot
 from tests.deploy.yard import FLEET, Yard
+
+_MEMORY, _ENOUGH_BYTES = Path("/dev/shm"), 1 << 30  # noqa: S108 - a folder of its own is made in it
+
+
+@pytest.fixture
+def file_store(tmp_path: Path) -> Iterator[Store]:
+    """A new store in a folder; in memory where there is some, as these tests mostly waited for their disk.
+
+    What is killed in them is processes, never the machine. The promises are tried on a disk (`tests.deploy.promises`).
+    """
+    if not _MEMORY.is_dir() or shutil.disk_usage(_MEMORY).free < _ENOUGH_BYTES:
+        yield open_store((tmp_path / "store").as_uri())
+        return
+    with tempfile.TemporaryDirectory(prefix="simyard-tests-", dir=_MEMORY) as folder:
+        yield open_store((Path(folder) / "store").as_uri())
+
+
+@pytest.fixture
+def quick_claims(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Controllers in this process renew their claims every 1.5 s, so that who waits for a renewal waits less."""
+    monkeypatch.setattr("tasks.deploy.job.claimed", partial(claimed, ttl_s=4.5))
 
 
 @pytest.fixture

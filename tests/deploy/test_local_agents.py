@@ -184,6 +184,7 @@ def test_agents_of_a_killed_process_end_by_themselves_and_the_next_take_over(yar
         eventually(lambda: len(_agents(yard.folder)) == 2)
 
 
+@pytest.mark.usefixtures("quick_claims")
 def test_a_second_deployment_is_refused_and_the_robots_of_the_first_go_on(yard: Yard) -> None:
     wait = '#!/bin/sh\nuntil test -e "$RELEASE"; do sleep 0.05; done\n'
     version = yard.publish({"run.sh": STAYS_UP, "before.sh": wait})

@@ -12,6 +12,7 @@ from tasks.storage.store import Store
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
+pytestmark = pytest.mark.usefixtures("quick_claims")
 KIND = "deployment-job"
 
 

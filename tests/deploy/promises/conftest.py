@@ -10,6 +10,8 @@ import pytest
 
 from tasks.deploy.fleets import create_fleet
 from tasks.deploy.processes import end_all
+from tasks.storage.opening import open_store
+from tasks.storage.store import Store
 from tests.deploy.promises.figures import REPORT, Figures
 from tests.deploy.yard import FLEET, Yard
 
@@ -22,6 +24,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if long:
         config.hook.pytest_deselected(items=long)
         items[:] = [item for item in items if item not in long]
+
+
+@pytest.fixture
+def file_store(tmp_path: Path) -> Store:
+    """A new store in a folder on a disk."""
+    return open_store((tmp_path / "store").as_uri())
 
 
 @pytest.fixture(params=["file_store", "s3_store"], ids=["file", "s3"])

@@ -4,10 +4,17 @@ from pathlib import Path
 import pytest
 
 from specs.bundle import Version
+from tasks.storage.opening import open_store
 from tasks.storage.store import Store
 from tests.deploy.one_robot import GOOD
 from tests.deploy.trust.trusting import CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
+
+
+@pytest.fixture
+def file_store(tmp_path: Path) -> Store:
+    """A new store in the folder of the test, where it looks for keys that should not be there."""
+    return open_store((tmp_path / "store").as_uri())
 
 
 @pytest.fixture
