@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from flows.baseline_planning import Judged
 from specs.pipeline_gate import Gate, QuantileRule
 from tasks.results.episodes_needed import (
     episodes_needed,
@@ -16,13 +17,13 @@ _BAD_RATES = (0.0, 0.02, 0.05)
 _DISAGREEING = (0.0, 0.02, 0.1)
 
 
-def gate_lines(gate: Gate, episodes: int, audited: int, programs: int = 1) -> Iterator[str]:
+def gate_lines(gate: Gate, judged: Judged, audited: int, programs: int = 1) -> Iterator[str]:
     """Yields lines for a person: each rule, and what it needs if episodes come out in some ways.
 
     Args:
         gate: The document's section.
-        episodes: How many episodes the batch has.
-        audited: How many of them are driven again on C MuJoCo.
+        judged: What it is going to judge by.
+        audited: How many of the batch's episodes are driven again on C MuJoCo.
         programs: How many compiled programs the batch has; only of one its episodes can be shuffled, to end it early.
     """
     if gate.stopEarly and programs > 1:
@@ -30,7 +31,8 @@ def gate_lines(gate: Gate, episodes: int, audited: int, programs: int = 1) -> It
         ends = [f"runs the batch to its end: its {programs} programs cannot be shuffled into common chunks"]
     else:
         ends = ["may end the batch early, after any chunk"] * bool(gate.stopEarly)
-    lines = [*_rate_lines(gate, episodes), *_collision_lines(gate, episodes), *_comparison_lines(gate, episodes)]
+    episodes = judged.episodes
+    lines = [*_rate_lines(gate, episodes), *_collision_lines(gate, episodes), *_comparison_lines(gate, judged)]
     lines += _flip_lines(gate, audited)
     for rule in gate.quantiles or ():
         lines += _quantile_lines(rule, episodes)
@@ -59,15 +61,18 @@ def _collision_lines(gate: Gate, episodes: int) -> Iterator[str]:
         yield from _line(f"if {100 * rate:g} % collide", needed, episodes)
 
 
-def _comparison_lines(gate: Gate, episodes: int) -> Iterator[str]:
+def _comparison_lines(gate: Gate, judged: Judged) -> Iterator[str]:
     rule = gate.noWorseThan
     if rule is None:
         return
     points = f"at most {100 * rule.margin:g} points worse than version {rule.applicationVersion}"
     yield f"{points}, {_sure(rule.confidence)}"
+    if judged.no_baseline:
+        yield f"will be INCONCLUSIVE: {judged.no_baseline}"
+        return
     for share in _DISAGREEING:
         needed = pairs_needed(rule.margin, rule.confidence, share)
-        yield from _line(f"if equal, and {100 * share:g} % end otherwise", needed, episodes, " driven by both")
+        yield from _line(f"if equal, and {100 * share:g} % end otherwise", needed, judged.pairs, " driven by both")
 
 
 def _flip_lines(gate: Gate, audited: int) -> Iterator[str]:

@@ -3,12 +3,15 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from flows.baseline_planning import Judged, judged_of
+from flows.baselines import compared_digest
 from flows.gate_planning import gate_lines
 from flows.resolving import failing_sources, finder, pins
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_requests import fleet_reference
 from specs.pipeline_simulation import LocalFleet, SimulationBatch
 from tasks.applications.publishing import unpack
+from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.cost import Span
 from tasks.simulate.preview import Basis, EnginePlan, engine_plan
 from tasks.simulate.resolving import FindVersion, matrix_worlds, plan_batch
@@ -44,45 +47,54 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
-    episodes, audited, programs = 0, 0, 1
+    judged, audited, programs = Judged(0, 0), 0, 1
     if spec.simulationBatch:
-        plan, section, longest_s = _batch(spec.simulationBatch, worlds, finder(trial, own), trial)
-        episodes, audited, programs = plan.episodes, plan.audited, plan.compilations
-        yield from _batch_lines(plan, section, longest_s)
-        for reason in failing_sources(section, trial, finder(trial, own)):
+        section, find = spec.simulationBatch, finder(trial, own)
+        batch = _batch(section, worlds, find)
+        plan = engine_plan(batch, _folders(batch, trial))
+        audited, programs = plan.audited, plan.compilations
+        if spec.gate:
+            judged = judged_of(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
+        yield from _batch_lines(plan, batch, section)
+        for reason in failing_sources(section, trial, find):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from gate_lines(spec.gate, episodes, audited, programs)
+        yield from gate_lines(spec.gate, judged, audited, programs)
     if spec.deployment:
         yield f"deployment        {_deployment(spec)}, bundle {str(found['deployment'])[:12]}"
     for field in inert_fields(spec):
         yield f"no effect         {field}"
 
 
-def _batch(
-    section: SimulationBatch, worlds: int, find: FindVersion, store: Store
-) -> tuple[EnginePlan, SimulationBatch, float]:
-    """Returns how the batch would be simulated, over stand-ins for worlds that are not made yet."""
+def _batch(section: SimulationBatch, worlds: int, find: FindVersion) -> BatchPlan:
+    """Returns the batch, over stand-ins for worlds that are not made yet."""
     names = [f"planned/world-{number}" for number in range(worlds)]
-    plan = plan_batch(section, matrix_worlds(section, names), {}, find)
-    folders = {digest: unpack(store, digest, cache_folder() / "bundles") for digest in plan.digests()}
-    longest_s = max((template.duration_s for template in plan.templates), default=0.0)
-    return engine_plan(plan, folders), section, longest_s
+    return plan_batch(section, matrix_worlds(section, names), {}, find)
 
 
-def _batch_lines(plan: EnginePlan, section: SimulationBatch, longest_s: float) -> Iterator[str]:
-    yield f"simulationBatch   {plan.episodes:,} episodes of at most {longest_s:g} simulated seconds"
+def _folders(batch: BatchPlan, store: Store) -> dict[str, Path]:
+    return {digest: unpack(store, digest, cache_folder() / "bundles") for digest in batch.digests()}
+
+
+def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -> Iterator[str]:
+    longest_s = max((template.duration_s for template in batch.templates), default=0.0)
+    yield f"simulationBatch   {_count(plan.episodes, 'episode')} of at most {longest_s:g} simulated seconds"
     for robot in plan.robots:
         if robot.choice is None:
             refusal = " ".join(robot.refusal.split())
             yield f"                  {robot.robot}: NO ENGINE, its episodes will fail: {refusal}"
         else:
             yield f"                  {robot.robot}: engine {robot.choice.engine}, {robot.choice.why}"
-    chunks = f"{plan.chunks:,} chunks of {plan.lanes} lanes on {plan.devices} {plan.device} devices"
+    chunks = f"{_count(plan.chunks, 'chunk')} of {_count(plan.lanes, 'lane')}"
+    devices = _count(plan.devices, f"{plan.device} device")
     steps = f"at most {plan.lane_steps_at_most:,} physics steps"
-    yield f"                  {chunks}, {plan.compilations} compiled programs, {steps}"
+    yield f"                  {chunks} on {devices}, {_count(plan.compilations, 'compiled program')}, {steps}"
     yield f"                  about {_time(plan.wall_s)} and {_gigabytes(plan.memory_bytes)}; {_BASES[plan.known_from]}"
     yield f"                  {_recordings(section)}; {_audit(plan)}"
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number:,} {thing}{'' if number == 1 else 's'}"
 
 
 def _time(span: Span) -> str:
@@ -104,7 +116,7 @@ def _recordings(section: SimulationBatch) -> str:
 
 
 def _audit(plan: EnginePlan) -> str:
-    return f"{plan.audited} episodes audited on C MuJoCo" if plan.audited else "no audit"
+    return f"{_count(plan.audited, 'episode')} audited on C MuJoCo" if plan.audited else "no audit"
 
 
 def _deployment(spec: PipelineSpec) -> str:
