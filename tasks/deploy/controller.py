@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pydantic import JsonValue, TypeAdapter
 
 from specs.errors import StoreError, StoreUnreachable
+from tasks.deploy.asking import ask, withdraw
 from tasks.deploy.observing import ABORTED, Watch, dumped, ended, phases, recorded_progress, statuses
 from tasks.deploy.plan import Plan
-from tasks.deploy.robots import ask
 from tasks.deploy.rollout import Move, Wish, next_move
 from tasks.deploy.states import Desired, RobotProgress
 from tasks.deploy.verdict import verdict
@@ -140,12 +140,20 @@ class _Controller:
         now_s = self._pace.now_s()
         wish = _wish(record, self._plan, now_s)
         seen = self._watch.look(self._known, now_s)
+        if wish == "cancel":
+            seen |= self._withdrawn(seen, now_s)
         move = next_move(phases(seen), self._plan.limits, wish)
         if move.verdict:
             seen = self._watch.look(seen, now_s, everyone=True)
             move = next_move(phases(seen), self._plan.limits, wish)
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
         return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
+
+    def _withdrawn(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
+        """Returns the robots that had not answered before the cancellation, which are asked nothing any more."""
+        silent = [robot for robot, each in seen.items() if each.status == "PendingNewDeployment"]
+        taken_back = _aborted(now_s, "the deployment was canceled before this robot answered")
+        return {robot: taken_back for robot in silent if withdraw(self._store, robot, self._job, self._check_claim)}
 
     def _tell(self, seen: Mapping[str, RobotProgress]) -> None:
         if ended(seen) != ended(self._known):
@@ -203,6 +211,5 @@ def _wanted(plan: Plan, deployment: str, robot: str, epoch: int, now_s: float) -
     )
 
 
-def _aborted(now_s: float) -> RobotProgress:
-    reason = "the roll-out stopped before this robot's turn"
+def _aborted(now_s: float, reason: str = "the roll-out stopped before this robot's turn") -> RobotProgress:
     return RobotProgress(status="Failed", failure_code=ABORTED, failure_reason=reason, finished_at_s=now_s)

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 
 from pydantic import ValidationError
@@ -17,10 +17,9 @@ from specs.errors import (
     ObjectNotFound,
     ObjectTooBig,
     ResourceNotFound,
-    StoreError,
 )
 from tasks.deploy.fleets import read_fleet
-from tasks.deploy.states import Desired, Reported, RobotRecord
+from tasks.deploy.states import Desired, Reported, RobotRecord, Withdrawn
 from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import desired_key, reported_key, robot_record_key
 from tasks.storage.store import Store
@@ -32,7 +31,8 @@ TOO_BIG = "too big"
 """Stands for the etag of an object that was not read because of its size."""
 NOTHING_ASKED = b"null"
 """Lies where a robot is asked things, and asks nothing (tasks.deploy.closing)."""
-_MOST_BYTES = 1 << 20
+MOST_BYTES = 1 << 20
+"""More than any object of a robot has."""
 
 
 def create_robot(
@@ -159,13 +159,13 @@ def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
     """
     key = desired_key(robot)
     try:
-        stored = store.get(key, _MOST_BYTES)
+        stored = store.get(key, MOST_BYTES)
     except ObjectNotFound:
         return None, ""
     except ObjectTooBig as exc:
         _damaged(robot, TOO_BIG, str(exc))
         return None, TOO_BIG
-    if stored.body.strip() == NOTHING_ASKED:
+    if stored.body.strip() == NOTHING_ASKED or withdrawn(stored.body):
         return None, stored.etag
     try:
         return Desired.model_validate_json(stored.body), stored.etag
@@ -178,7 +178,7 @@ def read_reported(store: Store, robot: str) -> Reported | None:
     """Returns what a robot said last, or None; a report that cannot be read tells nothing."""
     key = reported_key(robot)
     try:
-        stored = store.get(key, _MOST_BYTES)
+        stored = store.get(key, MOST_BYTES)
     except ObjectNotFound:
         return None
     except ObjectTooBig as exc:
@@ -191,46 +191,18 @@ def read_reported(store: Store, robot: str) -> Reported | None:
         return None
 
 
-def ask(
-    store: Store,
-    desired: Desired,
-    sign: Callable[[Desired], Desired] | None = None,
-    check: Callable[[], None] = lambda: None,
-) -> Desired:
-    """Returns the desired state that the robot has for this deployment, written if there was none.
-
-    Asking twice, also after a crash between two robots, asks once: a robot that has a desired state of this deployment
-    keeps it, sequence and all. The sequence of a new one follows that of the one before it and of the robot's report:
-    somebody who puts an old one back, or deletes it, does not make the robot deaf. ``sign`` signs it; ``check`` raises,
-    directly before the write, when the writer is not the one any more who may ask.
-
-    Raises:
-        StoreError: The store fails, or a later epoch of the deployment has asked the robot.
-    """
-    key = desired_key(desired.robot)
-    while True:
-        before, etag = read_desired(store, desired.robot)
-        if before and before.deployment == desired.deployment:
-            if before.epoch > desired.epoch:
-                raise StoreError(f"{store.url}: {key} is of epoch {before.epoch}; this process had {desired.epoch}")
-            return before
-        reported = read_reported(store, desired.robot)
-        seen = max(before.sequence if before else 0, reported.sequence if reported else 0)
-        new = desired.model_copy(update={"sequence": seen + 1})
-        new = sign(new) if sign else new
-        try:
-            etag = store.etag(key) if etag == TOO_BIG else etag
-            check()
-            store.replace(key, encoded(new), etag) if etag else store.create(key, encoded(new))
-        except (ObjectExists, ObjectConflict, ObjectNotFound):
-            continue
-        return new
+def withdrawn(body: bytes) -> Withdrawn | None:
+    """Returns what lies in the place of a desired state that was taken back, or None for anything else."""
+    try:
+        return Withdrawn.model_validate_json(body)
+    except ValidationError:
+        return None
 
 
 def _listed(store: Store, name: str) -> RobotRecord | None:
     key = robot_record_key(name)
     try:
-        stored = store.get(key, _MOST_BYTES)
+        stored = store.get(key, MOST_BYTES)
     except ObjectNotFound:  # deleted since it was listed
         return None
     except ObjectTooBig as exc:

@@ -88,6 +88,16 @@ class Desired(Spec):
     signature: Signature | None = None
 
 
+class Withdrawn(Spec):
+    """Lies in the place of a desired state that was taken back before its robot had answered.
+
+    Attributes:
+        withdrawn: The sequence of that state; the next one's is higher.
+    """
+
+    withdrawn: Annotated[int, Field(ge=1, le=1 << 53)]
+
+
 class Reported(Spec):
     """How far a robot has come with a desired state.
 

@@ -15,9 +15,9 @@ from specs.bundle import Version
 from specs.deployment import DeploymentLaunchConfig
 from specs.errors import DocumentError
 from tasks.deploy.agent import Poll, _alone, main
+from tasks.deploy.asking import ask
 from tasks.deploy.disk import Disk
 from tasks.deploy.fleets import create_fleet
-from tasks.deploy.robots import ask
 from tasks.deploy.states import Desired
 from tasks.deploy.stopping import Stop, StopRequested
 from tasks.storage.keys import desired_key

@@ -6,8 +6,9 @@ import pytest
 from pydantic import JsonValue
 
 from specs.errors import StoreError
+from tasks.deploy.asking import ask
 from tasks.deploy.closing import close_left
-from tasks.deploy.robots import NOTHING_ASKED, ask, read_desired
+from tasks.deploy.robots import NOTHING_ASKED, read_desired
 from tasks.deploy.states import Desired
 from tasks.storage.claim import claimed
 from tasks.storage.keys import claim_key, desired_key

@@ -5,9 +5,9 @@ import pytest
 
 from specs.deployment import DeploymentLaunchConfig
 from specs.errors import DocumentError, ResourceNotFound, StoreError
+from tasks.deploy.asking import ask
 from tasks.deploy.fleets import create_fleet, fleets, read_fleet
 from tasks.deploy.robots import (
-    ask,
     create_robot,
     deregister_robot,
     members,

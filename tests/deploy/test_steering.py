@@ -4,8 +4,10 @@ import pytest
 
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.deploy import steering
+from tasks.deploy.asking import withdraw, withdrawn_sequence
 from tasks.deploy.fleets import read_fleet
 from tasks.deploy.observing import recorded_progress
+from tasks.deploy.robots import read_desired
 from tasks.deploy.steering import active_deployment, steer
 from tasks.storage.records import JobKind, JobRecord, read
 from tasks.storage.store import Store
@@ -138,3 +140,50 @@ def test_what_is_not_paused_is_not_resumed(yard: Yard) -> None:
                 steer(yard.store, job_of(yard), "go")
 
     assert run(yard, robots, yard.request(version, "one"), version.digest, resume).status == "Succeeded"
+
+
+def test_a_cancellation_takes_back_what_a_silent_robot_was_asked(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 3), yard.publish({"run.sh": STAYS_UP})
+    robots.silent = {"r2"}
+
+    def cancel_at_the_second(ended: int, _robots: int) -> None:
+        if ended == 2:
+            steer(yard.store, job_of(yard), "cancel")
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest, cancel_at_the_second)
+
+    assert record.status == "Canceled"
+    silent = recorded_progress(record)["r2"]
+    assert (silent.failure_code, "before this robot answered" in silent.failure_reason) == (
+        "RobotDeploymentAborted",
+        True,
+    )
+    assert [desired.robot for desired in robots.asked()] == ["r0", "r1"]
+
+
+def test_who_was_taken_back_from_takes_the_next_deployment(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 3), yard.publish({"run.sh": STAYS_UP})
+    robots.silent = {"r2"}
+
+    def cancel_at_the_second(ended: int, _robots: int) -> None:
+        if ended == 2:
+            steer(yard.store, job_of(yard), "cancel")
+
+    run(yard, robots, yard.request(version, "one"), version.digest, cancel_at_the_second)
+    taken_back = withdrawn_sequence(yard.store, "r2")
+    robots.silent = set()
+    assert run(yard, robots, yard.request(version, "two"), version.digest).status == "Succeeded"
+    desired = read_desired(yard.store, "r2")[0]
+
+    assert desired is not None
+    assert desired.sequence > taken_back > 0
+
+
+def test_a_robot_that_answers_at_the_last_moment_stays_asked(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 3), yard.publish({"run.sh": STAYS_UP})
+    run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert not withdraw(yard.store, "r0", job_of(yard))
+    assert read_desired(yard.store, "r0")[0] is not None
+    assert withdraw(yard.store, "r0", "another")
+    assert read_desired(yard.store, "r0")[0] is not None

@@ -8,8 +8,9 @@ from multiprocessing.context import ForkServerProcess
 import pytest
 
 from specs.deployment import DeploymentLaunchConfig
+from tasks.deploy.asking import ask
 from tasks.deploy.observing import recorded_progress
-from tasks.deploy.robots import ask, read_reported
+from tasks.deploy.robots import read_reported
 from tasks.deploy.states import Desired, Reported
 from tasks.storage.records import records
 from tests.deploy.one_robot import desired

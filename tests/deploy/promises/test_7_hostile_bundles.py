@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 from specs.errors import BundleRefused
-from tasks.deploy.robots import ask
+from tasks.deploy.asking import ask
 from tasks.storage.archives import digest_of, install
 from tasks.storage.keys import bundle_key
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted

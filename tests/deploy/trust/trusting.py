@@ -5,10 +5,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from specs.bundle import Version
+from tasks.deploy.asking import ask
 from tasks.deploy.disk import Disk
 from tasks.deploy.launch import Place
 from tasks.deploy.reporting import Reporter
-from tasks.deploy.robots import ask, read_reported
+from tasks.deploy.robots import read_reported
 from tasks.deploy.states import Desired, Reported
 from tasks.deploy.steps import Robot
 from tasks.deploy.stopping import Stop

@@ -1,6 +1,7 @@
 #!/bin/sh
 # Installs the agent of one robot, or brings it up to date: sudo ./install.sh NAME
-# What is in /etc/simyard/agent.env stays. DESTDIR=FOLDER installs into a folder, as for an image, and starts nothing.
+# What is in /etc/simyard/agent.env stays. Inside an image (chroot), where no systemd runs, nothing is started.
+# DESTDIR=FOLDER is for trying it out: everything lands below that folder, and works only there.
 set -eu
 
 if [ $# -ne 1 ]; then
@@ -18,6 +19,16 @@ python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
     echo "Python 3.11 or later is needed, this is $(python3 --version)" >&2
     exit 1
 }
+# The unit runs as a user of its own, who sees no home folders.
+interpreter=$(python3 -c 'import os, sys; print(os.path.realpath(sys.executable))')
+case $interpreter in
+/root/* | /home/*)
+    if [ -z "$destination" ]; then
+        echo "python3 is $interpreter, which a service cannot reach; install Python below /usr or /opt" >&2
+        exit 1
+    fi
+    ;;
+esac
 if [ -z "$destination" ]; then
     id simyard >/dev/null 2>&1 || useradd --system --home-dir /var/lib/simyard --shell /usr/sbin/nologin simyard
 fi
@@ -37,9 +48,15 @@ for wheel in "$kit"/simyard_agent-*.whl; do
 done
 "$agent/bin/python" -m compileall -q "$agent/lib"
 
-if [ -z "$destination" ]; then
-    systemctl daemon-reload
-    systemctl enable "simyard-agent@$robot"
-    systemctl restart "simyard-agent@$robot"
+if [ -n "$destination" ]; then
+    echo "the agent of $robot is installed below $destination; start it as ExecStart in $units says"
+    exit 0
 fi
-echo "the agent of $robot is installed; its log: journalctl -u simyard-agent@$robot"
+systemctl enable "simyard-agent@$robot"
+if [ -d /run/systemd/system ]; then
+    systemctl daemon-reload
+    systemctl restart "simyard-agent@$robot"
+    echo "the agent of $robot runs; its log: journalctl -u simyard-agent@$robot"
+else
+    echo "the agent of $robot is installed; it starts with the robot"
+fi
