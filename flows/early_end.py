@@ -45,7 +45,8 @@ class EarlyEnd:
         if answer is None:
             return False
         left_out, ended = leave_out(self._batch, number), self._answer.episodes()
-        sentence = f"the gate was certain of {answer} after {ended} episodes, so that {left_out} were left out"
+        were = "was" if left_out == 1 else "were"
+        sentence = f"the gate was certain of {answer} after {ended} episodes, so that {left_out} {were} left out"
         self.detail["stopped_early"] = {
             "gate": self._gate.model_dump(mode="json"),
             "verdict": answer,

@@ -16,9 +16,11 @@ def replay(
     ] = None,
     mcap: Annotated[
         bool | None,
-        typer.Option("--mcap/--no-mcap", help="Write replay.mcap for Foxglove. Default: where simyard[mcap] is there."),
+        typer.Option(
+            "--mcap/--no-mcap", help="Write replay.mcap for Foxglove. Default: where simyard\\[mcap] is there."
+        ),
     ] = None,
-    video: Annotated[bool, typer.Option("--video", help="Write replay.mp4; needs simyard[video].")] = False,
+    video: Annotated[bool, typer.Option("--video", help="Write replay.mp4; needs simyard\\[video].")] = False,
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),

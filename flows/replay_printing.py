@@ -19,9 +19,7 @@ def show_replay(again: Replayed, console: Console) -> None:
     for heading in ("column", "unit", "recorded", "replayed"):
         table.add_column(heading, overflow="fold")
     table.add_column("deviation", justify="right")
-    for each in again.deviations:
-        if each.same and each.column in _ASKED:
-            continue
+    for each in _shown(again):
         style = "" if each.same else "bold red"
         table.add_row(each.column, each.unit, each.recorded, each.replayed, _apart(each), style=style)
     console.print(table)
@@ -33,10 +31,16 @@ def answer(again: Replayed) -> list[str]:
     """Returns whether the replay is what was recorded, and if not, what may be the cause."""
     apart = [each for each in again.deviations if not each.same]
     if not apart:
-        return [f"{again.job}: {again.ending}; deviation 0 in all {len(again.deviations)} columns"]
+        hidden = len(again.deviations) - len(_shown(again))
+        columns = f"{len(again.deviations)} columns, {hidden} of its request not shown"
+        return [f"{again.job}: {again.ending}; deviation 0 in all {columns}"]
     most = ", ".join(f"{each.column} {_apart(each)}" for each in apart[:3])
     first = f"{again.job}: {again.ending}; {len(apart)} of {len(again.deviations)} columns deviate: {most}"
     return [first, *(f"may be why: {cause}" for cause in again.causes or (_UNKNOWN,))]
+
+
+def _shown(again: Replayed) -> list[Deviation]:
+    return [each for each in again.deviations if not (each.same and each.column in _ASKED)]
 
 
 def _apart(each: Deviation) -> str:

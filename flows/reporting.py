@@ -1,6 +1,6 @@
 """A stage's record as one line for a person, and where its artefacts lie."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 from pydantic import JsonValue
@@ -14,7 +14,7 @@ from tasks.deploy.trust.vouching import is_unsigned
 from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
 
-_REASONS_SHOWN = 2
+_SAMPLES_SHOWN = 2
 _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
 _SAMPLE_CHARACTERS = 200
 
@@ -38,7 +38,7 @@ def generation_report(record: JobRecord, store: Store, seconds: float) -> StageR
     """Returns what a generation job made."""
     worlds = texts(record.detail, "worlds")
     failed = sum(cast("int", failure["count"]) for failure in _mappings(record.detail, "failures").values())
-    summary = f"{len(worlds)} worlds" + (f", {failed} failed" if failed else "")
+    summary = f"{_number(len(worlds), 'world')}" + (f", {failed} failed" if failed else "")
     folder = Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")
     return _stage("worldGeneration", record, summary, seconds, (folder,))
 
@@ -48,7 +48,7 @@ def export_report(record: JobRecord, seconds: float) -> StageReport:
     plans = texts(record.detail, "svg")
     artefacts = [Artefact(label="worlds, zipped", url=str(record.detail["zip"]))]
     artefacts += [Artefact(label="floor plan", url=url) for url in plans[:1]]
-    more = f", {len(plans)} floor plans" if plans else ""
+    more = f", {_number(len(plans), 'floor plan')}" if plans else ""
     return _stage("worldExport", record, f"1 zip{more}", seconds, tuple(artefacts))
 
 
@@ -58,9 +58,7 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     if "stopped_early" in detail:
         asked = cast("dict[str, JsonValue]", detail["stopped_early"])["episodes"]
     summary = f"{detail['passed']} of {asked} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
-    for entry in cast("list[dict[str, JsonValue]]", detail.get("why_not", []))[:_REASONS_SHOWN]:
-        sample = str(entry["sample"])[:_SAMPLE_CHARACTERS]
-        summary += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
+    summary += _why_not(cast("list[dict[str, JsonValue]]", detail.get("why_not", [])))
     if "stopped_early" in detail:
         summary += f"; {cast('dict[str, JsonValue]', detail['stopped_early'])['sentence']}"
     artefacts = tuple(
@@ -85,7 +83,7 @@ def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     """Returns how a roll-out went."""
     robots = recorded_progress(record).values()
     in_sync = sum(robot.status == "InSync" for robot in robots)
-    summary = f"{in_sync} of {len(robots)} robots in sync"
+    summary = f"{in_sync} of {_number(len(robots), 'robot')} in sync"
     if record.failure_code:
         summary += f"; {record.failure_code}: {record.failure_reason}"
     stage = _stage("deployment", record, summary, seconds, ())
@@ -107,9 +105,22 @@ def run_alarmed(report: PipelineReport, alarm: str) -> PipelineReport:
     return report.model_copy(update={"stages": (*report.stages[:-1], alarmed(report.stages[-1], alarm))})
 
 
+def _why_not(reasons: Sequence[Mapping[str, JsonValue]]) -> str:
+    """Returns every reason with its episodes, and what the first episode of the most frequent ones says."""
+    told = ""
+    for place, entry in enumerate(reasons):
+        sample = str(entry["sample"])[:_SAMPLE_CHARACTERS] if place < _SAMPLES_SHOWN else ""
+        told += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
+    return told
+
+
 def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:
     """Returns a record's list of texts."""
     return [str(item) for item in cast("list[JsonValue]", detail.get(key, []))]
+
+
+def _number(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
 def _mappings(detail: Mapping[str, JsonValue], key: str) -> Mapping[str, Mapping[str, JsonValue]]:

@@ -76,7 +76,8 @@ def _text(values: Sequence[object]) -> str:
         return f"{len(values)} samples"
     value = values[0]
     if isinstance(value, list):
-        return f"{len(cast('list[object]', value))} values"
+        number = len(cast("list[object]", value))
+        return f"{number} value" if number == 1 else f"{number} values"
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 

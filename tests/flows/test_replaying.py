@@ -1,5 +1,6 @@
 """A replay is what was recorded, to the last bit; and says so, and why, where it is not."""
 
+import io
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -8,15 +9,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from flows import replaying
 from flows.cli import app
 from flows.replay_files import Wanted, wanted_files, write_files
-from flows.replay_printing import answer
+from flows.replay_printing import answer, show_replay
 from flows.replaying import Replayed, replayed
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.results import extras
+from tasks.results.schema import REQUESTED
 from tasks.results.stored_rows import stored_rows
 from tasks.simulate import committing
 from tasks.simulate.batch import KIND, OpenBatch
@@ -61,7 +64,22 @@ def test_a_job_is_named_by_its_arn_too(batch: OpenBatch, again: Replayed):
 
 
 def test_the_answer_is_zero_in_every_column(again: Replayed):
-    assert answer(again) == [f"{again.job}: collision; deviation 0 in all {len(again.deviations)} columns"]
+    columns = len(again.deviations)
+    assert answer(again) == [
+        f"{again.job}: collision; deviation 0 in all {columns} columns, {len(REQUESTED)} of its request not shown"
+    ]
+
+
+def test_columns_that_are_not_shown_are_those_left_out_of_the_table(again: Replayed):
+    out = io.StringIO()
+    show_replay(again, Console(file=out, width=200))
+    lines = out.getvalue().splitlines()
+    assert len(lines) == 1 + len(again.deviations) - len(REQUESTED) + 1  # a heading, the columns, the answer
+
+
+def test_extras_are_named_in_the_help():
+    told = CliRunner().invoke(app, ["replay", "--help"]).output
+    assert ("simyard[mcap]" in told, "simyard[video]" in told) == (True, True)
 
 
 Tamper = Callable[[str, str, object], None]

@@ -52,7 +52,7 @@ def test_who_waited_for_a_stage_that_failed_is_told_its_code(file_store: Store):
 def test_a_partial_generation_says_how_many_worlds_failed(file_store: Store):
     failures: dict[str, JsonValue] = {"InvalidInput": {"count": 2, "sample_reason": "too small"}}
     record = _ended(file_store, "world-generation-job", "PartialFailed", {"worlds": ["g/a"], "failures": failures})
-    assert generation_report(record, file_store, 1.0).summary == "1 worlds, 2 failed"
+    assert generation_report(record, file_store, 1.0).summary == "1 world, 2 failed"
 
 
 def test_a_batch_tells_passes_and_where_its_tables_lie(file_store: Store):
@@ -100,21 +100,22 @@ def test_a_run_passed_when_nothing_that_was_asked_for_was_refused(
     assert report.passed is passed
 
 
-def test_a_batch_tells_its_most_frequent_reasons_and_a_sample(file_store: Store):
+def test_a_batch_tells_all_its_reasons_and_samples_of_the_most_frequent(file_store: Store):
     why: list[JsonValue] = [
         {"reason": "RobotApplicationCrash", "episodes": 8, "sample": "no module go_to_gaol"},
         {"reason": "timeout", "episodes": 2, "sample": ""},
+        {"reason": "collision", "episodes": 1, "sample": "of the third"},
     ]
     detail: dict[str, JsonValue] = {
         "passed": 0,
-        "episodes": 10,
+        "episodes": 11,
         "simulated_s": 0.0,
         "results_url": "file:///r",
         "failures_url": "file:///f",
         "why_not": why,
     }
     summary = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0).summary
-    assert summary.endswith("; 8 x RobotApplicationCrash: no module go_to_gaol; 2 x timeout")
+    assert summary.endswith("; 8 x RobotApplicationCrash: no module go_to_gaol; 2 x timeout; 1 x collision")
 
 
 @pytest.mark.parametrize(("verdict", "alarms"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True)])

@@ -27,7 +27,7 @@ def test_every_block_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     told = [_output(language, text) for language, text in BLOCKS]
     assert [language for language, _ in BLOCKS] == ["yaml", "sh", "sql", "sh", "python", "sh", "sh", "sh"]
     (job, reason) = Path("job").read_text().split()[0], Path("reason").read_text()
-    (columns,) = re.findall(r"deviation 0 in all \d+ columns", TEXT)
+    (columns,) = re.findall(r"deviation 0 in all \d+ columns, \d+ of its request not shown", TEXT)
     assert f"{job}: {reason}; {columns}" in told[3]
     assert sorted(path.name for path in Path("replayed").iterdir()) == ["replay.mcap", "replay.svg"]
     assert told[4].startswith("0.0 {")
