@@ -63,11 +63,15 @@ def register(
 
 @fleet_app.command("show")
 def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
-    """Print a fleet, its robots and its last deployment, as JSON."""
+    """Print a fleet, its robots and its last deployment, as JSON; on stderr, what each robot runs."""
+    from flows.fleet_watch import told_now
     from tasks.deploy.describe import describe_fleet
     from tasks.storage.opening import open_store
 
-    typer.echo(describe_fleet(open_store(store), fleet).model_dump_json(indent=2, exclude_none=True))
+    opened = open_store(store)
+    typer.echo(describe_fleet(opened, fleet).model_dump_json(indent=2, exclude_none=True))
+    for line in told_now(opened, fleet):  # what RoboMaker's shapes have no fields for
+        typer.echo(line, err=True)
 
 
 @fleet_app.command("sync")
@@ -122,16 +126,20 @@ def resume(fleet: _Fleet, store: _StoreUrl = None) -> None:
 
 
 @fleet_app.command("watch")
-def watch(fleet: _Fleet, store: _StoreUrl = None) -> None:
+def watch(
+    fleet: _Fleet,
+    store: _StoreUrl = None,
+    wait: Annotated[bool, typer.Option("--wait", help="If none is under way, wait for the next one.")] = False,  # noqa: FBT002 - a switch
+) -> None:
     """Show a fleet's last deployment, robot by robot, until it ends; exits with 1 unless it succeeded."""
     from rich.console import Console
 
-    from flows.fleet_watch import watch_deployment
+    from flows.fleet_watch import next_deployment, watch_deployment
     from tasks.deploy.fleets import read_fleet
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
-    deployment = read_fleet(opened, fleet)[0].deployment
+    deployment = next_deployment(opened, fleet) if wait else read_fleet(opened, fleet)[0].deployment
     if not deployment:
         typer.echo(f"nothing was deployed to {fleet} yet")
         return
@@ -144,7 +152,10 @@ def _steered(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> Non
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
-    record = steer(opened, active_deployment(opened, fleet), wish)
+    if not (job := active_deployment(opened, fleet)):
+        typer.echo(f"no deployment of {fleet} is under way", err=True)
+        raise typer.Exit(2)
+    record = steer(opened, job, wish)
     typer.echo(f"{'paused' if wish == 'pause' else 'going on'}: {record.arn}")
 
 

@@ -1,24 +1,34 @@
-"""`simyard fleet watch`: a deployment in the terminal, as the records tell it."""
+"""`simyard fleet watch`: a deployment in the terminal, as the records tell it, and the robots as they are since."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
+from specs.arn import parse_reference
 from specs.deployment import DescribeDeploymentJobResponse
 from tasks.deploy.describe import describe_deployment_job
-from tasks.deploy.steering import wish_of
+from tasks.deploy.fleets import read_fleet
+from tasks.deploy.robots import members
+from tasks.deploy.running import RobotNow, robots_now
+from tasks.deploy.steering import active_deployment, wish_of
 from tasks.deploy.telling import COLUMNS, robot_cells, told_robots
 from tasks.deploy.trust.choice import UNSIGNED_ALARM
 from tasks.deploy.trust.vouching import is_unsigned
-from tasks.storage.records import read
+from tasks.storage.claim_watch import ClaimWatch
+from tasks.storage.keys import claim_key
+from tasks.storage.records import is_terminal, read
 from tasks.storage.store import Store
 
+_KIND = "deployment-job"
 _LOOK_S = 1.0
 _ENDED = frozenset({"Succeeded", "Failed", "Canceled"})
 _STYLES = {"InSync": "green", "Failed": "red", "NoResponse": "red", "Deploying": "cyan", "PendingNewDeployment": "cyan"}
+LEFT = "nobody works on it: the command that began it, given again, continues; simyard cancel ends it"
 
 
 def watch_deployment(
@@ -30,26 +40,92 @@ def watch_deployment(
         ResourceNotFound: No such job.
     """
     found = describe_deployment_job(store, job)
-    with Live(_table(store, job, found), console=console, refresh_per_second=4) as live:
+    claim = ClaimWatch(store, claim_key(_KIND, job))
+    with Live(_shown(store, job, found, claim), console=console, refresh_per_second=4) as live:
         while found.status not in _ENDED:
             sleep(_LOOK_S)
             found = describe_deployment_job(store, job)
-            live.update(_table(store, job, found))
+            live.update(_shown(store, job, found, claim))
     return found
 
 
-def deployment_table(job: DescribeDeploymentJobResponse, wish: str = "go", alarm: str = "") -> Table:
-    """Returns a deployment job as a table, a row a robot; ``wish`` is what somebody wants of it."""
+def next_deployment(store: Store, fleet: str, sleep: Callable[[float], None] = time.sleep) -> str:
+    """Returns the id of a fleet's deployment that is under way, having waited until there is one.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+    """
+    ended = read_fleet(store, fleet)[0].deployment
+    if ended and not is_terminal(read(store, _KIND, ended)):
+        return ended
+    while (latest := read_fleet(store, fleet)[0].deployment) == ended:
+        sleep(_LOOK_S)
+    return latest
+
+
+def told_now(store: Store, fleet: str) -> list[str]:
+    """Returns what RoboMaker's words for a fleet leave out: whether its deployment is paused, and what each robot runs.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+    """
+    name, job = read_fleet(store, fleet)[0].name, active_deployment(store, fleet)
+    wish = wish_of(store, job) if job else "go"
+    wanted = {"pause": f"paused; simyard fleet resume {name} lets it go on", "cancel": "being canceled"}.get(wish)
+    steered = [f"{job} is {wanted}"] if wanted else []
+    robots = robots_now(store, (robot.name for robot in members(store, name)))
+    return [*steered, *(f"{robot.name} runs {robot.runs}" for robot in robots)]
+
+
+def deployment_table(
+    job: DescribeDeploymentJobResponse, wish: str = "go", now: Mapping[str, RobotNow] | None = None
+) -> Table:
+    """Returns a deployment job as a table, a row a robot.
+
+    Args:
+        job: What is shown.
+        wish: What somebody wants of it.
+        now: The robots since it ended, by name: what they run is a column.
+    """
     wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
-    caption = "\n".join(filter(None, (job.failureReason, alarm)))
-    table = Table(title=f"{job.status}{wanted}: {told_robots(job)}", caption=caption or None, title_justify="left")
-    for name in COLUMNS:
+    table = Table(title=f"{job.status}{wanted}: {told_robots(job)}", title_justify="left")
+    for name in (*COLUMNS, *(("runs now",) if now is not None else ())):
         table.add_column(name, justify="right" if name == "done" else "left", overflow="fold")
     for robot in job.robotDeploymentSummary or ():
-        table.add_row(*robot_cells(robot), style=_STYLES.get(robot.status or "", ""))
+        cells = robot_cells(robot)
+        since = now.get(cells[0]) if now else None
+        runs = () if now is None else (since.runs if since else "",)
+        table.add_row(*cells, *runs, style=_STYLES.get(robot.status or "", ""))
     return table
 
 
-def _table(store: Store, job: str, found: DescribeDeploymentJobResponse) -> Table:
-    record = read(store, "deployment-job", job)
-    return deployment_table(found, wish_of(store, job), UNSIGNED_ALARM if is_unsigned(record) else "")
+def _otherwise(job: DescribeDeploymentJobResponse, now: Mapping[str, RobotNow]) -> list[str]:
+    """Returns a line for each robot that is otherwise than when its deployment ended."""
+    told: list[str] = []
+    for robot in job.robotDeploymentSummary or ():
+        name = parse_reference(robot.arn or "").path
+        since = now.get(name)
+        if since and since.deployment == parse_reference(job.arn or "").path and since.status != robot.status:
+            told.append(f"since then {name} is {since.status}, and runs {since.runs}; {since.why}".rstrip("; "))
+    return told
+
+
+def _shown(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: ClaimWatch) -> Group:
+    """Returns the deployment's id and times, its table, and what there is to know beyond it."""
+    record = read(store, _KIND, job)
+    head, below = f"{job}, begun at {_time(record.created_at_s)}", [found.failureReason]
+    if found.status in _ENDED:
+        names = [parse_reference(robot.arn or "").path for robot in found.robotDeploymentSummary or ()]
+        now = {robot.name: robot for robot in robots_now(store, names)}
+        head += f", as it ended at {_time(record.updated_at_s)}"
+        table = deployment_table(found, now=now)
+        below += _otherwise(found, now)
+    else:
+        table = deployment_table(found, wish_of(store, job))
+        below += [LEFT] if claim.is_left() else []
+    below += [UNSIGNED_ALARM] if is_unsigned(record) else []
+    return Group(Text(head), table, *(Text(line) for line in below if line))
+
+
+def _time(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, tz=UTC).isoformat(sep=" ", timespec="seconds")

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import JsonValue
 
 from specs.base import Fault
-from specs.errors import DocumentError, ResourceNotFound
+from specs.errors import DocumentError
 from tasks.deploy.closing import close_left
 from tasks.deploy.controller import CANCELED, WISH
 from tasks.deploy.fleets import read_fleet
@@ -57,15 +57,13 @@ def wish_of(store: Store, job: str) -> str:
 
 
 def active_deployment(store: Store, fleet: str) -> str:
-    """Returns the id of the deployment that is under way on a fleet, by the fleet's name or ARN.
+    """Returns the id of the deployment that is under way on a fleet, by the fleet's name or ARN; or an empty text.
 
     Raises:
-        ResourceNotFound: No such fleet, or it has no deployment under way.
+        ResourceNotFound: No such fleet.
     """
-    record, _ = read_fleet(store, fleet)
-    if record.deployment and not is_terminal(read(store, _KIND, record.deployment)):
-        return record.deployment
-    raise ResourceNotFound([Fault(path="fleet", value=repr(fleet), allowed="a fleet with a deployment under way")])
+    job = read_fleet(store, fleet)[0].deployment
+    return job if job and not is_terminal(read(store, _KIND, job)) else ""
 
 
 def _closed_if_left(store: Store, record: JobRecord) -> JobRecord:

@@ -57,7 +57,7 @@ def test_a_fleet_is_shown_with_its_robots(file_store: Store) -> None:
     for robot in ("r1", "r2"):
         _simyard(file_store, "register", "couriers", robot)
 
-    shown = json.loads(_simyard(file_store, "show", arn("deployment-fleet", store_id(file_store), "couriers")).output)
+    shown = json.loads(_simyard(file_store, "show", arn("deployment-fleet", store_id(file_store), "couriers")).stdout)
 
     assert shown["name"] == "couriers"
     assert [(robot["name"], robot["status"]) for robot in shown["robots"]] == [
@@ -69,8 +69,10 @@ def test_a_fleet_is_shown_with_its_robots(file_store: Store) -> None:
 def test_nothing_is_paused_where_nothing_is_under_way(file_store: Store) -> None:
     create_fleet(file_store, "couriers")
     for command in ("pause", "resume"):
-        with pytest.raises(ResourceNotFound, match="under way"):
-            _simyard(file_store, command, "couriers")
+        told = _simyard(file_store, command, "couriers")
+        assert (told.exit_code, told.stderr) == (2, "no deployment of couriers is under way\n")
+        with pytest.raises(ResourceNotFound):
+            _simyard(file_store, command, "nobody")
 
 
 def test_a_fleet_to_which_nothing_was_deployed_has_nothing_to_watch_or_sync(file_store: Store) -> None:

@@ -3,13 +3,19 @@
 import io
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
-from flows.fleet_watch import deployment_table, watch_deployment
+from flows.fleet_watch import LEFT, deployment_table, next_deployment, told_now, watch_deployment
+from specs.errors import StageFailed
 from tasks.deploy.describe import describe_deployment_job
 from tasks.deploy.fleets import create_fleet
+from tasks.deploy.robots import read_reported
 from tasks.deploy.steering import steer, wish_of
-from tasks.storage.records import advance
+from tasks.storage.claim_watch import ClaimWatch
+from tasks.storage.encoding import encoded
+from tasks.storage.keys import claim_key, reported_key
+from tasks.storage.records import JobRecord, advance, read
 from tasks.storage.store import Store
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
@@ -70,3 +76,78 @@ def test_a_paused_deployment_is_shown_as_paused(file_store: Store, tmp_path: Pat
 
     run(yard, robots, yard.request(version, "one"), version.digest, pause)
     assert ["paused" in title for title in titles] == [True, False]
+
+
+def deployed(store: Store, folder: Path) -> JobRecord:
+    """Returns a deployment to three robots of which the last has gone back to another version since."""
+    create_fleet(store, FLEET)
+    yard, robots = Yard(store, folder), PuppetRobots(store, 3)
+    old, version = yard.publish({"run.sh": STAYS_UP}), yard.publish({"run.sh": f"{STAYS_UP}# better"})
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+    for name, digest, status in (("r0", version.digest, "InSync"), ("r2", old.digest, "Failed")):
+        reported = read_reported(store, name)
+        assert reported
+        change = {"running_digest": digest, "status": status}
+        store.put(reported_key(name), encoded(reported.model_copy(update=change)))
+    return record
+
+
+def test_an_ended_deployment_is_shown_as_it_ended_and_who_is_otherwise_since(file_store: Store, tmp_path: Path) -> None:
+    record, shown = deployed(file_store, tmp_path), io.StringIO()
+
+    watch_deployment(file_store, record.id, Console(file=shown, width=160))
+
+    assert f"{record.id}, begun at " in shown.getvalue()
+    assert ", as it ended at " in shown.getvalue()
+    assert "since then r2 is Failed, and runs courier 1" in shown.getvalue()
+    (row,) = [line for line in shown.getvalue().splitlines() if "r0" in line]
+    assert "courier 2" in row
+
+
+def test_each_robot_of_a_fleet_is_told_with_what_it_runs(file_store: Store, tmp_path: Path) -> None:
+    deployed(file_store, tmp_path)
+    assert told_now(file_store, FLEET) == ["r0 runs courier 2", "r1 runs nothing", "r2 runs courier 1"]
+
+
+def test_the_next_deployment_is_waited_for_and_one_under_way_is_not(file_store: Store, tmp_path: Path) -> None:
+    create_fleet(file_store, FLEET)
+    yard, robots = Yard(file_store, tmp_path), PuppetRobots(file_store, 2)
+    version = yard.publish({"run.sh": STAYS_UP})
+    found: list[str] = []
+    waited: list[str] = []
+
+    def look(_ended: int, _robots: int) -> None:
+        found.append(next_deployment(file_store, FLEET, lambda _seconds: waited.append("under way")))
+
+    first = run(yard, robots, yard.request(version, "one"), version.digest, look)
+    assert set(found) == {first.id}
+    assert waited == []
+
+    def deploy(_seconds: float) -> None:
+        waited.append(run(yard, robots, yard.request(version, "two"), version.digest).id)
+
+    assert [next_deployment(file_store, FLEET, deploy)] == waited
+
+
+def test_a_deployment_that_nobody_works_on_says_so(file_store: Store, tmp_path: Path) -> None:
+    create_fleet(file_store, FLEET)
+    yard, robots = Yard(file_store, tmp_path), PuppetRobots(file_store, 3)
+    version = yard.publish({"run.sh": STAYS_UP})
+    shown, left = io.StringIO(), list[bool]()
+
+    def look(_ended: int, _robots: int) -> None:
+        left.append(ClaimWatch(file_store, claim_key("deployment-job", robots.asked()[0].deployment)).is_left())
+
+    robots.dies_after = 1
+    with pytest.raises(StageFailed):
+        run(yard, robots, yard.request(version, "one"), version.digest, look)
+    job = robots.asked()[0].deployment
+
+    def end(_seconds: float) -> None:
+        assert LEFT.split(":")[0] in shown.getvalue()
+        advance(file_store, "deployment-job", job, "Canceled")
+
+    watch_deployment(file_store, job, Console(file=shown, width=160, force_terminal=True), end)
+    assert read(file_store, "deployment-job", job).status == "Canceled"
+    assert left
+    assert not any(left)
