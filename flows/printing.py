@@ -68,6 +68,10 @@ def _answer(report: PipelineReport) -> Text:
         return Text(
             "Done. No gate was asked for, so nobody judged the batch: look at its numbers.", style="bold yellow"
         )
+    behind = next((stage.facts["behind"] for stage in report.stages if "behind" in stage.facts), None)
+    if report.passed and behind:
+        why = "as many as may fail; simyard fleet watch tells who, and why"
+        return Text(f"Done, but robots that are not in sync: {behind}, {why}.", style="bold yellow")
     if report.passed:
         return Text("Done, and everything that was asked for passed.", style="bold green")
     if report.verdict not in (None, "PASS"):

@@ -81,15 +81,18 @@ def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: flo
 
 def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     """Returns how a roll-out went."""
-    robots = recorded_progress(record).values()
-    in_sync = sum(robot.status == "InSync" for robot in robots)
-    summary = f"{in_sync} of {_number(len(robots), 'robot')} in sync"
+    statuses = [robot.status for robot in recorded_progress(record).values()]
+    in_sync, away = statuses.count("InSync"), statuses.count("NoResponse")
+    summary = f"{in_sync} of {len(statuses)} robots in sync"
+    if away:
+        summary += f"; {away} not reached, which take it when they are back"
     if record.failure_code:
         summary += f"; {record.failure_code}: {record.failure_reason}"
-    stage = _stage("deployment", record, summary, seconds, ())
+    facts: dict[str, JsonValue] = {"behind": len(statuses) - in_sync} if in_sync < len(statuses) else {}
+    stage = _stage("deployment", record, summary, seconds, ()).model_copy(update={"facts": facts})
     if not is_unsigned(record):
         return stage
-    return stage.model_copy(update={"summary": f"{summary}; UNSIGNED", "facts": {"alarm": UNSIGNED_ALARM}})
+    return stage.model_copy(update={"summary": f"{summary}; UNSIGNED", "facts": {**facts, "alarm": UNSIGNED_ALARM}})
 
 
 def alarmed(stage: StageReport, alarm: str) -> StageReport:

@@ -82,6 +82,17 @@ def test_a_deployment_counts_robots_in_sync_and_says_what_stopped_it(file_store:
     assert summary == "1 of 2 robots in sync; FailureThresholdBreached: 1 of 2 robots failed"
 
 
+@pytest.mark.parametrize(("status", "said"), [("NoResponse", "Done, but robots"), ("InSync", "everything that was")])
+def test_a_deployment_that_succeeded_without_a_robot_says_so(file_store: Store, status: str, said: str):
+    progress: dict[str, JsonValue] = {"r1": {"status": "InSync"}, "r2": {"status": status}}
+    stage = deployment_report(_ended(file_store, "deployment-job", "Succeeded", {"progress": progress}), 1.0)
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), shipped=True), console)
+    shown = console.export_text()
+    assert said in shown
+    assert ("1 not reached, which take it when they are back" in stage.summary) == (status == "NoResponse")
+
+
 @pytest.mark.parametrize(
     ("verdict", "shipped", "passed"),
     [
