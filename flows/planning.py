@@ -5,11 +5,11 @@ from pathlib import Path
 
 from flows.baseline_planning import Judged, judged_of
 from flows.baselines import compared_digest
+from flows.deployment_planning import deployment_lines
 from flows.gate_planning import gate_lines
 from flows.resolving import failing_sources, finder, pins
 from specs.pipeline import PipelineSpec, inert_fields
-from specs.pipeline_requests import fleet_reference
-from specs.pipeline_simulation import LocalFleet, SimulationBatch
+from specs.pipeline_simulation import SimulationBatch
 from tasks.applications.publishing import unpack
 from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.cost import Span
@@ -61,7 +61,9 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.gate:
         yield from gate_lines(spec.gate, judged, audited, programs)
     if spec.deployment:
-        yield f"deployment        {_deployment(spec)}, bundle {str(found['deployment'])[:12]}"
+        tested, digest = spec.simulationBatch is not None, str(found["deployment"])
+        told = deployment_lines(spec.deployment, trial, finder(trial, own), digest, tested=tested)
+        yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(told))
     for field in inert_fields(spec):
         yield f"no effect         {field}"
 
@@ -117,14 +119,3 @@ def _recordings(section: SimulationBatch) -> str:
 
 def _audit(plan: EnginePlan) -> str:
     return f"{_count(plan.audited, 'episode')} audited on C MuJoCo" if plan.audited else "no audit"
-
-
-def _deployment(spec: PipelineSpec) -> str:
-    section = spec.deployment
-    if section is None:
-        return ""
-    fleet = section.fleet
-    robots = f" with {fleet.localAgents} agents on this machine" if isinstance(fleet, LocalFleet) else ""
-    application = section.deploymentApplicationConfigs[0]
-    version = application.applicationVersion or "tested"
-    return f"{application.application} (version {version}) to fleet {fleet_reference(section)}{robots}"

@@ -70,7 +70,7 @@ def plan_deployment(
         condition=rules.downloadConditionFile,
         at_once=bounds.at_once,
         failures=bounds.failures,
-        timeout_s=rules.robotDeploymentTimeoutInSeconds or _TIMEOUT_S,
+        timeout_s=timeout_s(request),
         canaries=extra.canaryRobots if extra else 0,
         least_ended=extra.leastExecutedRobots if extra else 0,
     )
@@ -84,6 +84,12 @@ def bounds_for(robots: int, request: CreateDeploymentJobRequest) -> Limits:
         concurrent_percent=rules.concurrentDeploymentPercentage or _CONCURRENT_PERCENT,
         threshold_percent=rules.failureThresholdPercentage or _THRESHOLD_PERCENT,
     )
+
+
+def timeout_s(request: CreateDeploymentJobRequest) -> int:
+    """Returns how long a robot may take, from being asked to its end."""
+    rules = request.deploymentConfig or DeploymentConfig()
+    return rules.robotDeploymentTimeoutInSeconds or _TIMEOUT_S
 
 
 def preflight(

@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 from flows.planning import planned
+from tasks.deploy.fleets import create_fleet
 from tasks.documents.pipelines import read_pipeline
 from tasks.storage.store import Store
+from tests.deploy.puppets import PuppetRobots
+from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
 ROOT = Path(__file__).parents[2]
 Tell = Callable[..., str]
@@ -50,3 +53,27 @@ def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
     assert "80,000 episodes" in told
     assert re.search(r"about \S+ to \S+ h and", told)
     assert "417 chunks of 192 lanes" in told
+
+
+def test_a_deployment_is_told_with_its_waves_its_threshold_and_a_robots_time(file_store: Store, tmp_path: Path):
+    create_fleet(file_store, FLEET)
+    PuppetRobots(file_store, 5)
+    yard = Yard(file_store, tmp_path)
+    for script in (STAYS_UP, f"{STAYS_UP}# better"):
+        yard.publish({"run.sh": script})
+    document = tmp_path / "deploy.yaml"
+    document.write_text(
+        f"""name: courier
+deployment:
+  fleet: {FLEET}
+  trust: unsigned
+  deploymentConfig: {{concurrentDeploymentPercentage: 40, failureThresholdPercentage: 50}}
+  rollOut: {{canaryRobots: 1, leastExecutedRobots: 2}}
+  deploymentApplicationConfigs:
+    - {{application: courier, launchConfig: {{packageName: courier, launchFile: run.sh}}}}
+"""
+    )
+    told = "\n".join(planned(read_pipeline(document), tmp_path, file_store))
+    assert f"courier (newest version, 2) to fleet {FLEET}, bundle" in told
+    assert "5 robots, the first 1 of them canaries, at most 2 at once: at least 3 waves" in told
+    assert "failures that stop it: 3 once 2 have ended, one of a canary at once; a robot has 18,000 s" in told
