@@ -40,7 +40,9 @@ def compare(
         typer.echo(found.model_dump_json(indent=2))
     else:
         show_comparison(found, Console())
-    if output is not None:
+    if output is not None and not pairs.flips:
+        typer.echo(f"nothing was written to {output}: no episode came out differently", err=as_json)
+    elif output is not None:
         output.mkdir(parents=True, exist_ok=True)
         for each in flip_maps(first, second, pairs.flips):
             path = output / f"flips-{each.world.replace('/', '-')}.svg"

@@ -30,6 +30,8 @@ def show_comparison(found: Comparison, console: Console) -> None:
         console.print(f"and {len(pairs.flips) - FLIPS_SHOWN} flips more; --json has all")
     for line in told(found):
         console.print(Text(line), soft_wrap=True)
+    if warned := warning(found):
+        console.print(Text(warned, style="bold yellow"), soft_wrap=True)
     console.print(Text(answer(found), style=_STYLES[found.answer]), soft_wrap=True)
 
 
@@ -37,12 +39,26 @@ def told(found: Comparison) -> list[str]:
     """Returns what was compared, and what not."""
     pairs = found.pairs
     lines = [f"not the same: {origin}" for origin in pairs.origins]
+    lines += [f"not asked of both: {each}" for each in pairs.apart]
     if pairs.first_alone or pairs.second_alone or pairs.canceled:
         lines.append(
-            f"left out: {pairs.first_alone} episodes of the first batch alone, {pairs.second_alone} of the second "
-            f"alone, {pairs.canceled} that were canceled"
+            f"left out: episodes of the first batch alone {pairs.first_alone}, of the second alone "
+            f"{pairs.second_alone}, canceled {pairs.canceled}"
         )
     return lines
+
+
+def warning(found: Comparison) -> str:
+    """Returns a warning where each batch has episodes that the other has not: what changed may not be compared."""
+    pairs = found.pairs
+    if not (pairs.first_alone and pairs.second_alone):
+        return ""
+    both = pairs.pairs + pairs.canceled
+    return (
+        f"WARNING: {pairs.first_alone} of {both + pairs.first_alone} episodes of the first batch and "
+        f"{pairs.second_alone} of {both + pairs.second_alone} of the second are not compared, and the answer says "
+        f"nothing about them: {'; '.join(pairs.apart) or 'their worlds, seeds and variables go together otherwise'}"
+    )
 
 
 def answer(found: Comparison) -> str:

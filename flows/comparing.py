@@ -73,7 +73,8 @@ def pairs_of(first: Batch, second: Batch) -> Pairs:
     pairs = compared(first.rows, second.rows, worlds, others)
     if not pairs.pairs:
         allowed = "batches with episodes in common: the same worlds, seeds, environments and applications"
-        value = f"{first.work.id} and {second.work.id}"
+        why = ["all that both have were canceled"] if pairs.canceled else pairs.apart or pairs.origins
+        value = f"{first.work.id} and {second.work.id} ({'; '.join(why)})"
         raise DocumentError([Fault(path=KIND, value=value, allowed=allowed)], source="simyard")
     return pairs
 

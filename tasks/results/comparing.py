@@ -10,6 +10,7 @@ from typing import cast
 import pyarrow as pa
 
 from specs.base import Spec
+from tasks.results.comparing_apart import apart
 from tasks.results.pairing import episode_keys
 
 _LAUNCHED = ("robot", "simulation")
@@ -72,6 +73,7 @@ class Pairs(Spec):
         canceled: Episodes that both have and one canceled.
         flips: Those that came out differently, in the order of the second batch.
         origins: What is not the same in both batches, such as ``robot_version: 1 -> 2``.
+        apart: What only one of them was asked for, such as ``MAX_SPEED: 0.7 only in the second``.
     """
 
     pairs: int
@@ -82,6 +84,7 @@ class Pairs(Spec):
     canceled: int
     flips: tuple[Flip, ...]
     origins: tuple[str, ...]
+    apart: tuple[str, ...] = ()
 
     @property
     def gains(self) -> int:
@@ -117,6 +120,7 @@ def compared(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], other
         canceled=len(both) - len(counted),
         flips=tuple(_flip(one, other) for one, other in counted if one.passed != other.passed),
         origins=tuple(_origins(first, second)),
+        apart=tuple(apart(first, second, worlds, others)),
     )
 
 

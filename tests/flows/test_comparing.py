@@ -109,8 +109,26 @@ def test_a_batch_without_tables_is_refused(file_store: Store):
 def test_batches_without_a_common_episode_are_refused(batches: tuple[OpenBatch, OpenBatch]):
     store = batches[0].store
     other = closed_batch(store, pushing_plan(store, seeds=(900, 901)), "other")
-    with pytest.raises(DocumentError, match="batches with episodes in common"):
+    with pytest.raises(DocumentError, match=r"900, 901 only in the second.*batches with episodes in common"):
         pairs_of(batch_named(store, batches[0].id), batch_named(store, other.id))
+
+
+def test_a_comparison_of_what_did_not_change_is_a_warning(batches: tuple[OpenBatch, OpenBatch]):
+    store = batches[0].store
+    plan = pushing_plan(store)
+    changed = closed_batch(store, pushing_plan(store, seeds=(plan.seeds[0], 900)), "changed")
+    told = CliRunner().invoke(app, ["compare", batches[0].id, changed.id, "--store", store.url]).output
+    assert "WARNING: " in told
+    assert "900 only in the second" in told.split("WARNING: ")[1]
+    same = CliRunner().invoke(app, ["compare", batches[0].id, batches[0].id, "--store", store.url]).output
+    assert "WARNING: " not in same
+
+
+def test_without_flips_no_map_is_written_and_it_is_said(batches: tuple[OpenBatch, OpenBatch], tmp_path: Path):
+    name, maps = batches[0].id, tmp_path / "maps"
+    told = CliRunner().invoke(app, ["compare", name, name, "--store", batches[0].store.url, "--output", str(maps)])
+    assert f"nothing was written to {maps}: no episode came out differently" in told.output
+    assert not maps.exists()
 
 
 def test_results_that_are_not_what_the_batch_wrote_are_not_compared(batches: tuple[OpenBatch, OpenBatch]):

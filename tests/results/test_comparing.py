@@ -52,6 +52,26 @@ def test_who_is_alone_or_canceled_is_left_out_and_counted():
     assert (found.pairs, found.first_alone, found.second_alone, found.canceled) == (1, 1, 1, 1)
 
 
+def test_what_only_one_batch_was_asked_for_is_named():
+    first = [
+        (request(0, seed=1, environment={"V": "0.4"}), passed(0)),
+        (request(1, environment={"V": "0.6"}), passed(1)),
+    ]
+    second = [(request(0, environment={"V": "0.4"}), passed(0)), (request(1, environment={"V": "0.7"}), passed(1))]
+    assert _pairs(first, second).apart == (
+        "V: 0.6 only in the first; 0.7 only in the second",
+        "seeds: 1 only in the first",
+    )
+    assert _pairs(first, first).apart == ()
+    assert (
+        _pairs([(request(0), passed(0))], second).apart[0]
+        == "V: (not set) only in the first; 0.4, 0.7 only in the second"
+    )
+    assert _pairs([(request(0, world="g/a"), passed(0))], [(request(0, world="g/b"), passed(0))]).apart == (
+        "worlds: 1 only in the first; 1 only in the second",
+    )
+
+
 def test_equal_requests_are_paired_one_by_one():
     first = [(request(0), passed(0)), (request(1), collided(1))]
     second = [(request(0), passed(0)), (request(1), passed(1)), (request(2), passed(2))]
