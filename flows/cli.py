@@ -175,7 +175,9 @@ def down() -> None:
     typer.echo(f"ended {server.api_url}" if server else "no server was running")
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+@app.command(  # --help is the agent's own
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+)
 def agent(context: typer.Context) -> None:
     """Run a robot's agent: --robot NAME --root DIR --store URL --root-of-trust FILE (or --unsigned)."""
     from tasks.deploy.agent import main as agent_main

@@ -1,5 +1,6 @@
 """What a robot tells the store about itself; a store that is away delays the telling, never the doing."""
 
+import logging
 import time
 
 from specs.deployment import DeploymentJobErrorCode, RobotDeploymentStep
@@ -10,6 +11,7 @@ from tasks.storage.encoding import encoded
 from tasks.storage.keys import reported_key
 from tasks.storage.store import Store
 
+_LOG = logging.getLogger(__name__)
 _PERCENT_INTERVAL_S = 0.5
 REASON_CHARACTERS = 1024
 
@@ -53,7 +55,7 @@ class Reporter:
 
 
 class Attempt:
-    """One attempt at a desired state, told step by step.
+    """One attempt at a desired state, told step by step, to the store and to the agent's log.
 
     Args:
         reporter: Whom to tell.
@@ -64,6 +66,8 @@ class Attempt:
 
     def __init__(self, reporter: Reporter, desired: Desired, boot_id: str, running_digest: str) -> None:
         self._reporter = reporter
+        self._what = f"{desired.application} {desired.version} of {desired.deployment}"
+        self._began_s: float | None = None
         self._latest = Reported(
             robot=desired.robot,
             deployment=desired.deployment,
@@ -76,7 +80,10 @@ class Attempt:
         )
 
     def at(self, step: RobotDeploymentStep) -> None:
-        """Tells that a step begins."""
+        """Tells that a step begins, and that the one before it is done."""
+        self._log_end("is done")
+        self._began_s = time.monotonic()
+        _LOG.info("%s: %s begins", self._what, step)
         self._latest = self._latest.model_copy(update={"step": step})
         self._reporter.tell(self._latest)
 
@@ -87,10 +94,18 @@ class Attempt:
 
     def succeeded(self, digest: str) -> Reported:
         """Returns the report that ends the attempt well; the caller tells it once it is on the disk."""
+        self._log_end("is done")
+        _LOG.info("%s runs", self._what)
         change = {"status": "InSync", "step": "Finished", "percent_done": 100.0, "running_digest": digest}
         return self._latest.model_copy(update={**change, "finished_at_s": time.time()})
 
     def failed(self, code: DeploymentJobErrorCode, reason: str) -> Reported:
         """Returns the report that ends the attempt badly, at the step where it is."""
+        self._log_end("failed")
         change = {"status": "Failed", "failure_code": code, "failure_reason": reason[:REASON_CHARACTERS]}
         return self._latest.model_copy(update={**change, "finished_at_s": time.time()})
+
+    def _log_end(self, how: str) -> None:
+        if self._began_s is not None:
+            _LOG.info("%s: %s %s after %.1f s", self._what, self._latest.step, how, time.monotonic() - self._began_s)
+        self._began_s = None

@@ -1,4 +1,7 @@
+import logging
 from typing import cast
+
+import pytest
 
 from tasks.deploy.reporting import Attempt, Reporter
 from tasks.deploy.robots import read_reported
@@ -44,3 +47,14 @@ def test_an_attempt_ends_at_the_step_where_it_failed(yard: Yard) -> None:
 
     assert (failed.status, failed.step, len(failed.failure_reason)) == ("Failed", "ExecutingPreLaunch", 1024)
     assert failed.finished_at_s >= failed.started_at_s
+
+
+def test_the_log_says_when_each_step_began_and_ended(yard: Yard, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, logger="tasks.deploy.reporting")
+    attempt = _attempt(yard, Reporter(yard.store, NAME))
+    for step in ("Validating", "Launching"):
+        attempt.at(step)
+    attempt.failed("EnvironmentSetupError", "it ended")
+
+    told = [record.getMessage().split(": ")[1].split(" after")[0] for record in caplog.records]
+    assert told == ["Validating begins", "Validating is done", "Launching begins", "Launching failed"]

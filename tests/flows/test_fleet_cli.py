@@ -101,3 +101,9 @@ def test_a_robot_has_the_architecture_it_was_made_with(file_store: Store) -> Non
         _simyard(file_store, "register", "couriers", "arm", "--architecture", "ARMHF")
 
     assert [robot.architecture for robot in robots(file_store)] == ["ARM64"]
+
+
+def test_the_agents_help_lists_the_agents_options() -> None:
+    told = CliRunner().invoke(app, ["agent", "--help"])
+    assert told.exit_code == 0
+    assert "--root-of-trust" in told.output
