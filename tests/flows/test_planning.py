@@ -1,12 +1,14 @@
 """`simyard plan` tells engine and reason, chunks, a range of time and memory, audit and recordings."""
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from flows.planning import planned
+from tasks.applications.publishing import publish
 from tasks.deploy.fleets import create_fleet
 from tasks.documents.pipelines import read_pipeline
 from tasks.storage.store import Store
@@ -53,6 +55,25 @@ def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
     assert "80,000 episodes" in told
     assert re.search(r"about \S+ to \S+ h and", told)
     assert "417 chunks of 192 lanes" in told
+
+
+def test_the_gates_page_is_planned_with_the_tested_versions_episodes(file_store: Store, tmp_path: Path):
+    for number in range(4):
+        robot = tmp_path / f"courier-{number}"
+        shutil.copytree(ROOT / "applications/courier", robot, ignore=shutil.ignore_patterns("__pycache__"))
+        (robot / "CHANGES").write_text(str(number))
+        publish(file_store, "robot-application", "courier", robot)
+    publish(file_store, "simulation-application", "delivery", ROOT / "applications/delivery")
+    page = (ROOT / "docs/gate.md").read_text()
+    block = re.findall(r"```yaml\n(simulationBatch:.*?)```", page, re.DOTALL)[0]
+    template = ROOT / "examples/templates/two-rooms.json"
+    worlds = f"worldGeneration: {{template: {template}, worldCount: {{floorplanCount: 8}}}}"
+    document = tmp_path / "gate.yaml"
+    document.write_text(f"name: gate\n{worlds}\n{block}")
+    told = "\n".join(planned(read_pipeline(document), ROOT / "examples", file_store))
+    assert "8 x 24 = 192 pairs then, and 384 episodes" in " ".join(page.split())
+    assert "384 episodes" in told
+    assert "if equal, and 0 % end otherwise, 189 driven by both are needed: 192 are enough" in told
 
 
 def test_a_deployment_is_told_with_its_waves_its_threshold_and_a_robots_time(file_store: Store, tmp_path: Path):
