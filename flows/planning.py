@@ -10,6 +10,7 @@ from flows.gate_planning import gate_lines
 from flows.resolving import failing_sources, finder, pins
 from specs.pipeline import PipelineSpec, inert_fields
 from specs.pipeline_simulation import SimulationBatch
+from specs.pipeline_worlds import WorldGeneration
 from tasks.applications.publishing import unpack
 from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.cost import Span
@@ -39,11 +40,7 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldGeneration:
         count = spec.worldGeneration.worldCount
         worlds = count.floorplanCount * count.interiorCountPerFloorplan
-        product = f"{count.floorplanCount} floor plans x {count.interiorCountPerFloorplan} interiors"
-        yield (
-            f"worldGeneration   {worlds} worlds ({product}), seed {spec.worldGeneration.seed}, "
-            f"for a robot of {spec.worldGeneration.robotRadius:g} m radius"
-        )
+        yield _generation_line(spec.worldGeneration)
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
@@ -66,6 +63,14 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(told))
     for field in inert_fields(spec):
         yield f"no effect         {field}"
+
+
+def _generation_line(section: WorldGeneration) -> str:
+    count = section.worldCount
+    worlds = _count(count.floorplanCount * count.interiorCountPerFloorplan, "world")
+    product = f"{_count(count.floorplanCount, 'floor plan')} x {_count(count.interiorCountPerFloorplan, 'interior')}"
+    seeded = f"seed {section.seed}, for a robot of {section.robotRadius:g} m radius"
+    return f"worldGeneration   {worlds} ({product}), {seeded}"
 
 
 def _batch(section: SimulationBatch, worlds: int, find: FindVersion) -> BatchPlan:

@@ -51,4 +51,5 @@ def _failures(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> str:
 
 def _left_out(reason: str, seen: Mapping[str, RobotProgress]) -> str:
     aborted = sum(phase_of(each) is Phase.ABORTED for each in seen.values())
-    return reason + (f"; {aborted} were left as they were" if aborted else "")
+    left = "1 was left as it was" if aborted == 1 else f"{aborted} were left as they were"
+    return reason + (f"; {left}" if aborted else "")

@@ -34,7 +34,7 @@ def test_every_block_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "of 8 pairs; difference" in told[5]
     assert f"{job}: {reason}, in " in told[6]
     assert told[7].startswith("shrunk/")
-    assert "1 episodes" in told[7]
+    assert "1 episode of at most" in told[7]
 
 
 def test_every_topic_is_explained_with_its_schema():
