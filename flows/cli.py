@@ -99,12 +99,17 @@ def describe(
     store: StoreUrl = None,
 ) -> None:
     """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
+    from flows.fleet_watch import told_wish
     from flows.inspecting import described, described_together
+    from specs.arn import parse_reference
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
     answer = described(opened, arns[0]) if len(arns) == 1 else described_together(opened, arns)
     typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
+    if len(arns) == 1 and (named := parse_reference(arns[0])).kind == "deployment-job":
+        for line in told_wish(opened, named.path):  # what RoboMaker's shapes have no field for
+            typer.echo(line, err=True)
 
 
 @app.command()

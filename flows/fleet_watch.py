@@ -12,7 +12,7 @@ from rich.text import Text
 from specs.arn import parse_reference
 from specs.deployment import DescribeDeploymentJobResponse
 from tasks.deploy.describe import describe_deployment_job
-from tasks.deploy.fleets import read_fleet
+from tasks.deploy.fleets import fleet_name, read_fleet
 from tasks.deploy.robots import members
 from tasks.deploy.running import RobotNow, robots_now
 from tasks.deploy.steering import active_deployment, wish_of
@@ -70,11 +70,21 @@ def told_now(store: Store, fleet: str) -> list[str]:
         ResourceNotFound: No such fleet.
     """
     name, job = read_fleet(store, fleet)[0].name, active_deployment(store, fleet)
-    wish = wish_of(store, job) if job else "go"
-    wanted = {"pause": f"paused; simyard fleet resume {name} lets it go on", "cancel": "being canceled"}.get(wish)
-    steered = [f"{job} is {wanted}"] if wanted else []
     robots = robots_now(store, (robot.name for robot in members(store, name)))
-    return [*steered, *(f"{robot.name} runs {robot.runs}" for robot in robots)]
+    return [*(told_wish(store, job) if job else ()), *(f"{robot.name} runs {robot.runs}" for robot in robots)]
+
+
+def told_wish(store: Store, job: str) -> list[str]:
+    """Returns a line for a deployment that is under way and paused, or being canceled; nothing for any other.
+
+    Raises:
+        ResourceNotFound: No such job.
+    """
+    record = read(store, _KIND, job)
+    fleet = fleet_name(str(record.request["fleet"]))
+    wishes = {"pause": f"paused; simyard fleet resume {fleet} lets it go on", "cancel": "being canceled"}
+    wanted = wishes.get(wish_of(store, job))
+    return [f"{job} is {wanted}"] if wanted and not is_terminal(record) else []
 
 
 def deployment_table(

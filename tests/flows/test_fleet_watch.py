@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
+from flows.cli import app
 from flows.fleet_watch import LEFT, deployment_table, next_deployment, told_now, watch_deployment
 from specs.errors import StageFailed
 from tasks.deploy.describe import describe_deployment_job
@@ -64,18 +66,23 @@ def test_a_paused_deployment_is_shown_as_paused(file_store: Store, tmp_path: Pat
     yard, robots = Yard(file_store, tmp_path), PuppetRobots(file_store, 3)
     version = yard.publish({"run.sh": STAYS_UP})
     titles: list[str] = []
+    told: list[str] = []
 
     def pause(ended: int, _robots: int) -> None:
         if ended == 1:
             job = robots.asked()[0].deployment
             for wish in ("pause", "go"):
                 steer(file_store, job, wish)  # pyright: ignore[reportArgumentType] - one of the two
+                told.append(CliRunner().invoke(app, ["fleet", "show", FLEET, "--store", file_store.url]).stderr)
+                arn = describe_deployment_job(file_store, job).arn or ""
+                told.append(CliRunner().invoke(app, ["describe", arn, "--store", file_store.url]).stderr)
                 titles.append(
                     str(deployment_table(describe_deployment_job(file_store, job), wish_of(file_store, job)).title)
                 )
 
     run(yard, robots, yard.request(version, "one"), version.digest, pause)
     assert ["paused" in title for title in titles] == [True, False]
+    assert ["is paused; simyard fleet resume" in line for line in told] == [True, True, False, False]
 
 
 def deployed(store: Store, folder: Path) -> JobRecord:
