@@ -182,7 +182,7 @@ def _audited(batch: OpenBatch, folders: dict[str, Path], location: OutputLocatio
     lanes = min(batch.plan.audit, batch.layout.episodes)
     if lanes == 0:
         return {}
-    with watched("Audit (2 drives each)", "audit-progress") as progress:
+    with watched("Audit (driven twice)", "audit-progress") as progress:
         return audit_batch(
             batch.store.url,
             batch.id,

@@ -50,3 +50,10 @@ def test_a_failure_that_passes_now_deviates_in_its_outcome():
     assert not found["outcome"].same
     assert found["outcome"].unit == ""
     assert found["simulated_s"].unit == "s"
+
+
+def test_values_of_one_row_are_counted_with_their_noun():
+    once, twice = (passed(0).model_copy(update={"goal_times_s": times}) for times in ((1.0,), (1.0, 2.0)))
+    found = row_deviations(results_table("b", [request(0)], [once]), "b", request(0), twice)
+    (times,) = [each for each in found if each.column == "goal_times_s"]
+    assert (times.recorded, times.replayed) == ("1 value", "2 values")
