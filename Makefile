@@ -4,13 +4,13 @@ READY := $(VENV)/.ready
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-processes test-modules explore check format lint types layers bench soak lock
+.PHONY: help run test test-processes test-fleets test-modules explore check format lint types layers bench soak lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
 	@echo "make test   set up, then run the tests"
 	@echo "make explore  run the tests with new random examples, many more of them"
-	@echo "make soak   try the promises of fleets for long, and write the figures into docs/fleet.md"
+	@echo "make soak   the longest tests: spread batches, and the promises of fleets; write the figures into docs/fleet.md"
 	@echo "make check  format, lint, types, import layers, tests"
 	@echo "make bench  print the benchmark tables"
 	@echo "make lock   pin every version in constraints.txt"
@@ -27,10 +27,13 @@ run: $(READY)
 
 # Side by side, because those that start servers and processes mostly wait for them.
 test: $(READY)
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-processes test-modules
+	@$(MAKE) --no-print-directory --jobs=3 --output-sync=target test-processes test-fleets test-modules
 
 test-processes: $(READY)
-	$(BIN)/pytest tests/integration tests/server tests/deploy
+	$(BIN)/pytest tests/integration tests/server
+
+test-fleets: $(READY)
+	$(BIN)/pytest tests/deploy
 
 test-modules: $(READY)
 	$(BIN)/pytest --ignore=tests/integration --ignore=tests/server --ignore=tests/deploy
@@ -60,6 +63,7 @@ bench: $(READY)
 # An hour or so; what the tests try in short. The figures are of a run that kept every promise, or they are not written.
 soak: $(READY)
 	rm -f soak.jsonl
+	$(BIN)/pytest -m soak tests/integration
 	SIMYARD_SOAK_REPORT=$(CURDIR)/soak.jsonl $(BIN)/pytest -m soak tests/deploy/promises
 	$(BIN)/python -m benchmarks.promises soak.jsonl --document docs/fleet.md
 

@@ -48,6 +48,7 @@ def descendants(pid: int) -> list[int]:
     return [*children, *(grandchild for child in children for grandchild in descendants(child))]
 
 
+@pytest.mark.soak
 def test_dask_workers_of_which_one_is_killed_write_the_tables_of_one_process(tmp_path: Path, small_run: Path) -> None:
     store = tmp_path / "store"
     process = simyard(
@@ -65,6 +66,7 @@ def test_dask_workers_of_which_one_is_killed_write_the_tables_of_one_process(tmp
     assert max(start.attempts for start in starts if start) > 1  # somebody died of it
 
 
+@pytest.mark.soak
 @ray_installed
 def test_ray_workers_write_the_tables_of_one_process(tmp_path: Path, small_run: Path) -> None:
     store = tmp_path / "store"
