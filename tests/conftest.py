@@ -73,3 +73,13 @@ def s3_store(s3_url: Callable[[], str]) -> Store:
 def store(request: pytest.FixtureRequest) -> Store:
     """A new store, of each kind in turn."""
     return request.getfixturevalue(request.param)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leaves out what takes minutes, unless it is asked for by its marker."""
+    if "soak" in str(config.getoption("markexpr")):
+        return
+    long = [item for item in items if item.get_closest_marker("soak")]
+    if long:
+        config.hook.pytest_deselected(items=long)
+        items[:] = [item for item in items if item not in long]

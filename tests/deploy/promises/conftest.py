@@ -16,16 +16,6 @@ from tests.deploy.promises.figures import REPORT, Figures
 from tests.deploy.yard import FLEET, Yard
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves out what takes minutes, unless it is asked for by its marker."""
-    if "soak" in str(config.getoption("markexpr")):
-        return
-    long = [item for item in items if item.get_closest_marker("soak")]
-    if long:
-        config.hook.pytest_deselected(items=long)
-        items[:] = [item for item in items if item not in long]
-
-
 @pytest.fixture
 def file_store(tmp_path: Path) -> Store:
     """A new store in a folder on a disk."""
