@@ -4,7 +4,7 @@ READY := $(VENV)/.ready
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-processes test-fleets test-modules explore check format lint types layers bench soak lock
+.PHONY: help run test test-processes test-modules explore check format lint types layers bench soak lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
@@ -27,13 +27,10 @@ run: $(READY)
 
 # Side by side, because those that start servers and processes mostly wait for them.
 test: $(READY)
-	@$(MAKE) --no-print-directory --jobs=3 --output-sync=target test-processes test-fleets test-modules
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-processes test-modules
 
 test-processes: $(READY)
-	$(BIN)/pytest tests/integration tests/server
-
-test-fleets: $(READY)
-	$(BIN)/pytest tests/deploy
+	$(BIN)/pytest tests/integration tests/server tests/deploy
 
 test-modules: $(READY)
 	$(BIN)/pytest --ignore=tests/integration --ignore=tests/server --ignore=tests/deploy
