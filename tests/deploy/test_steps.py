@@ -234,7 +234,7 @@ def test_an_application_that_crashes_during_a_download_is_started_again(one: One
     (one.root / "launches").unlink()
     one.restarted().recover()
 
-    assert one.deploy(one.yard.publish(GOOD), 2).status == "InSync"
+    assert one.deploy(one.yard.publish(GOOD), 2, timeout_s=60.0).status == "InSync"
     assert one.store.waited
 
 
