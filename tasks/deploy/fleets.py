@@ -1,24 +1,19 @@
 """Fleets: made once, and the place where a fleet's one active deployment is written."""
 
-import logging
 import time
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import PurePosixPath
-
-from pydantic import ValidationError
 
 from specs.arn import parse_reference
 from specs.base import Fault
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig, ResourceNotFound
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from tasks.deploy.spoilt import listed
 from tasks.deploy.states import FleetRecord
 from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import fleet_key
 from tasks.storage.store import Store
 
-_LOG = logging.getLogger(__name__)
 _FLEETS = "fleets"
-_MOST_BYTES = 1 << 20
 
 
 def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None) -> FleetRecord:
@@ -63,34 +58,10 @@ def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[
 
 def fleets(store: Store) -> list[FleetRecord]:
     """Returns all fleets, oldest first; one whose record was spoilt is left out, and named in the log."""
-    found = [fleet for key in store.keys(_FLEETS) if (fleet := _listed(store, key))]
+    found = [
+        fleet for key in store.keys(_FLEETS) if (fleet := listed(store, key, FleetRecord, PurePosixPath(key).stem))
+    ]
     return sorted((fleet for fleet in found if not fleet.deleted), key=lambda fleet: (fleet.created_at_s, fleet.name))
-
-
-def _listed(store: Store, key: str) -> FleetRecord | None:
-    name = PurePosixPath(key).stem
-    try:
-        stored = store.get(key, _MOST_BYTES)
-    except ObjectNotFound:  # deleted since it was listed
-        return None
-    except ObjectTooBig as exc:
-        _left_out(name, "", str(exc))
-        return None
-    try:
-        record = FleetRecord.model_validate_json(stored.body)
-    except ValidationError as exc:
-        _left_out(name, stored.etag, f"{store.url}: {key}: {exc.errors(include_url=False)[0]['msg']}")
-        return None
-    if record.name != name:
-        _left_out(name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
-        return None
-    return record
-
-
-@lru_cache(maxsize=4096)
-def _left_out(fleet: str, etag: str, what: str) -> None:
-    """Logs, once, that a fleet's record is not what Simyard writes; who lists goes on without the fleet."""
-    _LOG.warning("fleet %s is left out, its record cannot be read (%s): %s", fleet, etag, what)
 
 
 def fleet_name(reference: str) -> str:

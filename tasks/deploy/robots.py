@@ -19,6 +19,7 @@ from specs.errors import (
     ResourceNotFound,
 )
 from tasks.deploy.fleets import read_fleet
+from tasks.deploy.spoilt import listed
 from tasks.deploy.states import Desired, Reported, RobotRecord, Withdrawn
 from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import desired_key, reported_key, robot_record_key
@@ -143,7 +144,7 @@ def robots(store: Store) -> list[RobotRecord]:
     One whose record was spoilt is left out, and named in the log: nobody knows its fleet, so nobody asks it anything.
     """
     names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
-    found = [robot for name in names if (robot := _listed(store, name))]
+    found = [robot for name in names if (robot := listed(store, robot_record_key(name), RobotRecord, name))]
     return sorted(found, key=lambda robot: (robot.created_at_s, robot.name))
 
 
@@ -197,34 +198,6 @@ def withdrawn(body: bytes) -> Withdrawn | None:
         return Withdrawn.model_validate_json(body)
     except ValidationError:
         return None
-
-
-def _listed(store: Store, name: str) -> RobotRecord | None:
-    key = robot_record_key(name)
-    try:
-        stored = store.get(key, MOST_BYTES)
-    except ObjectNotFound:  # deleted since it was listed
-        return None
-    except ObjectTooBig as exc:
-        _left_out(name, TOO_BIG, str(exc))
-        return None
-    try:
-        record = RobotRecord.model_validate_json(stored.body)
-    except ValidationError as exc:
-        _left_out(name, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
-        return None
-    if record.name != name:
-        _left_out(name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
-        return None
-    return record
-
-
-@lru_cache(maxsize=4096)
-def _left_out(robot: str, etag: str, what: str) -> None:
-    """Logs, once, that a robot's record is not what Simyard writes; who lists goes on without the robot."""
-    _LOG.warning(
-        "robot %s is left out, its record cannot be read (%s): %s; delete it to make it anew", robot, etag, what
-    )
 
 
 @lru_cache(maxsize=4096)
