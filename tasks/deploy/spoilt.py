@@ -12,6 +12,7 @@ from tasks.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 1 << 20
+_NOUNS = {FleetRecord: "fleet", RobotRecord: "robot"}
 Record = TypeVar("Record", FleetRecord, RobotRecord)
 
 
@@ -29,21 +30,23 @@ def listed(store: Store, key: str, kind: type[Record], name: str) -> Record | No
     except ObjectNotFound:  # deleted since it was listed
         return None
     except ObjectTooBig as exc:
-        _left_out(name, "", str(exc))
+        _left_out(_NOUNS[kind], name, "", str(exc))
         return None
     try:
         record = kind.model_validate_json(stored.body)
     except ValidationError as exc:
         reason = exc.errors(include_url=False, include_input=False)[0]["msg"]
-        _left_out(name, stored.etag, f"{store.url}: {key}: {reason}")
+        _left_out(_NOUNS[kind], name, stored.etag, f"{store.url}: {key}: {reason}")
         return None
     if record.name != name:
-        _left_out(name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
+        _left_out(_NOUNS[kind], name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
         return None
     return record
 
 
 @lru_cache(maxsize=4096)
-def _left_out(name: str, etag: str, what: str) -> None:
+def _left_out(noun: str, name: str, etag: str, what: str) -> None:
     """Logs, once, that a record is not what Simyard writes."""
-    _LOG.warning("%s is left out, its record cannot be read (%s): %s; delete it to make it anew", name, etag, what)
+    _LOG.warning(
+        "%s %s is left out, its record cannot be read (%s): %s; delete it to make it anew", noun, name, etag, what
+    )
