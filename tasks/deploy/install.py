@@ -150,6 +150,8 @@ def _unpack(archive: Path, digest: str, target: Path, extracted: Callable[[int, 
         install(archive, digest, target, progress=extracted)
     except BundleRefused as exc:
         raise StepFailed("ExtractingBundleFailure", str(exc)) from exc
+    except StoreError as exc:  # this robot's disk is full, or read-only
+        raise StepFailed("EnvironmentSetupError", str(exc)) from exc
     finally:
         archive.unlink(missing_ok=True)
 

@@ -18,6 +18,7 @@ from pathlib import Path, PurePosixPath
 from specs.errors import BundleRefused
 from tasks.storage.atomic import settle, settle_names
 from tasks.storage.keys import bundle_key
+from tasks.storage.room import OF_THE_DISK, room_in
 from tasks.storage.store import Store
 
 _BLOCK_BYTES = 1 << 20
@@ -104,6 +105,7 @@ def install(
 
     Raises:
         BundleRefused: The digest is another, or the archive holds what no bundle may.
+        StoreFull: This machine has no room for what it holds.
     """
     if target.is_dir():
         return
@@ -135,9 +137,16 @@ def extract(
     Raises:
         BundleRefused: Not a plain tar, or with a link, a device, a sparse file, a duplicate, a name outside the folder,
             or more than the limits.
+        StoreFull: This machine has no room for what it holds.
+        StoreAccessDenied: The disk is read-only.
         FileExistsError: The folder exists.
     """
-    target.mkdir(mode=0o755)
+    with room_in(target.parent):
+        target.mkdir(mode=0o755)
+        _unpack(archive, target, limits, progress)
+
+
+def _unpack(archive: Path, target: Path, limits: ArchiveLimits, progress: Callable[[int, int], None]) -> None:
     size = archive.stat().st_size
     written = 0
     try:
@@ -148,6 +157,8 @@ def extract(
     except tarfile.TarError as exc:
         raise BundleRefused(f"the bundle is not a plain tar archive: {exc}") from exc
     except (OSError, UnicodeError) as exc:
+        if isinstance(exc, OSError) and exc.errno in OF_THE_DISK:
+            raise
         raise BundleRefused(f"the bundle cannot be unpacked: {exc}") from exc
 
 

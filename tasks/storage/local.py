@@ -30,13 +30,13 @@ from specs.errors import (
 )
 from tasks.storage.atomic import HIDDEN, hidden_file, make_folder, settle, settle_names, whole_file
 from tasks.storage.keys import checked_key
+from tasks.storage.room import NO_ROOM, room_in, told_full
 from tasks.storage.store import UNBOUNDED, Stored
 
 _LOCKS = ".locks"
 _LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
 _NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
 _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
 
@@ -179,7 +179,7 @@ class LocalStore:
         path = self._path(key)
         with self._explained(key, reading=True):
             reader = path.open("rb")
-        with reader, whole_file(target) as file:
+        with reader, room_in(target.parent), whole_file(target) as file:
             shutil.copyfileobj(reader, file, 1 << 20)
 
     def _block(self, file: BinaryIO, key: str) -> bytes:
@@ -243,7 +243,7 @@ class LocalStore:
         except OSError as exc:
             if reading and exc.errno in _NOTHING_THERE:
                 raise ObjectNotFound(f"{self.url}: no object {key}") from exc
-            raise _store_error(exc, self.url, key) from exc
+            raise _store_error(exc, self, key) from exc
 
 
 def _mark(key: str) -> str:
@@ -260,11 +260,12 @@ def _raise_unless_missing(exc: OSError) -> None:
         raise exc
 
 
-def _store_error(exc: OSError, url: str, key: str) -> StoreError:
+def _store_error(exc: OSError, store: LocalStore, key: str) -> StoreError:
+    url = store.url
     if exc.errno in _REFUSED:
         return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
     if exc.errno in (*_NOTHING_THERE, errno.EEXIST):
         return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
-    if exc.errno in _NO_ROOM:
-        return StoreFull(f"{url}: {key}: {exc.strerror}")
+    if exc.errno in NO_ROOM:
+        return StoreFull(f"{url}: {key}: {told_full(exc, store.root)}")
     return StoreError(f"{url}: {key}: {exc.strerror}")

@@ -25,6 +25,7 @@ from specs.errors import (
 from tasks.storage.atomic import whole_file
 from tasks.storage.etags import is_etag_of
 from tasks.storage.keys import checked_key
+from tasks.storage.room import room_in
 from tasks.storage.s3_client import PART_BYTES, Answer, S3Client
 from tasks.storage.s3_errors import FAULTS, explained
 from tasks.storage.store import UNBOUNDED, Stored
@@ -159,8 +160,10 @@ class S3Store:
     def download(self, key: str, target: Path) -> None:
         """Writes the object to the file, which appears whole or not at all."""
         path = self._path(key)
-        with whole_file(target) as file, self._explained(key):
-            self._client.stream(self._bucket, path, file)
+        with room_in(target.parent), whole_file(target) as file, self._explained(key):
+            for block in self._client.blocks(self._bucket, path, 0):
+                with room_in(target.parent):  # or this machine's full disk would pass for the bucket's
+                    file.write(block)
 
     def _holds(self, key: str, source: Path) -> bool:
         """Returns whether the object has the bytes of the file, from reading it: encryption makes other etags."""

@@ -8,7 +8,7 @@ through fsspec's s3fs (tasks.storage.s3_upload).
 import threading
 from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import BinaryIO, Protocol, cast
+from typing import Protocol, cast
 
 from botocore.config import Config
 from botocore.exceptions import ClientError
@@ -90,11 +90,6 @@ class S3Client:
                 unasked = max(0, unasked - len(block))
         finally:
             body.close()
-
-    def stream(self, bucket: str, key: str, file: BinaryIO) -> None:
-        """Writes an object's bytes to the open file."""
-        for block in self.blocks(bucket, key, 0):
-            file.write(block)
 
     def send(self, source: Path, bucket: str, key: str) -> None:
         """Writes the file's bytes as an object, in parts when it is big; it shows when the last part has arrived."""

@@ -4,7 +4,6 @@ The status and code that the server sent decide, wherever they are in the chain 
 no OSErrors (fleet.md, trap 5). Messages carry neither the server's text nor credentials.
 """
 
-import errno
 import os
 from collections.abc import Mapping
 from typing import Protocol, TypeGuard
@@ -29,6 +28,7 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
+from tasks.storage.room import NO_ROOM
 
 FAULTS = (OSError, BotoCoreError, ClientError)
 _NO_CREDENTIALS = (NoCredentialsError, PartialCredentialsError, CredentialRetrievalError, ProfileNotFound)
@@ -38,7 +38,6 @@ _THROTTLED_CODES = frozenset(
     {"SlowDown", "Throttling", "ThrottlingException", "RequestThrottled", "RequestLimitExceeded", "TooManyRequests"}
 )
 _FULL_CODES = frozenset({"EntityTooLarge", "QuotaExceeded", "XMinioStorageFull", "InsufficientCapacity"})
-_FULL_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _TOO_MANY_REQUESTS, _NO_ROOM = 429, 507
 _ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _CREDENTIALS = "check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
@@ -63,7 +62,7 @@ def explained(exc: BaseException, url: str, key: str) -> StoreError:
     if isinstance(exc, _NO_CREDENTIALS):
         return StoreAccessDenied(f"{place}: no usable credentials ({type(exc).__name__}); {_CREDENTIALS}")
     if isinstance(exc, OSError) and not isinstance(exc, _NO_ANSWER):
-        kind = StoreFull if exc.errno in _FULL_DISK else StoreError  # of this machine
+        kind = StoreFull if exc.errno in NO_ROOM else StoreError  # of this machine
         return kind(f"{place}: {exc.strerror or exc}")
     return StoreUnreachable(
         f"{place}: no answer from {_endpoint()} ({type(exc).__name__}); is it running and reachable?"
