@@ -1,6 +1,10 @@
 """The base of every document, and the faults that are found in one."""
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from specs.forms import as_form
 
 
 class Spec(BaseModel):
@@ -11,6 +15,13 @@ class Spec(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Returns the schema with everything that a form in the browser shows of each field."""
+        schema = handler(core_schema)
+        as_form(handler.resolve_ref_schema(schema), cls, cls.model_fields)
+        return schema
 
 
 class Fault(Spec):

@@ -104,7 +104,12 @@ class OutputLocation(Spec):
 
 
 class S3Object(Spec):
-    """One object in a bucket, and optionally the very content that is meant."""
+    """One object in a bucket, and optionally the very content that is meant.
+
+    Attributes:
+        bucket: Name of the bucket.
+        key: Of the object, in that bucket.
+    """
 
     bucket: S3Bucket = Field(title="Bucket")
     key: S3Key = Field(title="Key")

@@ -23,7 +23,7 @@ from specs.common import (
     TagMap,
     text,
 )
-from specs.rules import within
+from specs.rules import Within
 
 DeploymentStatus = Literal["Pending", "Preparing", "InProgress", "Failed", "Succeeded", "Canceled"]
 DeploymentJobErrorCode = Literal[
@@ -65,11 +65,16 @@ RobotDeploymentStep = Literal[
 Percentage = Annotated[Integer, Field(ge=1, le=100)]
 PercentDone = Annotated[Number, Field(ge=0, le=100)]
 DeploymentVersion = Annotated[str, text(1, 255, NUMBER_PATTERN)]
-DeploymentTimeout = Annotated[Integer, within(60, 604_800, "seconds")]
+DeploymentTimeout = Annotated[Integer, Within(60, 604_800, "seconds")]
 
 
 class DeploymentConfig(Spec):
-    """How a roll-out proceeds: share of the fleet at once, share of failures that stops it, patience with a robot."""
+    """How a roll-out proceeds: share of the fleet at once, share of failures that stops it, patience with a robot.
+
+    Attributes:
+        robotDeploymentTimeoutInSeconds: A robot that has not finished after so long has failed; from 60 seconds to a
+            week (604,800).
+    """
 
     concurrentDeploymentPercentage: Percentage | None = Field(
         default=None, title="At once (%)", description="Share of the fleet that is deployed to at the same time."
@@ -86,7 +91,15 @@ class DeploymentConfig(Spec):
 
 
 class DeploymentLaunchConfig(Spec):
-    """What is run on the robot: files of the bundle."""
+    """What is run on the robot: files of the bundle.
+
+    Attributes:
+        packageName: Folder in the application's bundle.
+        preLaunchFile: Script in that folder that is run before the launch, and must succeed.
+        launchFile: Program in that folder that then keeps running.
+        postLaunchFile: Script in that folder that is run after the launch, and must succeed.
+        environmentVariables: At most 20, capital names and texts; the programs are given them.
+    """
 
     packageName: Command = Field(title="Package")
     preLaunchFile: Path | None = Field(default=None, title="Run before")

@@ -31,7 +31,13 @@ DEPRECATED: dict[str, JsonValue] = {"deprecated": True}
 
 
 class PortMapping(Spec):
-    """A port of the job and the application's port behind it."""
+    """A port of the job and the application's port behind it.
+
+    Attributes:
+        jobPort: Port of the job that was forwarded, from 1 to 65535. Kept; has no effect.
+        applicationPort: Port that the application listened on, from 1024 to 65535. Kept; has no effect.
+        enableOnPublicIp: Whether it was open on the job's public address. Kept; has no effect.
+    """
 
     jobPort: Port
     applicationPort: NonSystemPort
@@ -39,13 +45,24 @@ class PortMapping(Spec):
 
 
 class PortForwardingConfig(Spec):
-    """Ports that RoboMaker forwarded."""
+    """Ports that RoboMaker forwarded.
+
+    Attributes:
+        portMappings: At most 10 of them.
+    """
 
     portMappings: Annotated[tuple[PortMapping, ...], Field(max_length=10)] | None = None
 
 
 class LaunchConfig(Spec):
-    """What is launched in a simulation job."""
+    """What is launched in a simulation job.
+
+    Attributes:
+        environmentVariables: At most 20, capital names and texts; the application is given them.
+        portForwardingConfig: Kept; has no effect.
+        streamUI: Whether RoboMaker streamed a desktop. Kept; has no effect.
+        command: What a container was started with. Kept; has no effect.
+    """
 
     packageName: Command | None = Field(
         default=None, title="Package", description="Folder in the application's bundle."
@@ -60,7 +77,13 @@ class LaunchConfig(Spec):
 
 
 class UploadConfiguration(Spec):
-    """Files that RoboMaker uploaded to the output location."""
+    """Files that RoboMaker uploaded to the output location.
+
+    Attributes:
+        name: What the upload is called.
+        path: Files that were uploaded.
+        uploadBehavior: At the job's end, or again and again. Kept; has no effect.
+    """
 
     name: Name
     path: Path
@@ -71,7 +94,15 @@ UploadConfigurations = Annotated[tuple[UploadConfiguration, ...], Field(max_leng
 
 
 class Tool(Spec):
-    """A program that RoboMaker ran beside the applications."""
+    """A program that RoboMaker ran beside the applications.
+
+    Attributes:
+        streamUI: Whether its window was streamed.
+        name: What the tool is called.
+        command: What was run.
+        streamOutputToCloudWatch: Whether what it printed was kept.
+        exitBehavior: Whether its end was the job's, or it was started again.
+    """
 
     streamUI: BoxedBoolean | None = None
     name: Name
@@ -90,7 +121,15 @@ class WorldConfig(Spec):
 
 
 class ApplicationUse(Spec):
-    """What the configurations of robot and simulation applications have in common."""
+    """What the configurations of robot and simulation applications have in common.
+
+    Attributes:
+        launchConfig: Which file of the bundle is run, and with which variables.
+        uploadConfigurations: At most 10. Kept; has no effect.
+        useDefaultUploadConfigurations: Kept; has no effect.
+        tools: At most 10. Kept; has no effect.
+        useDefaultTools: Kept; has no effect.
+    """
 
     applicationVersion: Version | None = Field(
         default=None, title="Version", description='A number such as "3", or $LATEST, which is also the default.'

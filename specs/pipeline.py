@@ -35,7 +35,12 @@ INERT_FIELDS = frozenset(
 
 
 class ApplicationSource(Spec):
-    """A bundle of one's own that the run publishes before it is used."""
+    """A bundle of one's own that the run publishes before it is used.
+
+    Attributes:
+        name: What the document calls the application.
+        kind: What drives a robot, or a scenario.
+    """
 
     name: PlainName = Field(title="Name")
     kind: Literal["robot", "simulation"] = Field(default="robot", title="Kind")
@@ -43,7 +48,16 @@ class ApplicationSource(Spec):
 
 
 class PipelineSpec(Ruled):
-    """A pipeline; any section may be left out."""
+    """A pipeline; any section may be left out.
+
+    Attributes:
+        applications: Bundles of one's own, published before anything else; those that come with Simyard need no entry.
+        worldGeneration: Makes worlds from a template.
+        worldExport: Writes worlds to files that other programs open.
+        simulationBatch: Drives the robot through every world, with every seed.
+        gate: What must be shown before anything is deployed.
+        deployment: Rolls the tested version out to a fleet.
+    """
 
     name: PlainName = Field(title="Name", description="Letters, digits, underscores and hyphens, at most 64.")
     applications: Annotated[tuple[ApplicationSource, ...], Field(max_length=100)] = Field(

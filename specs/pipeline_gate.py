@@ -50,7 +50,11 @@ Bar = Annotated[Number, Field(gt=0, lt=1)]
 
 
 class SuccessRate(Spec):
-    """The share of episodes that must pass, and how sure that must be."""
+    """The share of episodes that must pass, and how sure that must be.
+
+    Attributes:
+        confidence: From 0.5 to 0.9999: how sure it must be.
+    """
 
     atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(
         title="At least", description="From 0 to below 1, such as 0.99."
@@ -59,7 +63,11 @@ class SuccessRate(Spec):
 
 
 class NoWorseThan(Spec):
-    """Another version of the tested application, and by how much this one may fall behind it."""
+    """Another version of the tested application, and by how much this one may fall behind it.
+
+    Attributes:
+        confidence: From 0.5 to 0.9999: how sure it must be.
+    """
 
     applicationVersion: DeploymentVersion = Field(title="Version", description='A number such as "3".')
     margin: Annotated[Number, Field(ge=0, lt=1)] = Field(
@@ -69,21 +77,35 @@ class NoWorseThan(Spec):
 
 
 class CollisionRate(Spec):
-    """The share of episodes in which the robot may touch anything."""
+    """The share of episodes in which the robot may touch anything.
+
+    Attributes:
+        confidence: From 0.5 to 0.9999: how sure it must be.
+    """
 
     atMost: Bar = Field(title="At most", description="Above 0, below 1.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
 
 
 class FlipRate(Spec):
-    """The share of episodes whose outcome may be another on C MuJoCo, by the parity audit."""
+    """The share of episodes whose outcome may be another on C MuJoCo, by the parity audit.
+
+    Attributes:
+        confidence: From 0.5 to 0.9999: how sure it must be.
+    """
 
     atMost: Bar = Field(title="At most", description="Above 0, below 1.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
 
 
 class QuantileRule(Ruled):
-    """Where a quantile of a column of the results must lie."""
+    """Where a quantile of a column of the results must lie.
+
+    Attributes:
+        atLeast: The quantile's lowest value, in the column's unit; either this or the highest.
+        atMost: Its highest value.
+        confidence: From 0.5 to 0.9999: how sure it must be.
+    """
 
     column: Annotated[str, AfterValidator(_column)] = Field(title="Column", description="Such as min_clearance_m.")
     quantile: Bar = Field(title="Quantile", description="0.05 is the value that 5 % of the episodes are below.")
@@ -100,7 +122,15 @@ class QuantileRule(Ruled):
 
 
 class Gate(Ruled):
-    """What the batch must show before anything is deployed: all of its rules."""
+    """What the batch must show before anything is deployed: all of its rules.
+
+    Attributes:
+        successRate: Share of episodes that must pass.
+        noWorseThan: Another version that this one may hardly fall behind.
+        collisionRate: Share of episodes in which the robot may touch anything.
+        maxOutcomeFlipRate: Share of episodes that may end otherwise on C MuJoCo; needs the parity audit.
+        quantiles: Bounds for quantiles of measures, at most 20.
+    """
 
     successRate: SuccessRate | None = Field(default=None, title="Success rate")
     noWorseThan: NoWorseThan | None = Field(default=None, title="No worse than another version")

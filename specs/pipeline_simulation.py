@@ -49,7 +49,12 @@ VariableValues = Annotated[tuple[EnvironmentVariableValue, ...], Field(min_lengt
 
 
 class Matrix(Spec):
-    """Multiplies every request: each world, with each seed, with each combination of variables."""
+    """Multiplies every request: each world, with each seed, with each combination of variables.
+
+    Attributes:
+        environmentVariables: Lists of values by name, such as {"MAX_SPEED": ["0.4", "0.6"]}; every combination is
+            driven.
+    """
 
     worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
     seeds: Seeds = Field(
@@ -84,7 +89,11 @@ class Audit(Spec):
 
 
 class PipelineWorldConfig(Spec):
-    """The world of a request that names its own."""
+    """The world of a request that names its own.
+
+    Attributes:
+        world: ``<generation>/<world>``, or an ARN.
+    """
 
     world: WorldReference | None = None
 
@@ -96,16 +105,29 @@ class PipelineRobotApplication(ApplicationUse):
 
 
 class PipelineSimulationApplication(ApplicationUse):
-    """The scenario: where the robot starts, what it must do, what is measured."""
+    """The scenario: where the robot starts, what it must do, what is measured.
+
+    Attributes:
+        worldConfigs: One world of this request's own, instead of the matrix's.
+    """
 
     application: Reference = Field(title="Simulation application", description="Name or ARN.")
     worldConfigs: Annotated[tuple[PipelineWorldConfig, ...], Field(max_length=1)] | None = None
 
 
 class PipelineJobRequest(BatchedJobSettings):
-    """One job of the batch, before the matrix multiplies it."""
+    """One job of the batch, before the matrix multiplies it.
 
-    maxJobDurationInSeconds: JobDuration = Field(title="Duration (s)", description="Simulated seconds at most.")
+    Attributes:
+        robotApplications: The robot application that drives; exactly one.
+        simulationApplications: The scenario that it is driven through; exactly one.
+    """
+
+    maxJobDurationInSeconds: JobDuration = Field(
+        title="Duration (s)",
+        description="Simulated seconds at most; a batch has up to 691,200.",
+        json_schema_extra={"minimum": 1, "maximum": MAX_JOB_DURATION_S},
+    )
     robotApplications: Annotated[tuple[PipelineRobotApplication, ...], Field(min_length=1, max_length=1)] | None = None
     simulationApplications: (
         Annotated[tuple[PipelineSimulationApplication, ...], Field(min_length=1, max_length=1)] | None
@@ -113,7 +135,19 @@ class PipelineJobRequest(BatchedJobSettings):
 
 
 class SimulationBatch(Ruled):
-    """Simulates; takes a StartSimulationJobBatch request as it stands, or stands for a single CreateSimulationJob."""
+    """Simulates; takes a StartSimulationJobBatch request as it stands, or stands for a single CreateSimulationJob.
+
+    Attributes:
+        batchPolicy: How long it may take, and how much at once.
+        outputLocation: Bucket and folder of the results; the store, if left out.
+        matrix: What multiplies every request.
+        createSimulationJobRequests: What is driven, from 1 to 1000 of them; each is multiplied by the matrix.
+        engine: What simulates; auto takes the fastest that can, on this machine.
+        recordings: Which episodes can be looked at afterwards.
+        audit: How much is driven again on C MuJoCo.
+        tags: At most 50 keys and values.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
 
     operation: Operation = Field(
         default="StartSimulationJobBatch", title="Call", description="Which of RoboMaker's calls this stands for."
@@ -147,14 +181,23 @@ class SimulationBatch(Ruled):
 
 
 class LocalFleet(Spec):
-    """A fleet of robot agents that the run starts on this machine, for a demonstration."""
+    """A fleet of robot agents that the run starts on this machine, for a demonstration.
+
+    Attributes:
+        name: What the fleet is called.
+        localAgents: From 0 to 20, for a demonstration; they end with the run.
+    """
 
     name: PlainName = Field(title="Fleet")
     localAgents: Annotated[Integer, Field(ge=0, le=MAX_LOCAL_AGENTS)] = Field(default=0, title="Robots on this machine")
 
 
 class PipelineDeployedApplication(Spec):
-    """The application that is deployed."""
+    """The application that is deployed.
+
+    Attributes:
+        launchConfig: What is run on the robot.
+    """
 
     application: Reference = Field(title="Robot application", description="Name or ARN.")
     applicationVersion: DeploymentVersion | None = Field(
@@ -166,7 +209,16 @@ class PipelineDeployedApplication(Spec):
 
 
 class Deployment(Spec):
-    """Rolls an application out to a fleet; takes a CreateDeploymentJob request as it stands."""
+    """Rolls an application out to a fleet; takes a CreateDeploymentJob request as it stands.
+
+    Attributes:
+        fleet: Name or ARN of a fleet, or one on this machine for a demonstration.
+        deploymentConfig: How many robots at once, and what stops it.
+        rollOut: Canaries, and when the failure threshold begins to count.
+        deploymentApplicationConfigs: The application, exactly one.
+        tags: At most 50 keys and values; robots see them as variables.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
 
     fleet: Annotated[
         Annotated[Reference, member("text")] | Annotated[LocalFleet, member("LocalFleet")],

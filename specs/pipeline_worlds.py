@@ -69,7 +69,12 @@ Template = Annotated[
 
 
 class PipelineWorldCount(Ruled):
-    """How many worlds: floor plans, times interiors of each."""
+    """How many worlds: floor plans, times interiors of each.
+
+    Attributes:
+        floorplanCount: Different floor plans.
+        interiorCountPerFloorplan: Differently furnished worlds of each.
+    """
 
     floorplanCount: Annotated[Integer, Field(ge=1)] = Field(default=1, title="Floor plans")
     interiorCountPerFloorplan: Annotated[Integer, Field(ge=1)] = Field(default=1, title="Interiors of each floor plan")
@@ -87,7 +92,13 @@ class PipelineWorldCount(Ruled):
 
 
 class WorldGeneration(Spec):
-    """Makes worlds from a template; takes a CreateWorldGenerationJob request as it stands."""
+    """Makes worlds from a template; takes a CreateWorldGenerationJob request as it stands.
+
+    Attributes:
+        tags: At most 50 keys and values.
+        worldTags: At most 50 keys and values.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
 
     template: Template = Field(title="Template", description="Path, URL in a bucket, name, ARN, or the body itself.")
     worldCount: PipelineWorldCount = Field(title="How many worlds", description=f"At most 50, or {MAX_WORLDS}.")
@@ -103,7 +114,14 @@ class WorldGeneration(Spec):
 
 
 class WorldExport(Spec):
-    """Writes worlds to a bucket; takes a CreateWorldExportJob request as it stands."""
+    """Writes worlds to a bucket; takes a CreateWorldExportJob request as it stands.
+
+    Attributes:
+        outputLocation: Bucket and folder that the zip is written to.
+        formats: In which formats, each once.
+        tags: At most 50 keys and values.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
 
     worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
     outputLocation: Destination = Field(title="Output location")

@@ -5,10 +5,19 @@ the next. A `Ruled` document looks at the raw data instead, and raises everythin
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Self, cast
 
-from pydantic import AfterValidator, ModelWrapValidatorHandler, ValidationError, model_validator
-from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+from pydantic import (
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError
+from pydantic_core.core_schema import no_info_after_validator_function
 
 from specs.base import Spec
 
@@ -77,15 +86,26 @@ def items(data: object) -> Sequence[object]:
     return cast("Sequence[object]", data) if isinstance(data, list | tuple) else ()
 
 
-def within(low: int, high: int, unit: str) -> AfterValidator:
-    """Returns a validator for a bound that only RoboMaker's prose states, so that it is not part of the schema."""
+@dataclass(frozen=True)
+class Within:
+    """Bounds of a whole number that only RoboMaker's prose states, told in its words and in the JSON schema."""
 
-    def check(value: int) -> int:
-        if low <= value <= high:
+    low: int
+    high: int
+    unit: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
+        """Returns the schema of the number with the bounds as a rule."""
+        return no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Returns the JSON schema of the number with the bounds, for forms."""
+        return {**handler(core_schema), "minimum": self.low, "maximum": self.high}
+
+    def _check(self, value: int) -> int:
+        if self.low <= value <= self.high:
             return value
-        raise broken(f"from {low:,} to {high:,} {unit}")
-
-    return AfterValidator(check)
+        raise broken(f"from {self.low:,} to {self.high:,} {self.unit}")
 
 
 def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -56,13 +56,25 @@ SecurityGroups = Annotated[tuple[NonEmptyString, ...], Field(min_length=1, max_l
 
 
 class LoggingConfig(Spec):
-    """What is recorded of a job: everything, whatever comes of it, if RoboMaker was to record all topics."""
+    """What is recorded of a job: everything, whatever comes of it, if RoboMaker was to record all topics.
+
+    Attributes:
+        recordAllRosTopics: Records this request's episodes, whatever the batch's recordings say.
+    """
 
     recordAllRosTopics: BoxedBoolean | None = Field(default=None, json_schema_extra=DEPRECATED)
 
 
 class DataSourceConfig(Spec):
-    """Files from a bucket that a job reads."""
+    """Files from a bucket that a job reads.
+
+    Attributes:
+        name: What the application knows the files by.
+        s3Bucket: Bucket that they are in.
+        s3Keys: Keys of the files, from 1 to 100; of type Prefix, what the keys begin with.
+        type: Prefix (all keys that begin so), Archive (unpacked), or File.
+        destination: Where the application finds them.
+    """
 
     name: Name
     s3Bucket: S3Bucket
@@ -72,7 +84,13 @@ class DataSourceConfig(Spec):
 
 
 class VPCConfig(Spec):
-    """The network that RoboMaker put a job in."""
+    """The network that RoboMaker put a job in.
+
+    Attributes:
+        subnets: From 1 to 16.
+        securityGroups: From 1 to 5.
+        assignPublicIp: Whether the job had a public address.
+    """
 
     subnets: Subnets
     securityGroups: SecurityGroups | None = None
@@ -80,7 +98,13 @@ class VPCConfig(Spec):
 
 
 class Compute(Spec):
-    """The machine that RoboMaker gave a job."""
+    """The machine that RoboMaker gave a job.
+
+    Attributes:
+        simulationUnitLimit: From 1 to 15.
+        computeType: CPU, or both.
+        gpuUnitLimit: 0 or 1.
+    """
 
     simulationUnitLimit: SimulationUnit | None = None
     computeType: ComputeType | None = None
@@ -88,7 +112,17 @@ class Compute(Spec):
 
 
 class JobSettings(Spec):
-    """What a single job and an entry of a batch have in common, besides the applications."""
+    """What a single job and an entry of a batch have in common, besides the applications.
+
+    Attributes:
+        outputLocation: Bucket and folder of this job's results; the batch's own, if left out.
+        loggingConfig: Whether everything is recorded.
+        failureBehavior: Fail ends the job when it fails; Continue leaves it RunningFailed until its batch has ended.
+        dataSources: Files from buckets that the application reads, from 1 to 6 of them.
+        vpcConfig: Kept; has no effect.
+        compute: Kept; has no effect.
+        tags: At most 50 keys and values, to find the jobs by.
+    """
 
     outputLocation: OutputLocation | None = Field(default=None, title="Output location")
     loggingConfig: LoggingConfig | None = None
@@ -110,7 +144,12 @@ class CreateSimulationJobRequest(JobSettings):
 
 
 class BatchedJobSettings(JobSettings):
-    """What an entry of a batch has besides the applications and its duration, in a request as in a pipeline."""
+    """What an entry of a batch has besides the applications and its duration, in a request as in a pipeline.
+
+    Attributes:
+        iamRole: Kept; has no effect.
+        useDefaultApplications: Kept; has no effect.
+    """
 
     iamRole: IamRole | None = None
     useDefaultApplications: BoxedBoolean | None = None

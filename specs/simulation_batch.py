@@ -6,7 +6,7 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.common import Arn, ClientRequestToken, FilteredPage, Integer, TagMap
-from specs.rules import within
+from specs.rules import Within
 from specs.simulation import SimulationJobRequest
 
 MAX_BATCH_TIMEOUT_S = 1_209_600
@@ -22,10 +22,10 @@ CreateSimulationJobRequests = Annotated[tuple[SimulationJobRequest, ...], Field(
 class BatchPolicy(Spec):
     """How long a batch may take and how many of its jobs may be active at once."""
 
-    timeoutInSeconds: Annotated[Integer, within(1, MAX_BATCH_TIMEOUT_S, "seconds")] | None = Field(
+    timeoutInSeconds: Annotated[Integer, Within(1, MAX_BATCH_TIMEOUT_S, "seconds")] | None = Field(
         default=None, title="Timeout (s)", description="Wall-clock seconds for the whole batch."
     )
-    maxConcurrency: Annotated[Integer, within(1, 1_000_000, "jobs")] | None = Field(
+    maxConcurrency: Annotated[Integer, Within(1, 1_000_000, "jobs")] | None = Field(
         default=None, title="Concurrency", description="Jobs that are simulated side by side."
     )
 

@@ -28,28 +28,50 @@ def _area(value: float) -> float:
 
 
 class AspectRatio(Spec):
-    """Proportions x : y, from 1:4 to 4:1."""
+    """Proportions x : y, from 1:4 to 4:1.
+
+    Attributes:
+        x: From 1 to 4.
+        y: From 1 to 4.
+    """
 
     x: Annotated[Number, Field(ge=1, le=4)] = 1.0
     y: Annotated[Number, Field(ge=1, le=4)] = 1.0
 
 
 class FloorplanFootprint(Spec):
-    """Outline of the building."""
+    """Outline of the building.
+
+    Attributes:
+        DesiredAspectRatio: Wished proportions of the building.
+    """
 
     DesiredAspectRatio: AspectRatio = AspectRatio()
 
 
 class FloorplanCeiling(Spec):
-    """Height of all walls, in metres."""
+    """Height of all walls, in metres.
+
+    Attributes:
+        Height: From 2.4 to 4 metres.
+    """
 
     Height: Annotated[Number, Field(ge=2.4, le=4.0)] = 3.0
 
 
 class Rectangle(Spec):
-    """A room's wished floor: area in square metres and proportions."""
+    """A room's wished floor: area in square metres and proportions.
 
-    Area: Annotated[Number, AfterValidator(_area)]
+    Attributes:
+        Area: From 10 to 300 square metres.
+        AspectRatio: Wished proportions.
+    """
+
+    Area: Annotated[
+        Number,
+        AfterValidator(_area),
+        Field(json_schema_extra={"minimum": AREA_M2[0], "maximum": AREA_M2[1]}),
+    ]
     AspectRatio: AspectRatio
 
 
@@ -57,7 +79,14 @@ _SQUARE = Rectangle(Area=20.0, AspectRatio=AspectRatio())
 
 
 class FloorplanRoom(Spec):
-    """One room; its type decides neighbours, materials and furniture, not its shape."""
+    """One room; its type decides neighbours, materials and furniture, not its shape.
+
+    Attributes:
+        Type: What kind of room it is.
+        Name: A name of its own, letters, digits, spaces, underscores and hyphens.
+        DesiredShape: Wished area and proportions.
+        OriginalName: What it was called before version 2 (version 2).
+    """
 
     Type: RoomType
     Name: TemplateElementName
@@ -69,14 +98,26 @@ _LIVING_ROOM = FloorplanRoom(Type="Living", Name="My Living Room")
 
 
 class FloorplanConnection(Spec):
-    """A wished way between two rooms: a doorway, or an opening (the wall between them left out)."""
+    """A wished way between two rooms: a doorway, or an opening (the wall between them left out).
+
+    Attributes:
+        Location: Names of the two rooms.
+        ConnectionType: A doorway, or the whole wall left out.
+    """
 
     Location: Annotated[tuple[Text, ...], Field(min_length=2, max_length=2)]
     ConnectionType: Literal["Doorway", "Opening"]
 
 
 class FloorplanTemplate(Ruled):
-    """The floor plan: outline, ceiling, rooms and how they are connected."""
+    """The floor plan: outline, ceiling, rooms and how they are connected.
+
+    Attributes:
+        Footprint: Outline of the building.
+        Ceiling: How high the rooms are.
+        Rooms: From 1 to 6.
+        DesiredConnections: Wished ways between rooms, at most 12.
+    """
 
     Footprint: FloorplanFootprint = FloorplanFootprint()
     Ceiling: FloorplanCeiling = FloorplanCeiling()
@@ -98,14 +139,23 @@ class FloorplanTemplate(Ruled):
 
 
 class FloorTemplate(Spec):
-    """The one floor."""
+    """The one floor.
+
+    Attributes:
+        Floorplan: Rooms and how they are connected.
+        Interior: How they look inside.
+    """
 
     Floorplan: FloorplanTemplate = FloorplanTemplate()
     Interior: InteriorTemplate = InteriorTemplate()
 
 
 class BuildingTemplate(Spec):
-    """The one building."""
+    """The one building.
+
+    Attributes:
+        Floors: Exactly one.
+    """
 
     Floors: Annotated[tuple[FloorTemplate, ...], Field(min_length=1, max_length=1)] = (FloorTemplate(),)
 
@@ -115,6 +165,10 @@ class TemplateBody(Ruled):
 
     Accepted too: the body as JSON text (as CreateWorldTemplate has it), and a document that holds either under
     ``templateBody`` (as RoboMaker's samples are printed).
+
+    Attributes:
+        Version: 2 has doors and original names of rooms.
+        Buildings: Exactly one.
     """
 
     Version: Literal["1", "2"] = "1"

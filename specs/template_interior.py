@@ -50,13 +50,21 @@ ModelType = Literal[
 
 
 class RoomNameList(Spec):
-    """Rooms by name."""
+    """Rooms by name.
+
+    Attributes:
+        RoomNames: From 1 to 6.
+    """
 
     RoomNames: Annotated[tuple[Text, ...], Field(min_length=1, max_length=6)]
 
 
 class RoomTypeList(Spec):
-    """Rooms by type; not every type listed need appear in the floor plan."""
+    """Rooms by type; not every type listed need appear in the floor plan.
+
+    Attributes:
+        RoomTypes: From 1 to 7.
+    """
 
     RoomTypes: Annotated[tuple[RoomType, ...], Field(min_length=1, max_length=7)]
 
@@ -77,13 +85,23 @@ RoomTarget = Annotated[
 
 
 class MaterialSetByMaterialType(Spec):
-    """Materials to choose from at random; known ones are matched without regard to case and spaces."""
+    """Materials to choose from at random; known ones are matched without regard to case and spaces.
+
+    Attributes:
+        MaterialTypes: At least one.
+    """
 
     MaterialTypes: Annotated[tuple[Text, ...], Field(min_length=1)]
 
 
 class InteriorMaterialSet(Spec):
-    """What the floors or walls of some rooms are made of; without a sample set, what suits the room's type."""
+    """What the floors or walls of some rooms are made of; without a sample set, what suits the room's type.
+
+    Attributes:
+        Name: What the set is called.
+        TargetSet: Which rooms it is for.
+        SampleSet: What is chosen from.
+    """
 
     Name: TemplateElementName
     TargetSet: RoomTarget
@@ -94,25 +112,44 @@ MaterialSetList = Annotated[tuple[InteriorMaterialSet, ...], Field(max_length=6)
 
 
 class InteriorFlooring(Spec):
-    """Floor materials."""
+    """Floor materials.
+
+    Attributes:
+        MaterialSets: At most 6.
+    """
 
     MaterialSets: MaterialSetList = ()
 
 
 class InteriorWalls(Spec):
-    """Wall materials."""
+    """Wall materials.
+
+    Attributes:
+        MaterialSets: At most 6.
+    """
 
     MaterialSets: MaterialSetList = ()
 
 
 class ModelTypeList(Spec):
-    """Kinds of furniture to choose from at random; an empty list leaves the room unfurnished."""
+    """Kinds of furniture to choose from at random; an empty list leaves the room unfurnished.
+
+    Attributes:
+        ModelTypes: What may stand there; nothing, if empty.
+    """
 
     ModelTypes: tuple[ModelType, ...]
 
 
 class FurnitureArrangementSet(Spec):
-    """What stands in some rooms and how densely; without a sample set, what suits the room's type."""
+    """What stands in some rooms and how densely; without a sample set, what suits the room's type.
+
+    Attributes:
+        Name: What the set is called.
+        TargetSet: Which rooms it is for.
+        SampleSet: What is chosen from.
+        DesiredSpatialDensity: How full the rooms are.
+    """
 
     Name: TemplateElementName
     TargetSet: RoomTarget
@@ -121,20 +158,33 @@ class FurnitureArrangementSet(Spec):
 
 
 class InteriorFurnishings(Spec):
-    """Furniture."""
+    """Furniture.
+
+    Attributes:
+        FurnitureArrangements: At most 6.
+    """
 
     FurnitureArrangements: Annotated[tuple[FurnitureArrangementSet, ...], Field(max_length=6)] = ()
 
 
 class RoomPairTargetFilter(Spec):
-    """Doorways between two groups of rooms: every pair of one from each (version 2)."""
+    """Doorways between two groups of rooms: every pair of one from each (version 2).
+
+    Attributes:
+        From: Rooms on one side.
+        To: Rooms on the other.
+    """
 
     From: RoomTargetFilter
     To: RoomTargetFilter
 
 
 class DoorOpenPosition(Spec):
-    """How far a door stands open, in percent, or anew for each world (version 2)."""
+    """How far a door stands open, in percent, or anew for each world (version 2).
+
+    Attributes:
+        Percent: From 0 (closed) to 100 (fully open), or Random.
+    """
 
     Percent: Annotated[
         Annotated[Number, Field(ge=0, le=100), member("number")] | Annotated[Literal["Random"], member("text")],
@@ -143,13 +193,21 @@ class DoorOpenPosition(Spec):
 
 
 class DoorInitialState(Spec):
-    """How a door stands when the world is made (version 2)."""
+    """How a door stands when the world is made (version 2).
+
+    Attributes:
+        OpenPosition: How far it stands open.
+    """
 
     OpenPosition: DoorOpenPosition = DoorOpenPosition()
 
 
 class InteriorDoor(Spec):
-    """A hinged door (version 2)."""
+    """A hinged door (version 2).
+
+    Attributes:
+        InitialState: How it stands when the world is made.
+    """
 
     InitialState: DoorInitialState = DoorInitialState()
 
@@ -165,7 +223,13 @@ DoorwayTarget = Annotated[
 
 
 class InteriorDoorwaySet(Spec):
-    """What hangs in some doorways; a doorway that no set names gets a random door, fully open (version 2)."""
+    """What hangs in some doorways; a doorway that no set names gets a random door, fully open (version 2).
+
+    Attributes:
+        Name: What the set is called.
+        TargetSet: Which doorways it is for.
+        Door: How the door stands; fully open, if left out.
+    """
 
     Name: Text
     TargetSet: DoorwayTarget
@@ -173,13 +237,24 @@ class InteriorDoorwaySet(Spec):
 
 
 class InteriorDoorways(Spec):
-    """Doors in doorways (version 2)."""
+    """Doors in doorways (version 2).
+
+    Attributes:
+        DoorwaySets: At most 13.
+    """
 
     DoorwaySets: Annotated[tuple[InteriorDoorwaySet, ...], Field(max_length=13)] = ()
 
 
 class InteriorTemplate(Spec):
-    """How the rooms look inside."""
+    """How the rooms look inside.
+
+    Attributes:
+        Flooring: What floors are made of.
+        Walls: What walls are made of.
+        Furniture: What stands in the rooms.
+        Doorways: What hangs in the doorways (version 2).
+    """
 
     Flooring: InteriorFlooring = InteriorFlooring()
     Walls: InteriorWalls = InteriorWalls()

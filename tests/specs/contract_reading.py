@@ -38,8 +38,11 @@ SHARED_FIELDS = {
 RULINGS: dict[str, dict[str, int | None]] = {
     "SimulationJobSummaries": {"max": None},  # semantics 4: a batch of 1000 is not truncated to 100
     "Filters": {"max": 3},  # semantics 9: accept three
+    "BatchTimeoutInSeconds": {"min": 1, "max": 1_209_600},
+    "MaxConcurrency": {"min": 1, "max": 1_000_000},
+    "DeploymentTimeout": {"min": 60, "max": 604_800},
 }
-"""Where the semantics rule that the interface's own bound is not to be followed."""
+"""Where the semantics rule that the interface's own bound is not to be followed, or take one from its prose."""
 
 _TYPES = {
     "string": "string",

@@ -1,4 +1,4 @@
-"""Bounds that only RoboMaker's prose states, so that they are not part of the schema (semantics 3, 4, 8)."""
+"""Bounds that only RoboMaker's prose states (semantics 3, 4, 8)."""
 
 from typing import Any
 
