@@ -21,22 +21,19 @@ from specs.errors import (
     ObjectExists,
     ObjectNotFound,
     ObjectTooBig,
-    StoreAccessDenied,
     StoreDamaged,
-    StoreError,
-    StoreFull,
     StoreUnreachable,
     StoreUnsafe,
 )
 from tasks.storage.atomic import HIDDEN, hidden_file, make_folder, settle, settle_names, whole_file
 from tasks.storage.keys import checked_key
-from tasks.storage.room import NO_ROOM, room_in, told_full
-from tasks.storage.store import UNBOUNDED, Stored
+from tasks.storage.local_errors import NOTHING_THERE, explained_error
+from tasks.storage.local_listing import disk_now_s, file_mark, listed, shown_files, unfinished_files
+from tasks.storage.room import room_in
+from tasks.storage.store import UNBOUNDED, Entry, Stored
 
 _LOCKS = ".locks"
 _LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
-_NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
-_REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
 
@@ -132,18 +129,43 @@ class LocalStore:
             found = path.stat()
         if not path.is_file():
             raise ObjectNotFound(f"{self.url}: no object {key}")
-        return f"{found.st_ino}-{found.st_size}-{found.st_mtime_ns}"
+        return file_mark(found)
 
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys in the folder and below, sorted, without hidden files."""
-        top = self._path(prefix.rstrip("/")) if prefix else self.root
-        found: list[str] = []
         with self._explained(prefix):
-            for folder, folders, files in os.walk(top, onerror=_raise_unless_missing):
-                folders[:] = [name for name in folders if not name.startswith(".")]
-                base = Path(folder).relative_to(self.root)
-                found += [(base / name).as_posix() for name in files if not name.startswith(".")]
-        return sorted(found)
+            return sorted(shown_files(self.root, self._top(prefix)))
+
+    def entries(self, prefix: str) -> list[Entry]:
+        """Returns the keys in the folder and below, sorted, each with its size and age."""
+        with self._explained(prefix):
+            found = (listed(key, self.root / key) for key in self.keys(prefix))
+            return [entry for entry in found if entry]
+
+    def now_s(self) -> float:
+        """Returns the time by the clock of the disk."""
+        with self._explained(_LOCKS):
+            return disk_now_s(self.root / _LOCKS)
+
+    def delete_unchanged(self, entry: Entry) -> bool:
+        """Removes the object unless it was written since, in one step; returns whether it is gone now."""
+        path = self._path(entry.key)
+        with self._explained(entry.key), self._locked(entry.key):
+            found = listed(entry.key, path)
+            if found is not None and found.mark != entry.mark:
+                return False
+            path.unlink(missing_ok=True)
+            return True
+
+    def unfinished(self, prefix: str) -> list[Entry]:
+        """Returns the hidden files in the folder and below that writers have left, or are writing."""
+        with self._explained(prefix):
+            return sorted(unfinished_files(self.root, self._top(prefix)), key=lambda entry: entry.key)
+
+    def discard(self, write: Entry) -> None:
+        """Removes a hidden file that a writer has left."""
+        with self._explained(write.key):
+            (self.root / write.key).unlink(missing_ok=True)
 
     def delete(self, key: str) -> None:
         """Removes the object if it is there."""
@@ -185,6 +207,9 @@ class LocalStore:
     def _block(self, file: BinaryIO, key: str) -> bytes:
         with self._explained(key):
             return file.read(1 << 18)
+
+    def _top(self, prefix: str) -> Path:
+        return self._path(prefix.rstrip("/")) if prefix else self.root
 
     def _path(self, key: str) -> Path:
         return self.root / checked_key(key)
@@ -241,9 +266,9 @@ class LocalStore:
         try:
             yield
         except OSError as exc:
-            if reading and exc.errno in _NOTHING_THERE:
+            if reading and exc.errno in NOTHING_THERE:
                 raise ObjectNotFound(f"{self.url}: no object {key}") from exc
-            raise _store_error(exc, self, key) from exc
+            raise explained_error(exc, self.url, self.root, key) from exc
 
 
 def _mark(key: str) -> str:
@@ -253,19 +278,3 @@ def _mark(key: str) -> str:
 
 def _etag(body: bytes) -> str:
     return hashlib.blake2b(body, digest_size=16).hexdigest()
-
-
-def _raise_unless_missing(exc: OSError) -> None:
-    if exc.errno not in _NOTHING_THERE:
-        raise exc
-
-
-def _store_error(exc: OSError, store: LocalStore, key: str) -> StoreError:
-    url = store.url
-    if exc.errno in _REFUSED:
-        return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
-    if exc.errno in (*_NOTHING_THERE, errno.EEXIST):
-        return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
-    if exc.errno in NO_ROOM:
-        return StoreFull(f"{url}: {key}: {told_full(exc, store.root)}")
-    return StoreError(f"{url}: {key}: {exc.strerror}")

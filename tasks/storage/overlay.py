@@ -9,7 +9,7 @@ from pathlib import Path
 
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig
 from tasks.storage.atomic import whole_file
-from tasks.storage.store import UNBOUNDED, Store, Stored
+from tasks.storage.store import UNBOUNDED, Entry, Store, Stored
 
 
 class OverlayStore:
@@ -76,6 +76,34 @@ class OverlayStore:
         folder = f"{prefix.rstrip('/')}/" if prefix else ""
         own = {key for key in self._written if key.startswith(folder)}
         return sorted(key for key in own.union(self._below.keys(prefix)) if self.exists(key))
+
+    def entries(self, prefix: str) -> list[Entry]:
+        """Returns the objects below a folder; what was written here is as old as nothing; see Store."""
+        below = {entry.key: entry for entry in self._below.entries(prefix)}
+        now_s = self.now_s()
+        return [
+            Entry(key, self.size(key), now_s, self.mark(key)) if key in self._written else below[key]
+            for key in self.keys(prefix)
+        ]
+
+    def now_s(self) -> float:
+        """Returns the time by the clock of the store below; see Store."""
+        return self._below.now_s()
+
+    def delete_unchanged(self, entry: Entry) -> bool:
+        """Hides an object unless it was written since; see Store."""
+        found = next((each for each in self.entries("") if each.key == entry.key), None)
+        if found is not None and found.mark != entry.mark:
+            return False
+        self.delete(entry.key)
+        return True
+
+    def unfinished(self, prefix: str) -> list[Entry]:
+        """Returns the unfinished writes of the store below; see Store."""
+        return self._below.unfinished(prefix)
+
+    def discard(self, write: Entry) -> None:
+        """Removes nothing: what is below stays as it is; see Store."""
 
     def delete(self, key: str) -> None:
         """Hides an object; see Store."""

@@ -28,7 +28,8 @@ from tasks.storage.keys import checked_key
 from tasks.storage.room import room_in
 from tasks.storage.s3_client import PART_BYTES, Answer, S3Client
 from tasks.storage.s3_errors import FAULTS, explained
-from tasks.storage.store import UNBOUNDED, Stored
+from tasks.storage.s3_listing import listed_objects, listed_uploads, object_mark, server_now_s
+from tasks.storage.store import UNBOUNDED, Entry, Stored
 
 _MARK = "simyard-write"
 _ATTEMPTS = 5
@@ -117,17 +118,43 @@ class S3Store:
 
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys in the folder and below, sorted, without hidden ones."""
-        folder = f"{self._path(prefix.rstrip('/'))}/" if prefix else self._prefix
-        found: list[str] = []
-        page: dict[str, object] = {}
-        while True:
-            with self._explained(prefix):
-                answer = self._client.call("list_objects_v2", Bucket=self._bucket, Prefix=folder, **page)
-            entries = cast("list[dict[str, str]]", answer.get("Contents", []))
-            found += [entry["Key"].removeprefix(self._prefix) for entry in entries]
-            if not answer.get("IsTruncated"):
-                return sorted(key for key in found if _is_shown(key))
-            page = {"ContinuationToken": answer["NextContinuationToken"]}
+        return [entry.key for entry in self.entries(prefix)]
+
+    def entries(self, prefix: str) -> list[Entry]:
+        """Returns the keys in the folder and below, sorted, each with its size and age."""
+        with self._explained(prefix):
+            found = list(listed_objects(self._client, self._bucket, self._prefix, self._folder(prefix)))
+        return sorted((entry for entry in found if _is_shown(entry.key)), key=lambda entry: entry.key)
+
+    def now_s(self) -> float:
+        """Returns the time by the server's clock, as its answers tell it."""
+        with self._explained(""):
+            return server_now_s(self._client, self._bucket, self._prefix)
+
+    def delete_unchanged(self, entry: Entry) -> bool:
+        """Removes the object unless it was written since; see Store for what a server can tell."""
+        path = self._path(entry.key)
+        try:
+            with self._explained(entry.key):
+                answer: Answer = self._client.call("head_object", Bucket=self._bucket, Key=path)
+                if object_mark(answer) != entry.mark:
+                    return False
+                # Servers that do not know the condition ignore it, or refuse what is gone in their own way.
+                self._client.call("delete_object", Bucket=self._bucket, Key=path, IfMatch=answer["ETag"])
+        except ObjectNotFound:
+            return True
+        except ObjectConflict:
+            return False
+        return True
+
+    def unfinished(self, prefix: str) -> list[Entry]:
+        """Returns the uploads in parts to the folder and below that have not come to their end."""
+        with self._explained(prefix):
+            return listed_uploads(self._client, self._bucket, self._prefix, self._folder(prefix))
+
+    def discard(self, write: Entry) -> None:
+        """Tells the server to forget the parts of an upload."""
+        self._abort(write.key, write.mark)
 
     def delete(self, key: str) -> None:
         """Removes the object if it is there."""
@@ -188,6 +215,9 @@ class S3Store:
         except StoreError as exc:
             raise StoreDamaged(f"{damage}, and it could not be removed") from exc
         raise StoreDamaged(damage)
+
+    def _folder(self, prefix: str) -> str:
+        return f"{self._path(prefix.rstrip('/'))}/" if prefix else self._prefix
 
     def _path(self, key: str) -> str:
         return self._prefix + checked_key(key)

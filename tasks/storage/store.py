@@ -21,6 +21,25 @@ class Stored:
     etag: str
 
 
+@dataclass(frozen=True)
+class Entry:
+    """An object as a listing shows it, or a write that never came to its end.
+
+    Attributes:
+        key: The object's; of a write the key that it was for, or the place where its bytes lie.
+        size_bytes: How big it is; 0 where the store does not tell.
+        written_s: When it was last written, by the clock of the store: to be held against ``Store.now_s`` and other
+            entries of the same store, never against the clock of this machine.
+        mark: Tells this state of it from every later one that has other bytes, and where the store can, from one that
+            was written again with the same bytes.
+    """
+
+    key: str
+    size_bytes: int
+    written_s: float
+    mark: str
+
+
 class Store(Protocol):
     """Objects under keys, written whole or not at all.
 
@@ -135,4 +154,28 @@ class Store(Protocol):
         Raises:
             ObjectNotFound: There is none under the key.
         """
+        ...
+
+    def entries(self, prefix: str) -> list[Entry]:
+        """Returns what ``keys`` returns with size and age, in the same order."""
+        ...
+
+    def now_s(self) -> float:
+        """Returns the time by the clock that writes ``Entry.written_s``, at most a second too early."""
+        ...
+
+    def delete_unchanged(self, entry: Entry) -> bool:
+        """Removes an object unless it was written since it was listed; returns whether it is gone now.
+
+        A folder does both in one step. An S3 server compares bytes at best: between a look at when it was written
+        last and the removal, some milliseconds later, another may write the same bytes again.
+        """
+        ...
+
+    def unfinished(self, prefix: str) -> list[Entry]:
+        """Returns the writes to the folder and below that have not come to their end: dead ones, and live ones too."""
+        ...
+
+    def discard(self, write: Entry) -> None:
+        """Removes what a write that never came to its end has left; one that is under way would fail."""
         ...
