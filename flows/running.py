@@ -9,6 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
@@ -17,15 +18,19 @@ from flows.resolving import pins
 from specs.errors import StageFailed
 from specs.pipeline import PipelineSpec
 from specs.report import PipelineReport
+from specs.settings import server_wait_s
 from tasks.server import process
 from tasks.server.health import asked_often, is_answering, is_listening, is_local, shown, unproxied
 from tasks.server.keeping import kept_server
-from tasks.server.watchdog import Watch, guarded
+from tasks.server.watchdog import Pace, Watch, guarded
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.cache import cache_folder
 from tasks.storage.opening import open_store
 from tasks.storage.overlay import OverlayStore
 from tasks.watching.listening import Listener, listening
+
+_RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
+_OWN_WAIT_S = 20
 
 
 def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
@@ -58,22 +63,29 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
                 flush_prefect()
 
 
+class Serving(NamedTuple):
+    """The Prefect server of a run, and how many seconds it may be away."""
+
+    api_url: str
+    wait_s: int
+
+
 @contextmanager
-def prefect_server() -> Generator[str, None, None]:
-    """Yields the API URL of the server to use: the user's, the kept one's, or a new one's for this block.
+def prefect_server() -> Generator[Serving, None, None]:
+    """Yields the server to use: the user's, the kept one, or a new one for this block, which nobody starts again.
 
     Raises:
         StageFailed: The server that the user chose, or the kept one, does not answer; or a new one does not come up.
     """
-    home = prefect_home()
+    home, wait_s = prefect_home(), server_wait_s()
     chosen = process.configured_api_url(os.environ)
     if chosen:
         _require(chosen)
     kept = None if chosen else kept_server(home)
     if chosen or kept:
         url = chosen or (kept.api_url if kept else "")
-        with _environment(PREFECT_API_URL=url, **_past_proxies(url)):
-            yield url
+        with _environment(PREFECT_API_URL=url, **_past_proxies(url), **_patient(wait_s)):
+            yield Serving(url, wait_s)
         return
     with (
         process.serving(home) as (server, child),
@@ -81,7 +93,7 @@ def prefect_server() -> Generator[str, None, None]:
     ):
         _import_engine()
         process.wait_until_healthy(server, child)
-        yield server.api_url
+        yield Serving(server.api_url, min(wait_s, _OWN_WAIT_S))
 
 
 def _require(api_url: str) -> None:
@@ -96,8 +108,17 @@ def _past_proxies(api_url: str) -> dict[str, str]:
     return unproxied(os.environ) if is_local(api_url) else {}
 
 
+def _patient(wait_s: int) -> dict[str, str]:
+    """Returns the variable by which Prefect's client goes on asking for longer than so many seconds."""
+    if _RETRIES in os.environ:
+        return {}
+    # The n-th pause has 2^n seconds, and up to a fifth more or less (prefect.client.base).
+    retries = next(count for count in range(1, 64) if 0.8 * (2 ** (count + 1) - 2) >= wait_s)
+    return {_RETRIES: str(retries)}
+
+
 @contextmanager
-def _watched(api_url: str, console: Console) -> Generator[Watch, None, None]:
+def _watched(server: Serving, console: Console) -> Generator[Watch, None, None]:
     """Ends the run with one message and exit code 3 when the server goes away during the block."""
 
     def leave(failure: StageFailed) -> None:
@@ -107,9 +128,10 @@ def _watched(api_url: str, console: Console) -> Generator[Watch, None, None]:
         sys.stderr.flush()
         os._exit(3)
 
-    reason = f"the Prefect server at {shown(api_url)} went away; the same command continues this run"
+    reason = f"the Prefect server at {shown(server.api_url)} went away; the same command continues this run"
     # Whether it listens, not how soon it answers: on a busy machine a server that is there may be silent for long.
-    with guarded(lambda: is_listening(api_url), reason, leave) as watch:
+    pace = Pace(patience_s=server.wait_s)
+    with guarded(lambda: is_listening(server.api_url), reason, leave, pace) as watch:
         yield watch
 
 

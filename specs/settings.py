@@ -1,4 +1,4 @@
-"""Limits that a team may raise above RoboMaker's, read from the environment."""
+"""Numbers that a team may choose, read from the environment: limits above RoboMaker's, and how long to wait."""
 
 import os
 
@@ -7,6 +7,7 @@ from specs.errors import DocumentError
 
 MAX_WORLDS = "SIMYARD_MAX_WORLDS"
 MIN_JOB_DURATION = "SIMYARD_MIN_JOB_DURATION"
+SERVER_WAIT = "SIMYARD_SERVER_WAIT"
 _ROBOMAKERS_MAX_WORLDS = 50
 
 
@@ -28,6 +29,17 @@ def min_job_duration_s() -> int:
         DocumentError: SIMYARD_MIN_JOB_DURATION is no number of seconds.
     """
     return _number(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
+
+
+def server_wait_s() -> int:
+    """Returns how many seconds a run waits for a Prefect server that went away: 90, or SIMYARD_SERVER_WAIT.
+
+    One that is started again answers after half a minute.
+
+    Raises:
+        DocumentError: SIMYARD_SERVER_WAIT is no number of seconds.
+    """
+    return _number(SERVER_WAIT, 90, "a number of seconds, at least 1")
 
 
 def _number(name: str, default: int, allowed: str) -> int:

@@ -30,7 +30,7 @@ def test_a_local_server_is_reached_past_the_proxy(monkeypatch: pytest.MonkeyPatc
     with answering() as api_url:
         monkeypatch.setenv("PREFECT_API_URL", api_url)
         with prefect_server() as used:
-            assert used == api_url
+            assert used.api_url == api_url
             assert os.environ["no_proxy"] == os.environ["NO_PROXY"] == "127.0.0.1,localhost"
     assert "no_proxy" not in os.environ
 
@@ -41,4 +41,16 @@ def test_a_chosen_server_wins_over_the_kept_one(monkeypatch: pytest.MonkeyPatch,
     with answering() as api_url:
         monkeypatch.setenv("PREFECT_API_URL", api_url)
         with prefect_server() as used:
-            assert used == api_url
+            assert used.api_url == api_url
+
+
+def test_the_client_asks_for_longer_than_a_server_is_waited_for(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("PREFECT_CLIENT_MAX_RETRIES", raising=False)
+    with answering() as api_url:
+        monkeypatch.setenv("PREFECT_API_URL", api_url)
+        with prefect_server() as used:
+            shortest_s = sum(0.8 * 2**pause for pause in range(1, int(os.environ["PREFECT_CLIENT_MAX_RETRIES"]) + 1))
+            assert shortest_s >= used.wait_s == 90
+        monkeypatch.setenv("PREFECT_CLIENT_MAX_RETRIES", "1")
+        with prefect_server():
+            assert os.environ["PREFECT_CLIENT_MAX_RETRIES"] == "1"

@@ -38,7 +38,8 @@ def test_a_run_whose_server_is_killed_ends_by_itself(
     endless: Path, tmp_path: Path, own_server: tuple[str, "subprocess.Popen[bytes]"]
 ):
     api_url, server = own_server
-    run = simyard("run", str(endless), "--store", (tmp_path / "store").as_uri(), PREFECT_API_URL=api_url)
+    environment = {"PREFECT_API_URL": api_url, "SIMYARD_SERVER_WAIT": "5"}
+    run = simyard("run", str(endless), "--store", (tmp_path / "store").as_uri(), **environment)
     _in_simulation(run, tmp_path / "store")
     server.send_signal(signal.SIGKILL)
     _, err = run.communicate(timeout=100)

@@ -3,7 +3,7 @@
 import pytest
 
 from specs.errors import DocumentError
-from specs.settings import max_worlds_of_job
+from specs.settings import max_worlds_of_job, server_wait_s
 
 
 def test_the_limit_is_robomakers_unless_a_team_raises_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -18,3 +18,10 @@ def test_what_is_no_number_of_worlds_is_refused(text: str, monkeypatch: pytest.M
     monkeypatch.setenv("SIMYARD_MAX_WORLDS", text)
     with pytest.raises(DocumentError, match="SIMYARD_MAX_WORLDS"):
         max_worlds_of_job()
+
+
+def test_a_server_is_waited_for_as_long_as_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SIMYARD_SERVER_WAIT", raising=False)
+    assert server_wait_s() == 90
+    monkeypatch.setenv("SIMYARD_SERVER_WAIT", "5")
+    assert server_wait_s() == 5
