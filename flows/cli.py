@@ -114,13 +114,11 @@ def describe(
 
 @app.command()
 def cancel(
-    arn: Annotated[
-        str, typer.Argument(help="The ARN of a job: of world generation, export, simulation or deployment, or a batch.")
-    ],
+    arn: Annotated[str, typer.Argument(help="The ARN of a job, a batch, or a whole run of a document.")],
     store: StoreUrl = None,
 ) -> None:
     """Cancel a job; what is done is kept, and who works on it stops within seconds."""
-    from flows.inspecting import cancel as cancel_named
+    from flows.canceling import cancel as cancel_named
     from tasks.storage.opening import open_existing_store
 
     cancel_named(open_existing_store(store), arn)

@@ -1,11 +1,11 @@
-"""`simyard describe`, `list`, `cancel` and `restart`: RoboMaker's answers, whatever the kind of resource."""
+"""`simyard describe`, `list` and `restart`: RoboMaker's answers, whatever the kind of resource."""
 
-import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from flows.canceling import with_settled_batch, with_settled_batches
 from specs.arn import KINDS, Reference, ResourceKind, parse_reference
 from specs.base import Fault, Spec
-from specs.errors import DocumentError, StoreError
+from specs.errors import DocumentError
 from specs.report import RunSummary
 from specs.simulation import BatchDescribeSimulationJobRequest
 from tasks.applications.describe import (
@@ -22,21 +22,15 @@ from tasks.deploy.describe import (
     list_fleets,
     list_robots,
 )
-from tasks.deploy.steering import steer
 from tasks.documents.parsing import parse
 from tasks.export.describe import describe_export_job, summarise_export_job
-from tasks.simulate.batch import KIND as BATCH
-from tasks.simulate.batch import STOPPING
-from tasks.simulate.canceling import cancel_batch, cancel_job
 from tasks.simulate.describe import batch_describe_jobs, describe_batch, describe_job, list_batches, list_jobs
 from tasks.simulate.restarting import restart_job
-from tasks.storage.canceling import cancel_job as cancel_making
 from tasks.storage.records import JobRecord, read, records
 from tasks.storage.store import Store
 from tasks.worlds.describe import describe_generation_job, summarise_generation_job
 from tasks.worlds.inspection import describe_stored_world, describe_template, list_templates, list_worlds
 
-logger = logging.getLogger(__name__)
 _DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
     "world-template": describe_template,
     "world-generation-job": lambda store, path: describe_generation_job(read(store, "world-generation-job", path)),
@@ -44,8 +38,8 @@ _DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
     "world-export-job": lambda store, path: describe_export_job(read(store, "world-export-job", path)),
     "robot-application": describe_robot_application,
     "simulation-application": describe_simulation_application,
-    "simulation-job": lambda store, path: describe_job(store, _with_settled_batch(store, path)),
-    "simulation-job-batch": lambda store, path: describe_batch(store, _with_settled_batch(store, path)),
+    "simulation-job": lambda store, path: describe_job(store, with_settled_batch(store, path)),
+    "simulation-job-batch": lambda store, path: describe_batch(store, with_settled_batch(store, path)),
     "deployment-fleet": describe_fleet,
     "robot": describe_robot,
     "deployment-job": describe_deployment_job,
@@ -59,20 +53,12 @@ _LIST: Mapping[str, Callable[[Store], Iterable[Spec]]] = {
     "world-export-jobs": lambda store: [summarise_export_job(job) for job in records(store, "world-export-job")],
     "robot-applications": list_robot_applications,
     "simulation-applications": list_simulation_applications,
-    "simulation-jobs": lambda store: list_jobs(_with_settled_batches(store)),
-    "simulation-job-batches": lambda store: list_batches(_with_settled_batches(store)),
+    "simulation-jobs": lambda store: list_jobs(with_settled_batches(store)),
+    "simulation-job-batches": lambda store: list_batches(with_settled_batches(store)),
     "fleets": list_fleets,
     "robots": list_robots,
     "deployment-jobs": list_deployment_jobs,
     "pipeline-runs": lambda store: [_run_line(run) for run in records(store, "pipeline-run")],
-}
-
-_CANCEL: Mapping[ResourceKind, Callable[[Store, str], object]] = {
-    "simulation-job-batch": cancel_batch,
-    "simulation-job": cancel_job,
-    "world-generation-job": lambda store, path: cancel_making(store, "world-generation-job", path),
-    "world-export-job": lambda store, path: cancel_making(store, "world-export-job", path),
-    "deployment-job": lambda store, path: steer(store, path, "cancel"),
 }
 
 
@@ -112,21 +98,6 @@ def listed(store: Store, kind: str) -> Iterable[Spec]:
     return _LIST[kind](store)
 
 
-def cancel(store: Store, text: str) -> None:
-    """Cancels what an ARN names: whoever works on it stops within seconds; where nobody does, it ends here and now.
-
-    Raises:
-        ResourceNotFound: The store has no such resource.
-        DocumentError: The text is no ARN, or its kind is none that is cancelled, or it has ended.
-    """
-    reference = _reference(text)
-    if reference.kind is None or reference.kind not in _CANCEL:
-        raise _refused("arn", text, f"an ARN of a {' or '.join(_CANCEL)}")
-    _CANCEL[reference.kind](store, reference.path)
-    if reference.kind in {"simulation-job", BATCH}:
-        _with_settled_batch(store, reference.path)
-
-
 def restart(store: Store, text: str) -> None:
     """Restarts the simulation job that an ARN names.
 
@@ -137,29 +108,7 @@ def restart(store: Store, text: str) -> None:
     reference = _reference(text)
     if reference.kind != "simulation-job":
         raise _refused("arn", text, "an ARN of a simulation-job")
-    restart_job(store, _with_settled_batch(store, reference.path))
-
-
-def _with_settled_batch(store: Store, path: str) -> str:
-    """Returns ``<batch>`` or ``<batch>/<index>`` as it stands, having closed a batch that was stopped and left.
-
-    One that cannot be closed now, its output bucket being gone, is told as it is: the others are none the worse for it.
-    """
-    batch = path.partition("/")[0]
-    if read(store, BATCH, batch).status in STOPPING:
-        from flows.closing import settled  # noqa: PLC0415 - it imports MuJoCo and Arrow, which describing does not need
-
-        try:
-            settled(store, batch)
-        except StoreError as exc:
-            logger.warning("batch %s was stopped and cannot be closed: %s", batch, exc)
-    return path
-
-
-def _with_settled_batches(store: Store) -> Store:
-    for record in records(store, BATCH):
-        _with_settled_batch(store, record.id)
-    return store
+    restart_job(store, with_settled_batch(store, reference.path))
 
 
 def _run_line(run: JobRecord) -> RunSummary:

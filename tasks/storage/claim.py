@@ -7,12 +7,15 @@ taking raises the epoch by one.
 
 A holder that was paused may wake up after it was replaced: it must look at ``Claim.lost`` before it acts, and what it
 writes must be harmless anyway (created once, or compared and swapped).
+
+A claim may also be released on behalf of a holder that shows no life (tasks.storage.claim_watch), so that nobody has to
+watch it again. A holder that was only paused takes it back with its next heartbeat, unless another one was faster.
 """
 
 import logging
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from uuid import uuid4
 
@@ -105,11 +108,14 @@ class Claim:
             self._etag = self._store.replace(self._key, encoded(record), self._etag)
         except ObjectConflict:
             self._look_again()
-            raise
+            if self._replaced:
+                raise
+            self._etag = self._store.replace(self._key, encoded(record), self._etag)
         self._record = record
 
     def _look_again(self) -> None:
-        # An earlier write whose answer never came also changes the object, and leaves it ours.
+        # An earlier write whose answer never came also changes the object, and leaves it ours; so does who released it
+        # because nothing was heard of us.
         try:
             stored = self._store.get(self._key)
         except ObjectNotFound:
@@ -120,14 +126,21 @@ class Claim:
         self._etag = stored.etag
 
 
+def _nobody(_holder: ClaimRecord) -> None:
+    """Drops what is told: nobody watches."""
+
+
 @contextmanager
-def claimed(store: Store, key: str, *, ttl_s: float = 15.0) -> Generator[Claim]:
+def claimed(
+    store: Store, key: str, *, ttl_s: float = 15.0, waiting: Callable[[ClaimRecord], None] = _nobody
+) -> Generator[Claim]:
     """Takes the claim, waiting while another live process holds it; releases it at the end.
 
     Args:
         store: Where the claim lies.
         key: See ``tasks.storage.keys.claim_key``.
         ttl_s: Seconds without a heartbeat after which other processes take the claim over.
+        waiting: Told several times a second who holds it, for as long as somebody does.
 
     Raises:
         StoreError: This very thread holds the claim already, or the store fails.
@@ -135,7 +148,7 @@ def claimed(store: Store, key: str, *, ttl_s: float = 15.0) -> Generator[Claim]:
     mark = (store.url, key, threading.get_ident())
     if mark in _held:
         raise StoreError(f"{store.url}: {key} is held by this very thread, which would wait for itself")
-    while (claim := _take(store, key, ttl_s)) is None:
+    while (claim := _take(store, key, ttl_s, waiting)) is None:
         pass
     with _holding(claim, mark):
         yield claim
@@ -174,7 +187,7 @@ def _holding(claim: Claim, mark: tuple[str, str, int]) -> Generator[None]:
         claim.release()
 
 
-def _take(store: Store, key: str, ttl_s: float) -> Claim | None:
+def _take(store: Store, key: str, ttl_s: float, waiting: Callable[[ClaimRecord], None] = _nobody) -> Claim | None:
     """Returns the claim, or None when somebody else was seen to write it: its holder, or who was faster."""
     watched, since_s = "", time.monotonic()
     while True:
@@ -190,6 +203,7 @@ def _take(store: Store, key: str, ttl_s: float) -> Claim | None:
             return None
         if not watched:
             watched, since_s = stored.etag, time.monotonic()
+        waiting(found)
         time.sleep(min(_LONGEST_POLL_S, found.ttl_s / 10))
 
 

@@ -3,9 +3,9 @@
 import time
 from collections.abc import Callable
 
-from specs.errors import ObjectNotFound
+from specs.errors import ObjectConflict, ObjectNotFound
 from tasks.storage.claim import ClaimRecord
-from tasks.storage.encoding import decoded
+from tasks.storage.encoding import decoded, encoded
 from tasks.storage.process import is_known_dead
 from tasks.storage.store import Store
 
@@ -24,15 +24,39 @@ class ClaimWatch:
         self._key = key
         self._now_s = now_s
         self._seen = ""
+        self._found: ClaimRecord | None = None
         self._since_s = 0.0
+        self._writes = 0
+
+    @property
+    def renewed(self) -> bool:
+        """Whether somebody was seen to write it: its holder lives, or another one took it."""
+        return self._writes > 1
 
     def is_left(self) -> bool:
         """Returns whether nobody works on it as far as can be told from what was seen until now."""
         try:
             stored = self._store.get(self._key)
         except ObjectNotFound:
+            self._found = None
             return True
         if stored.etag != self._seen:
             self._seen, self._since_s = stored.etag, self._now_s()
-        found = decoded(ClaimRecord, stored, self._store, self._key)
+            self._writes += 1
+        found = self._found = decoded(ClaimRecord, stored, self._store, self._key)
         return found.released or self._now_s() - self._since_s >= found.ttl_s or is_known_dead(found.process)
+
+    def release(self) -> bool:
+        """Returns whether the claim is free now, having released it on behalf of a holder that left it.
+
+        Only exactly what was seen is written over, so that a holder which renews it at the same moment keeps it; one
+        that was paused takes it back when it wakes up, and is first, or finds itself replaced.
+        """
+        if self._found is None or self._found.released:
+            return True
+        try:
+            body = encoded(self._found.model_copy(update={"released": True}))
+            self._seen = self._store.replace(self._key, body, self._seen)
+        except (ObjectConflict, ObjectNotFound):
+            return False
+        return True

@@ -4,20 +4,36 @@ The same document run again after a crash continues the run that did not end; ru
 next.
 """
 
-from collections.abc import Generator
+import re
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 
 from pydantic import JsonValue
 
 from specs.errors import ResourceNotFound
-from tasks.storage.claim import claimed
+from tasks.storage.claim import ClaimRecord, claimed
 from tasks.storage.keys import claim_key
-from tasks.storage.records import JobRecord, is_terminal, job_id, read, request_digest, submit
+from tasks.storage.records import JobKind, JobRecord, is_terminal, job_id, read, request_digest, submit
 from tasks.storage.store import Store
+
+KIND: JobKind = "pipeline-run"
+# The flow of a stage, its section in the document of a whole pipeline, what its token ends in there, and its job.
+_STAGES: tuple[tuple[str, str, str, JobKind], ...] = (
+    ("world-generation", "worldGeneration", "worlds", "world-generation-job"),
+    ("world-export", "worldExport", "export", "world-export-job"),
+    ("simulation-batch", "simulationBatch", "batch", "simulation-job-batch"),
+    ("deployment-sync", "deployment", "deployment", "deployment-job"),
+)
+_STAGE_TOKEN = re.compile(r"(run-[0-9a-f]{16})-.+")
+Waiting = Callable[[JobRecord, ClaimRecord], None]
+
+
+def _nobody(_run: JobRecord, _holder: ClaimRecord) -> None:
+    """Drops what is told: nobody watches."""
 
 
 @contextmanager
-def begun(store: Store, identity: dict[str, JsonValue]) -> Generator[JobRecord, None, None]:
+def begun(store: Store, identity: dict[str, JsonValue], waiting: Waiting = _nobody) -> Generator[JobRecord, None, None]:
     """Yields the run of a document, which no other live process works on inside the ``with`` block.
 
     Waits while another process works on it; the yielded record is terminal when that one ended it, and then there is
@@ -26,11 +42,12 @@ def begun(store: Store, identity: dict[str, JsonValue]) -> Generator[JobRecord, 
     Args:
         store: Where runs are recorded.
         identity: All that decides the outcome: the flow's name, the document, digests of what it refers to.
+        waiting: Told several times a second of the run and who works on it, for as long as another process does.
     """
     digest = request_digest(identity)[:32]
-    record = submit(store, "pipeline-run", identity, _open_run(store, digest))
-    with claimed(store, claim_key("pipeline-run", record.id)):
-        yield read(store, "pipeline-run", record.id)
+    record = submit(store, KIND, identity, _open_run(store, digest))
+    with claimed(store, claim_key(KIND, record.id), waiting=lambda holder: waiting(record, holder)):
+        yield read(store, KIND, record.id)
 
 
 def stage_token(run: JobRecord, stage: str) -> str:
@@ -38,10 +55,32 @@ def stage_token(run: JobRecord, stage: str) -> str:
     return f"{run.id}-{stage}"
 
 
+def run_of(token: str) -> str:
+    """Returns the id of the run that a stage's token was made for; empty for a token of a document's own."""
+    found = _STAGE_TOKEN.fullmatch(token)
+    return found[1] if found else ""
+
+
+def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
+    """Yields kind and id of each job that a run has begun or may begin, in the order of its stages."""
+    spec = run.request.get("spec")
+    sections = spec if isinstance(spec, dict) else {}
+    for flow, section, stage, kind in _STAGES:
+        if run.request.get("flow") == "pipeline" and section in sections:
+            yield kind, job_id(kind, _own_token(sections[section]) or stage_token(run, stage))
+        elif run.request.get("flow") == flow:
+            yield kind, job_id(kind, _own_token(spec) or stage_token(run, flow))
+
+
+def _own_token(section: JsonValue) -> str:
+    token = section.get("clientRequestToken") if isinstance(section, dict) else None
+    return token if isinstance(token, str) else ""
+
+
 def _open_run(store: Store, digest: str) -> str:
     """Returns the token of the newest run if it is still open, else of the one after it."""
     newest = _newest(store, digest)
-    if newest and not is_terminal(read(store, "pipeline-run", _id(digest, newest))):
+    if newest and not is_terminal(read(store, KIND, _id(digest, newest))):
         return _token(digest, newest)
     return _token(digest, newest + 1)
 
@@ -66,14 +105,14 @@ def _newest(store: Store, digest: str) -> int:
 
 def _exists(store: Store, digest: str, number: int) -> bool:
     try:
-        read(store, "pipeline-run", _id(digest, number))
+        read(store, KIND, _id(digest, number))
     except ResourceNotFound:
         return False
     return True
 
 
 def _id(digest: str, number: int) -> str:
-    return job_id("pipeline-run", _token(digest, number))
+    return job_id(KIND, _token(digest, number))
 
 
 def _token(digest: str, number: int) -> str:

@@ -10,7 +10,8 @@ import pytest
 from pydantic import JsonValue
 
 from flows.closing import settled, with_audit
-from flows.inspecting import cancel, described, listed
+from flows.canceling import cancel
+from flows.inspecting import described, listed
 from flows.reporting import batch_report
 from flows.simulation_batch import _run
 from specs.common import OutputLocation

@@ -2,7 +2,8 @@
 
 import pytest
 
-from flows.inspecting import cancel, described, described_together, listed
+from flows.canceling import cancel
+from flows.inspecting import described, described_together, listed
 from specs.errors import DocumentError, ResourceNotFound
 from specs.simulation_descriptions import BatchDescribeSimulationJobResponse
 from tasks.storage.claim import claimed

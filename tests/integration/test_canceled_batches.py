@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.inspecting import cancel
+from flows.canceling import cancel
 from specs.errors import DocumentError
 from tasks.simulate.describe import describe_batch
 from tasks.storage.opening import open_store

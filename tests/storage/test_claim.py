@@ -13,6 +13,7 @@ from tasks.storage.keys import claim_key
 from tasks.storage.local import LocalStore
 from tasks.storage.process import ProcessIdentity, this_process
 from tasks.storage.store import Store
+from tests.eventually import eventually
 
 _KEY = claim_key("world-generation-job", "wgj-0")
 _FOREVER_S = 100_000.0
@@ -219,3 +220,19 @@ def test_a_store_that_comes_back_in_time_is_no_loss(tmp_path: Path) -> None:
 def test_the_record_names_the_process_that_holds(file_store: Store) -> None:
     with claimed(file_store, _KEY):
         assert _record(file_store).process == this_process()
+
+
+def test_who_waits_is_told_who_holds_the_claim(file_store: Store) -> None:
+    file_store.create(_KEY, _held_elsewhere(ttl_s=0.5))
+    holders: list[ClaimRecord] = []
+    with claimed(file_store, _KEY, waiting=holders.append):
+        assert {(each.owner, each.process.pid) for each in holders} == {("other", 1)}
+
+
+def test_a_holder_whose_claim_was_released_on_its_behalf_takes_it_back(file_store: Store) -> None:
+    with claimed(file_store, _KEY, ttl_s=0.3) as claim:
+        released = _record(file_store).model_copy(update={"released": True})
+        file_store.put(_KEY, released.model_dump_json().encode())  # as the watch does with one that shows no life
+        eventually(lambda: not _record(file_store).released)
+        assert not claim.replaced
+        assert claim.epoch == 1
