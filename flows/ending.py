@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from prefect.runtime import flow_run
 from pydantic import JsonValue
 
+from flows.announcing import announced
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.records import JobRecord, advance
 from tasks.storage.runs import begun, stage_token
@@ -29,7 +30,7 @@ def as_run(
     """
     if token is not None:
         return work(token)
-    with begun(store, {"flow": stage, **identity}) as run:
+    with announced(), begun(store, {"flow": stage, **identity}) as run:
         try:
             record = work(stage_token(run, stage))
         except (DocumentError, StageFailed) as exc:

@@ -4,7 +4,9 @@ from pathlib import Path
 
 from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
+from pydantic import JsonValue
 
+from flows.announcing import announced
 from flows.batch_report import Reported, Unreported, write_report, write_report_of_run
 from flows.report_artifacts import show_report
 from flows.reporting import alarmed, run_alarmed, told
@@ -41,7 +43,8 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     opened = open_store(store)
     found, own = pins(spec, opened, Path(base))
     versions = {key: str(version.number) for key, version in own.items()}
-    with begun(opened, {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}) as run:
+    identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
+    with announced(), begun(opened, identity) as run:
         report = told(run) if is_terminal(run) else _ended(spec, opened, base, versions, run)
     _show(report)
     if not report.passed:

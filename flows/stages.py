@@ -4,8 +4,9 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
+from flows.announcing import announce_verdict
 from flows.deployment_sync import deployment_sync
-from flows.judging import gate_answer
+from flows.judging import answered, gate_answer
 from flows.reporting import batch_report, deployment_report, export_report, gate_report, generation_report, texts
 from flows.resolving import Numbers, deployed_version, numbered_finder
 from flows.shipping import changes, refused, shippable, withdraw
@@ -63,7 +64,10 @@ def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRec
     gate = spec.gate
     if gate is None or batch is None:
         return ()
+    said_before = answered(store, run)
     answer, seconds = _timed(lambda: gate_answer(gate, batch, store, run))
+    if said_before is None:
+        announce_verdict(answer, run, batch)
     return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
 
 

@@ -26,6 +26,7 @@ from tasks.deploy.stopping import Stop, StopRequested
 from tasks.storage.keys import checked_name
 from tasks.storage.opening import connect
 from tasks.storage.store import Store
+from tasks.watching.logs import asked_format, logging_as_asked
 
 _LOG = logging.getLogger(__name__)
 _GROWTH = 1.3
@@ -79,7 +80,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: The command line, by default this process's.
     """
     options = _parser().parse_args(arguments)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
+    with logging_as_asked():
+        return _served(options)
+
+
+def _served(options: argparse.Namespace) -> int:
+    if asked_format() is None:
+        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
     stop = Stop(options.parent)
     stop.listen()
     adopt_orphans()

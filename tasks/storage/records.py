@@ -26,6 +26,7 @@ from tasks.storage.encoding import decoded, encoded
 from tasks.storage.keys import job_key, jobs_prefix, token_key
 from tasks.storage.opening import store_id
 from tasks.storage.store import Store
+from tasks.storage.transitions import Transition, tell
 
 JobKind = Literal["world-generation-job", "world-export-job", "simulation-job-batch", "deployment-job", "pipeline-run"]
 TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
@@ -163,6 +164,7 @@ def advance(
         except ObjectConflict:
             time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
         else:
+            _tell(before, after)
             return after
     raise ObjectConflict(f"{store.url}: {job_key(kind, id)} changed {_ATTEMPTS} times while it was being advanced")
 
@@ -190,6 +192,12 @@ def records(store: Store, kind: JobKind) -> list[JobRecord]:
 def is_terminal(record: JobRecord) -> bool:
     """Returns whether the job has ended, and so will never change."""
     return record.status in TERMINAL
+
+
+def _tell(before: JobRecord, after: JobRecord) -> None:
+    if before.status != after.status:
+        code, reason = after.failure_code, after.failure_reason
+        tell(Transition(after.kind, after.arn, before.status, after.status, code, reason))
 
 
 def _epoch(record: JobRecord) -> int:

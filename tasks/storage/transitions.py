@@ -1,0 +1,60 @@
+"""Who is told that a job's status changed: a context variable, so that no function needs a parameter for it.
+
+Told is what is in the store already, by the process that changed it, so that a change is told once at most however
+often a job is killed and continued.
+"""
+
+import logging
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import NamedTuple
+
+logger = logging.getLogger(__name__)
+
+
+class Transition(NamedTuple):
+    """A job's change from one status to another.
+
+    Attributes:
+        kind: Of the job, such as ``simulation-job-batch``.
+        arn: The job's.
+        was: Its status before.
+        status: Its status now.
+        failure_code: RoboMaker's failure code, or empty.
+        failure_reason: For a person, or empty.
+    """
+
+    kind: str
+    arn: str
+    was: str
+    status: str
+    failure_code: str
+    failure_reason: str
+
+
+Listener = Callable[[Transition], None]
+
+
+def _nobody(transition: Transition) -> None:
+    """Drops what is told: nobody listens."""
+
+
+_listener: ContextVar[Listener] = ContextVar("simyard_transition_listener", default=_nobody)
+
+
+@contextmanager
+def hearing(listener: Listener) -> Generator[None, None, None]:
+    """Lets the listener hear of transitions inside the ``with`` block; it must not raise."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
+def tell(transition: Transition) -> None:
+    """Tells the log, and the listener of this context, of a transition that is in the store."""
+    fields = {name: value for name, value in transition._asdict().items() if value}
+    logger.info("%s is %s", transition.arn, transition.status, extra={"fields": fields})
+    _listener.get()(transition)

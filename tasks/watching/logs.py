@@ -1,0 +1,98 @@
+"""What is logged, one event a line for a program to read: JSON, or ``key=value``; asked for by SIMYARD_LOG_FORMAT."""
+
+import json
+import logging
+import os
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Literal, get_args
+
+from pydantic import JsonValue
+
+from specs.base import Fault
+from specs.errors import DocumentError
+
+LogFormat = Literal["json", "keyvalue"]
+LOG_FORMAT = "SIMYARD_LOG_FORMAT"
+# The packages whose events these are; what libraries log is Prefect's business.
+_OURS = ("flows", "tasks", "specs")
+
+
+class EventLines(logging.Formatter):
+    """An event as a line: its time, level, logger, text, and the facts that its writer gave as ``fields``."""
+
+    def __init__(self, form: LogFormat) -> None:
+        """Makes lines of that format."""
+        super().__init__()
+        self._form = form
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Returns the line, without its end."""
+        event = self._event(record)
+        if self._form == "json":
+            return json.dumps(event, ensure_ascii=False)
+        return " ".join(f"{key}={_shown(value)}" for key, value in event.items())
+
+    def _event(self, record: logging.LogRecord) -> dict[str, JsonValue]:
+        at = datetime.fromtimestamp(record.created, tz=UTC).isoformat(timespec="milliseconds")
+        event: dict[str, JsonValue] = {
+            "time": at,
+            "level": record.levelname,
+            "logger": record.name,
+            "event": record.getMessage(),
+            **getattr(record, "fields", {}),
+        }
+        return {**event, "exception": self.formatException(record.exc_info)} if record.exc_info else event
+
+
+def asked_format() -> LogFormat | None:
+    """Returns what SIMYARD_LOG_FORMAT asks for; None if nothing.
+
+    Raises:
+        DocumentError: There is no such format.
+    """
+    asked = os.environ.get(LOG_FORMAT, "")
+    for form in get_args(LogFormat):
+        if asked == form:
+            return form
+    if asked:
+        raise DocumentError([Fault(path=LOG_FORMAT, value=asked, allowed=" or ".join(get_args(LogFormat)))])
+    return None
+
+
+@contextmanager
+def logging_as_asked() -> Generator[None, None, None]:
+    """Writes what Simyard logs inside the ``with`` block to stderr, if SIMYARD_LOG_FORMAT asks for it.
+
+    Raises:
+        DocumentError: There is no such format.
+    """
+    form = asked_format()
+    if form is None or any(_is_ours(handler) for handler in logging.getLogger(_OURS[0]).handlers):
+        yield
+        return
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(EventLines(form))
+    before = {name: logging.getLogger(name).level for name in _OURS}
+    for name in _OURS:
+        logging.getLogger(name).addHandler(handler)
+        logging.getLogger(name).setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).removeHandler(handler)
+            logging.getLogger(name).setLevel(level)
+
+
+def _is_ours(handler: logging.Handler) -> bool:
+    return isinstance(handler.formatter, EventLines)
+
+
+def _shown(value: JsonValue) -> str:
+    """Returns a value that no reader takes for several: quoted where it has more than letters, digits and a few."""
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    plain = text and not any(character.isspace() or character in "\"'=" for character in text)
+    return text if plain else json.dumps(text, ensure_ascii=False)
