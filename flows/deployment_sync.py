@@ -9,6 +9,7 @@ from urllib.parse import unquote
 from prefect import flow
 
 from flows.ending import as_run, run_name
+from flows.heeding import cancel_with_flow_run
 from flows.resolving import deployed_version, numbered_finder
 from specs.digests import canonical_document
 from specs.pipeline_requests import deployment_request
@@ -23,7 +24,7 @@ from tasks.storage.records import JobRecord
 from tasks.storage.store import Store
 
 
-@flow(name="deployment-sync", flow_run_name=run_name, persist_result=False)
+@flow(name="deployment-sync", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
 def deployment_sync(
     spec: Deployment,
     store: str | None = None,

@@ -1,11 +1,14 @@
 """How flows of a single stage begin and end: as a run of their own, or as a part of the pipeline's."""
 
 from collections.abc import Callable, Mapping
+from typing import cast
 
 from prefect.runtime import flow_run
 from pydantic import JsonValue
 
 from flows.announcing import announced
+from flows.heeding import canceled_state, working_on
+from flows.waiting import told_waiting
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.records import JobRecord, advance
 from tasks.storage.runs import begun, stage_token
@@ -30,14 +33,24 @@ def as_run(
     """
     if token is not None:
         return work(token)
-    with announced(), begun(store, {"flow": stage, **identity}) as run:
-        try:
+    try:
+        with announced(), begun(store, {"flow": stage, **identity}, told_waiting(store)) as run:
+            return _worked(store, stage, run, work)
+    except StageFailed as exc:
+        return cast("JobRecord", canceled_state(exc))  # which Prefect takes for the flow run's
+
+
+def _worked(store: Store, stage: str, run: JobRecord, work: Callable[[str], JobRecord]) -> JobRecord:
+    if run.status == "Canceled":  # maybe before it had a job, and none begins now
+        raise StageFailed(run.failure_code, run.failure_reason, run.arn)
+    try:
+        with working_on(store, run):
             record = work(stage_token(run, stage))
-        except (DocumentError, StageFailed) as exc:
-            advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
-            raise
-        advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
-        return record
+    except (DocumentError, StageFailed) as exc:
+        advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
+        raise
+    advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
+    return record
 
 
 def run_name() -> str:

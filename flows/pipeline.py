@@ -1,6 +1,7 @@
 """The whole document: worlds, export, simulation, gate, deployment."""
 
 from pathlib import Path
+from typing import cast
 
 from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
@@ -8,10 +9,13 @@ from pydantic import JsonValue
 
 from flows.announcing import announced
 from flows.batch_report import Reported, Unreported, write_report, write_report_of_run
+from flows.canceling import unless_canceled
+from flows.heeding import cancel_with_flow_run, canceled_state, working_on
 from flows.report_artifacts import show_report
 from flows.reporting import alarmed, run_alarmed, told
 from flows.resolving import Numbers, pins
 from flows.stages import Reports, deploy, export, generate, judge, simulate, skipped
+from flows.waiting import told_waiting
 from flows.workers import wanted_workers
 from specs.digests import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
@@ -23,7 +27,7 @@ from tasks.storage.runs import begun
 from tasks.storage.store import Store
 
 
-@flow(name="pipeline", flow_run_name="{spec.name}", persist_result=False)
+@flow(name="pipeline", flow_run_name="{spec.name}", persist_result=False, on_cancellation=[cancel_with_flow_run])
 def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
@@ -44,8 +48,11 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     found, own = pins(spec, opened, Path(base))
     versions = {key: str(version.number) for key, version in own.items()}
     identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
-    with announced(), begun(opened, identity) as run:
-        report = told(run) if is_terminal(run) else _ended(spec, opened, base, versions, run)
+    try:
+        with announced(), begun(opened, identity, told_waiting(opened)) as run:
+            report = told(run) if is_terminal(run) else _ended(spec, opened, base, versions, run)
+    except StageFailed as exc:
+        return cast("PipelineReport", canceled_state(exc))  # which Prefect takes for the flow run's
     _show(report)
     if not report.passed:
         raise PipelineNotPassed(report)
@@ -54,9 +61,11 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
 
 def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
     """Returns the report of the run, which is in its terminal state then; a crash leaves it open to be continued."""
-    advance(store, "pipeline-run", run.id, "Running")
     try:
-        report = _stages(spec, store, base, versions, run)
+        with working_on(store, run):
+            report = _stages(spec, store, base, versions, run)
+            if report.shipped is False:
+                unless_canceled(store, run)
     except ConcurrentDeployment:
         raise  # it passes: the same document continues this run when the fleet is free
     except (DocumentError, StageFailed) as exc:
@@ -77,11 +86,14 @@ def _stages(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
 
 def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
     worlds, generation = generate(spec, store, base, run)
+    unless_canceled(store, run)
     exported = export(spec, worlds, store, run)
+    unless_canceled(store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
     judged = judge(spec, batch, store, run)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
         judged = _shown(judged, store, batch)
+    unless_canceled(store, run)
     verdict = judged[0].status if judged else None
     passed = verdict in (None, "PASS")
     deployed = deploy(spec, batch, store, versions, run) if passed else skipped(spec)

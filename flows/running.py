@@ -54,10 +54,14 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         listening(listener),
         _watched(server, console) as watch,
     ):
-        from flows.pipeline import pipeline  # noqa: PLC0415 - JAX and Prefect load while the server starts
+        from prefect.exceptions import CancelledRun  # noqa: PLC0415 - JAX and Prefect load while the server starts
+
+        from flows.pipeline import pipeline  # noqa: PLC0415 - same
 
         try:
             return pipeline(spec, store=store.url, base=str(base))
+        except CancelledRun as exc:
+            raise StageFailed("Canceled", str(exc)) from exc
         finally:
             if not watch.gone.is_set():
                 flush_prefect()

@@ -12,6 +12,7 @@ from flows.batch_report import Reported, noted, write_last_report
 from flows.closing import with_audit
 from flows.early_end import EarlyEnd, endable
 from flows.ending import as_run, ended_well, run_name
+from flows.heeding import cancel_with_flow_run
 from flows.report_artifacts import show_report
 from flows.resolving import batch_plan, numbered_finder
 from flows.spread_batch import spread_batch
@@ -50,7 +51,7 @@ from tasks.storage.store import Store
 from tasks.watching.task import watched
 
 
-@flow(name="simulation-batch", flow_run_name=run_name, persist_result=False)
+@flow(name="simulation-batch", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
 def simulation_batch(
     spec: SimulationBatch,
     worlds: list[str] | None = None,

@@ -4,6 +4,7 @@ from prefect import flow
 from pydantic import JsonValue
 
 from flows.ending import as_run, ended_well, run_name
+from flows.heeding import cancel_with_flow_run
 from specs.digests import canonical_document
 from specs.pipeline_requests import export_request, reference_arn
 from specs.pipeline_worlds import WorldExport
@@ -12,7 +13,7 @@ from tasks.storage.opening import open_store, store_id
 from tasks.storage.records import JobRecord
 
 
-@flow(name="world-export", flow_run_name=run_name, persist_result=False)
+@flow(name="world-export", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
 def world_export(
     spec: WorldExport, worlds: list[str] | None = None, store: str | None = None, token: str | None = None
 ) -> JobRecord:

@@ -5,6 +5,7 @@ from pathlib import Path
 from prefect import flow
 
 from flows.ending import as_run, ended_well, run_name
+from flows.heeding import cancel_with_flow_run
 from specs.arn import arn
 from specs.digests import canonical_document
 from specs.pipeline_requests import generation_request
@@ -17,7 +18,7 @@ from tasks.storage.records import JobRecord
 from tasks.worlds.task import generate_worlds
 
 
-@flow(name="world-generation", flow_run_name=run_name, persist_result=False)
+@flow(name="world-generation", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
 def world_generation(
     spec: WorldGeneration, store: str | None = None, base: str = ".", token: str | None = None
 ) -> JobRecord:
