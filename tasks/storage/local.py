@@ -142,6 +142,15 @@ class LocalStore:
             found = (listed(key, self.root / key) for key in self.keys(prefix))
             return [entry for entry in found if entry]
 
+    def entry(self, key: str) -> Entry:
+        """Returns one object with its size and age, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            found = listed(key, path) if path.is_file() else None
+        if found is None:
+            raise ObjectNotFound(f"{self.url}: no object {key}")
+        return found
+
     def now_s(self) -> float:
         """Returns the time by the clock of the disk."""
         with self._explained(_LOCKS):

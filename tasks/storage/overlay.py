@@ -78,13 +78,15 @@ class OverlayStore:
         return sorted(key for key in own.union(self._below.keys(prefix)) if self.exists(key))
 
     def entries(self, prefix: str) -> list[Entry]:
-        """Returns the objects below a folder; what was written here is as old as nothing; see Store."""
+        """Returns the objects below a folder; what was written here was written right now; see Store."""
         below = {entry.key: entry for entry in self._below.entries(prefix)}
-        now_s = self.now_s()
-        return [
-            Entry(key, self.size(key), now_s, self.mark(key)) if key in self._written else below[key]
-            for key in self.keys(prefix)
-        ]
+        return [self.entry(key) if key in self._written else below[key] for key in self.keys(prefix)]
+
+    def entry(self, key: str) -> Entry:
+        """Returns one object as a listing shows it; see Store."""
+        if key not in self._written:
+            return self._below.entry(key)
+        return Entry(key, self.size(key), self.now_s(), self.mark(key))
 
     def now_s(self) -> float:
         """Returns the time by the clock of the store below; see Store."""
@@ -92,8 +94,7 @@ class OverlayStore:
 
     def delete_unchanged(self, entry: Entry) -> bool:
         """Hides an object unless it was written since; see Store."""
-        found = next((each for each in self.entries("") if each.key == entry.key), None)
-        if found is not None and found.mark != entry.mark:
+        if self.exists(entry.key) and self.entry(entry.key).mark != entry.mark:
             return False
         self.delete(entry.key)
         return True

@@ -28,7 +28,7 @@ from tasks.storage.keys import checked_key
 from tasks.storage.room import room_in
 from tasks.storage.s3_client import PART_BYTES, Answer, S3Client
 from tasks.storage.s3_errors import FAULTS, explained
-from tasks.storage.s3_listing import listed_objects, listed_uploads, object_mark, server_now_s
+from tasks.storage.s3_listing import entry_of, listed_objects, listed_uploads, object_mark, server_now_s
 from tasks.storage.store import UNBOUNDED, Entry, Stored
 
 _MARK = "simyard-write"
@@ -125,6 +125,12 @@ class S3Store:
         with self._explained(prefix):
             found = list(listed_objects(self._client, self._bucket, self._prefix, self._folder(prefix)))
         return sorted((entry for entry in found if _is_shown(entry.key)), key=lambda entry: entry.key)
+
+    def entry(self, key: str) -> Entry:
+        """Returns one object with its size and age, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key):
+            return entry_of(key, self._client.call("head_object", Bucket=self._bucket, Key=path), "ContentLength")
 
     def now_s(self) -> float:
         """Returns the time by the server's clock, as its answers tell it."""

@@ -22,8 +22,7 @@ def listed_objects(client: S3Client, bucket: str, prefix: str, folder: str) -> I
     while True:
         answer = client.call("list_objects_v2", Bucket=bucket, Prefix=folder, **page)
         for found in cast("list[Answer]", answer.get("Contents", [])):
-            key = cast("str", found["Key"]).removeprefix(prefix)
-            yield Entry(key, cast("int", found["Size"]), _second(found["LastModified"]), object_mark(found))
+            yield entry_of(cast("str", found["Key"]).removeprefix(prefix), found, "Size")
         if not answer.get("IsTruncated"):
             return
         page = {"ContinuationToken": answer["NextContinuationToken"]}
@@ -43,6 +42,11 @@ def listed_uploads(client: S3Client, bucket: str, prefix: str, folder: str) -> l
         if not answer.get("IsTruncated"):
             return sorted(found, key=lambda entry: (entry.key, entry.mark))
         page = {"KeyMarker": answer["NextKeyMarker"], "UploadIdMarker": answer["NextUploadIdMarker"]}
+
+
+def entry_of(key: str, answer: Answer, size_field: str) -> Entry:
+    """Returns an object from what the server tells of it in a listing, or when it is asked for it alone."""
+    return Entry(key, cast("int", answer[size_field]), _second(answer["LastModified"]), object_mark(answer))
 
 
 def object_mark(answer: Answer) -> str:

@@ -160,6 +160,14 @@ class Store(Protocol):
         """Returns what ``keys`` returns with size and age, in the same order."""
         ...
 
+    def entry(self, key: str) -> Entry:
+        """Returns one object as a listing shows it.
+
+        Raises:
+            ObjectNotFound: There is none under the key.
+        """
+        ...
+
     def now_s(self) -> float:
         """Returns the time by the clock that writes ``Entry.written_s``, at most a second too early."""
         ...

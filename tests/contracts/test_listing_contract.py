@@ -15,6 +15,14 @@ from tasks.storage.store import Entry, Store
 _SECOND_S = 1.1  # an S3 server tells times in whole seconds
 
 
+def test_one_entry_is_that_of_the_listing(store: Store) -> None:
+    store.put("folder/a", b"12")
+    assert store.entry("folder/a") == the_entry(store, "folder/a")
+    for key in ("folder", "folder/none"):
+        with pytest.raises(ObjectNotFound):
+            store.entry(key)
+
+
 def the_entry(store: Store, key: str) -> Entry:
     (found,) = [entry for entry in store.entries("") if entry.key == key]
     return found

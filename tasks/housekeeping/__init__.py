@@ -1,0 +1,1 @@
+"""What a store and a machine keep that nobody names any more: found, told, and removed."""

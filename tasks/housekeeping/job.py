@@ -1,0 +1,177 @@
+"""A gc of a store and of this machine's cache: marked, told, and swept if that is wanted."""
+
+import logging
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from specs.base import Spec
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
+from tasks.housekeeping.cache import Cached, clear, unused
+from tasks.housekeeping.layout import NOTES, TOKENS, Job, job_named, place_of
+from tasks.housekeeping.metadata import replaced_metadata
+from tasks.housekeeping.naming import Named, named
+from tasks.housekeeping.planning import Item, Listing, Plan, planned
+from tasks.housekeeping.reading import Records, read_records, record_entries
+from tasks.housekeeping.report import GcReport, Row, Unread
+from tasks.housekeeping.sweeping import Swept, sweep
+from tasks.storage.buckets import bucket_url
+from tasks.storage.encoding import encoded
+from tasks.storage.store import Entry, Store
+
+_LOG = logging.getLogger(__name__)
+_AT_ONCE = 16
+_ANY_BUCKET = "any-bucket"
+
+
+@dataclass(frozen=True)
+class Ages:
+    """How old things must be.
+
+    Attributes:
+        grace_s: Since they were written, or were without a name, before they go.
+        ended_s: Since jobs ended before they are forgotten; None to forget none.
+        unused_s: Since what is in this machine's cache was used last.
+    """
+
+    grace_s: float = 24 * 3600.0
+    ended_s: float | None = None
+    unused_s: float = 30 * 24 * 3600.0
+
+
+class _Token(Spec):
+    token: str
+    request_digest: str
+    id: str
+
+
+class _Unnamed(Spec):
+    """Bundles without a name, with the mark that each had, and since when that is known by the store's clock."""
+
+    bundles: dict[str, tuple[str, float]] = Field(default_factory=dict[str, tuple[str, float]])
+
+
+def collect(store: Store, cache: Path, ages: Ages, *, remove: bool) -> GcReport:
+    """Returns what nobody names any more, and removes it if that is wanted.
+
+    Args:
+        store: Which one.
+        cache: This machine's folder of what can be made again.
+        ages: How old things must be.
+        remove: Whether to do it; else it is only told, and nothing is written.
+
+    Raises:
+        StoreError: The store fails; what was removed until then may be, and the next gc goes on.
+    """
+    marked = _Marked(store, ages)
+    notes, etag = _notes(store)
+    plan = planned(marked.listing, marked.named, notes.bundles, ages.grace_s)
+    cached = unused(cache, ages.unused_s)
+    swept = Swept(freed=list(plan.items))
+    if remove:
+        _keep_notes(store, plan, etag)
+        swept = sweep(store, plan, marked.look_again)
+        cached = [entry for entry in cached if clear(entry)]
+    return _report(store, plan, swept, marked.named, cached, removed=remove)
+
+
+class _Marked:
+    """What a store holds, and what its records name: first listed, then read, so that what begins meanwhile counts."""
+
+    def __init__(self, store: Store, ages: Ages) -> None:
+        self._store, now_s = store, store.now_s()
+        self._ended_before_s = None if ages.ended_s is None else now_s - ages.ended_s
+        entries = store.entries("")
+        self._records: Records = {}
+        self.named = self.look_again()
+        self.listing = Listing(
+            entries=entries,
+            unfinished=store.unfinished(""),
+            token_jobs=_token_jobs(store, entries, self.named),
+            replaced=replaced_metadata(store, entries, now_s - ages.grace_s),
+            now_s=now_s,
+        )
+
+    def look_again(self) -> Named:
+        """Returns what the records name now; those that are as they were are not read again."""
+        self._records = read_records(self._store, record_entries(self._store), self._records)
+        return named(self._records, self._ended_before_s)
+
+
+def _token_jobs(store: Store, entries: Iterable[Entry], known: Named) -> dict[str, Job]:
+    """Returns the jobs of the tokens that belong to no record, by the tokens' keys."""
+    keys = [each.key for each in entries if place_of(each.key).what == TOKENS and each.key not in known.tokens]
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        jobs = pool.map(lambda key: _token_job(store, key), keys)
+        return {key: job for key, job in zip(keys, jobs, strict=True) if job}
+
+
+def _token_job(store: Store, key: str) -> Job | None:
+    try:
+        return job_named(_Token.model_validate_json(store.get(key).body).id)
+    except ObjectNotFound:
+        return None
+    except (ValidationError, KeyError) as exc:
+        _LOG.warning("%s: %s stays: it is no token (%s)", store.url, key, type(exc).__name__)
+        return None
+
+
+def _notes(store: Store) -> tuple[_Unnamed, str]:
+    try:
+        stored = store.get(NOTES)
+    except ObjectNotFound:
+        return _Unnamed(), ""
+    try:
+        return _Unnamed.model_validate_json(stored.body), stored.etag
+    except ValidationError:  # as good as none: bundles wait once more
+        return _Unnamed(), stored.etag
+
+
+def _keep_notes(store: Store, plan: Plan, etag: str) -> None:
+    """Notes since when bundles have had no name, if anything is to be noted."""
+    body = encoded(_Unnamed(bundles=dict(plan.unnamed)))
+    try:
+        if etag:
+            store.replace(NOTES, body, etag)
+        elif plan.unnamed:
+            store.create(NOTES, body)
+    except (ObjectConflict, ObjectExists):
+        _LOG.info("another gc has noted the bundles without a name")
+
+
+def _report(
+    store: Store, plan: Plan, swept: Swept, marked: Named, cached: Iterable[Cached], *, removed: bool
+) -> GcReport:
+    return GcReport(
+        store=store.url,
+        removed=removed,
+        freed=_rows(swept.freed),
+        waiting=_rows(plan.waiting),
+        stayed=_rows(swept.stayed),
+        unread=tuple(Unread(record=each.key, why=each.why, keeps=tuple(sorted(each.keeps))) for each in marked.spoilt),
+        left_out=_left_out(store),
+        cache=_summed(((entry.what, "that nobody has used for long"), entry.size_bytes) for entry in cached),
+    )
+
+
+def _left_out(store: Store) -> tuple[str, ...]:
+    place = bucket_url(store, _ANY_BUCKET).removesuffix(f"/{_ANY_BUCKET}")
+    if place == f"{store.url}/buckets":
+        return ()
+    return (f"{place}: buckets outside the store may be others' too; exports, tables and recordings there stay",)
+
+
+def _rows(items: Iterable[Item]) -> tuple[Row, ...]:
+    return _summed(((item.what, item.why), item.entry.size_bytes) for item in items)
+
+
+def _summed(sizes: Iterable[tuple[tuple[str, str], int]]) -> tuple[Row, ...]:
+    found: dict[tuple[str, str], list[int]] = {}
+    for name, size in sizes:
+        found.setdefault(name, []).append(size)
+    return tuple(
+        Row(kind=kind, objects=len(each), bytes=sum(each), why=why) for (kind, why), each in sorted(found.items())
+    )

@@ -1,0 +1,159 @@
+"""Removes what a plan says, looking again right before each removal.
+
+What a job has left is removed under the job's own claim, so that nobody begins the job anew meanwhile and takes what is
+about to go for what is there. Killed anywhere, the next gc goes on: what shows whose a thing is goes last.
+"""
+
+import logging
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from specs.errors import ObjectExists, ObjectNotFound
+from tasks.housekeeping.layout import NAMED_BY_OTHERS, TOKENS, UNFINISHED, WORLDS, Job
+from tasks.housekeeping.naming import Named
+from tasks.housekeeping.planning import Item, Leftover, Plan
+from tasks.storage.claim import ClaimRecord, claimed_unless_alive
+from tasks.storage.encoding import decoded
+from tasks.storage.keys import claim_key, job_key, result_key
+from tasks.storage.store import Store
+
+_LOG = logging.getLogger(__name__)
+LookAgain = Callable[[], Named]
+
+
+@dataclass
+class Swept:
+    """What came of a plan.
+
+    Attributes:
+        freed: What is gone.
+        stayed: What somebody has written, named or begun to work on since it was listed.
+    """
+
+    freed: list[Item] = field(default_factory=list[Item])
+    stayed: list[Item] = field(default_factory=list[Item])
+
+    def note(self, item: Item, *, is_gone: bool) -> None:
+        """Notes what became of an object."""
+        (self.freed if is_gone else self.stayed).append(item)
+
+
+def sweep(store: Store, plan: Plan, look_again: LookAgain) -> Swept:
+    """Returns what was removed, and what was not because it is in use by now.
+
+    Args:
+        store: What the plan is for.
+        plan: What can go.
+        look_again: Returns what the store's records name at that moment.
+    """
+    swept = Swept()
+    for item in plan.single:
+        swept.note(item, is_gone=_removed(store, item))
+    for leftover in plan.leftovers:
+        _sweep_leftover(store, leftover, look_again, swept)
+    for item in plan.bundles:
+        swept.note(item, is_gone=_bundle_removed(store, item, look_again))
+    return swept
+
+
+def _removed(store: Store, item: Item) -> bool:
+    if item.what == UNFINISHED:
+        store.discard(item.entry)
+        return True
+    return store.delete_unchanged(item.entry)
+
+
+def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swept: Swept) -> None:
+    job = leftover.job
+    key = claim_key(job.kind, job.id)
+    with claimed_unless_alive(store, key) as claim:
+        if claim is None or not _is_left(store, leftover, look_again):
+            _LOG.info("%s is in use again; what it has left stays", job.id)
+            swept.stayed += leftover.all
+            return
+        for item in leftover.items:
+            store.delete(item.entry.key)  # nobody else has to do with it while the claim is held
+            swept.note(item, is_gone=True)
+        for item in leftover.ends:
+            if item.what == TOKENS:
+                swept.note(item, is_gone=_token_removed(store, job, item))
+    _drop_claim(store, key)
+    for item in leftover.ends:
+        if item.what != TOKENS:
+            swept.note(item, is_gone=True)
+    if leftover.record:
+        swept.note(leftover.record, is_gone=True)
+
+
+def _is_left(store: Store, leftover: Leftover, look_again: LookAgain) -> bool:
+    """Returns whether the job has no record (now), and nobody names what is to go."""
+    job, kinds = leftover.job, {item.what for item in leftover.items}
+    if leftover.record:
+        named = look_again()
+        if job.id in named.ids or named.spoilt or not store.delete_unchanged(leftover.record.entry):
+            return False
+    elif store.exists(job_key(job.kind, job.id)):
+        return False
+    if not kinds & NAMED_BY_OTHERS:
+        return True
+    if WORLDS not in kinds:  # a batch's files, which only its evidence names, and an export's
+        return not store.exists(result_key(job.id, "evidence.json"))
+    named = look_again()
+    return job.id not in named.ids and not kinds & named.kept
+
+
+def _token_removed(store: Store, job: Job, item: Item) -> bool:
+    """Removes the token of a job; who submits the job at this moment, relying on the token, gets it back."""
+    try:
+        body = store.get(item.entry.key).body
+    except ObjectNotFound:
+        return True
+    if not store.delete_unchanged(item.entry):
+        return False
+    if not store.exists(job_key(job.kind, job.id)):
+        return True
+    try:
+        store.create(item.entry.key, body)
+    except ObjectExists:  # the submitter wrote it anew
+        return False
+    return False
+
+
+def _drop_claim(store: Store, key: str) -> None:
+    """Removes a claim that nobody has."""
+    try:
+        entry = store.entry(key)
+        released = decoded(ClaimRecord, store.get(key), store, key).released
+    except ObjectNotFound:
+        return
+    if released:  # if somebody took it after this look, it has changed, and stays
+        store.delete_unchanged(entry)
+
+
+def _bundle_removed(store: Store, item: Item, look_again: LookAgain) -> bool:
+    """Removes a bundle, unless it is named or was written again; one that is named right afterwards is put back.
+
+    Only where a store cannot remove and compare in one step can another process have published the same bytes, and
+    named them, between the look and the removal.
+    """
+    digest = item.entry.key.rpartition("/")[2]
+    if not _is_unnamed(digest, look_again()):
+        return False
+    with tempfile.TemporaryDirectory(prefix="simyard-gc-") as folder:
+        copy = Path(folder) / "bundle"
+        try:
+            store.download(item.entry.key, copy)
+        except ObjectNotFound:  # another gc was faster
+            return True
+        if not store.delete_unchanged(item.entry):
+            return False
+        if _is_unnamed(digest, look_again()):
+            return True
+        store.upload(item.entry.key, copy)
+        return False
+
+
+def _is_unnamed(digest: str, named: Named) -> bool:
+    return digest not in named.digests and "bundles" not in named.kept

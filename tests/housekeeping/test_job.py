@@ -1,0 +1,231 @@
+"""What a gc removes and what it keeps, on a folder and on a real S3 server."""
+
+from pathlib import Path
+
+import pytest
+
+from tasks.housekeeping.job import Ages
+from tasks.storage.keys import bundle_key, job_key, world_key
+from tasks.storage.store import Store
+from tests.contracts.test_listing_contract import leave_unfinished
+from tests.housekeeping.yard import NOW, Yard, freed, later, results_of, worlds_of
+
+_HOUR_S = 3600.0
+
+
+@pytest.fixture
+def yard(store: Store) -> Yard:
+    return Yard(store)
+
+
+@pytest.fixture
+def file_yard(file_store: Store) -> Yard:
+    return Yard(file_store)
+
+
+def a_batch(yard: Yard) -> tuple[str, str]:
+    """Returns the ids of a generation job and of a batch that drove its worlds."""
+    generation = yard.generation("worlds")
+    version = yard.publish("courier", b"bundle")
+    return generation.id, yard.batch("batch", generation.id, version.digest).id
+
+
+def test_what_records_name_stays(yard: Yard, tmp_path: Path) -> None:
+    generation, _ = a_batch(yard)
+    yard.export("export", generation)
+    before = yard.store.keys("")
+    assert freed(yard.gc(tmp_path)) == {}
+    assert yard.store.keys("") == before
+
+
+def test_what_a_batch_without_a_record_left_goes_and_its_worlds_stay(yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(yard)
+    yard.store.delete(job_key("simulation-job-batch", batch))
+    assert freed(yard.gc(tmp_path)) == {"chunks": 1, "claims": 1, "recordings": 1, "results": 2, "tokens": 1}
+    assert not [key for key in yard.store.keys("") if batch in key]
+    assert all(yard.store.exists(key) for key in worlds_of(generation))
+    assert freed(yard.gc(tmp_path)) == {}
+
+
+def test_without_being_told_to_nothing_is_removed_or_written(yard: Yard, tmp_path: Path) -> None:
+    _, batch = a_batch(yard)
+    yard.unpublish("courier")
+    yard.store.delete(job_key("simulation-job-batch", batch))
+    before = {entry.key: entry.mark for entry in yard.store.entries("")}
+    told = yard.gc(tmp_path, remove=False)
+    assert {entry.key: entry.mark for entry in yard.store.entries("")} == before
+    assert freed(told) == freed(yard.gc(tmp_path)) != {}
+
+
+def test_evidence_keeps_bundle_worlds_and_results_when_every_record_is_gone(file_yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(file_yard)
+    digest = file_yard.publish("courier", b"bundle").digest
+    file_yard.judge(batch, generation, digest)
+    file_yard.unpublish("courier")
+    file_yard.store.delete(job_key("simulation-job-batch", batch))
+    file_yard.store.delete(job_key("world-generation-job", generation))
+    assert freed(file_yard.gc(tmp_path)) == {"chunks": 1}
+    kept = [bundle_key(digest), *worlds_of(generation), *results_of(batch)]
+    assert all(file_yard.store.exists(key) for key in kept)
+
+
+def test_worlds_of_a_lost_job_stay_as_long_as_a_batch_names_them(file_yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(file_yard)
+    file_yard.store.delete(job_key("world-generation-job", generation))
+    assert freed(file_yard.gc(tmp_path)) == {}
+    file_yard.store.delete(job_key("simulation-job-batch", batch))
+    file_yard.gc(tmp_path)
+    assert file_yard.store.keys("worlds") == []
+
+
+def test_a_world_that_somebody_added_stays(file_yard: Yard, tmp_path: Path) -> None:
+    added = [world_key("shrunk", "a"), world_key("wgj-0123456789abcdef", "from-another-store")]
+    for key in added:
+        file_yard.store.put(key, b"world")
+    assert freed(file_yard.gc(tmp_path)) == {}
+    assert file_yard.store.keys("worlds") == sorted(added)
+
+
+def test_what_people_put_into_buckets_stays(file_yard: Yard, tmp_path: Path) -> None:
+    _, batch = a_batch(file_yard)
+    file_yard.store.delete(job_key("simulation-job-batch", batch))
+    theirs = ["buckets/out/data.csv", f"buckets/out/nightly/{batch}/my-notes.txt"]
+    for key in theirs:
+        file_yard.store.put(key, b"1")
+    file_yard.gc(tmp_path)
+    assert file_yard.store.keys("buckets") == sorted(theirs)
+
+
+def test_results_of_another_store_in_a_bucket_of_this_one_stay(file_yard: Yard, tmp_path: Path) -> None:
+    key = "buckets/out/simb-0123456789abcdef/results.parquet"
+    file_yard.store.put(key, b"1")
+    file_yard.gc(tmp_path)
+    assert file_yard.store.exists(key)
+
+
+def test_a_bundle_goes_when_two_gcs_a_grace_apart_found_no_name_for_it(yard: Yard, tmp_path: Path) -> None:
+    key = bundle_key(yard.publish("courier", b"bundle").digest)
+    yard.unpublish("courier")
+    day = Ages(grace_s=24 * _HOUR_S)
+    found: list[bool] = []
+    for hours in (30, 53, 55):
+        Yard(later(yard.store, hours * _HOUR_S)).gc(tmp_path, day)
+        found.append(yard.store.exists(key))
+    assert found == [True, True, False]
+
+
+def test_a_bundle_that_was_published_again_between_two_gcs_begins_anew(file_yard: Yard, tmp_path: Path) -> None:
+    key = bundle_key(file_yard.publish("courier", b"bundle").digest)
+    file_yard.unpublish("courier")
+    day = Ages(grace_s=24 * _HOUR_S)
+    Yard(later(file_yard.store, 30 * _HOUR_S)).gc(tmp_path, day)
+    file_yard.publish("courier", b"bundle")
+    file_yard.unpublish("courier")
+    Yard(later(file_yard.store, 60 * _HOUR_S)).gc(tmp_path, day)
+    assert file_yard.store.exists(key)
+
+
+@pytest.mark.parametrize("named_by", ["desired", "reported", "deployment"])
+def test_a_bundle_that_only_a_robot_or_a_deployment_names_stays(file_yard: Yard, tmp_path: Path, named_by: str) -> None:
+    digest = file_yard.publish("courier", b"bundle").digest
+    file_yard.unpublish("courier")
+    if named_by == "deployment":
+        file_yard.deploy("d", digest)
+        file_yard.store.delete("robots/robot-d/desired.json")
+    else:
+        name = {"desired": "digest", "reported": "running_digest"}[named_by]
+        file_yard.store.put(f"robots/r/{named_by}.json", f'{{"robot": "r", "{name}": "{digest}"}}'.encode())
+    file_yard.gc(tmp_path)
+    assert file_yard.store.exists(bundle_key(digest))
+
+
+def test_nothing_younger_than_the_grace_goes_and_that_is_told(yard: Yard, tmp_path: Path) -> None:
+    _, batch = a_batch(yard)
+    yard.store.delete(job_key("simulation-job-batch", batch))
+    before = yard.store.keys("")
+    report = yard.gc(tmp_path, Ages(grace_s=_HOUR_S))
+    assert (freed(report), yard.store.keys("")) == ({}, before)
+    assert {row.kind for row in report.waiting} == {"chunks", "claims", "recordings", "results", "tokens"}
+    assert freed(Yard(later(yard.store, 2 * _HOUR_S)).gc(tmp_path, Ages(grace_s=_HOUR_S))) != {}
+
+
+def test_what_killed_writers_left_goes_once_it_is_old(yard: Yard, tmp_path: Path) -> None:
+    leave_unfinished(yard.store, "bundles/left")
+    yard.store.put(f"probe/{'0' * 32}", b"1")
+    assert freed(yard.gc(tmp_path, Ages(grace_s=_HOUR_S))) == {}
+    assert freed(yard.gc(tmp_path)) == {"probes": 1, "unfinished writes": 1}
+    assert (yard.store.unfinished(""), yard.store.keys("probe")) == ([], [])
+
+
+def test_parts_of_an_export_go_when_it_has_ended_and_no_sooner(file_yard: Yard, tmp_path: Path) -> None:
+    generation = file_yard.generation("worlds").id
+    going = file_yard.export("going", generation, ended=False).id
+    ended = file_yard.export("ended", generation).id
+    for job in (going, ended):
+        file_yard.store.put(f"parts/{job}/{generation}/w1.zip", b"zip")
+    assert freed(file_yard.gc(tmp_path)) == {"export parts": 1}
+    assert file_yard.store.keys("parts") == [f"parts/{going}/{generation}/w1.zip"]
+
+
+def test_ended_jobs_that_nothing_names_are_forgotten_only_when_asked(yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(yard)
+    other = yard.generation("unused").id
+    going = yard.generation("going", ended=False).id
+    old = Ages(grace_s=0.0, ended_s=_HOUR_S)
+    assert freed(yard.gc(tmp_path, old)) == {}
+    yard.judge(batch, generation, "0" * 64)
+    report = Yard(later(yard.store, 2 * _HOUR_S)).gc(tmp_path, old)
+    assert freed(report) == {"claims": 1, "job records": 1, "tokens": 1, "worlds": 2}
+    left = {key for key in yard.store.keys("") if key.endswith("/w1.json")}
+    assert left == {worlds_of(generation)[0], worlds_of(going)[0]}
+    assert not yard.store.exists(job_key("world-generation-job", other))
+
+
+def test_buckets_outside_the_store_are_left_alone_and_told(
+    file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert file_yard.gc(tmp_path).left_out == ()
+    monkeypatch.setenv("SIMYARD_BUCKETS", tmp_path.as_uri())
+    (told,) = file_yard.gc(tmp_path).left_out
+    assert tmp_path.as_uri() in told
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        "jobs/world-export-job/wej-0123456789abcdef.json",
+        "jobs/simulation-job-batch/simb-0123456789abcdef.json",
+        "applications/robot-application/other.json",
+        "results/simb-0123456789abcdef/evidence.json",
+        "robots/r/desired.json",
+        "fleets/f.json",
+    ],
+)
+@pytest.mark.parametrize("body", [b"", b"{", b"[]", b"{}", b"\xff\xfe"])
+def test_a_spoilt_record_is_named_and_keeps_what_it_might_name(
+    file_yard: Yard, tmp_path: Path, record: str, body: bytes
+) -> None:
+    digest = file_yard.publish("courier", b"bundle").digest
+    file_yard.unpublish("courier")
+    lost = file_yard.generation("lost")
+    file_yard.lose(lost)
+    file_yard.store.put(f"probe/{'0' * 32}", b"1")
+    file_yard.store.put(record, body)
+    report = file_yard.gc(tmp_path)
+    assert [each.record for each in report.unread] == [record]
+    assert file_yard.store.exists(bundle_key(digest))
+    assert file_yard.store.exists(worlds_of(lost.id)[0]) != record.startswith(("robots/", "fleets/"))
+    assert not file_yard.store.exists(f"probe/{'0' * 32}")
+
+
+def test_a_job_whose_record_is_spoilt_keeps_what_it_made(file_yard: Yard, tmp_path: Path) -> None:
+    _, batch = a_batch(file_yard)
+    file_yard.store.put(job_key("simulation-job-batch", batch), b"{")
+    before = file_yard.store.keys("")
+    file_yard.gc(tmp_path)
+    assert file_yard.store.keys("") == before
+
+
+def test_ages_have_the_defaults_that_the_document_tells() -> None:
+    assert (Ages().grace_s, Ages().ended_s, Ages().unused_s) == (24 * _HOUR_S, None, 30 * 24 * _HOUR_S)
+    assert NOW.grace_s == 0
