@@ -17,7 +17,6 @@ from rich.console import Console
 from flows.app_cli import app_app
 from flows.compare_cli import compare
 from flows.fleet_cli import fleet_app
-from flows.gc_cli import gc
 from flows.leaving import leave_after
 from flows.replay_cli import replay
 from flows.report_cli import report
@@ -38,7 +37,6 @@ app.command()(report)
 app.command()(replay)
 app.command()(compare)
 app.command()(shrink)
-app.command()(gc)
 
 _KINDS = (
     "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "
@@ -101,7 +99,6 @@ def describe(
     store: StoreUrl = None,
 ) -> None:
     """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
-    from flows.fleet_watch import told_wish
     from flows.inspecting import described, described_together
     from specs.arn import parse_reference
     from tasks.storage.opening import open_existing_store
@@ -110,6 +107,8 @@ def describe(
     answer = described(opened, arns[0]) if len(arns) == 1 else described_together(opened, arns)
     typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
     if len(arns) == 1 and (named := parse_reference(arns[0])).kind == "deployment-job":
+        from flows.fleet_watch import told_wish
+
         for line in told_wish(opened, named.path):  # what RoboMaker's shapes have no field for
             typer.echo(line, err=True)
 

@@ -1,64 +1,138 @@
-"""`simyard describe`, `list` and `restart`: RoboMaker's answers, whatever the kind of resource."""
+"""`simyard describe`, `list` and `restart`: RoboMaker's answers, whatever the kind of resource.
+
+What a kind needs is imported when it is asked for, so that the shell answers at once.
+"""
+# ruff: noqa: PLC0415 - see above
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
-from flows.canceling import with_settled_batch, with_settled_batches
 from specs.arn import KINDS, Reference, ResourceKind, parse_reference
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
-from specs.report import RunSummary
-from specs.simulation import BatchDescribeSimulationJobRequest
-from tasks.applications.describe import (
-    describe_robot_application,
-    describe_simulation_application,
-    list_robot_applications,
-    list_simulation_applications,
-)
-from tasks.deploy.describe import (
-    describe_deployment_job,
-    describe_fleet,
-    describe_robot,
-    list_deployment_jobs,
-    list_fleets,
-    list_robots,
-)
-from tasks.documents.parsing import parse
-from tasks.export.describe import describe_export_job, summarise_export_job
-from tasks.simulate.describe import batch_describe_jobs, describe_batch, describe_job, list_batches, list_jobs
-from tasks.simulate.restarting import restart_job
-from tasks.storage.records import JobRecord, read, records
+from tasks.storage.records import JobKind, JobRecord, read, records
 from tasks.storage.store import Store
-from tasks.worlds.describe import describe_generation_job, summarise_generation_job
-from tasks.worlds.inspection import describe_stored_world, describe_template, list_templates, list_worlds
 
-_DESCRIBE: Mapping[ResourceKind, Callable[[Store, str], Spec]] = {
-    "world-template": describe_template,
-    "world-generation-job": lambda store, path: describe_generation_job(read(store, "world-generation-job", path)),
-    "world": describe_stored_world,
-    "world-export-job": lambda store, path: describe_export_job(read(store, "world-export-job", path)),
-    "robot-application": describe_robot_application,
-    "simulation-application": describe_simulation_application,
-    "simulation-job": lambda store, path: describe_job(store, with_settled_batch(store, path)),
-    "simulation-job-batch": lambda store, path: describe_batch(store, with_settled_batch(store, path)),
-    "deployment-fleet": describe_fleet,
-    "robot": describe_robot,
-    "deployment-job": describe_deployment_job,
+
+class Family(NamedTuple):
+    """What is told of kinds of resources that belong together.
+
+    Attributes:
+        describe: RoboMaker's Describe call, by kind.
+        list: Its List call, by the kind's plural.
+    """
+
+    describe: Mapping[ResourceKind, Callable[[Store, str], Spec]]
+    list: Mapping[str, Callable[[Store], Iterable[Spec]]]
+
+
+def _worlds() -> Family:
+    from tasks.worlds.describe import describe_generation_job, summarise_generation_job
+    from tasks.worlds.inspection import describe_stored_world, describe_template, list_templates, list_worlds
+
+    job: JobKind = "world-generation-job"
+    return Family(
+        {
+            "world-template": describe_template,
+            "world-generation-job": lambda store, path: describe_generation_job(read(store, job, path)),
+            "world": describe_stored_world,
+        },
+        {
+            "world-templates": list_templates,
+            "world-generation-jobs": lambda store: [summarise_generation_job(each) for each in records(store, job)],
+            "worlds": list_worlds,
+        },
+    )
+
+
+def _exports() -> Family:
+    from tasks.export.describe import describe_export_job, summarise_export_job
+
+    job: JobKind = "world-export-job"
+    return Family(
+        {"world-export-job": lambda store, path: describe_export_job(read(store, job, path))},
+        {"world-export-jobs": lambda store: [summarise_export_job(each) for each in records(store, job)]},
+    )
+
+
+def _applications() -> Family:
+    from tasks.applications import describe
+
+    return Family(
+        {
+            "robot-application": describe.describe_robot_application,
+            "simulation-application": describe.describe_simulation_application,
+        },
+        {
+            "robot-applications": describe.list_robot_applications,
+            "simulation-applications": describe.list_simulation_applications,
+        },
+    )
+
+
+def _simulations() -> Family:
+    from flows.canceling import with_settled_batch, with_settled_batches
+    from tasks.simulate.describe import describe_batch, describe_job, list_batches, list_jobs
+
+    return Family(
+        {
+            "simulation-job": lambda store, path: describe_job(store, with_settled_batch(store, path)),
+            "simulation-job-batch": lambda store, path: describe_batch(store, with_settled_batch(store, path)),
+        },
+        {
+            "simulation-jobs": lambda store: list_jobs(with_settled_batches(store)),
+            "simulation-job-batches": lambda store: list_batches(with_settled_batches(store)),
+        },
+    )
+
+
+def _fleets() -> Family:
+    from tasks.deploy import describe
+
+    return Family(
+        {
+            "deployment-fleet": describe.describe_fleet,
+            "robot": describe.describe_robot,
+            "deployment-job": describe.describe_deployment_job,
+        },
+        {
+            "fleets": describe.list_fleets,
+            "robots": describe.list_robots,
+            "deployment-jobs": describe.list_deployment_jobs,
+        },
+    )
+
+
+def _runs() -> Family:
+    return Family({}, {"pipeline-runs": lambda store: [_run_line(run) for run in records(store, "pipeline-run")]})
+
+
+_OF_KIND: Mapping[ResourceKind, Callable[[], Family]] = {
+    "world-template": _worlds,
+    "world-generation-job": _worlds,
+    "world": _worlds,
+    "world-export-job": _exports,
+    "robot-application": _applications,
+    "simulation-application": _applications,
+    "simulation-job": _simulations,
+    "simulation-job-batch": _simulations,
+    "deployment-fleet": _fleets,
+    "robot": _fleets,
+    "deployment-job": _fleets,
 }
-_LIST: Mapping[str, Callable[[Store], Iterable[Spec]]] = {
-    "world-templates": list_templates,
-    "world-generation-jobs": lambda store: [
-        summarise_generation_job(job) for job in records(store, "world-generation-job")
-    ],
-    "worlds": list_worlds,
-    "world-export-jobs": lambda store: [summarise_export_job(job) for job in records(store, "world-export-job")],
-    "robot-applications": list_robot_applications,
-    "simulation-applications": list_simulation_applications,
-    "simulation-jobs": lambda store: list_jobs(with_settled_batches(store)),
-    "simulation-job-batches": lambda store: list_batches(with_settled_batches(store)),
-    "fleets": list_fleets,
-    "robots": list_robots,
-    "deployment-jobs": list_deployment_jobs,
-    "pipeline-runs": lambda store: [_run_line(run) for run in records(store, "pipeline-run")],
+_OF_PLURAL: Mapping[str, Callable[[], Family]] = {
+    "world-templates": _worlds,
+    "world-generation-jobs": _worlds,
+    "worlds": _worlds,
+    "world-export-jobs": _exports,
+    "robot-applications": _applications,
+    "simulation-applications": _applications,
+    "simulation-jobs": _simulations,
+    "simulation-job-batches": _simulations,
+    "fleets": _fleets,
+    "robots": _fleets,
+    "deployment-jobs": _fleets,
+    "pipeline-runs": _runs,
 }
 
 
@@ -74,7 +148,7 @@ def described(store: Store, text: str) -> Spec:
     reference = _reference(text)
     if reference.kind is None:
         raise _refused("arn", text, f"an ARN, arn:simyard:<kind>:...; kinds are {', '.join(KINDS)}")
-    return _DESCRIBE[reference.kind](store, reference.path)
+    return _OF_KIND[reference.kind]().describe[reference.kind](store, reference.path)
 
 
 def described_together(store: Store, arns: Sequence[str]) -> Spec:
@@ -83,6 +157,10 @@ def described_together(store: Store, arns: Sequence[str]) -> Spec:
     Raises:
         DocumentError: They are more than 100, or some of them no ARNs.
     """
+    from specs.simulation import BatchDescribeSimulationJobRequest
+    from tasks.documents.parsing import parse
+    from tasks.simulate.describe import batch_describe_jobs
+
     request = parse(BatchDescribeSimulationJobRequest, {"jobs": [*arns]}, "simyard")
     return batch_describe_jobs(store, request.jobs)
 
@@ -93,9 +171,9 @@ def listed(store: Store, kind: str) -> Iterable[Spec]:
     Raises:
         DocumentError: There is no such kind.
     """
-    if kind not in _LIST:
-        raise _refused("kind", kind, f"one of {', '.join(_LIST)}")
-    return _LIST[kind](store)
+    if kind not in _OF_PLURAL:
+        raise _refused("kind", kind, f"one of {', '.join(_OF_PLURAL)}")
+    return _OF_PLURAL[kind]().list[kind](store)
 
 
 def restart(store: Store, text: str) -> None:
@@ -108,10 +186,15 @@ def restart(store: Store, text: str) -> None:
     reference = _reference(text)
     if reference.kind != "simulation-job":
         raise _refused("arn", text, "an ARN of a simulation-job")
+    from flows.canceling import with_settled_batch
+    from tasks.simulate.restarting import restart_job
+
     restart_job(store, with_settled_batch(store, reference.path))
 
 
-def _run_line(run: JobRecord) -> RunSummary:
+def _run_line(run: JobRecord) -> Spec:
+    from specs.report import RunSummary
+
     name = run.request.get("spec", {})
     return RunSummary(
         arn=run.arn,

@@ -3,7 +3,7 @@
 from specs.episode import EpisodeResult, unfinished
 from tasks.simulate.batch import OpenBatch, canceled_jobs
 from tasks.simulate.chunk_store import chunk_numbers, commit
-from tasks.simulate.committing import canceled_row
+from tasks.simulate.stopping import canceled_row
 from tasks.simulate.streaming import STOP_CODES
 
 

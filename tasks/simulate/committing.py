@@ -15,7 +15,7 @@ from tasks.simulate.chunks import Chunk, ProgramKey, program_key
 from tasks.simulate.data_mounting import Mounts
 from tasks.simulate.fitting import after_deaths, simulate_fitting
 from tasks.simulate.recording import Columns, Recorder, sample_memory
-from tasks.simulate.stopping import StopWatch
+from tasks.simulate.stopping import StopWatch, canceled_row
 from tasks.storage.cache import cache_folder
 from tasks.storage.keys import world_key
 from tasks.storage.opening import open_store
@@ -195,12 +195,6 @@ def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
     if row.status == "Canceled":
         return canceled_row(row.index, watch.code)
     return row
-
-
-def canceled_row(index: int, code: str) -> EpisodeResult:
-    """Returns the row of an episode that was not ended because its batch was: BatchTimedOut or BatchCanceled."""
-    why = "the batch was canceled" if code == "BatchCanceled" else "the batch's time was over"
-    return unfinished(index, "Canceled", failure_code=code, failure_reason=why)
 
 
 def _unable(chunk: Chunk, missing: Mapping[str, str], mounted: Mounts) -> dict[int, str]:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Collection
 from typing import Literal
 
+from specs.episode import EpisodeResult, unfinished
 from tasks.simulate.batch import OpenBatch, canceled_jobs
 from tasks.storage.records import JobRecord
 
@@ -55,3 +56,9 @@ class StopWatch:
             self.code = "BatchCanceled"
         elif record.status == "TimingOut":  # as whoever hands out chunks to many workers finds first
             self.code = "BatchTimedOut"
+
+
+def canceled_row(index: int, code: str) -> EpisodeResult:
+    """Returns the row of an episode that was not ended because its batch was: BatchTimedOut or BatchCanceled."""
+    why = "the batch was canceled" if code == "BatchCanceled" else "the batch's time was over"
+    return unfinished(index, "Canceled", failure_code=code, failure_reason=why)

@@ -6,7 +6,7 @@ from specs.episode import EpisodeRequest, EpisodeResult
 from specs.errors import ObjectNotFound
 from tasks.simulate.batch import OpenBatch
 from tasks.simulate.chunk_store import committed_chunk
-from tasks.simulate.committing import canceled_row
+from tasks.simulate.stopping import canceled_row
 
 # Some 40 MB if all of them failed and left long trajectories.
 PART_EPISODES = 2048

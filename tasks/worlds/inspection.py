@@ -14,11 +14,13 @@ from specs.world_descriptions import (
 )
 from tasks.storage.keys import template_key, world_key
 from tasks.storage.opening import store_id
-from tasks.storage.records import read, records
+from tasks.storage.records import JobKind, read, records
 from tasks.storage.store import Store
 from tasks.worlds.canonical import decode_world
 from tasks.worlds.describe import describe_world, summarise_added_world, summarise_worlds
-from tasks.worlds.job import KIND
+
+# Not from the job itself, which imports what makes worlds.
+_KIND: JobKind = "world-generation-job"
 
 
 def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
@@ -31,7 +33,7 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
     generation, _, name = path.partition("/")
     body = _found(store, world_key(generation, name), "world", path)
     try:
-        record = read(store, KIND, generation)
+        record = read(store, _KIND, generation)
     except ResourceNotFound:
         record = None
     return describe_world(decode_world(body), record, store_id(store))
@@ -39,7 +41,7 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
 
 def list_worlds(store: Store) -> list[WorldSummary]:
     """Returns the worlds of all generation jobs, oldest job first, and then those that somebody added, by name."""
-    jobs = records(store, KIND)
+    jobs = records(store, _KIND)
     generations = {record.id for record in jobs}
     names = [PurePosixPath(key) for key in store.keys("worlds") if key.endswith(".json")]
     added = [f"{each.parent.name}/{each.stem}" for each in names if each.parent.name not in generations]
