@@ -18,6 +18,7 @@ from flows.app_cli import app_app
 from flows.compare_cli import compare
 from flows.fleet_cli import fleet_app
 from flows.leaving import leave_after
+from flows.reap_cli import reap
 from flows.replay_cli import replay
 from flows.report_cli import report
 from flows.shrink_cli import shrink
@@ -37,6 +38,7 @@ app.command()(report)
 app.command()(replay)
 app.command()(compare)
 app.command()(shrink)
+app.command()(reap)
 
 _KINDS = (
     "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "
@@ -100,6 +102,7 @@ def describe(
 ) -> None:
     """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
     from flows.inspecting import described, described_together
+    from flows.left_jobs import described_notes
     from specs.arn import parse_reference
     from tasks.storage.opening import open_existing_store
 
@@ -111,6 +114,8 @@ def describe(
 
         for line in told_wish(opened, named.path):  # what RoboMaker's shapes have no field for
             typer.echo(line, err=True)
+    for note in described_notes(opened, arns[0]) if len(arns) == 1 else ():
+        typer.echo(note, err=True)
 
 
 @app.command()
@@ -147,15 +152,19 @@ def list_(
 ) -> None:
     """List what a store holds of one kind."""
     from flows.inspecting import listed
+    from flows.left_jobs import listed_notes
     from flows.printing import json_lines, show_rows
     from tasks.storage.opening import open_existing_store
 
-    documents = listed(open_existing_store(store), kind)
+    opened = open_existing_store(store)
+    lines = list(json_lines(listed(opened, kind)))
     if as_json:
-        for line in json_lines(documents):
+        for line in lines:
             typer.echo(line)
-        return
-    show_rows([json.loads(line) for line in json_lines(documents)], Console())
+    else:
+        show_rows([json.loads(line) for line in lines], Console())
+    for note in listed_notes(opened, kind):
+        typer.echo(note, err=True)
 
 
 @app.command()

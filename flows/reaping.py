@@ -1,0 +1,24 @@
+"""Jobs that nobody works on any more, found by a schedule."""
+
+from prefect import flow
+from prefect.artifacts import create_table_artifact
+
+from flows.announcing import announced
+from flows.left_jobs import Reaped
+from flows.left_jobs import reap as reap_store
+from tasks.storage.opening import open_store
+
+
+@flow(name="reaping", persist_result=False)
+def reaping(store: str | None = None) -> list[Reaped]:
+    """Returns what became of the jobs that nobody works on, and leaves a table of them; see `simyard reap`.
+
+    Args:
+        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+    """
+    with announced():
+        found = reap_store(open_store(store))
+    if found:
+        rows = [each.model_dump(mode="json") for each in found]
+        create_table_artifact(rows, key="reaped", description=f"{len(found)} jobs that nobody worked on")
+    return found
