@@ -10,11 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from flows.canceling import cancel, with_settled_batch
 from specs.base import Spec
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.deploy.controller import CANCELED
-from tasks.simulate.batch import KIND as BATCH
 from tasks.storage.claim_watch import ClaimWatch
 from tasks.storage.keys import claim_key
 from tasks.storage.records import JobKind, JobRecord, is_terminal, read, records
@@ -119,11 +116,15 @@ def _suspect(store: Store, record: JobRecord, now_s: Callable[[], float] = time.
 
 
 def _reaped(store: Store, suspect: _Suspect) -> Reaped:
+    # `simyard list` and `describe` answer without what these import.
+    from flows.canceling import cancel, with_settled_batch  # noqa: PLC0415 - see above
+    from tasks.deploy.controller import CANCELED  # noqa: PLC0415 - see above
+
     record = suspect.record
     if record.status == "Canceling" or CANCELED in record.detail or _is_orphan(store, record):
         with suppress(DocumentError):  # it ended since it was read, or is about to
             cancel(store, record.arn)
-    elif record.kind == BATCH:
+    elif record.kind == "simulation-job-batch":
         with_settled_batch(store, record.id)
     after = read(store, record.kind, record.id)
     if is_terminal(after):
