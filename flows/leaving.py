@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.text import Text
 
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
+from tasks.storage.room import NO_ROOM, told_machine_full
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
@@ -59,8 +60,14 @@ def _code(command: Callable[[], object], heard: Callable[[], int | None]) -> int
             return _told(_GO_ON, 128 + number)
         if not isinstance(exc, Exception):
             raise
-        return _told(_defect(exc), 3)
+        return _told(_accident(exc), 3)
     return 0
+
+
+def _accident(exc: Exception) -> str:
+    if isinstance(exc, OSError) and exc.errno in NO_ROOM:
+        return told_machine_full(exc)
+    return _defect(exc)
 
 
 def _defect(exc: Exception) -> str:

@@ -2,11 +2,13 @@
 
 import errno
 import shutil
+import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
 from specs.errors import StoreAccessDenied, StoreFull
+from tasks.storage.cache import cache_folder
 
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 # What is no fault of what is written: the same bytes may be written when the disk is another.
@@ -21,10 +23,19 @@ def told_full(exc: OSError, folder: Path) -> str:
         exc: What the system said.
         folder: Where it was to be written; it need not be there yet.
     """
+    return f"{exc.strerror}: {_room(folder)}; make room and try again"
+
+
+def told_machine_full(exc: OSError) -> str:
+    """Returns that a disk of this machine has no room, where the system does not say which one."""
+    places = (Path(tempfile.gettempdir()), cache_folder())
+    return f"{exc.strerror}: {', '.join(map(_room, places))}; make room and run the same command again"
+
+
+def _room(folder: Path) -> str:
     place = next((each for each in (folder, *folder.parents) if each.is_dir()), Path("/"))
     usage = shutil.disk_usage(place)
-    free, total = usage.free / _MEBIBYTE, usage.total / _MEBIBYTE
-    return f"{exc.strerror}: {folder} has {free:.1f} MiB free of {total:.1f} MiB; make room and try again"
+    return f"{folder} has {usage.free / _MEBIBYTE:.1f} MiB free of {usage.total / _MEBIBYTE:.1f} MiB"
 
 
 @contextmanager

@@ -34,6 +34,7 @@ FAULTS = (OSError, BotoCoreError, ClientError)
 _NO_CREDENTIALS = (NoCredentialsError, PartialCredentialsError, CredentialRetrievalError, ProfileNotFound)
 _NO_ANSWER = (TimeoutError, ConnectionError, BotoCoreError)
 _DENIED_CODES = frozenset({"AccessDenied", "ExpiredToken", "InvalidToken", "InvalidAccessKeyId"})
+_SKEWED_CODES = frozenset({"RequestTimeTooSkewed", "RequestExpired", "RequestInTheFuture"})
 _THROTTLED_CODES = frozenset(
     {"SlowDown", "Throttling", "ThrottlingException", "RequestThrottled", "RequestLimitExceeded", "TooManyRequests"}
 )
@@ -76,6 +77,9 @@ def _refusal(status: int, code: str, place: str) -> StoreError:
         return ObjectNotFound(f"{place}: no such object")
     if status in {409, 412}:
         return ObjectConflict(f"{place}: has changed since it was read")
+    if code in _SKEWED_CODES:
+        remedy = "set this machine's clock, or have it set (NTP), and run the same command again"
+        return StoreUnreachable(f"{place}: this machine's clock is not {_endpoint()}'s ({code}, {status}); {remedy}")
     if status in {401, 403} or code in _DENIED_CODES:
         return StoreAccessDenied(f"{place}: refused ({code}, {status}); {_CREDENTIALS}, and what they are allowed")
     return _disturbance(status, code, place)
@@ -87,7 +91,9 @@ def _disturbance(status: int, code: str, place: str) -> StoreError:
     if status == _NO_ROOM or code in _FULL_CODES:
         return StoreFull(f"{place}: {_endpoint()} has no room for it ({code}, {status})")
     if status >= 500:
-        return StoreUnreachable(f"{place}: {_endpoint()} answers {code} ({status}); try again later")
+        return StoreUnreachable(
+            f"{place}: {_endpoint()} answers {code} ({status}); its log says why, such as a full disk"
+        )
     if 300 <= status < 400:
         return StoreUnreachable(f"{place}: the bucket lies elsewhere ({code}, {status}); set AWS_REGION to its region")
     return StoreError(f"{place}: {_endpoint()} answers {code} ({status})")

@@ -7,6 +7,7 @@ import sys
 from functools import partial
 
 from flows.closing import close_with_tables
+from flows.leaving import leave_after
 from specs.common import OutputLocation
 from specs.episode import EpisodeResult
 from tasks.results.recordings import write_recordings
@@ -41,4 +42,4 @@ def _simulate(part: Part) -> list[EpisodeResult]:
 
 
 if __name__ == "__main__":
-    work(opened(open_store(sys.argv[1]), sys.argv[2]))
+    leave_after(lambda: work(opened(open_store(sys.argv[1]), sys.argv[2])))

@@ -1,0 +1,62 @@
+"""A batch, a world generation and an export that a test does again and again, in this process and without Prefect."""
+
+from collections.abc import Callable
+
+from flows.closing import close_with_tables
+from specs.template import TemplateBody
+from specs.world_jobs import CreateWorldExportJobRequest, CreateWorldGenerationJobRequest
+from tasks.export.job import run_export_job
+from tasks.simulate.batch import complete
+from tasks.simulate.committing import run_chunk
+from tasks.storage.records import JobRecord, is_terminal
+from tasks.storage.store import Store
+from tasks.worlds.job import run_generation_job
+from tests.simulate.batch_factory import begun, mixed, put_world
+from tests.worlds.templates import sample
+
+Work = Callable[[Store, str], JobRecord]
+_TEMPLATE: TemplateBody = sample("default-two-rooms")
+# What two runs of one piece of work may differ in: who worked on it, when, and how often.
+_OWN = ("jobs/", "claims/", "tokens/", "store.json")
+
+
+def simulate(store: Store, name: str) -> JobRecord:
+    """Returns a batch of that name, all of its chunks committed and its tables written."""
+    batch = begun(store, name=name)
+    record = batch.record()
+    if is_terminal(record):
+        return record
+    for number in range(batch.layout.chunks):
+        run_chunk(batch, number, mixed, lanes=batch.plan.lanes, left_s=99.0)
+    complete(batch)
+    return close_with_tables(batch)
+
+
+def generate(store: Store, name: str) -> JobRecord:
+    """Returns a job that made a world."""
+    request = CreateWorldGenerationJobRequest.model_validate(
+        {
+            "template": "arn:aws:robomaker:us-west-2:111111111111:world-template/two-rooms",
+            "worldCount": {"floorplanCount": 1, "interiorCountPerFloorplan": 1},
+        }
+    )
+    return run_generation_job(store, request, _TEMPLATE, seed=1, token=name, progress=lambda *_: None, workers=1)
+
+
+def export(store: Store, name: str) -> JobRecord:
+    """Returns a job that exported a world as a plan."""
+    put_world(store, "g/w0")
+    request = CreateWorldExportJobRequest.model_validate(
+        {
+            "worlds": ["arn:simyard:world:0123456789ab:g/w0"],
+            "outputLocation": {"s3Bucket": "worlds"},
+            "iamRole": "arn:aws:iam::111111111111:role/export",
+        }
+    )
+    return run_export_job(store, request, formats=("svg",), token=name, progress=lambda *_: None)
+
+
+def results(store: Store) -> dict[str, bytes]:
+    """Returns all that work has left in a store, but for what tells who did it, and when."""
+    keys = [key for key in store.keys("") if not key.startswith(_OWN) and not key.endswith((".started.json", ".html"))]
+    return {key: store.get(key).body for key in keys}
