@@ -61,11 +61,27 @@ def as_form(schema: Schema, model: type, fields: Mapping[str, _Told]) -> None:
     told = documented(model)
     for position, (name, below) in enumerate(cast("dict[str, Schema]", schema.get("properties", {})).items()):
         below["title"] = fields[name].title or words(name)
-        description = fields[name].description or told.get(name)
-        if description:
-            below["description"] = description
         below["position"] = position
         _choose(below)
+        description = fields[name].description or told.get(name)
+        if description:
+            below["description"] = f"{description} {_bounds(below)}".strip()
+
+
+def _bounds(schema: Schema) -> str:
+    """Returns the bounds of a number in words, which the form would not show."""
+    numbers = [one for one in (schema, *schema.get("anyOf", ())) if one.get("type") in {"integer", "number"}]
+    if not numbers:
+        return ""
+    (number,) = numbers
+    low, above = number.get("minimum"), number.get("exclusiveMinimum")
+    high, below = number.get("maximum"), number.get("exclusiveMaximum")
+    least = f"from {low:,}" if low is not None else f"above {above:,}" if above is not None else ""
+    most = f"to {high:,}" if high is not None else f"below {below:,}" if below is not None else ""
+    if least.startswith("from") and most.startswith("below"):
+        most = f"to {most}"
+    found = ", ".join((least, most)) if least.startswith("above") and most else f"{least} {most}".strip()
+    return f"{found[:1].upper()}{found[1:]}." if found else ""
 
 
 def _choose(schema: Schema) -> None:
@@ -79,7 +95,7 @@ def _choose(schema: Schema) -> None:
     for option in options:
         _choose(option)
         if "type" in option:
-            option.setdefault("title", _KINDS[option["type"]])
+            option.setdefault("title", option.get("const") or _KINDS[option["type"]])
     nested = [option for option in options if "anyOf" in option]
     if nested:
         schema["anyOf"] = [below for option in options for below in option.get("anyOf", [option])]

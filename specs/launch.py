@@ -34,8 +34,8 @@ class PortMapping(Spec):
     """A port of the job and the application's port behind it.
 
     Attributes:
-        jobPort: Port of the job that was forwarded, from 1 to 65535. Kept; has no effect.
-        applicationPort: Port that the application listened on, from 1024 to 65535. Kept; has no effect.
+        jobPort: Port of the job that was forwarded. Kept; has no effect.
+        applicationPort: Port that the application listened on. Kept; has no effect.
         enableOnPublicIp: Whether it was open on the job's public address. Kept; has no effect.
     """
 

@@ -53,12 +53,10 @@ class SuccessRate(Spec):
     """The share of episodes that must pass, and how sure that must be.
 
     Attributes:
-        confidence: From 0.5 to 0.9999: how sure it must be.
+        confidence: How sure it must be.
     """
 
-    atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(
-        title="At least", description="From 0 to below 1, such as 0.99."
-    )
+    atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(title="At least", description="Such as 0.99.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
 
 
@@ -66,7 +64,7 @@ class NoWorseThan(Spec):
     """Another version of the tested application, and by how much this one may fall behind it.
 
     Attributes:
-        confidence: From 0.5 to 0.9999: how sure it must be.
+        confidence: How sure it must be.
     """
 
     applicationVersion: DeploymentVersion = Field(title="Version", description='A number such as "3".')
@@ -80,10 +78,10 @@ class CollisionRate(Spec):
     """The share of episodes in which the robot may touch anything.
 
     Attributes:
-        confidence: From 0.5 to 0.9999: how sure it must be.
+        confidence: How sure it must be.
     """
 
-    atMost: Bar = Field(title="At most", description="Above 0, below 1.")
+    atMost: Bar = Field(title="At most", description="Such as 0.05.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
 
 
@@ -91,10 +89,10 @@ class FlipRate(Spec):
     """The share of episodes whose outcome may be another on C MuJoCo, by the parity audit.
 
     Attributes:
-        confidence: From 0.5 to 0.9999: how sure it must be.
+        confidence: How sure it must be.
     """
 
-    atMost: Bar = Field(title="At most", description="Above 0, below 1.")
+    atMost: Bar = Field(title="At most", description="Such as 0.05.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
 
 
@@ -104,7 +102,7 @@ class QuantileRule(Ruled):
     Attributes:
         atLeast: The quantile's lowest value, in the column's unit; either this or the highest.
         atMost: Its highest value.
-        confidence: From 0.5 to 0.9999: how sure it must be.
+        confidence: How sure it must be.
     """
 
     column: Annotated[str, AfterValidator(_column)] = Field(title="Column", description="Such as min_clearance_m.")

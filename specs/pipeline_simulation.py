@@ -125,7 +125,7 @@ class PipelineJobRequest(BatchedJobSettings):
 
     maxJobDurationInSeconds: JobDuration = Field(
         title="Duration (s)",
-        description="Simulated seconds at most; a batch has up to 691,200.",
+        description="Simulated seconds at most; in a batch at most 691,200.",
         json_schema_extra={"minimum": 1, "maximum": MAX_JOB_DURATION_S},
     )
     robotApplications: Annotated[tuple[PipelineRobotApplication, ...], Field(min_length=1, max_length=1)] | None = None
@@ -185,7 +185,7 @@ class LocalFleet(Spec):
 
     Attributes:
         name: What the fleet is called.
-        localAgents: From 0 to 20, for a demonstration; they end with the run.
+        localAgents: For a demonstration; they end with the run.
     """
 
     name: PlainName = Field(title="Fleet")

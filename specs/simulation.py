@@ -101,9 +101,9 @@ class Compute(Spec):
     """The machine that RoboMaker gave a job.
 
     Attributes:
-        simulationUnitLimit: From 1 to 15.
+        simulationUnitLimit: Kept; has no effect.
         computeType: CPU, or both.
-        gpuUnitLimit: 0 or 1.
+        gpuUnitLimit: Kept; has no effect.
     """
 
     simulationUnitLimit: SimulationUnit | None = None

@@ -31,8 +31,8 @@ class AspectRatio(Spec):
     """Proportions x : y, from 1:4 to 4:1.
 
     Attributes:
-        x: From 1 to 4.
-        y: From 1 to 4.
+        x: One side.
+        y: The other.
     """
 
     x: Annotated[Number, Field(ge=1, le=4)] = 1.0
@@ -53,7 +53,7 @@ class FloorplanCeiling(Spec):
     """Height of all walls, in metres.
 
     Attributes:
-        Height: From 2.4 to 4 metres.
+        Height: In metres.
     """
 
     Height: Annotated[Number, Field(ge=2.4, le=4.0)] = 3.0
@@ -63,7 +63,7 @@ class Rectangle(Spec):
     """A room's wished floor: area in square metres and proportions.
 
     Attributes:
-        Area: From 10 to 300 square metres.
+        Area: In square metres.
         AspectRatio: Wished proportions.
     """
 

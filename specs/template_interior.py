@@ -183,7 +183,7 @@ class DoorOpenPosition(Spec):
     """How far a door stands open, in percent, or anew for each world (version 2).
 
     Attributes:
-        Percent: From 0 (closed) to 100 (fully open), or Random.
+        Percent: 0 is closed, 100 fully open; Random differs from world to world.
     """
 
     Percent: Annotated[

@@ -95,6 +95,21 @@ def test_every_number_of_a_form_has_its_bounds(entrypoint: str):
     assert loose <= BOUNDLESS
 
 
+@pytest.mark.parametrize(
+    ("model", "field", "told"),
+    [
+        ("WorldGeneration", "robotRadius", "From 0.05 to 0.6."),
+        ("PipelineWorldCount", "floorplanCount", "From 1."),
+        ("Matrix", "seeds", "From 1 to 10,000."),
+        ("SuccessRate", "atLeast", "From 0 to below 1."),
+        ("CollisionRate", "atMost", "Above 0, below 1."),
+    ],
+)
+def test_a_form_tells_the_bounds_in_words(model: str, field: str, told: str):
+    described = shown("flows.pipeline.pipeline")["definitions"][model]["properties"][field]["description"]
+    assert described.endswith(f" {told}")
+
+
 @pytest.mark.parametrize("entrypoint", ENTRYPOINTS)
 def test_the_order_of_the_fields_is_told_because_postgresql_forgets_it(entrypoint: str):
     for below in shown(entrypoint)["definitions"].values():
