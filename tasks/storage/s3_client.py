@@ -5,6 +5,7 @@ fsspec's interface, so that objects go through botocore itself, and a robot's ag
 through fsspec's s3fs (tasks.storage.s3_upload).
 """
 
+import functools
 import threading
 from collections.abc import Generator, Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Protocol, cast
 
 from botocore.config import Config
 from botocore.exceptions import ClientError
+from botocore.loaders import Loader, create_loader
 from botocore.session import Session
 
 from tasks.storage.s3_errors import FAULTS
@@ -112,7 +114,15 @@ class S3Client:
                 self._has_answered, self._client = True, self._made(_ANSWER_S, attempts=3)
 
     def _made(self, answer_s: float, attempts: int) -> object:
-        self._session = self._session or Session()
+        if self._session is None:
+            self._session = Session()
+            self._session.register_component("data_loader", _service_models())
         retries = {"mode": "standard", "total_max_attempts": attempts}
         config = Config(**CONFIG, read_timeout=answer_s, retries=retries)  # pyright: ignore[reportArgumentType] - untyped options
         return cast("object", self._session.create_client("s3", config=config))
+
+
+@functools.cache
+def _service_models() -> Loader:
+    """Returns botocore's descriptions of services: megabytes of JSON, which each store's session would parse anew."""
+    return create_loader()
