@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 
-from flows.baselines import candidates
+from flows.compared import candidates
 from specs.pipeline_gate import NoWorseThan
 from tasks.simulate.batch import KIND, plan_of
 from tasks.simulate.batch_plan import BatchPlan, JobTemplate

@@ -4,18 +4,16 @@ from collections.abc import Hashable, Iterable, Iterator
 from typing import NamedTuple, cast
 
 from flows.alike_worlds import alike_worlds
+from flows.compared import candidates
 from specs.errors import BucketNotFound, ResourceNotFound
-from specs.pipeline_gate import Gate, NoWorseThan
-from specs.pipeline_simulation import SimulationBatch
+from specs.pipeline_gate import NoWorseThan
 from tasks.applications.publishing import resolve
 from tasks.results.evidence import Baseline
 from tasks.results.job import RESULTS_FILE
 from tasks.results.pairing import PAIRED_COLUMNS, outcomes, paired_up
 from tasks.results.stored_rows import stored_rows
 from tasks.simulate.batch import KIND, plan_of
-from tasks.simulate.batch_plan import BatchPlan
 from tasks.simulate.requested import recorded_location
-from tasks.simulate.resolving import FindVersion
 from tasks.storage.records import JobRecord, records
 from tasks.storage.store import Store
 
@@ -54,37 +52,6 @@ def find_baseline(rule: NoWorseThan, batch: JobRecord, store: Store) -> Baseline
         f"no batch that Completed drove version {rule.applicationVersion} of {names[0]} ({digest[:12]}) on the same "
         "episodes; put both versions into createSimulationJobRequests"
     )
-
-
-def compared_digest(gate: Gate | None, batch: SimulationBatch, find: FindVersion) -> str:
-    """Returns the digest of the version that a gate compares with; empty if it compares with none.
-
-    Args:
-        gate: The document's section.
-        batch: The document's batch.
-        find: Finds versions.
-
-    Raises:
-        ResourceNotFound: There is no such version.
-    """
-    rule = gate.noWorseThan if gate else None
-    uses = [use.application for request in batch.createSimulationJobRequests for use in request.robotApplications or ()]
-    if rule is None or len(set(uses)) != 1:
-        return ""
-    try:
-        return find("robot-application", uses[0], rule.applicationVersion).digest
-    except ResourceNotFound as exc:
-        faults = [fault.model_copy(update={"path": "gate.noWorseThan.applicationVersion"}) for fault in exc.faults]
-        raise ResourceNotFound(faults) from exc
-
-
-def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:
-    """Returns the digests of the robot applications that a batch tests, apart from the one to compare with.
-
-    A batch that has only that one tests it against itself.
-    """
-    own = frozenset(template.robot.digest for template in plan.templates)
-    return own - {baseline} or own
 
 
 def driven(store: Store, record: JobRecord, digests: Iterable[str]) -> dict[Hashable, bool]:

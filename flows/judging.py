@@ -7,7 +7,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import JsonValue
 
-from flows.baselines import NoBaseline, candidates, driven, find_baseline
+from flows.baselines import NoBaseline, driven, find_baseline
+from flows.compared import candidates
 from specs.base import Spec
 from specs.pipeline_gate import Gate
 from specs.report import Verdict as Answer

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from flows.baseline_planning import Judged, judged_of
-from flows.baselines import compared_digest
+from flows.compared import compared_digest
 from flows.deployment_planning import deployment_lines
 from flows.gate_planning import gate_lines
 from flows.resolving import failing_sources, finder, pins

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import JsonValue
 
-from flows.baselines import candidates, compared_digest
+from flows.compared import candidates, compared_digest
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.bundle import LATEST, ApplicationKind, Version

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from statistics import median
 from typing import NamedTuple
 
-import numpy as np
 from pydantic import Field
 
 from specs.base import Spec
@@ -173,6 +172,8 @@ def _spread(ratios: Sequence[float], margin: float) -> Span:
 
 def _probe_s() -> float:
     """Returns the seconds of some arithmetic like that of a step: small arrays, many operations; the best of three."""
+    import numpy as np  # noqa: PLC0415 - where this machine is known, planning does without
+
     values = np.linspace(0.0, 1.0, 4096, dtype=np.float32)
 
     def once() -> float:

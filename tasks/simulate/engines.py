@@ -1,8 +1,9 @@
 """The engines, and which one runs a robot: decided from its files alone, before JAX is imported.
 
 A robot's episodes all run on one engine, chosen from its ``robot.xml``, its controller and the kind of device, so that
-every chunk of a batch, and a batch that is resumed, gets the same one.
+every chunk of a batch, and a batch that is resumed, gets the same one. What loads a robot is imported when one is.
 """
+# ruff: noqa: PLC0415 - see above
 
 import ast
 import re
@@ -12,9 +13,7 @@ from typing import Literal, cast
 
 from specs.base import Spec
 from tasks.simulate.devices import DeviceKind
-from tasks.simulate.mujoco_model import host_robot
-from tasks.simulate.planar_model import planar_robot
-from tasks.simulate.robot import RobotRefused
+from tasks.simulate.refusal import RobotRefused
 
 EngineName = Literal["planar", "mjx", "mujoco"]
 # Fastest first, as measured (docs/engines.md); `auto` takes the first that can run the robot.
@@ -118,10 +117,26 @@ def _culprits(refusal: str) -> str:
     return ", ".join(named[:_SHOWN]) + more
 
 
+def _load_planar(robot: Path) -> None:
+    from tasks.simulate.planar_model import planar_robot
+
+    planar_robot(robot)
+
+
 def _load_mjx(robot: Path) -> None:
-    from tasks.simulate.model import load_robot  # noqa: PLC0415 - it imports JAX, which planning can often do without
+    from tasks.simulate.model import load_robot
 
     load_robot(robot)
 
 
-_LOADERS: dict[EngineName, Callable[[Path], object]] = {"planar": planar_robot, "mjx": _load_mjx, "mujoco": host_robot}
+def _load_mujoco(robot: Path) -> None:
+    from tasks.simulate.mujoco_model import host_robot
+
+    host_robot(robot)
+
+
+_LOADERS: dict[EngineName, Callable[[Path], object]] = {
+    "planar": _load_planar,
+    "mjx": _load_mjx,
+    "mujoco": _load_mujoco,
+}

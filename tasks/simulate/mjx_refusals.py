@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import mujoco
 
-from tasks.simulate.robot import RobotRefused
+from tasks.simulate.refusal import RobotRefused
 
 _ELSEWHERE = "or set engine: mujoco"
 # Obstacles are boxes, and capsules in place of cylinders.

@@ -10,11 +10,11 @@ from jaxtyping import Float32, Int
 from tasks.simulate.mjx_refusals import refuse_what_mjx_lacks
 from tasks.simulate.obstacles import PARKING_M
 from tasks.simulate.quiet_mjx import mjx
+from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.robot import (
     CONTROL_S,
     Base,
     Hull,
-    RobotRefused,
     add_obstacle,
     base_of,
     collision_bits,

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from tasks.simulate.robot import RobotRefused, base_of
+from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.robot import base_of
 
 _ELSEWHERE = "or set engine: auto or mujoco"
 _ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE)

@@ -8,6 +8,7 @@ from typing import Literal
 from specs.base import Spec
 from specs.episode import ApplicationLaunch, EpisodeRequest
 from tasks.simulate.batch_plan import BatchPlan
+from tasks.simulate.choices import remembered_choice
 from tasks.simulate.chunks import program_key
 from tasks.simulate.cost import (
     Span,
@@ -19,9 +20,8 @@ from tasks.simulate.cost import (
     remembered_speed,
 )
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
-from tasks.simulate.engines import EngineChoice, choose_engine
+from tasks.simulate.engines import EngineChoice
 from tasks.simulate.layout import Layout
-from tasks.simulate.robot import RobotRefused
 from tasks.simulate.timings import recalled, recalled_of_engine
 from tasks.storage.cache import cache_folder
 
@@ -155,10 +155,8 @@ def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
 def _robot(asked: str, launch: ApplicationLaunch, folders: Mapping[str, Path], kind: DeviceKind) -> RobotPlan:
     folder = folders[launch.digest]
     module = folder / launch.package / f"{launch.launch_file}.py"
-    try:
-        return RobotPlan(robot=launch.name, choice=choose_engine(asked, folder / "robot.xml", module, kind))
-    except RobotRefused as refused:
-        return RobotPlan(robot=launch.name, choice=None, refusal=str(refused))
+    answer = remembered_choice(asked, launch.digest, folder / "robot.xml", module, kind)
+    return RobotPlan(robot=launch.name, choice=answer.choice, refusal=answer.refusal)
 
 
 def _lane_steps(plan: BatchPlan) -> int:

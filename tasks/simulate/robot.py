@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
-from specs.errors import SimyardError
+from tasks.simulate.refusal import RobotRefused
 
 CONTROL_S = 0.05
 _JOINTS = (
@@ -21,10 +21,6 @@ _FLOOR = "simyard/floor"
 _FLOOR_FIELDS = ("condim", "friction", "solref", "solimp", "solmix", "margin", "gap", "priority")
 _LEVEL = 0.999
 _RIM_POINTS = 64
-
-
-class RobotRefused(SimyardError):  # noqa: N818 - a state
-    """A robot.xml that does not load, or that an engine cannot represent; says which element, and the remedy."""
 
 
 class Hull(NamedTuple):

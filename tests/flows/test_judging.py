@@ -6,7 +6,8 @@ from typing import cast
 
 import pytest
 
-from flows.baselines import NoBaseline, candidates, find_baseline
+from flows.baselines import NoBaseline, find_baseline
+from flows.compared import candidates
 from flows.judging import compared_with, facts, gate_answer, material
 from specs.episode import ApplicationLaunch, EpisodeResult
 from specs.errors import ResourceNotFound, StageFailed

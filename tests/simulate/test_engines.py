@@ -8,7 +8,7 @@ import pytest
 
 from tasks.simulate.devices import DeviceKind
 from tasks.simulate.engines import choose_engine, is_plain_python
-from tasks.simulate.robot import RobotRefused
+from tasks.simulate.refusal import RobotRefused
 
 PLANAR = """<mujoco><option timestep="0.005" {option}/><worldbody><body name="b" pos="0 0 0.3">
 <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>

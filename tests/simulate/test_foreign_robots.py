@@ -12,7 +12,7 @@ from specs.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.world import World
 from tasks.simulate.chunks import plan_chunks
 from tasks.simulate.engines import choose_engine
-from tasks.simulate.robot import RobotRefused
+from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.runner import simulate_chunk
 from tests.simulate_factory import BUNDLES, DELIVERY, FOLDERS, SCENARIO, hall
 

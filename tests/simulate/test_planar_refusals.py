@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tasks.simulate.planar_model import planar_robot
-from tasks.simulate.robot import RobotRefused
+from tasks.simulate.refusal import RobotRefused
 from tests.planar_factory import CAPSULE, MOTORS, Parts, write_robot
 
 ELSEWHERE = "or set engine: auto or mujoco"

@@ -6,7 +6,8 @@ import mujoco
 import pytest
 
 from tasks.simulate.model import load_robot
-from tasks.simulate.robot import RobotRefused, base_of, hull_of, read_robot
+from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.robot import base_of, hull_of, read_robot
 from tests.simulate_factory import COURIER, FAULTY, FOLDERS
 
 PLANAR = """<mujoco><option timestep="0.005"/><worldbody><body name="b" pos="0 0 0.3">
