@@ -20,6 +20,7 @@ from tasks.storage.keys import claim_key, job_key, result_key
 from tasks.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
+_CLAIM_TTL_S = 15.0
 LookAgain = Callable[[], Named]
 
 
@@ -68,7 +69,7 @@ def _removed(store: Store, item: Item) -> bool:
 def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swept: Swept) -> None:
     job = leftover.job
     key = claim_key(job.kind, job.id)
-    with claimed_unless_alive(store, key) as claim:
+    with claimed_unless_alive(store, key, ttl_s=_CLAIM_TTL_S) as claim:
         if claim is None or not _is_left(store, leftover, look_again):
             _LOG.info("%s is in use again; what it has left stays", job.id)
             swept.stayed += leftover.all

@@ -10,6 +10,7 @@ from typing import cast
 from pydantic import JsonValue
 
 from specs.bundle import Application, Build, Version
+from specs.errors import StoreError
 from tasks.applications.versions import change, with_version
 from tasks.housekeeping.job import Ages, collect
 from tasks.housekeeping.report import GcReport
@@ -146,14 +147,18 @@ def freed(report: GcReport) -> dict[str, int]:
 
 
 class Meddled:
-    """A store whose clock is ahead, and where something happens right before a method is called on a key."""
+    """A store whose clock is ahead, and where something happens right before a call for a key, or in its place."""
 
     def __init__(self, store: Store, *, later_s: float = 0.0) -> None:
         self._store, self._later_s = store, later_s
         self._meanwhile: dict[tuple[str, str], Callable[[], object]] = {}
+        self._instead: dict[tuple[str, str], Callable[[], object]] = {}
 
     def before(self, method: str, key: str, action: Callable[[], object]) -> None:
         self._meanwhile[method, key] = action
+
+    def instead(self, method: str, key: str, action: Callable[[], object]) -> None:
+        self._instead[method, key] = action
 
     def now_s(self) -> float:
         return self._store.now_s() + self._later_s
@@ -165,9 +170,33 @@ class Meddled:
 
         def called(*arguments: object, **named: object) -> object:
             first = arguments[0] if arguments else ""
-            action = self._meanwhile.pop((name, str(getattr(first, "key", first))), None)
-            if action:
+            place = name, str(getattr(first, "key", first))
+            if action := self._meanwhile.pop(place, None):
                 action()
+            if action := self._instead.pop(place, None):
+                return action()
+            return found(*arguments, **named)
+
+        return called
+
+
+class Mortal:
+    """A store whose process dies at one of its writes: that one and all later ones never arrive."""
+
+    _WRITES = frozenset({"create", "replace", "put", "delete", "delete_unchanged", "discard", "upload"})
+
+    def __init__(self, store: Store, writes: int) -> None:
+        self._store, self._left = store, writes
+
+    def __getattr__(self, name: str) -> object:
+        found = getattr(self._store, name)
+        if name not in self._WRITES:
+            return found
+
+        def called(*arguments: object, **named: object) -> object:
+            self._left -= 1
+            if self._left < 0:
+                raise StoreError("killed")
             return found(*arguments, **named)
 
         return called

@@ -1,0 +1,205 @@
+"""What others do at the worst moment of a gc, on a folder and on a real S3 server."""
+
+from pathlib import Path
+from threading import Thread
+from typing import cast
+
+import pytest
+
+from specs.errors import StoreError
+from tasks.housekeeping import sweeping
+from tasks.housekeeping.report import GcReport
+from tasks.storage.claim import claimed
+from tasks.storage.keys import bundle_key, claim_key, job_key, result_key, token_key
+from tasks.storage.records import JobRecord, submit
+from tasks.storage.store import Store
+from tests.housekeeping.yard import NOW, Meddled, Mortal, Yard, freed, worlds_of
+
+
+@pytest.fixture
+def yard(store: Store) -> Yard:
+    return Yard(store)
+
+
+@pytest.fixture
+def file_yard(file_store: Store) -> Yard:
+    return Yard(file_store)
+
+
+def meddled(yard: Yard) -> tuple[Meddled, Yard]:
+    """Returns a store that may be meddled with, and the yard of a gc that runs on it."""
+    between = Meddled(yard.store)
+    return between, Yard(cast("Store", between))
+
+
+def unnamed_bundle(yard: Yard) -> str:
+    """Returns the digest of a bundle whose version was deleted."""
+    digest = yard.publish("courier", b"bundle").digest
+    yard.unpublish("courier")
+    return digest
+
+
+def lost_generation(yard: Yard) -> JobRecord:
+    """Returns a generation job whose record is gone."""
+    lost = yard.generation("lost")
+    yard.lose(lost)
+    return lost
+
+
+@pytest.mark.parametrize("moment", ["download", "delete_unchanged"])
+def test_a_bundle_that_is_published_again_right_before_its_removal_stays(
+    yard: Yard, tmp_path: Path, moment: str
+) -> None:
+    key = bundle_key(unnamed_bundle(yard))
+    between, gc = meddled(yard)
+    between.before(moment, key, lambda: yard.publish("courier", b"bundle"))
+    assert freed(gc.gc(tmp_path)) == {}
+    assert yard.store.get(key).body == b"bundle"
+
+
+def test_a_bundle_that_is_published_again_where_a_store_cannot_compare_is_put_back(yard: Yard, tmp_path: Path) -> None:
+    key = bundle_key(unnamed_bundle(yard))
+    between, gc = meddled(yard)
+
+    def published_between_comparing_and_removing() -> bool:
+        yard.publish("courier", b"bundle")
+        yard.store.delete(key)
+        return True
+
+    between.instead("delete_unchanged", key, published_between_comparing_and_removing)
+    report = gc.gc(tmp_path)
+    assert (freed(report), [row.kind for row in report.stayed]) == ({}, ["bundles"])
+    assert yard.store.get(key).body == b"bundle"
+
+
+def test_a_deployment_that_is_recorded_during_a_gc_keeps_its_bundle(yard: Yard, tmp_path: Path) -> None:
+    digest = unnamed_bundle(yard)  # its version was deleted after the deployment had read it
+    between, gc = meddled(yard)
+    between.before("unfinished", "", lambda: yard.deploy("d", digest))
+    report = gc.gc(tmp_path)
+    assert [row.kind for row in report.stayed] == ["bundles"]
+    assert yard.store.exists(bundle_key(digest))
+
+
+def test_a_record_that_is_spoilt_during_a_gc_keeps_bundles(file_yard: Yard, tmp_path: Path) -> None:
+    digest = unnamed_bundle(file_yard)
+    between, gc = meddled(file_yard)
+    between.before("unfinished", "", lambda: file_yard.store.put("robots/r/desired.json", b"{"))
+    gc.gc(tmp_path)
+    assert file_yard.store.exists(bundle_key(digest))
+
+
+def test_a_job_that_is_asked_for_again_during_a_gc_keeps_what_it_made(yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(yard)
+    between, gc = meddled(yard)
+    between.before(
+        "get", claim_key(lost.kind, lost.id), lambda: submit(yard.store, lost.kind, lost.request, lost.token)
+    )
+    before = yard.store.keys("worlds")
+    assert freed(gc.gc(tmp_path)) == {}
+    assert yard.store.keys("worlds") == before == worlds_of(lost.id)
+    assert yard.store.exists(token_key(lost.kind, lost.token))
+
+
+def test_who_asks_for_a_job_while_its_token_goes_gets_the_token_back(yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(yard)
+    between, gc = meddled(yard)
+    token = token_key(lost.kind, lost.token)
+    before = yard.store.get(token).body
+    between.before("delete_unchanged", token, lambda: submit(yard.store, lost.kind, lost.request, lost.token))
+    gc.gc(tmp_path)
+    assert yard.store.exists(job_key(lost.kind, lost.id))
+    assert yard.store.get(token).body == before
+
+
+def test_what_a_live_process_works_on_stays_though_its_record_is_gone(yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(yard)
+    with claimed(yard.store, claim_key(lost.kind, lost.id), ttl_s=1.5):
+        gc = Thread(target=lambda: yard.gc(tmp_path))
+        gc.start()
+        gc.join()
+        assert yard.store.keys("worlds") == worlds_of(lost.id)
+    yard.gc(tmp_path)
+    assert yard.store.keys("worlds") == []
+
+
+def test_worlds_that_a_batch_names_during_a_gc_stay(file_yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(file_yard)
+    between, gc = meddled(file_yard)
+    between.before("get", claim_key(lost.kind, lost.id), lambda: file_yard.batch("b", lost.id, "0" * 64))
+    gc.gc(tmp_path)
+    assert file_yard.store.keys("worlds") == worlds_of(lost.id)
+
+
+def test_results_whose_evidence_is_written_during_a_gc_stay(file_yard: Yard, tmp_path: Path) -> None:
+    batch = file_yard.batch("b", file_yard.generation("g").id, "0" * 64)
+    file_yard.lose(batch)
+    between, gc = meddled(file_yard)
+    evidence = result_key(batch.id, "evidence.json")
+    between.before("get", claim_key(batch.kind, batch.id), lambda: file_yard.store.put(evidence, b"{}"))
+    before = file_yard.store.keys("buckets")
+    gc.gc(tmp_path)
+    assert file_yard.store.keys("buckets") == before
+
+
+def test_an_old_job_that_is_named_during_a_gc_is_not_forgotten(file_yard: Yard, tmp_path: Path) -> None:
+    old = file_yard.generation("old")
+    between, gc = meddled(file_yard)
+    between.before("get", claim_key(old.kind, old.id), lambda: file_yard.batch("b", old.id, "0" * 64, ended=False))
+    gc.gc(tmp_path, type(NOW)(grace_s=0.0, ended_s=0.0))
+    assert file_yard.store.exists(job_key(old.kind, old.id))
+    assert file_yard.store.keys("worlds") == worlds_of(old.id)
+
+
+def full_of_leftovers(yard: Yard) -> None:
+    """Fills a store with something of each kind that can go, and with a batch that is needed."""
+    kept = yard.publish("kept", b"kept").digest
+    yard.batch("kept", yard.generation("kept").id, kept)
+    generation = yard.generation("lost")
+    batch = yard.batch("lost", generation.id, unnamed_bundle(yard))
+    export = yard.export("lost", generation.id)
+    for record in (generation, batch, export):
+        yard.lose(record)
+    yard.store.put(f"probe/{'0' * 32}", b"1")
+
+
+@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.soak)])
+def test_killed_at_a_write_the_next_gc_leaves_what_an_unbroken_one_does(
+    file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
+) -> None:
+    monkeypatch.setattr(sweeping, "_CLAIM_TTL_S", 0.05)
+    full_of_leftovers(file_yard)
+    file_yard.gc(tmp_path)
+    stays = file_yard.store.keys("")
+    writes = 0
+    while _is_killed(file_yard, tmp_path, writes):
+        file_yard.gc(tmp_path)
+        assert file_yard.store.keys("") == stays
+        writes += every
+    assert file_yard.store.keys("") == stays
+    assert writes > 20
+
+
+def _is_killed(yard: Yard, tmp_path: Path, writes: int) -> bool:
+    full_of_leftovers(yard)
+    try:
+        Yard(cast("Store", Mortal(yard.store, writes))).gc(tmp_path)
+    except StoreError:
+        return True
+    return False
+
+
+def test_two_gcs_at_once_leave_what_one_does(yard: Yard, tmp_path: Path) -> None:
+    full_of_leftovers(yard)
+    reports: list[GcReport] = []
+    threads = [Thread(target=lambda: reports.append(yard.gc(tmp_path))) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(reports) == 2
+    yard.gc(tmp_path)
+    left = yard.store.keys("")
+    assert freed(yard.gc(tmp_path)) == {}
+    assert yard.missing({*left, *(key for needs in yard.needs.values() for key in needs)}) == set()
+    assert not [key for key in left if key.startswith(("probe/", "buckets/out/some"))]
