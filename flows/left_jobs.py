@@ -73,8 +73,9 @@ def listed_notes(store: Store, plural: str) -> Iterator[str]:
 
 def described_notes(store: Store, arn: str) -> Iterator[str]:
     """Yields a line if the job that an ARN names is known at once to be left; nothing for what is no job."""
-    for kind in (each for each in KINDS if f":{each}:" in arn or f":{each}/" in arn):
-        yield from _note(store, read(store, kind, re.split("[:/]", arn)[-1]))
+    for kind in KINDS:
+        if f":{kind}:" in arn or f":{kind}/" in arn:
+            yield from _note(store, read(store, kind, re.split("[:/]", arn)[-1]))
 
 
 def _note(store: Store, record: JobRecord) -> Iterator[str]:
