@@ -68,7 +68,7 @@ def run_export_job(
         if record.status == "Canceling":
             return advance(store, KIND, job, "Canceled")
         if record.status == "Pending":
-            advance(store, KIND, job, "Running")
+            advance(store, KIND, job, "Running", only_from={"Pending"})
         return _worked_off(store, request, formats, job, progress)
 
 

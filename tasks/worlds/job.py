@@ -93,7 +93,8 @@ def run_generation_job(
             return _refuse(store, record, floorplans, interiors)
         _keep_template(store, template, digest)
         if record.status != "Canceling":
-            advance(store, KIND, record.id, "Running", detail={"template_digest": digest, "seed": seed})
+            detail: dict[str, JsonValue] = {"template_digest": digest, "seed": seed}
+            advance(store, KIND, record.id, "Running", detail=detail, only_from={"Pending", "Running"})
         order = Order(template=template, seed=seed, generation=record.id, robot_radius_m=robot_radius_m)
         indices = [(plan, interior) for plan in range(1, floorplans + 1) for interior in range(1, interiors + 1)]
         return _end(store, record, _make_all(_Watch(store, record, claim), order, indices, progress, workers))
