@@ -3,9 +3,13 @@
 
 import os
 from collections.abc import Callable
+from contextvars import ContextVar
+from functools import partial
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
+from prefect import flow
+from prefect.context import FlowRunContext
 from prefect.task_runners import TaskRunner
 
 from specs.base import Fault
@@ -13,6 +17,11 @@ from specs.errors import DocumentError
 from specs.workers import WORKERS, Workers, chosen_workers
 
 _DEVICES_FLAG = "--xla_force_host_platform_device_count"
+
+
+Width = Callable[[], int]
+# Not in the flow's closure: Prefect sends the flow along with each task, and work holds claims and connections.
+_given: ContextVar[Callable[[Width], None]] = ContextVar("_given")
 
 
 class Crew(NamedTuple):
@@ -33,6 +42,34 @@ def wanted_workers() -> Workers | None:
         allowed = f"a kind of workers that is installed: simyard[{workers.kind}]"
         raise DocumentError([Fault(path=WORKERS, value=workers.kind, allowed=allowed)])
     return workers
+
+
+def on_workers(workers: Workers, name: str, run: str, work: Callable[[Width], None]) -> None:
+    """Does work in a flow of its own, since a task runner belongs to a flow, and this one depends on a setting.
+
+    Args:
+        workers: Those that tasks which the work submits go to.
+        name: The flow's.
+        run: What Prefect's pages call this run of it.
+        work: Told how to find out how many workers there are now.
+    """
+    crew = crew_of(workers)
+
+    @flow(name=name, flow_run_name=run, task_runner=crew.runner, persist_result=False)
+    def pieces() -> None:
+        context = FlowRunContext.get()
+        started = context.task_runner if context else crew.runner  # a flow starts a copy of the runner that it is given
+        _work(partial(crew.width, started))
+
+    token = _given.set(work)
+    try:
+        pieces()
+    finally:
+        _given.reset(token)
+
+
+def _work(width: Width) -> None:
+    _given.get()(width)
 
 
 def crew_of(workers: Workers) -> Crew:

@@ -5,6 +5,7 @@ from pydantic import JsonValue
 
 from flows.ending import as_run, ended_well, run_name
 from flows.heeding import cancel_with_flow_run
+from flows.spread_worlds import world_writers
 from specs.digests import canonical_document
 from specs.pipeline_requests import export_request, reference_arn
 from specs.pipeline_worlds import WorldExport
@@ -29,13 +30,16 @@ def world_export(
         StageFailed: The worlds could not be read or written; carries RoboMaker's code.
     """
     opened = open_store(store)
+    writers = world_writers(opened)  # workers that there are not are told of before anything is recorded
     chosen = tuple(worlds or ()) if spec.worlds == "all" else spec.worlds
     references = [reference_arn("world", world, store_id(opened)) for world in chosen]
 
     def work(given: str) -> JobRecord:
         request = export_request(spec, worlds=references, token=given)
         job_token = request.clientRequestToken or given
-        return ended_well(export_worlds(opened.url, request, formats=spec.formats, token=job_token))
+        # Workers are reached from a flow only: a task would send itself along to them, the store's connections and all.
+        write = export_worlds.fn if writers else export_worlds
+        return ended_well(write(opened.url, request, formats=spec.formats, token=job_token, elsewhere=writers))
 
     identity: dict[str, JsonValue] = {"spec": canonical_document(spec), "worlds": [*chosen]}
     return as_run(opened, "world-export", identity, token, work)

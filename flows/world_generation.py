@@ -6,6 +6,7 @@ from prefect import flow
 
 from flows.ending import as_run, ended_well, run_name
 from flows.heeding import cancel_with_flow_run
+from flows.spread_worlds import world_makers
 from specs.arn import arn
 from specs.digests import canonical_document
 from specs.pipeline_requests import generation_request
@@ -35,6 +36,7 @@ def world_generation(
         DocumentError: The template is missing or none.
     """
     opened = open_store(store)
+    makers = world_makers(opened)  # workers that there are not are told of before anything is recorded
     template = find_template(spec.template, opened, Path(base))
     digest = template_digest(template)
 
@@ -42,9 +44,17 @@ def world_generation(
         reference = arn("world-template", store_id(opened), digest)
         request = generation_request(spec, template=reference, token=given)
         job_token = request.clientRequestToken or given
+        # Workers are reached from a flow only: a task would send itself along to them, the store's connections and all.
+        make = generate_worlds.fn if makers else generate_worlds
         record = ended_well(
-            generate_worlds(
-                opened.url, request, template, seed=spec.seed, robot_radius_m=spec.robotRadius, token=job_token
+            make(
+                opened.url,
+                request,
+                template,
+                seed=spec.seed,
+                robot_radius_m=spec.robotRadius,
+                token=job_token,
+                elsewhere=makers,
             )
         )
         show_worlds(opened.url, record)

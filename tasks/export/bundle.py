@@ -9,7 +9,7 @@ Files that worlds share, such as models of furniture, stand there once. MJCF com
 """
 
 import hashlib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
@@ -18,9 +18,10 @@ from pydantic import JsonValue
 from specs.digests import canonical_json
 from specs.pipeline_worlds import FORMATS, WorldFormat
 from specs.world import World
-from tasks.export.formats import SOURCE_FOLDER, format_files
+from tasks.export.formats import SOURCE_FOLDER
+from tasks.export.parts import WorldFiles, world_files
 from tasks.export.ros_packages import package_files
-from tasks.export.sdf import sdf_name
+from tasks.export.sdf import workspace_name
 
 MANIFEST = "manifest.json"
 
@@ -29,11 +30,11 @@ _UNIX = 3
 _READ_WRITE = 0o100644 << 16
 
 
-def write_zip(worlds: Iterable[World], formats: Collection[WorldFormat], target: Path) -> str:
+def write_zip(worlds: Iterable[World | WorldFiles], formats: Collection[WorldFormat], target: Path) -> str:
     """Writes the zip, one world in memory at a time, and returns its SHA-256.
 
     Args:
-        worlds: Taken in their order; the bytes depend on it.
+        worlds: Taken in their order, on which the bytes depend; or what they became in those formats.
         formats: What each world is written as, beside itself.
         target: A local file, overwritten.
 
@@ -48,12 +49,12 @@ def write_zip(worlds: Iterable[World], formats: Collection[WorldFormat], target:
         seen: set[tuple[str, str]] = set()
         for world in worlds:
             if "sdf" in chosen and not seen:
-                bundle.add({f"{SOURCE_FOLDER}/{path}": body for path, body in package_files(sdf_name(world)).items()})
+                package = package_files(workspace_name(world.generation, world.name))
+                bundle.add({f"{SOURCE_FOLDER}/{path}": body for path, body in package.items()})
             if (world.generation, world.name) in seen:
                 raise ValueError(f"{world.generation}/{world.name} comes twice")
             seen.add((world.generation, world.name))
-            for name in chosen:
-                bundle.add(format_files(world, name))
+            bundle.add((world_files(world, chosen) if isinstance(world, World) else world).files)
         bundle.close([*chosen])
     with target.open("rb") as written:
         return hashlib.file_digest(written, "sha256").hexdigest()
@@ -66,7 +67,7 @@ class _Bundle:
         self._file = file
         self._listed: dict[str, JsonValue] = {}
 
-    def add(self, files: dict[str, bytes]) -> None:
+    def add(self, files: Mapping[str, bytes]) -> None:
         """Adds files; one that is there must be the same."""
         for name, body in files.items():
             facts: JsonValue = {"sha256": hashlib.sha256(body).hexdigest(), "bytes": len(body)}

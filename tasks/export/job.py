@@ -8,7 +8,9 @@ import logging
 import tempfile
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from pydantic import JsonValue
 
@@ -17,13 +19,12 @@ from specs.base import Fault
 from specs.digests import canonical_document
 from specs.errors import DocumentError, SimyardError, StoreError
 from specs.pipeline_worlds import WorldFormat
-from specs.world import World
 from specs.world_jobs import CreateWorldExportJobRequest
 from tasks.export.bundle import write_zip
 from tasks.export.failures import failure_code, failure_reason
 from tasks.export.installed import require_writable
+from tasks.export.parts import WorldFiles, drop_parts, kept_part, world_files
 from tasks.export.stored import SOURCE, read_world
-from tasks.export.svg import floor_plan_svg
 from tasks.export.uploading import put, upload
 from tasks.storage.buckets import open_bucket
 from tasks.storage.claim import claimed
@@ -38,6 +39,30 @@ Progress = Callable[[int, int], None]
 _log = logging.getLogger(__name__)
 
 
+class Elsewhere(Protocol):
+    """Workers that keep the files of worlds in the store (``tasks.export.parts``), as many as they come to."""
+
+    def __call__(
+        self,
+        job: str,
+        references: Sequence[str],
+        formats: Collection[WorldFormat],
+        *,
+        going: Callable[[], bool],
+        done: Callable[[int], None],
+    ) -> None:
+        """Returns once all are kept, or nobody wants them any more.
+
+        Args:
+            job: The export job.
+            references: ``<generation>/<world>`` of each world.
+            formats: What each is written as.
+            going: Whether anything more is wanted.
+            done: Told of more that are kept, and how many they are.
+        """
+        ...
+
+
 def run_export_job(
     store: Store,
     request: CreateWorldExportJobRequest,
@@ -45,6 +70,7 @@ def run_export_job(
     formats: Collection[WorldFormat],
     token: str,
     progress: Progress,
+    elsewhere: Elsewhere | None = None,
 ) -> JobRecord:
     """Returns the record of the export job, ended: Completed, Failed or Canceled.
 
@@ -54,6 +80,7 @@ def run_export_job(
         formats: What each world is written as; part of what the token stands for.
         token: The client request token.
         progress: Told how many of how many worlds are written.
+        elsewhere: Workers who write what worlds become, where there are any; the zip is the same bytes.
 
     Raises:
         IdempotentParameterMismatch: The token came with another request before.
@@ -65,36 +92,45 @@ def run_export_job(
         record = read(store, KIND, job)
         if is_terminal(record):
             return record
-        if record.status == "Canceling":
-            return advance(store, KIND, job, "Canceled")
-        if record.status == "Pending":
-            advance(store, KIND, job, "Running", only_from={"Pending"})
-        return _worked_off(store, request, formats, job, progress)
+        record = _worked_off(_Work(store, request, formats, job, progress, elsewhere), record)
+        _dropped(store, job)
+        return record
 
 
 class _Canceling(Exception):  # noqa: N818 - a state
     """Somebody cancelled the job; what it had sent is removed as this passes ``_nothing_left``."""
 
 
-def _worked_off(
-    store: Store,
-    request: CreateWorldExportJobRequest,
-    formats: Collection[WorldFormat],
-    job: str,
-    progress: Progress,
-) -> JobRecord:
+@dataclass(frozen=True)
+class _Work:
+    store: Store
+    request: CreateWorldExportJobRequest
+    formats: Collection[WorldFormat]
+    job: str
+    progress: Progress
+    elsewhere: Elsewhere | None
+
+    def goes_on(self) -> bool:
+        return read(self.store, KIND, self.job).status not in _STOPPED
+
+    def checked(self) -> None:
+        if not self.goes_on():
+            raise _Canceling
+
+
+def _worked_off(work: _Work, record: JobRecord) -> JobRecord:
+    store, job = work.store, work.job
+    if record.status == "Canceling":
+        return advance(store, KIND, job, "Canceled")
+    if record.status == "Pending":
+        advance(store, KIND, job, "Running", only_from={"Pending"})
     try:
-        return _export(store, request, formats, job, progress)
+        return _export(work)
     except _Canceling:
         return advance(store, KIND, job, "Canceled")
     except SimyardError as exc:
         _log.warning("export %s failed: %s", job, exc)
         return advance(store, KIND, job, "Failed", failure_code=failure_code(exc), failure_reason=failure_reason(exc))
-
-
-def _go_on(store: Store, job: str) -> None:
-    if read(store, KIND, job).status in _STOPPED:
-        raise _Canceling
 
 
 def _completed(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecord:
@@ -104,40 +140,52 @@ def _completed(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecor
     return record
 
 
-def _export(
-    store: Store,
-    request: CreateWorldExportJobRequest,
-    formats: Collection[WorldFormat],
-    job: str,
-    progress: Progress,
-) -> JobRecord:
-    require_writable(formats, SOURCE)
-    references = _references(request.worlds)
-    bucket = open_bucket(store, request.outputLocation.s3Bucket or "")
-    prefix = request.outputLocation.s3Prefix
-    zip_key = output_key(prefix, f"{job}.zip")
-    plan_keys = {each: output_key(prefix, f"{job}/{_plan_name(each, references)}") for each in references}
-    plans: dict[str, str] = {}
-
-    def read_worlds() -> Iterator[World]:
-        for number, reference in enumerate(references, start=1):
-            _go_on(store, job)
-            world = read_world(store, reference)
-            if "svg" in formats:
-                plans[plan_keys[reference]] = floor_plan_svg(world)
-            yield world
-            progress(number, len(references))
-
+def _export(work: _Work) -> JobRecord:
+    require_writable(work.formats, SOURCE)
+    references = _references(work.request.worlds)
+    bucket = open_bucket(work.store, work.request.outputLocation.s3Bucket or "")
+    prefix = work.request.outputLocation.s3Prefix
+    zip_key = output_key(prefix, f"{work.job}.zip")
+    plan_keys = {each: output_key(prefix, f"{work.job}/{_plan_name(each, references)}") for each in references}
+    plans: dict[str, bytes] = {}
     with tempfile.TemporaryDirectory(prefix="simyard-export-") as folder, _nothing_left(bucket, zip_key, plan_keys):
-        target = Path(folder) / f"{job}.zip"
-        sha256 = write_zip(read_worlds(), formats, target)
-        for key, plan in plans.items():
-            _go_on(store, job)
-            put(bucket, key, plan.encode())
-        _go_on(store, job)
+        target = Path(folder) / f"{work.job}.zip"
+        sha256 = write_zip(_parts(work, references, plans), work.formats, target)
+        for reference, plan in plans.items():
+            work.checked()
+            put(bucket, plan_keys[reference], plan)
+        work.checked()
         upload(bucket, zip_key, target)  # last: where it lies, all lies
-        urls: list[JsonValue] = [f"{bucket.url}/{key}" for key in plans]
-        return _completed(store, job, {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256})
+        urls: list[JsonValue] = [f"{bucket.url}/{plan_keys[each]}" for each in plans]
+        return _completed(work.store, work.job, {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256})
+
+
+def _parts(work: _Work, references: Sequence[str], plans: dict[str, bytes]) -> Iterator[WorldFiles]:
+    """Yields what each world becomes, made by workers where there are any, and sets its plan aside."""
+    total, made = len(references), 0
+
+    def done(more: int) -> None:
+        nonlocal made
+        made += more
+        work.progress(made, total)
+
+    if work.elsewhere:
+        work.elsewhere(work.job, references, work.formats, going=work.goes_on, done=done)
+    for number, reference in enumerate(references, start=1):
+        work.checked()
+        part = kept_part(work.store, work.job, reference) if work.elsewhere else None
+        part = part or world_files(read_world(work.store, reference), work.formats)
+        if "svg" in work.formats:
+            plans[reference] = part.files[f"svg/{reference}.svg"]
+        yield part
+        work.progress(max(made, number), total)
+
+
+def _dropped(store: Store, job: str) -> None:
+    try:
+        drop_parts(store, job)
+    except StoreError as exc:  # the job has ended, and `simyard gc` comes by
+        _log.warning("what workers made for %s stays: %s", job, exc)
 
 
 @contextmanager

@@ -29,8 +29,13 @@ _FRICTION_NM, _DAMPING_NM_S = 1.5, 1.5
 
 
 def sdf_name(world: World) -> str:
-    """Returns a world's name in the workspace, as RoboMaker's: ``generation_<id>_<world>``."""
-    return f"generation_{world.generation}_{world.name}"
+    """Returns a world's name in the workspace."""
+    return workspace_name(world.generation, world.name)
+
+
+def workspace_name(generation: str, world: str) -> str:
+    """Returns what RoboMaker calls a world in the workspace: ``generation_<id>_<world>``."""
+    return f"generation_{generation}_{world}"
 
 
 def sdf_files(world: World) -> dict[str, bytes]:

@@ -10,7 +10,7 @@ from pydantic import JsonValue
 
 from specs.pipeline_worlds import WorldFormat
 from specs.world_jobs import CreateWorldExportJobRequest
-from tasks.export.job import run_export_job
+from tasks.export.job import Elsewhere, run_export_job
 from tasks.export.sheet_job import keep_contact_sheet, sheet_markdown
 from tasks.storage.keys import contact_sheet_key
 from tasks.storage.opening import open_store
@@ -20,11 +20,17 @@ from tasks.watching.task import watched
 
 @task(name="export-worlds", cache_policy=NO_CACHE, persist_result=False)
 def export_worlds(
-    store_url: str, request: CreateWorldExportJobRequest, *, formats: tuple[WorldFormat, ...], token: str
+    store_url: str,
+    request: CreateWorldExportJobRequest,
+    *,
+    formats: tuple[WorldFormat, ...],
+    token: str,
+    elsewhere: Elsewhere | None = None,
 ) -> JobRecord:
     """Returns the ended export job of the token."""
     with watched("Export", "export-progress") as progress:
-        return run_export_job(open_store(store_url), request, formats=formats, token=token, progress=progress)
+        store = open_store(store_url)
+        return run_export_job(store, request, formats=formats, token=token, progress=progress, elsewhere=elsewhere)
 
 
 @task(name="show-worlds", cache_policy=NO_CACHE, persist_result=False)

@@ -7,6 +7,7 @@ claims/<kind>/<id>.json                     which live process works on a job
 templates/<name>.json                       world templates
 worlds/<generation>/<world>.json            worlds, immutable
 worlds/<generation>/contact-sheet.svg       the first of them side by side, immutable
+parts/<export>/<generation>/<world>.zip     files of one world, until the zip of all is written
 chunks/<batch>/<number>.json                results of one chunk of lanes, immutable
 chunks/<batch>/<number>.started.json        when it was last begun, and how often
 results/<batch>/<name>                      tables and evidence of a batch
@@ -110,6 +111,16 @@ def worlds_prefix(generation: str) -> str:
 def contact_sheet_key(generation: str) -> str:
     """Returns the key of the sheet that shows the worlds of a generation job."""
     return f"{worlds_prefix(generation)}/contact-sheet.svg"
+
+
+def export_part_key(export: str, generation: str, world: str) -> str:
+    """Returns the key of what a worker made of one world for an export job."""
+    return f"{export_parts_prefix(export)}/{checked_name(generation, 'generation')}/{checked_name(world, 'world')}.zip"
+
+
+def export_parts_prefix(export: str) -> str:
+    """Returns the folder that holds what workers made for an export job."""
+    return f"parts/{checked_name(export, 'export')}"
 
 
 def chunk_key(batch: str, number: int) -> str:

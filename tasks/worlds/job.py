@@ -2,29 +2,48 @@
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from pydantic import JsonValue
 
 from specs.digests import canonical_document, canonical_json
-from specs.errors import ObjectExists, StoreError
+from specs.errors import StoreError
 from specs.settings import max_worlds_of_job
 from specs.template import TemplateBody, template_digest
 from specs.world import ROBOT_RADIUS_M
 from specs.world_jobs import CreateWorldGenerationJobRequest
 from tasks.storage.claim import Claim, claimed
-from tasks.storage.keys import claim_key, template_key, world_key, worlds_prefix
+from tasks.storage.keys import claim_key, template_key, world_key
 from tasks.storage.records import JobKind, JobRecord, advance, is_terminal, read, submit
 from tasks.storage.store import Store
 from tasks.worlds.generate import world_name
-from tasks.worlds.production import Indices, Order, produce
+from tasks.worlds.keeping import create_once, missing_worlds
+from tasks.worlds.production import Indices, Made, Order, produce
 
 KIND: JobKind = "world-generation-job"
 _REASON_LENGTH = 1024
 _LOOK_EVERY_S = 1.0
 _log = logging.getLogger(__name__)
+
+
+class Elsewhere(Protocol):
+    """Workers that make worlds and keep them in the store (``tasks.worlds.keeping``)."""
+
+    def __call__(
+        self, order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
+    ) -> Mapping[Indices, Made]:
+        """Returns the worlds that cannot be, once all others are kept or nobody wants them any more.
+
+        Args:
+            order: What the worlds have in common.
+            indices: Floor plan and interior of each world.
+            going: Whether anything more is wanted.
+            done: Told of more that are kept, or cannot be, and how many they are.
+        """
+        ...
 
 
 @dataclass
@@ -59,6 +78,7 @@ def run_generation_job(
     progress: Callable[[int, int], None],
     robot_radius_m: float = ROBOT_RADIUS_M,
     workers: int | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> JobRecord:
     """Returns the job's terminal record, having generated the worlds that were missing.
 
@@ -71,6 +91,7 @@ def run_generation_job(
         progress: Called with worlds finished and worlds in all.
         robot_radius_m: Radius of the robot that every room shall be reachable for.
         workers: Processes that make worlds; None for as many as pay. The worlds do not depend on it.
+        elsewhere: Workers of a cluster that make them instead, where there are any.
 
     Raises:
         IdempotentParameterMismatch: The token was used with another request, template, seed or radius.
@@ -97,7 +118,9 @@ def run_generation_job(
             advance(store, KIND, record.id, "Running", detail=detail, only_from={"Pending", "Running"})
         order = Order(template=template, seed=seed, generation=record.id, robot_radius_m=robot_radius_m)
         indices = [(plan, interior) for plan in range(1, floorplans + 1) for interior in range(1, interiors + 1)]
-        return _end(store, record, _make_all(_Watch(store, record, claim), order, indices, progress, workers))
+        watch = _Watch(store, record, claim)
+        rejected = _made_elsewhere(watch, order, indices, progress, elsewhere) if elsewhere else {}
+        return _end(store, record, _make_all(watch, order, indices, progress, workers, rejected=rejected))
 
 
 @dataclass
@@ -108,6 +131,7 @@ class _Watch:
     record: JobRecord
     claim: Claim
     next_look_s: float = 0.0
+    stopped: bool = False
 
     def canceled(self) -> bool:
         """Returns whether the job is to be canceled, looking at its record at most once a second.
@@ -117,10 +141,28 @@ class _Watch:
         """
         if self.claim.lost:
             raise StoreError(f"{self.record.arn}: another process took this job over; it will finish it")
-        if time.monotonic() < self.next_look_s:
-            return False
-        self.next_look_s = time.monotonic() + _LOOK_EVERY_S
-        return read(self.store, KIND, self.record.id).status == "Canceling"
+        if not self.stopped and time.monotonic() >= self.next_look_s:
+            self.next_look_s = time.monotonic() + _LOOK_EVERY_S
+            self.stopped = read(self.store, KIND, self.record.id).status == "Canceling"
+        return self.stopped
+
+
+def _made_elsewhere(
+    watch: _Watch,
+    order: Order,
+    indices: Sequence[Indices],
+    progress: Callable[[int, int], None],
+    elsewhere: Elsewhere,
+) -> Mapping[Indices, Made]:
+    missing, total = missing_worlds(watch.store, order.generation, indices), len(indices)
+    made = total - len(missing)
+
+    def done(more: int) -> None:
+        nonlocal made
+        made += more
+        progress(made, total)
+
+    return elsewhere(order, missing, going=lambda: not watch.canceled(), done=done)
 
 
 def _make_all(
@@ -129,25 +171,27 @@ def _make_all(
     indices: Sequence[Indices],
     progress: Callable[[int, int], None],
     workers: int | None,
+    *,
+    rejected: Mapping[Indices, Made],
 ) -> _Finished:
     """Returns what came of all worlds of the job, in order; those in the store were created whole, by this job."""
     finished, total = _Finished(), len(indices)
-    there = set(watch.store.keys(worlds_prefix(order.generation)))
-    missing = [each for each in indices if world_key(order.generation, world_name(*each)) not in there]
+    missing = [each for each in missing_worlds(watch.store, order.generation, indices) if each not in rejected]
+    to_make, known = set(missing), total - len(missing)
     with closing(produce(order, missing, workers)) as products:
         for done, each in enumerate(indices):
-            progress(done, total)
+            progress(max(done, known), total)
             if watch.canceled():
                 finished.canceled = True
                 return finished
             key = world_key(order.generation, world_name(*each))
-            made = None if key in there else next(products)
+            made = next(products) if each in to_make else rejected.get(each)
             if made is not None and made.code is not None:
                 _log.warning("%s: %s: %s", order.generation, made.code, made.reason)
                 finished.failed(made.code, made.reason)
                 continue
             if made is not None:
-                _create_once(watch.store, key, made.document.encode())
+                create_once(watch.store, key, made.document.encode())
             finished.worlds.append(f"{order.generation}/{world_name(*each)}")
     progress(total, total)
     return finished
@@ -171,20 +215,7 @@ def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int) ->
 
 def _keep_template(store: Store, template: TemplateBody, digest: str) -> None:
     """Keeps the body under its digest, so that what a job used can be read however the template changes."""
-    _create_once(store, template_key(digest), canonical_json(canonical_document(template)))
-
-
-def _create_once(store: Store, key: str, body: bytes) -> None:
-    """Creates an object, or finds it there with the same bytes.
-
-    Raises:
-        StoreError: It is there with other bytes.
-    """
-    try:
-        store.create(key, body)
-    except ObjectExists as exc:
-        if store.get(key).body != body:
-            raise StoreError(f"{store.url}: {key} holds something else than this version of Simyard makes") from exc
+    create_once(store, template_key(digest), canonical_json(canonical_document(template)))
 
 
 def _end(store: Store, record: JobRecord, finished: _Finished) -> JobRecord:

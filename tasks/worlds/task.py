@@ -8,7 +8,7 @@ from specs.world_jobs import CreateWorldGenerationJobRequest
 from tasks.storage.opening import open_store
 from tasks.storage.records import JobRecord
 from tasks.watching.task import watched
-from tasks.worlds.job import run_generation_job
+from tasks.worlds.job import Elsewhere, run_generation_job
 
 
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
@@ -21,6 +21,7 @@ def generate_worlds(
     seed: int,
     token: str,
     robot_radius_m: float,
+    elsewhere: Elsewhere | None = None,
 ) -> JobRecord:
     """Returns the ended generation job of the token, having made the worlds that were missing."""
     with watched("Worlds", "worlds-progress") as progress:
@@ -32,4 +33,5 @@ def generate_worlds(
             token=token,
             progress=progress,
             robot_radius_m=robot_radius_m,
+            elsewhere=elsewhere,
         )

@@ -47,9 +47,12 @@ def run(
     seed: int = 7,
     body: TemplateBody = BODY,
     progress: Progress | None = None,
+    elsewhere: job.Elsewhere | None = None,
 ) -> JobRecord:
     asked = request(floorplans, interiors)
-    return run_generation_job(store, asked, body, seed=seed, token=name, progress=progress or Progress())
+    return run_generation_job(
+        store, asked, body, seed=seed, token=name, progress=progress or Progress(), elsewhere=elsewhere
+    )
 
 
 def worlds_of(store: Store, record: JobRecord) -> dict[str, bytes]:
