@@ -1,0 +1,49 @@
+"""docs/operations.md, Housekeeping: its commands run, and its table has every kind that can go."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tasks.housekeeping import layout
+from tasks.housekeeping.cache import unused
+from tasks.storage.store import Store
+from tests.housekeeping.yard import Yard
+
+SECTION = (Path(__file__).parents[2] / "docs/operations.md").read_text().split("## Housekeeping\n")[1].split("\n## ")[0]
+_LINES = [line for block in re.findall(r"```sh\n(.*?)```", SECTION, flags=re.DOTALL) for line in block.splitlines()]
+
+
+def test_every_command_runs_and_only_yes_removes(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Yard(file_store).lose(Yard(file_store).generation("lost"))
+    monkeypatch.setenv("SIMYARD_STORE", file_store.url)
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    before = file_store.keys("")
+    for line in _LINES:
+        command = [str(Path(sys.executable).with_name("simyard")), *line.split()[1:]]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, ""), line
+    assert len(_LINES) == 4
+    assert file_store.keys("") == before  # all of it is younger than the grace
+
+
+def test_every_kind_that_can_go_has_a_row() -> None:
+    rows = " ".join(re.findall(r"^\| (.*?) \|", SECTION, flags=re.MULTILINE))
+    constants = {
+        name: value for name, value in vars(layout).items() if re.fullmatch(r"[A-Z_]+", name) and name[0] != "_"
+    }
+    kinds = [value for value in constants.values() if isinstance(value, str) and "/" not in value]
+    assert len(kinds) == 14
+    assert [kind for kind in kinds if kind not in rows] == []
+
+
+def test_every_kind_of_the_cache_has_a_row(tmp_path: Path) -> None:
+    for folder in ("programs", "bundles", "data/objects", "timings"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "old").write_bytes(b"1")
+    for entry in unused(tmp_path, 0.0):
+        assert entry.what.removesuffix(" objects") in SECTION
