@@ -8,8 +8,9 @@ import contextvars
 import logging
 import os
 import threading
+import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 from uuid import UUID
 
@@ -20,10 +21,14 @@ from prefect.runtime import flow_run as this_flow_run
 from prefect.states import Cancelled
 
 from flows.canceling import REASON, cancel_jobs, cancel_run, end_canceled, unless_canceled
-from specs.errors import SimyardError, StageFailed
+from specs.errors import DocumentError, SimyardError, StageFailed
+from specs.workers import chosen_workers
+from tasks.simulate.batch import KIND as BATCH
+from tasks.simulate.canceling import cancel_batch
+from tasks.simulate.chunk_store import chunk_numbers
 from tasks.storage.opening import open_store
 from tasks.storage.records import JobRecord, advance, is_terminal, read, records
-from tasks.storage.runs import KIND
+from tasks.storage.runs import KIND, jobs_of
 from tasks.storage.store import Store
 
 FLOW_RUN = "flow_run"
@@ -32,6 +37,7 @@ _CANCELED = "Canceled"
 _LOOK_S = 1.0
 _LOOKS_A_QUESTION = 3  # to Prefect's server, which has more to do than a store
 _PATIENCE_S = 5.0
+_CHUNK_S = 10.0
 logger = logging.getLogger(__name__)
 
 
@@ -103,9 +109,22 @@ def _meant(exc: BaseException, store: Store, run: JobRecord, own: str) -> bool:
 
 def _end(store: Store, run: JobRecord, exc: BaseException) -> None:
     try:
+        _let_workers_end(store, run)
         end_canceled(store, run)
     except SimyardError as failure:
         logger.warning("%s was canceled (%s), and could not be ended: %s", run.id, exc, failure)
+
+
+def _let_workers_end(store: Store, run: JobRecord) -> None:
+    """Gives workers of a cluster, which outlive this process, the time to commit what is done of their chunks."""
+    workers = chosen_workers()
+    batches = [job for kind, job in jobs_of(run) if kind == BATCH] if workers and workers.address else []
+    for batch in batches:
+        with suppress(DocumentError):  # not begun, or ended
+            cancel_batch(store, batch)
+            end_s = time.monotonic() + _CHUNK_S
+            while (chunks := chunk_numbers(store, batch)).begun != chunks.committed and time.monotonic() < end_s:
+                time.sleep(_LOOK_S)
 
 
 @contextmanager
