@@ -4,6 +4,7 @@ Whether a piece is done is never read from its future: a worker that dies after 
 store says what is missing.
 """
 
+import asyncio
 import logging
 import threading
 from collections import Counter, deque
@@ -117,7 +118,8 @@ def _await(numbers: Numbers, future: PrefectFuture[Any], ended: "SimpleQueue[End
     def wait() -> None:
         try:
             ended.put(Ended(numbers, future.result(), ""))
-        except Exception as exc:  # noqa: BLE001 - whatever a worker died of is told, and looked at in the store
+        # Whatever a worker died of is told, and looked at in the store; Dask cancels futures with their scheduler.
+        except (Exception, asyncio.CancelledError) as exc:  # noqa: BLE001 - see above
             ended.put(Ended(numbers, None, f"{type(exc).__name__}: {exc}"))
 
     threading.Thread(target=wait, name=f"piece {numbers[0]}", daemon=True).start()

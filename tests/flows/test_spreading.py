@@ -1,5 +1,6 @@
 """Pieces of work handed to workers that may die."""
 
+import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, cast
@@ -16,6 +17,7 @@ class Hands:
 
     def __init__(self, workers: int = 2, *, dies: Callable[[int], bool] = lambda _: False) -> None:
         self.done: set[int] = set()
+        self.death: BaseException = ConnectionError("the worker died")
         self.begun: list[int] = []
         self.most_flying = 0
         self.wanted = True
@@ -45,7 +47,7 @@ class Hands:
                 break
             self.begun.append(number)
             if self.dies(number):
-                raise ConnectionError("the worker died")
+                raise self.death
             self.done.add(number)
         return 0.001
 
@@ -116,3 +118,11 @@ def test_pieces_grow_until_they_last_long_and_shrink_towards_the_end() -> None:
     assert pace.size(1, 2) == 1
     pace.told(1, 60.0)
     assert pace.size(10_000, 2) == 1
+
+
+def test_what_is_cancelled_with_its_scheduler_is_handed_out_again() -> None:
+    hands = Hands()
+    hands.dies, hands.death = lambda number: hands.begun.count(number) == 1 and number == 3, asyncio.CancelledError()
+    hands.run(10)
+    assert hands.done == set(range(10))
+    assert hands.begun.count(3) == 2
