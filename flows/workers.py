@@ -1,7 +1,9 @@
 """Dask's and Ray's workers behind Prefect's task runners; both are extras, and imported where they are asked for."""
 # ruff: noqa: PLC0415 - see above
 
+import math
 import os
+import time
 from collections.abc import Callable
 from contextvars import ContextVar
 from functools import partial
@@ -16,6 +18,7 @@ from specs.base import Fault
 from specs.errors import DocumentError
 from specs.workers import WORKERS, Workers, chosen_workers
 
+_ASK_EVERY_S = 1.0
 _DEVICES_FLAG = "--xla_force_host_platform_device_count"
 
 
@@ -59,7 +62,7 @@ def on_workers(workers: Workers, name: str, run: str, work: Callable[[Width], No
     def pieces() -> None:
         context = FlowRunContext.get()
         started = context.task_runner if context else crew.runner  # a flow starts a copy of the runner that it is given
-        _work(partial(crew.width, started))
+        _work(_seldom(partial(crew.width, started)))
 
     token = _given.set(work)
     try:
@@ -70,6 +73,19 @@ def on_workers(workers: Workers, name: str, run: str, work: Callable[[Width], No
 
 def _work(width: Width) -> None:
     _given.get()(width)
+
+
+def _seldom(width: Width) -> Width:
+    """Returns what asks at most once a second: a scheduler of a thousand workers tells them all each time."""
+    counted, asked_s = 0, -math.inf
+
+    def told() -> int:
+        nonlocal counted, asked_s
+        if time.monotonic() - asked_s >= _ASK_EVERY_S:
+            counted, asked_s = width(), time.monotonic()
+        return counted
+
+    return told
 
 
 def crew_of(workers: Workers) -> Crew:
