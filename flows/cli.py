@@ -53,7 +53,14 @@ StoreUrl = Annotated[
 
 def main() -> None:
     """Runs the command line and exits with Simyard's codes."""
-    leave_after(app)
+    leave_after(_logged)
+
+
+def _logged() -> None:
+    from tasks.watching.logs import logging_as_asked
+
+    with logging_as_asked():
+        app()
 
 
 @app.command()
@@ -104,11 +111,14 @@ def describe(
     from flows.inspecting import described, described_together
     from flows.left_jobs import described_notes
     from specs.arn import parse_reference
+    from tasks.simulate.metrics import told_metrics
     from tasks.storage.opening import open_existing_store
 
     opened = open_existing_store(store)
     answer = described(opened, arns[0]) if len(arns) == 1 else described_together(opened, arns)
     typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
+    for line in told_metrics(opened, arns[0]) if len(arns) == 1 else ():
+        typer.echo(line, err=True)
     if len(arns) == 1 and (named := parse_reference(arns[0])).kind == "deployment-job":
         from flows.fleet_watch import told_wish
 

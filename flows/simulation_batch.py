@@ -8,6 +8,7 @@ from typing import cast
 from prefect import flow
 from pydantic import JsonValue
 
+from flows.batch_metrics import noted_metrics, show_metrics
 from flows.batch_report import Reported, noted, write_last_report
 from flows.closing import with_audit
 from flows.early_end import EarlyEnd, endable
@@ -39,6 +40,7 @@ from tasks.simulate.batch import (
 )
 from tasks.simulate.chunk_store import spent_s
 from tasks.simulate.machines import note_machine
+from tasks.simulate.metrics import BatchMeter
 from tasks.simulate.resolving import output_location
 from tasks.simulate.streaming import parts
 from tasks.simulate.task import audit_batch, simulate_chunk
@@ -109,12 +111,14 @@ def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None =
 def _simulate(
     batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, gate: Gate | None
 ) -> dict[str, JsonValue]:
-    """Commits all chunks, or as many as there is time for and nobody cancels; returns why it ended early, if it did."""
+    """Commits all chunks, or as many as there is time for and nobody cancels.
+
+    Returns how fast that was, and why it ended early, if it did.
+    """
     workers = None if batch.plan.shuffled else wanted_workers()  # an early end is decided chunk by chunk, in order
     if workers:
-        spread_batch(batch, location, workers)
-        return {}
-    early = EarlyEnd(batch, gate)
+        return noted_metrics(spread_batch(batch, location, workers))
+    early, meter = EarlyEnd(batch, gate), BatchMeter()
     layout, store_url = batch.layout, batch.store.url
     record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
@@ -126,7 +130,7 @@ def _simulate(
             left_s = batch.plan.timeout_s - worked_s
             now = time_out(batch) if left_s <= 0 else batch.record()
             if now.status not in GOING:
-                return {}
+                return noted_metrics(meter.metrics())
             if early.reached(number):
                 break
             progress(done, layout.episodes)
@@ -146,8 +150,9 @@ def _simulate(
                 record=record,
             )
             lanes, done = ended.lanes, done + ended.episodes
+            meter.add(ended.work, "")
         progress(layout.episodes, layout.episodes)
-    return early.detail
+    return {**early.detail, **noted_metrics(meter.metrics())}
 
 
 def _closed(
@@ -173,6 +178,7 @@ def _closed(
         detail = with_audit(detail, _audited(batch, folders, location))
     reported = write_last_report(batch.store, record, status, detail, why)
     closed = close_batch(batch.store, batch.id, status, detail | noted(reported), why)
+    show_metrics(closed)
     if isinstance(reported, Reported):
         show_report(reported)
     return closed

@@ -3,17 +3,18 @@
 Chunks are what they are on one machine, and committed by whoever simulated them, so that the tables are the same bytes.
 """
 
+import os
+import platform
 import time
 from functools import partial
 from typing import Any, NamedTuple
 
-from prefect import flow, task
+from prefect import task
 from prefect.cache_policies import NO_CACHE
-from prefect.context import FlowRunContext
 from prefect.futures import PrefectFuture
 
 from flows.spreading import Ended, Numbers, spread
-from flows.workers import crew_of
+from flows.workers import Width, on_workers
 from specs.common import OutputLocation
 from specs.workers import Workers
 from tasks.applications.publishing import unpack
@@ -21,6 +22,7 @@ from tasks.results.recordings import write_recordings
 from tasks.simulate.batch import GOING, OpenBatch, opened, time_out
 from tasks.simulate.chunk_store import chunk_numbers, is_committed, spent_s
 from tasks.simulate.machines import note_machine
+from tasks.simulate.metrics import BatchMeter, BatchMetrics, ChunkWork
 from tasks.simulate.task import simulate_chunk
 from tasks.storage.cache import cache_folder
 from tasks.storage.opening import open_store
@@ -28,50 +30,47 @@ from tasks.watching.task import Progress, watched
 
 
 class PieceEnd(NamedTuple):
-    """What a worker did: episodes of the chunks that it came to, and the seconds that it took."""
+    """What a worker did: episodes of the chunks that it came to, the seconds that it took, and what they went into."""
 
     episodes: int
     wall_s: float
+    work: ChunkWork = ChunkWork()
+    worker: str = ""
 
 
-def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -> None:
-    """Commits all chunks of a batch, or as many as there is time for and nobody cancels.
+def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:
+    """Commits all chunks of a batch, or as many as there is time for and nobody cancels; returns how fast that was.
 
     Raises:
         StageFailed: A chunk was lost several times.
     """
-    crew = crew_of(workers)
+    meter = BatchMeter()
 
-    # A flow of its own, because a task runner belongs to a flow, and this one depends on a setting.
-    @flow(name="episodes", flow_run_name=batch.id, task_runner=crew.runner, persist_result=False)
-    def episodes() -> None:
-        context = FlowRunContext.get()
-        started = (
-            context.task_runner if context else crew.runner
-        )  # the flow's own: it starts a copy of what it is given
+    def episodes(width: Width) -> None:
         with watched("Episodes", "episodes-progress") as progress:
-            work = _Spread(batch, location, progress)
+            work = _Spread(batch, location, progress, meter)
             spread(
                 work.left,
                 work.hand_out,
-                width=partial(crew.width, started),
+                width=width,
                 going=work.going,
                 missing=work.missing,
                 settled=work.settled,
             )
             progress(work.done, batch.layout.episodes)
 
-    episodes()
+    on_workers(workers, "episodes", batch.id, episodes)
+    return meter.metrics()
 
 
 class _Spread:
     """A batch that is being handed out."""
 
-    def __init__(self, batch: OpenBatch, location: OutputLocation, progress: Progress) -> None:
+    def __init__(self, batch: OpenBatch, location: OutputLocation, progress: Progress, meter: BatchMeter) -> None:
         committed = chunk_numbers(batch.store, batch.id).committed
         self.left = [number for number in range(batch.layout.chunks) if number not in committed]
         self.done = sum(map(batch.layout.chunk_size, committed))
-        self._batch, self._location, self._progress = batch, location, progress
+        self._batch, self._location, self._progress, self._meter = batch, location, progress, meter
         self._before_s, self._start_s = spent_s(batch.store, batch.id), time.monotonic()
 
     def hand_out(self, numbers: Numbers) -> PrefectFuture[Any]:
@@ -97,6 +96,7 @@ class _Spread:
     def settled(self, end: Ended) -> float:
         piece: PieceEnd = end.result
         self.done += piece.episodes
+        self._meter.add(piece.work, piece.worker)
         self._progress(self.done, self._batch.layout.episodes)
         return piece.wall_s
 
@@ -118,7 +118,7 @@ def simulate_chunks(
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on the batch before.
     """
-    start_s, episodes = time.monotonic(), 0
+    start_s, episodes, done = time.monotonic(), 0, ChunkWork()
     work = opened(open_store(store_url), batch)
     note_machine(work)
     folders = {digest: unpack(work.store, digest, cache_folder() / "bundles") for digest in work.plan.digests()}
@@ -139,8 +139,8 @@ def simulate_chunks(
             progress=_nobody,
             record=record,
         )
-        lanes, episodes = ended.lanes, episodes + ended.episodes
-    return PieceEnd(episodes, time.monotonic() - start_s)
+        lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
+    return PieceEnd(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")
 
 
 def _nobody(_done: int) -> None:

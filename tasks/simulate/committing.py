@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import itertools
+import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
@@ -14,8 +15,10 @@ from tasks.simulate.chunk_store import begin_chunk, commit, committed_chunk
 from tasks.simulate.chunks import Chunk, ProgramKey, program_key
 from tasks.simulate.data_mounting import Mounts
 from tasks.simulate.fitting import after_deaths, simulate_fitting
+from tasks.simulate.metrics import ChunkWork, work_of
 from tasks.simulate.recording import Columns, Recorder, sample_memory
 from tasks.simulate.stopping import StopWatch, canceled_row
+from tasks.simulate.timings import collected
 from tasks.storage.cache import cache_folder
 from tasks.storage.keys import world_key
 from tasks.storage.opening import open_store
@@ -54,10 +57,12 @@ class ChunkEnd(NamedTuple):
     Attributes:
         episodes: How many it has.
         lanes: How many fitted into memory at a time; more need not be tried again.
+        work: What it took; nothing of one that was committed before.
     """
 
     episodes: int
     lanes: int
+    work: ChunkWork = ChunkWork()
 
 
 def run_chunk(
@@ -84,6 +89,7 @@ def run_chunk(
     committed = committed_chunk(batch.store, batch.id, number)
     if committed is not None:
         return ChunkEnd(len(committed), lanes)
+    start_s = time.monotonic()
     start = begin_chunk(batch.store, batch.id, number, spent_s)
     chunk = batch.layout.chunk(number)
     worlds, missing = load_worlds(batch, chunk.requests)
@@ -92,14 +98,17 @@ def run_chunk(
     able = _able(chunk, unable, mounted)
     program = program_key(chunk.requests[0])
     work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
-    rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
-    by_index = _settled(work, [*rows, *work.restarted(lanes)])
+    with collected() as timings:
+        rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
+        by_index = _settled(work, [*rows, *work.restarted(lanes)])
     if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
         time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
     if record is not None:
         by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
     ordered = [by_index.get(each.index) or _lost(each, unable[each.index]) for each in chunk.requests]
-    return ChunkEnd(len(commit(batch.store, batch.id, number, ordered)), lanes)
+    rows = commit(batch.store, batch.id, number, ordered)
+    simulated_s = sum(row.simulated_s for row in rows)
+    return ChunkEnd(len(rows), lanes, work_of(timings, simulated_s=simulated_s, wall_s=time.monotonic() - start_s))
 
 
 class _Work:

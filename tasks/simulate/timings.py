@@ -9,6 +9,9 @@ import logging
 import resource
 import sys
 import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -51,6 +54,7 @@ class ChunkTiming(Spec):
 
 
 _TIMINGS = TypeAdapter(list[ChunkTiming])
+_collecting: ContextVar[list[ChunkTiming] | None] = ContextVar("simyard_chunk_timings", default=None)
 
 
 class ChunkWatch:
@@ -83,8 +87,22 @@ class ChunkWatch:
         )
 
 
+@contextmanager
+def collected() -> Generator[list[ChunkTiming], None, None]:
+    """Yields a list that gets each timing which is remembered inside the ``with`` block."""
+    timings: list[ChunkTiming] = []
+    token = _collecting.set(timings)
+    try:
+        yield timings
+    finally:
+        _collecting.reset(token)
+
+
 def remember(program: ProgramKey, timing: ChunkTiming) -> None:
     """Adds a timing to the last ones of a program, for as long as the cache folder is kept."""
+    collecting = _collecting.get()
+    if collecting is not None:
+        collecting.append(timing)
     path = _path(program)
     try:
         with whole_file(path) as file:

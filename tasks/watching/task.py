@@ -1,4 +1,4 @@
-"""Progress in Prefect: a bar that moves at most once a second, and in the terminal through the listener."""
+"""Progress, in Prefect and through the listener in the terminal: bars that move once a second at most."""
 
 import logging
 import time
@@ -31,9 +31,13 @@ def watched(stage: str, key: str) -> Generator[Progress, None, None]:
     """
     bar = _Bar(stage, key)
     bar.show(0.0)
+    told_s = -_INTERVAL_S
 
     def progress(done: int, total: int) -> None:
-        tell(stage, done, total)
+        nonlocal told_s
+        if done >= total or time.monotonic() - told_s >= _INTERVAL_S:
+            told_s = time.monotonic()
+            tell(stage, done, total)
         if bar.is_due():
             bar.show(100.0 * done / max(total, 1))
 

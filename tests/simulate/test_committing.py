@@ -66,7 +66,7 @@ def test_a_chunk_whose_process_died_again_is_tried_with_fewer_lanes(file_store: 
     for _ in range(3):
         with pytest.raises(KeyboardInterrupt):
             run_chunk(batch, 0, dies_with_many, lanes=64, left_s=9.0)
-    assert run_chunk(batch, 0, dies_with_many, lanes=64, left_s=9.0) == (64, 16)
+    assert run_chunk(batch, 0, dies_with_many, lanes=64, left_s=9.0)[:2] == (64, 16)
     assert tried == [64, 64, 32, *[16] * 4]
     assert [row.index for row in committed_chunk(file_store, batch.id, 0) or ()] == list(range(64))
 

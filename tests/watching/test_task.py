@@ -9,6 +9,7 @@ import pytest
 from prefect.exceptions import PrefectHTTPStatusError
 
 from tasks.watching import task
+from tasks.watching.listening import listening
 from tasks.watching.task import watched
 
 
@@ -87,3 +88,16 @@ def test_what_is_no_outage_is_raised(error: Exception, server: Server) -> None:
 
     with pytest.raises(type(error)), watched("Episodes", "episodes-progress") as progress:
         work(progress)
+
+
+def test_bars_move_once_a_second_at_most_and_at_the_end(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(task, "_INTERVAL_S", 1.0)
+    now_s = [0.0]
+    monkeypatch.setattr(task.time, "monotonic", lambda: now_s[0])
+    in_terminal: list[int] = []
+    with listening(lambda _stage, done, _total: in_terminal.append(done)), watched("Worlds", "worlds") as progress:
+        for done in range(40):
+            now_s[0] = 0.25 * done
+            progress(done, 39)
+    assert server.updates == pytest.approx([100.0 * done / 39 for done in range(4, 40, 4)] + [100.0])
+    assert in_terminal == [*range(0, 40, 4), 39]
