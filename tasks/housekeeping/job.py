@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import Field, ValidationError
 
 from specs.base import Spec
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
 from tasks.housekeeping.cache import Cached, clear, unused
 from tasks.housekeeping.layout import NOTES, TOKENS, Job, job_named, place_of
 from tasks.housekeeping.metadata import replaced_metadata
@@ -75,25 +75,33 @@ def collect(store: Store, cache: Path, ages: Ages, *, remove: bool) -> GcReport:
         _keep_notes(store, plan, etag)
         swept = sweep(store, plan, marked.look_again)
         cached = [entry for entry in cached if clear(entry)]
-    return _report(store, plan, swept, marked.named, cached, removed=remove)
+    return _report(marked, plan, swept, cached, removed=remove)
 
 
 class _Marked:
     """What a store holds, and what its records name: first listed, then read, so that what begins meanwhile counts."""
 
     def __init__(self, store: Store, ages: Ages) -> None:
-        self._store, now_s = store, store.now_s()
+        self._store, self.url, now_s = store, store.url, store.now_s()
         self._ended_before_s = None if ages.ended_s is None else now_s - ages.ended_s
         entries = store.entries("")
         self._records: Records = {}
+        self.left_out = _left_out(store)
         self.named = self.look_again()
         self.listing = Listing(
             entries=entries,
-            unfinished=store.unfinished(""),
+            unfinished=self._unfinished(),
             token_jobs=_token_jobs(store, entries, self.named),
             replaced=replaced_metadata(store, entries, now_s - ages.grace_s),
             now_s=now_s,
         )
+
+    def _unfinished(self) -> list[Entry]:
+        try:
+            return self._store.unfinished("")
+        except StoreError as exc:  # to list them is a permission of its own, and not every server can
+            self.left_out += (f"unfinished writes: {exc}",)
+            return []
 
     def look_again(self) -> Named:
         """Returns what the records name now; those that are as they were are not read again."""
@@ -142,17 +150,16 @@ def _keep_notes(store: Store, plan: Plan, etag: str) -> None:
         _LOG.info("another gc has noted the bundles without a name")
 
 
-def _report(
-    store: Store, plan: Plan, swept: Swept, marked: Named, cached: Iterable[Cached], *, removed: bool
-) -> GcReport:
+def _report(marked: _Marked, plan: Plan, swept: Swept, cached: Iterable[Cached], *, removed: bool) -> GcReport:
+    spoilt = marked.named.spoilt
     return GcReport(
-        store=store.url,
+        store=marked.url,
         removed=removed,
         freed=_rows(swept.freed),
         waiting=_rows(plan.waiting),
         stayed=_rows(swept.stayed),
-        unread=tuple(Unread(record=each.key, why=each.why, keeps=tuple(sorted(each.keeps))) for each in marked.spoilt),
-        left_out=_left_out(store),
+        unread=tuple(Unread(record=each.key, why=each.why, keeps=tuple(sorted(each.keeps))) for each in spoilt),
+        left_out=marked.left_out,
         cache=_summed(((entry.what, "that nobody has used for long"), entry.size_bytes) for entry in cached),
     )
 

@@ -6,12 +6,12 @@ about to go for what is there. Killed anywhere, the next gc goes on: what shows 
 
 import logging
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from specs.errors import ObjectExists, ObjectNotFound
-from tasks.housekeeping.layout import NAMED_BY_OTHERS, TOKENS, UNFINISHED, WORLDS, Job
+from tasks.housekeeping.layout import BUNDLES, NAMED_BY_OTHERS, TOKENS, UNFINISHED, WORLDS, Job
 from tasks.housekeeping.naming import Named
 from tasks.housekeeping.planning import Item, Leftover, Plan
 from tasks.storage.claim import ClaimRecord, claimed_unless_alive
@@ -21,6 +21,7 @@ from tasks.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
 _CLAIM_TTL_S = 15.0
+_BUNDLES_AT_ONCE, _COPIED_BYTES = 32, 256 << 20
 LookAgain = Callable[[], Named]
 
 
@@ -54,8 +55,8 @@ def sweep(store: Store, plan: Plan, look_again: LookAgain) -> Swept:
         swept.note(item, is_gone=_removed(store, item))
     for leftover in plan.leftovers:
         _sweep_leftover(store, leftover, look_again, swept)
-    for item in plan.bundles:
-        swept.note(item, is_gone=_bundle_removed(store, item, look_again))
+    for few in _few_at_a_time(plan.bundles):
+        _sweep_bundles(store, few, look_again, swept)
     return swept
 
 
@@ -133,28 +134,49 @@ def _drop_claim(store: Store, key: str) -> None:
         store.delete_unchanged(entry)
 
 
-def _bundle_removed(store: Store, item: Item, look_again: LookAgain) -> bool:
-    """Removes a bundle, unless it is named or was written again; one that is named right afterwards is put back.
+def _few_at_a_time(bundles: Sequence[Item]) -> Iterator[list[Item]]:
+    """Yields bundles some at a time: to look again costs requests, and copies of what is removed take room."""
+    few: list[Item] = []
+    for item in bundles:
+        few.append(item)
+        if len(few) == _BUNDLES_AT_ONCE or sum(each.entry.size_bytes for each in few) > _COPIED_BYTES:
+            yield few
+            few = []
+    if few:
+        yield few
+
+
+def _sweep_bundles(store: Store, bundles: Sequence[Item], look_again: LookAgain, swept: Swept) -> None:
+    """Removes bundles, unless they are named or were written again; those named right afterwards are put back.
 
     Only where a store cannot remove and compare in one step can another process have published the same bytes, and
     named them, between the look and the removal.
     """
-    digest = item.entry.key.rpartition("/")[2]
-    if not _is_unnamed(digest, look_again()):
-        return False
+    before = look_again()
     with tempfile.TemporaryDirectory(prefix="simyard-gc-") as folder:
-        copy = Path(folder) / "bundle"
-        try:
-            store.download(item.entry.key, copy)
-        except ObjectNotFound:  # another gc was faster
-            return True
-        if not store.delete_unchanged(item.entry):
-            return False
-        if _is_unnamed(digest, look_again()):
-            return True
-        store.upload(item.entry.key, copy)
-        return False
+        gone: list[Item] = []
+        for item in bundles:
+            removed = _is_unnamed(item, before) and _bundle_removed(store, item, Path(folder))
+            (gone if removed else swept.stayed).append(item)
+        after = look_again() if gone else before
+        for item in gone:
+            is_named = not _is_unnamed(item, after)
+            if is_named and (copy := Path(folder) / _digest(item)).exists():
+                store.upload(item.entry.key, copy)
+            swept.note(item, is_gone=not is_named)
 
 
-def _is_unnamed(digest: str, named: Named) -> bool:
-    return digest not in named.digests and "bundles" not in named.kept
+def _bundle_removed(store: Store, item: Item, folder: Path) -> bool:
+    try:
+        store.download(item.entry.key, folder / _digest(item))
+    except ObjectNotFound:  # another gc was faster
+        return True
+    return store.delete_unchanged(item.entry)
+
+
+def _digest(bundle: Item) -> str:
+    return bundle.entry.key.rpartition("/")[2]
+
+
+def _is_unnamed(bundle: Item, named: Named) -> bool:
+    return _digest(bundle) not in named.digests and BUNDLES not in named.kept

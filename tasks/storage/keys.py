@@ -18,6 +18,7 @@ robots/<robot>/record.json                  who the robot is
 robots/<robot>/desired.json                 what it shall run; the controller writes
 robots/<robot>/reported.json                what it runs; only that robot writes
 trust/<repository>/<name>                   signed metadata of bundles and keys; no private key, ever
+housekeeping/unnamed.json                   since when bundles have had no name, for the next gc
 buckets/<bucket>/...                        what documents call s3Bucket, by default
 """
 

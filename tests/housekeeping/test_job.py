@@ -1,14 +1,16 @@
 """What a gc removes and what it keeps, on a folder and on a real S3 server."""
 
 from pathlib import Path
+from typing import cast
 
 import pytest
 
+from specs.errors import StoreAccessDenied
 from tasks.housekeeping.job import Ages
 from tasks.storage.keys import bundle_key, job_key, world_key
 from tasks.storage.store import Store
 from tests.contracts.test_listing_contract import leave_unfinished
-from tests.housekeeping.yard import NOW, Yard, freed, later, results_of, worlds_of
+from tests.housekeeping.yard import NOW, Meddled, Yard, freed, later, results_of, worlds_of
 
 _HOUR_S = 3600.0
 
@@ -188,6 +190,20 @@ def test_buckets_outside_the_store_are_left_alone_and_told(
     monkeypatch.setenv("SIMYARD_BUCKETS", tmp_path.as_uri())
     (told,) = file_yard.gc(tmp_path).left_out
     assert tmp_path.as_uri() in told
+
+
+def test_a_server_that_does_not_tell_of_unfinished_writes_is_swept_all_the_same(
+    file_yard: Yard, tmp_path: Path
+) -> None:
+    def refused() -> None:
+        raise StoreAccessDenied("not yours to list")
+
+    file_yard.lose(file_yard.generation("lost"))
+    store = Meddled(file_yard.store)
+    store.instead("unfinished", "", refused)
+    report = Yard(cast("Store", store)).gc(tmp_path)
+    assert report.left_out == ("unfinished writes: not yours to list",)
+    assert file_yard.store.keys("worlds") == []
 
 
 @pytest.mark.parametrize(
