@@ -118,7 +118,7 @@ def _await(numbers: Numbers, future: PrefectFuture[Any], ended: "SimpleQueue[End
     def wait() -> None:
         try:
             ended.put(Ended(numbers, future.result(), ""))
-        # Whatever a worker died of is told, and looked at in the store; Dask cancels futures with their scheduler.
+        # Whatever a worker died of is told, and looked at in the store; to be cancelled is no Exception of Python's.
         except (Exception, asyncio.CancelledError) as exc:  # noqa: BLE001 - see above
             ended.put(Ended(numbers, None, f"{type(exc).__name__}: {exc}"))
 

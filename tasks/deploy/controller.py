@@ -11,7 +11,7 @@ and whom it had announced its successor has asked by then, so that its writes me
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydantic import JsonValue, TypeAdapter
 
@@ -36,18 +36,24 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
 _PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and nobody else can take over either
 
 
+def steady_clock() -> Callable[[], float]:
+    """Returns a clock of seconds since 1970 that is right now, and from then on goes as time does, whatever is set."""
+    ahead_s = time.time() - time.monotonic()
+    return lambda: time.monotonic() + ahead_s
+
+
 @dataclass(frozen=True)
 class Pace:
     """How a controller spends its time.
 
     Attributes:
         poll_s: Seconds between two looks at the robots.
-        now_s: The clock, seconds since 1970.
+        now_s: The clock, seconds since 1970; one that is set meanwhile must not let robots run out of time.
         sleep: Waits so many seconds.
     """
 
     poll_s: float = 0.2
-    now_s: Callable[[], float] = time.time
+    now_s: Callable[[], float] = field(default_factory=steady_clock)
     sleep: Callable[[float], None] = time.sleep
 
 

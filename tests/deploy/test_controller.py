@@ -3,6 +3,7 @@
 import contextlib
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import cast
@@ -15,6 +16,7 @@ from specs.errors import (
     StoreUnreachable,
 )
 from specs.roll_out import RollOutRules
+from tasks.deploy.controller import Pace
 from tasks.deploy.observing import recorded_progress
 from tasks.deploy.robots import create_robot, read_desired, read_reported, register_robot
 from tasks.storage.keys import reported_key
@@ -186,6 +188,17 @@ def test_robots_that_join_while_a_deployment_is_interrupted_are_not_part_of_it(y
     record = run(yard, robots, yard.request(version, "one"), version.digest)
 
     assert sorted(recorded_progress(record)) == robots.names
+
+
+def test_a_controller_s_clock_goes_on_when_the_machine_s_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    right, ticks = time.time, time.monotonic
+    pace = Pace()
+    before_s = pace.now_s()
+    for set_by_s in (86_400.0, -86_400.0):
+        monkeypatch.setattr(time, "time", lambda set_by_s=set_by_s: right() + set_by_s)
+        monkeypatch.setattr(time, "monotonic", lambda: ticks() + 1000.0)
+        assert pace.now_s() == pytest.approx(before_s + 1000.0, abs=100.0)
+        monkeypatch.undo()
 
 
 @pytest.fixture
