@@ -119,10 +119,10 @@ def describe(
     typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
     for line in told_metrics(opened, arns[0]) if len(arns) == 1 else ():
         typer.echo(line, err=True)
-    if len(arns) == 1 and (named := parse_reference(arns[0])).kind == "deployment-job":
+    if len(arns) == 1 and ":deployment-job" in arns[0]:
         from flows.fleet_watch import told_wish
 
-        for line in told_wish(opened, named.path):  # what RoboMaker's shapes have no field for
+        for line in told_wish(opened, parse_reference(arns[0]).path):  # what RoboMaker's shapes have no field for
             typer.echo(line, err=True)
     for note in described_notes(opened, arns[0]) if len(arns) == 1 else ():
         typer.echo(note, err=True)

@@ -2,7 +2,9 @@
 
 import pytest
 from pydantic import JsonValue
+from typer.testing import CliRunner
 
+from flows.cli import app
 from flows.left_jobs import Reaped, described_notes, listed_notes, reap
 from tasks.simulate.batch import time_out
 from tasks.simulate.canceling import cancel_batch
@@ -150,3 +152,11 @@ def test_the_job_of_a_request_of_ones_own_is_continued_by_that(file_store: Store
 def test_nothing_is_said_of_what_is_no_job(file_store: Store) -> None:
     assert list(described_notes(file_store, "arn:simyard:world:0:g/w")) == []
     assert list(listed_notes(file_store, "worlds")) == []
+
+
+def test_describe_tells_of_a_run_that_nobody_works_on(file_store: Store) -> None:
+    with begun(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
+        pass
+    told = CliRunner().invoke(app, ["describe", run.arn, "--store", file_store.url])
+    assert told.exit_code == 0, told
+    assert told.stderr == f"{run.arn} is Pending, and nobody works on it: simyard run of nightly continues it\n"
