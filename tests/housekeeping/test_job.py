@@ -238,7 +238,18 @@ def test_a_job_whose_record_is_spoilt_keeps_what_it_made(file_yard: Yard, tmp_pa
     _, batch = a_batch(file_yard)
     file_yard.store.put(job_key("simulation-job-batch", batch), b"{")
     before = file_yard.store.keys("")
+    assert freed(file_yard.gc(tmp_path, remove=False)) == {}
     file_yard.gc(tmp_path)
+    assert file_yard.store.keys("") == before
+
+
+def test_no_job_is_forgotten_while_a_record_that_may_name_it_cannot_be_read(file_yard: Yard, tmp_path: Path) -> None:
+    file_yard.generation("old")
+    file_yard.store.put("fleets/f.json", b"{")
+    before = file_yard.store.keys("")
+    forgetting = Ages(grace_s=0.0, ended_s=0.0)
+    assert freed(file_yard.gc(tmp_path, forgetting, remove=False)) == {}
+    file_yard.gc(tmp_path, forgetting)
     assert file_yard.store.keys("") == before
 
 
