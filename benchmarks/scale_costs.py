@@ -143,16 +143,13 @@ def _counted(name: str, counted: Counter[str]) -> Callable[..., object]:
 
 
 def _tables(batch: OpenBatch) -> tuple[float, float]:
-    """Returns how many rows a second are written, and the bytes of one, of the same few chunks again and again."""
-    rows = [row for number in range(6) for row in committed_chunk(batch.store, batch.id, number) or ()]
-    requests = [batch.layout.request(row.index) for row in rows]
+    """Returns how many rows of some chunks, taken again and again, are written in a second, and the bytes of one."""
+    chunks = range(_ROWS // batch.plan.lanes)
 
     def parts() -> Generator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
-        for first in range(0, _ROWS, len(rows)):
-            yield (
-                [each.model_copy(update={"index": first + n}) for n, each in enumerate(requests)],
-                [each.model_copy(update={"index": first + n}) for n, each in enumerate(rows)],
-            )
+        for number in chunks:
+            rows = committed_chunk(batch.store, batch.id, number % 6) or []
+            yield [batch.layout.request(row.index) for row in rows], rows
 
     location = output_location(SimulationBatch.model_validate(section(2048)))
     start_s = time.perf_counter()
@@ -162,7 +159,8 @@ def _tables(batch: OpenBatch) -> tuple[float, float]:
         )
     took_s = time.perf_counter() - start_s
     written = Path(batch.store.url.removeprefix("file://")).glob("buckets/results/**/*.parquet")
-    return _ROWS / took_s, sum(file.stat().st_size for file in written) / _ROWS
+    rows = len(chunks) * batch.plan.lanes
+    return rows / took_s, sum(file.stat().st_size for file in written) / rows
 
 
 @task(name="nothing", cache_policy=NO_CACHE, persist_result=False)

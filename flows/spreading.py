@@ -20,8 +20,12 @@ _LOG = logging.getLogger(__name__)
 # A worker that ends a task finds the next one there; what is further ahead is promised to nobody yet.
 _AHEAD = 2
 _ATTEMPTS = 4
-# Long beside what handing out a piece costs, and short beside what a person waits for a cancellation.
+# Long beside what handing out a piece costs its worker. Who works on one looks at the record before each chunk, so that a
+# cancellation does not wait for its end, and has committed what was done of it when it dies.
 _AIM_S = 15.0
+# Handing out a piece costs this process, and Prefect's server, about a tenth of a second each (docs/scale.md): many
+# workers get longer ones, so that both keep up with any number of them.
+_AIM_S_A_WORKER = 0.2
 _LOOK_S = 0.5
 
 Numbers = tuple[int, ...]
@@ -55,7 +59,8 @@ class Pace:
         """Returns how many of what is left go into the next piece; so few of the last ones that all workers share."""
         if self._each_s is None:
             return 1
-        return max(1, min(int(_AIM_S / max(self._each_s, 1e-3)), left // (width * _AHEAD)))
+        aim_s = max(_AIM_S, width * _AIM_S_A_WORKER)
+        return max(1, min(int(aim_s / max(self._each_s, 1e-3)), left // (width * _AHEAD)))
 
 
 def spread(

@@ -120,6 +120,13 @@ def test_pieces_grow_until_they_last_long_and_shrink_towards_the_end() -> None:
     assert pace.size(10_000, 2) == 1
 
 
+def test_many_workers_get_longer_pieces_so_that_no_more_of_them_end_in_a_second() -> None:
+    pace = Pace()
+    pace.told(1, 1.0)
+    ends_a_second = [width / pace.size(10**9, width) for width in (100, 1000, 10_000)]
+    assert ends_a_second == [5.0, 5.0, 5.0]
+
+
 def test_what_is_cancelled_with_its_scheduler_is_handed_out_again() -> None:
     hands = Hands()
     hands.dies, hands.death = lambda number: hands.begun.count(number) == 1 and number == 3, asyncio.CancelledError()
