@@ -17,6 +17,7 @@ from rich.console import Console
 from flows.app_cli import app_app
 from flows.compare_cli import compare
 from flows.fleet_cli import fleet_app
+from flows.gc_cli import gc
 from flows.leaving import leave_after
 from flows.reap_cli import reap
 from flows.replay_cli import replay
@@ -39,6 +40,7 @@ app.command()(replay)
 app.command()(compare)
 app.command()(shrink)
 app.command()(reap)
+app.command()(gc)
 
 _KINDS = (
     "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "
