@@ -4,14 +4,17 @@ from collections.abc import Callable
 
 from flows.closing import close_with_tables
 from specs.template import TemplateBody
-from specs.world_jobs import CreateWorldExportJobRequest, CreateWorldGenerationJobRequest
+from specs.world_jobs import CreateWorldGenerationJobRequest
 from tasks.export.job import run_export_job
 from tasks.simulate.batch import complete
 from tasks.simulate.committing import run_chunk
+from tasks.storage.keys import world_key
 from tasks.storage.records import JobRecord, is_terminal
 from tasks.storage.store import Store
 from tasks.worlds.job import run_generation_job
-from tests.simulate.batch_factory import begun, mixed, put_world
+from tests.export.export_jobs import ARNS, WORLDS
+from tests.export.export_jobs import request as exported
+from tests.simulate.batch_factory import begun, mixed
 from tests.worlds.templates import sample
 
 Work = Callable[[Store, str], JobRecord]
@@ -45,14 +48,8 @@ def generate(store: Store, name: str) -> JobRecord:
 
 def export(store: Store, name: str) -> JobRecord:
     """Returns a job that exported a world as a plan."""
-    put_world(store, "g/w0")
-    request = CreateWorldExportJobRequest.model_validate(
-        {
-            "worlds": ["arn:simyard:world:0123456789ab:g/w0"],
-            "outputLocation": {"s3Bucket": "worlds"},
-            "iamRole": "arn:aws:iam::111111111111:role/export",
-        }
-    )
+    store.put(world_key(WORLDS[0].generation, WORLDS[0].name), WORLDS[0].model_dump_json().encode())
+    request = exported(ARNS[0])
     return run_export_job(store, request, formats=("svg",), token=name, progress=lambda *_: None)
 
 
