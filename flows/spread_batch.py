@@ -13,6 +13,7 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
+from flows.announcing import announced
 from flows.spreading import Ended, Numbers, spread
 from flows.workers import Width, on_workers
 from specs.common import OutputLocation
@@ -118,8 +119,15 @@ def simulate_chunks(
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on the batch before.
     """
+    with announced():  # a worker may be the first to see that time is up
+        return _simulated(opened(open_store(store_url), batch), numbers, location, left_s=left_s, spent_s=spent_s)
+
+
+def _simulated(
+    work: OpenBatch, numbers: Numbers, location: OutputLocation, *, left_s: float, spent_s: float
+) -> PieceEnd:
+    store_url, batch = work.store.url, work.id
     start_s, episodes, done = time.monotonic(), 0, ChunkWork()
-    work = opened(open_store(store_url), batch)
     note_machine(work)
     folders = {digest: unpack(work.store, digest, cache_folder() / "bundles") for digest in work.plan.digests()}
     record = partial(write_recordings, store_url, location, batch) if work.plan.records() else None
