@@ -31,7 +31,6 @@ _OPTIONS = (
     *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--remote-debugging-port=0"),
     *("--no-first-run", "--disable-background-networking", "--hide-scrollbars", "--force-color-profile=srgb"),
     *("--disable-extensions", "--disable-sync", "--disable-component-update", "--font-render-hinting=none"),
-    "--enable-unsafe-swiftshader",  # WebGL without a GPU: Prefect draws its graphs with it
 )
 Answer = Mapping[str, object]
 
