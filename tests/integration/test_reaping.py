@@ -1,10 +1,12 @@
 """A killed run: list and describe say that nobody works on it, the reaper ends what was being stopped."""
 
+import signal
 from pathlib import Path
 
 import pytest
 
 from tasks.storage.opening import open_store
+from tests.eventually import eventually
 from tests.integration.runs import finished, jobs, kill_when, simyard, small_document, write_document
 
 pytestmark = [pytest.mark.integration, pytest.mark.soak, pytest.mark.timeout(400)]
@@ -27,3 +29,19 @@ def test_a_killed_run_is_told_as_left_and_reaped_and_continued(tmp_path: Path) -
     result = finished("run", str(file), *at)
     assert result.returncode == 0, result.stderr
     assert "somebody works on every job" in finished("reap", *at).stdout
+
+
+@pytest.mark.usefixtures("prefect_server")
+def test_a_run_whose_process_sleeps_is_left_alone_when_it_wakes_up(tmp_path: Path) -> None:
+    document = small_document()
+    document["simulationBatch"]["matrix"]["seeds"] = 100  # pyright: ignore[reportIndexIssue]
+    file, store = write_document(tmp_path, document), tmp_path / "store"
+    at = ("--store", store.as_uri())
+    run = simyard("run", str(file), *at)
+    assert eventually(lambda: any(store.glob("chunks/*/000001.started.json")), timeout_s=200.0)
+    run.send_signal(signal.SIGSTOP)
+    reaped = finished("reap", *at)  # as it finds a process on another machine: by watching its claim
+    run.send_signal(signal.SIGCONT)
+    _, err = run.communicate(timeout=300)
+    assert (run.returncode, reaped.returncode) == (0, 0), err
+    assert {kind: len(found) for kind, found in jobs(open_store(store.as_uri())).items()}["pipeline-run"] == 1
