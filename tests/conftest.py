@@ -36,7 +36,7 @@ install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartyp
 _BUCKET = "tests"
 # How long an example takes says how busy the machine is, not whether the code is right. The same commit is tried
 # with the same examples, so that a red run is about the change; `make explore` looks for new ones.
-settings.register_profile("simyard", deadline=None, derandomize=True)
+settings.register_profile("simyard", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("explore", deadline=None, max_examples=1000)
 settings.load_profile(os.environ.get("SIMYARD_HYPOTHESIS", "simyard"))
 

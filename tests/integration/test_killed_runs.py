@@ -32,11 +32,20 @@ _STAGES = {
 }
 
 
-def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(tmp_path: Path, small_run: Path):
+@pytest.mark.parametrize(
+    "stages",
+    [
+        pytest.param(("simulation", "deployment"), id="two"),
+        pytest.param(tuple(_STAGES), id="all", marks=pytest.mark.soak),
+    ],
+)
+def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(
+    stages: tuple[str, ...], tmp_path: Path, small_run: Path
+):
     file = write_document(tmp_path, small_document())
     broken = tmp_path / "broken"
     command = ("run", str(file), "--store", broken.as_uri())
-    for trace in _STAGES.values():
+    for trace in map(_STAGES.__getitem__, stages):
         kill_when(simyard(*command), lambda trace=trace: any(broken.glob(trace)))
     result = finished(*command)
     assert result.returncode == 0, result.stderr
