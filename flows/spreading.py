@@ -20,8 +20,8 @@ _LOG = logging.getLogger(__name__)
 # A worker that ends a task finds the next one there; what is further ahead is promised to nobody yet.
 _AHEAD = 2
 _ATTEMPTS = 4
-# Long beside what handing out a piece costs its worker. Who works on one looks at the record before each chunk, so that a
-# cancellation does not wait for its end, and has committed what was done of it when it dies.
+# Long beside what handing out a piece costs its worker. Who works on one looks at the record before each chunk, so that
+# a cancellation does not wait for its end, and has committed what was done of it when it dies.
 _AIM_S = 15.0
 # Handing out a piece costs this process, and Prefect's server, about a tenth of a second each (docs/scale.md): many
 # workers get longer ones, so that both keep up with any number of them.

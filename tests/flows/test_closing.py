@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 from pydantic import JsonValue
 
-from flows.closing import settled, with_audit
 from flows.canceling import cancel
+from flows.closing import settled, with_audit
 from flows.inspecting import described, listed
 from flows.reporting import batch_report
 from flows.simulation_batch import _run
