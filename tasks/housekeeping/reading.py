@@ -18,6 +18,8 @@ from specs.errors import ObjectNotFound
 from tasks.housekeeping.layout import RECORD_FOLDERS, Job, digests_in, ids_in, is_record
 from tasks.storage.keys import token_key
 from tasks.storage.records import JobRecord, is_terminal
+from tasks.storage.runs import KIND as RUN
+from tasks.storage.runs import jobs_of
 from tasks.storage.store import Entry, Store
 
 _AT_ONCE = 16
@@ -35,11 +37,13 @@ class JobFacts:
     Attributes:
         ended: Whether it will never change.
         token: Key of its token.
+        stages: Of a run of a document, the ids of its jobs, which its record does not spell out until it has ended.
     """
 
     job: Job
     ended: bool
     token: str
+    stages: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ def _record(entry: Entry, body: bytes) -> Record:
     except (ValueError, RecursionError) as exc:  # pydantic's and json's errors are ValueErrors
         facts, spoilt = None, _one_line(exc)
     own = {PurePosixPath(entry.key).stem} if entry.key.startswith("jobs/") else set[str]()
-    return Record(entry, spoilt, ids_in(text) - own, digests_in(text), facts)
+    ids = ids_in(text) | (facts.stages if facts else frozenset[str]())
+    return Record(entry, spoilt, ids - own, digests_in(text), facts)
 
 
 def _checked(key: str, body: bytes) -> JobFacts | None:
@@ -127,7 +132,8 @@ def _job(body: bytes, place: list[str]) -> JobFacts:
         plan = record.request.get("plan")
         if not isinstance(plan, dict) or not {"templates", "world_digests"} <= plan.keys():
             raise _SpoiltError("has no plan of a batch")
-    return JobFacts(Job(record.kind, record.id), is_terminal(record), token_key(record.kind, record.token))
+    stages = frozenset(job for _, job in jobs_of(record)) if record.kind == RUN else frozenset[str]()
+    return JobFacts(Job(record.kind, record.id), is_terminal(record), token_key(record.kind, record.token), stages)
 
 
 def _evidence(body: bytes, batch: str) -> None:

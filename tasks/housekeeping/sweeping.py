@@ -14,7 +14,7 @@ from specs.errors import ObjectExists, ObjectNotFound
 from tasks.housekeeping.layout import BUNDLES, NAMED_BY_OTHERS, TOKENS, UNFINISHED, WORLDS, Job
 from tasks.housekeeping.naming import Named
 from tasks.housekeeping.planning import Item, Leftover, Plan
-from tasks.storage.claim import ClaimRecord, claimed_unless_alive
+from tasks.storage.claim import Claim, ClaimRecord, claimed_unless_alive
 from tasks.storage.encoding import decoded
 from tasks.storage.keys import claim_key, job_key, result_key
 from tasks.storage.store import Store
@@ -75,9 +75,11 @@ def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swe
             _LOG.info("%s is in use again; what it has left stays", job.id)
             swept.stayed += leftover.all
             return
-        for item in leftover.items:
-            store.delete(item.entry.key)  # nobody else has to do with it while the claim is held
-            swept.note(item, is_gone=True)
+        if leftover.record:
+            swept.note(leftover.record, is_gone=True)
+        if not _items_removed(store, leftover.items, claim, swept):
+            swept.stayed += leftover.ends
+            return
         for item in leftover.ends:
             if item.what == TOKENS:
                 swept.note(item, is_gone=_token_removed(store, job, item))
@@ -85,8 +87,19 @@ def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swe
     for item in leftover.ends:
         if item.what != TOKENS:
             swept.note(item, is_gone=True)
-    if leftover.record:
-        swept.note(leftover.record, is_gone=True)
+
+
+def _items_removed(store: Store, items: Sequence[Item], claim: Claim, swept: Swept) -> bool:
+    """Removes what a job left; returns whether all of it is gone.
+
+    A gc that slept may have been replaced by who made the job anew: what that one wrote stays.
+    """
+    are_gone = True
+    for item in items:
+        is_gone = not claim.lost and store.delete_unchanged(item.entry)
+        are_gone = are_gone and is_gone
+        swept.note(item, is_gone=is_gone)
+    return are_gone
 
 
 def _is_left(store: Store, leftover: Leftover, look_again: LookAgain) -> bool:

@@ -4,10 +4,13 @@ from pathlib import Path
 from typing import cast
 
 import pytest
+from pydantic import JsonValue
 
 from specs.errors import StoreAccessDenied
 from tasks.housekeeping.job import Ages
 from tasks.storage.keys import bundle_key, job_key, world_key
+from tasks.storage.records import advance
+from tasks.storage.runs import stage_token
 from tasks.storage.store import Store
 from tests.contracts.test_listing_contract import leave_unfinished
 from tests.housekeeping.yard import NOW, Meddled, Yard, freed, later, results_of, worlds_of
@@ -181,6 +184,16 @@ def test_ended_jobs_that_nothing_names_are_forgotten_only_when_asked(yard: Yard,
     left = {key for key in yard.store.keys("") if key.endswith("/w1.json")}
     assert left == {worlds_of(generation)[0], worlds_of(going)[0]}
     assert not yard.store.exists(job_key("world-generation-job", other))
+
+
+def test_a_run_that_has_not_ended_keeps_what_its_stages_made(file_yard: Yard, tmp_path: Path) -> None:
+    request: JsonValue = {"flow": "pipeline", "spec": {"worldGeneration": {}}}
+    run = file_yard.job("pipeline-run", "run", cast("dict[str, JsonValue]", request), set(), ended=False)
+    made = file_yard.generation(stage_token(run, "worlds"))
+    forgetting = Ages(grace_s=0.0, ended_s=0.0)
+    assert freed(file_yard.gc(tmp_path, forgetting)) == {}
+    advance(file_yard.store, run.kind, run.id, "Completed")
+    assert freed(file_yard.gc(tmp_path, forgetting))["worlds"] == len(worlds_of(made.id))
 
 
 def test_buckets_outside_the_store_are_left_alone_and_told(

@@ -7,9 +7,8 @@ from typing import cast
 import pytest
 
 from specs.errors import StoreError
-from tasks.housekeeping import sweeping
 from tasks.housekeeping.report import GcReport
-from tasks.storage.claim import claimed
+from tasks.storage.claim import Claim, claimed
 from tasks.storage.keys import bundle_key, claim_key, job_key, result_key, token_key
 from tasks.storage.records import JobRecord, submit
 from tasks.storage.store import Store
@@ -114,13 +113,33 @@ def test_who_asks_for_a_job_while_its_token_goes_gets_the_token_back(yard: Yard,
 
 def test_what_a_live_process_works_on_stays_though_its_record_is_gone(yard: Yard, tmp_path: Path) -> None:
     lost = lost_generation(yard)
-    with claimed(yard.store, claim_key(lost.kind, lost.id), ttl_s=1.5):
+    with claimed(yard.store, claim_key(lost.kind, lost.id), ttl_s=3.0):
         gc = Thread(target=lambda: yard.gc(tmp_path))
         gc.start()
         gc.join()
         assert yard.store.keys("worlds") == worlds_of(lost.id)
     yard.gc(tmp_path)
     assert yard.store.keys("worlds") == []
+
+
+def test_what_a_job_made_anew_while_a_gc_slept_stays_with_its_token(yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(yard)
+    between, gc = meddled(yard)
+    first, second = worlds_of(lost.id)
+    between.before("delete_unchanged", first, lambda: yard.store.put(second, b"made anew"))
+    report = gc.gc(tmp_path)
+    assert yard.store.keys("worlds") == [second]
+    assert {row.kind for row in report.stayed} == {"worlds", "tokens", "claims"}
+    assert yard.store.exists(token_key(lost.kind, lost.token))
+
+
+def test_a_gc_that_slept_for_too_long_removes_nothing_more(
+    file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = lost_generation(file_yard)
+    monkeypatch.setattr(Claim, "lost", property(lambda _claim: True))
+    assert freed(file_yard.gc(tmp_path)) == {}
+    assert file_yard.store.keys("worlds") == worlds_of(lost.id)
 
 
 def test_worlds_that_a_batch_names_during_a_gc_stay(file_yard: Yard, tmp_path: Path) -> None:
@@ -167,7 +186,8 @@ def full_of_leftovers(yard: Yard) -> None:
 def test_killed_at_a_write_the_next_gc_leaves_what_an_unbroken_one_does(
     file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
 ) -> None:
-    monkeypatch.setattr(sweeping, "_CLAIM_TTL_S", 0.05)
+    # As the one who held them is: killed.
+    monkeypatch.setattr("tasks.storage.claim.is_known_dead", lambda _process: True)
     full_of_leftovers(file_yard)
     file_yard.gc(tmp_path)
     stays = file_yard.store.keys("")
