@@ -45,7 +45,7 @@ def test_a_sweep_over_numbers_reaches_each_lane(together: list[EpisodeResult]):
     assert max(slow) <= 0.4 < min(fast) <= max(fast) <= 0.7
 
 
-@pytest.fixture(scope="module", params=["planar", "mujoco", "mjx"])
+@pytest.fixture(scope="module", params=["planar", "mujoco", pytest.param("mjx", marks=pytest.mark.soak)])
 def large(request: pytest.FixtureRequest, pens: dict[str, World]) -> tuple[str, list[EpisodeResult]]:
     """A batch of 256 robots that push on blindly, on each engine."""
     (chunk,) = plan_chunks(PUSHES, len(PUSHES))

@@ -26,7 +26,7 @@ def reference(apartments: dict[str, World]) -> list[EpisodeResult]:
     return run("mujoco", apartments)
 
 
-@pytest.fixture(scope="module", params=["planar", "mjx"])
+@pytest.fixture(scope="module", params=["planar", pytest.param("mjx", marks=pytest.mark.soak)])
 def rows(request: pytest.FixtureRequest, apartments: dict[str, World]) -> list[EpisodeResult]:
     return run(request.param, apartments)
 
