@@ -114,6 +114,15 @@ def ended_run(api_url: str, run: str) -> dict[str, Any]:
     return until(ended, f"the end of {run}")
 
 
+def prefect(variables: Mapping[str, str], *arguments: str) -> None:
+    """Runs Prefect's command in the repository, with variables beside those of this process."""
+    program = str(Path(sys.executable).with_name("prefect"))
+    done = subprocess.run(
+        [program, *arguments], cwd=ROOT, env={**os.environ, **variables}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def commands(document: str, language: str) -> list[list[str]]:
     """Returns what a document's block says to type, word by word."""
     (block,) = re.findall(rf"^ *```{language}\n(.*?)^ *```", (ROOT / document).read_text(), re.MULTILINE | re.DOTALL)

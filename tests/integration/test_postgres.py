@@ -1,12 +1,8 @@
-"""docs/operations.md on a real PostgreSQL: a schedule that fires, two pipelines at once, a cancellation, the pages."""
+"""docs/operations.md on a real PostgreSQL: a schedule that fires, two pipelines at once, a cancellation."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Generator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,14 +17,13 @@ from tests.integration.operated import (
     commands,
     ended_run,
     environment,
+    prefect,
     started,
     until,
     wait_until_healthy,
 )
 from tests.integration.postgres import running_postgres
-from tests.integration.prefect_pages import complaints, shown
 from tests.integration.runs import ROOT, finished, small_document
-from tests.report.chromium import browsing
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(1500)]
 
@@ -40,12 +35,10 @@ class Operated:
     Attributes:
         api_url: Of the server.
         store: That the worker uses.
-        pages: Where the server's pages begin.
     """
 
     api_url: str
     store: Store
-    pages: str
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +46,7 @@ def operated(tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
     """A PostgreSQL, a server on it, everything in prefect.yaml deployed, and a worker."""
     folder = tmp_path_factory.mktemp("operated")
     with running_postgres() as port:
-        pages = "http://127.0.0.1:4244"
+        api_url = "http://127.0.0.1:4244/api"
         server = environment(
             "server",
             PREFECT_SERVER_API_PORT="4244",
@@ -62,7 +55,7 @@ def operated(tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
         )
         worker = environment(
             "worker",
-            PREFECT_API_URL=f"{pages}/api",
+            PREFECT_API_URL=api_url,
             PREFECT_HOME=str(folder / "worker"),
             SIMYARD_STORE=(folder / "store").as_uri(),
             SIMYARD_BUCKETS=(folder / "buckets").as_uri(),
@@ -70,11 +63,11 @@ def operated(tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
             SIMYARD_KEYS="",
         )
         with started("simyard-server", server, folder / "server.log") as process:
-            wait_until_healthy(f"{pages}/api", process, folder / "server.log")
+            wait_until_healthy(api_url, process, folder / "server.log")
             for _, *command in commands("docs/operations.md", "deployments"):
-                _prefect(worker, *command)
+                prefect(worker, *command)
             with started("simyard-worker", worker, folder / "worker.log"):
-                yield Operated(f"{pages}/api", open_store(worker["SIMYARD_STORE"]), pages)
+                yield Operated(api_url, open_store(worker["SIMYARD_STORE"]))
 
 
 def test_what_is_deployed_is_on_postgresql_with_its_fields_in_order(operated: Operated):
@@ -88,7 +81,7 @@ def test_what_is_deployed_is_on_postgresql_with_its_fields_in_order(operated: Op
 
 def test_the_templates_of_the_other_pools_are_taken(operated: Operated):
     for _, *command in commands("docs/operations.md", "pools"):
-        _prefect({"PREFECT_API_URL": operated.api_url}, *command)
+        prefect({"PREFECT_API_URL": operated.api_url}, *command)
 
     pools = {pool["name"]: pool for pool in asked(operated.api_url, "/work_pools/filter", {})}
     for name in ("docker", "kubernetes"):
@@ -104,7 +97,7 @@ def test_a_schedule_fires_by_itself_and_its_run_ends(operated: Operated):
     try:
         run = until(lambda: _scheduled(operated.api_url, deployment["id"]), "the end of a scheduled run")
     finally:
-        _prefect({"PREFECT_API_URL": operated.api_url}, "deployment", "schedule", "pause", "--all")
+        prefect({"PREFECT_API_URL": operated.api_url}, "deployment", "schedule", "pause", "--all")
 
     assert run["state_type"] == "COMPLETED", run
     assert made["active"]
@@ -149,25 +142,6 @@ def test_a_batch_that_is_cancelled_by_its_arn_ends_its_run(operated: Operated):
     assert closed.status == "Canceled"
 
 
-def test_its_pages_show_the_form_and_a_run_without_complaint(operated: Operated, tmp_path: Path):
-    """Takes the pictures of docs/operations.md anew where SIMYARD_PICTURES names their folder."""
-    nightly = asked(operated.api_url, "/deployments/name/pipeline/nightly")
-    (run,) = asked(operated.api_url, "/flow_runs/filter", {"flow_runs": {"name": {"any_": ["at-once-101"]}}})
-    report = asked(operated.api_url, "/artifacts/pipeline-report/latest")
-
-    with browsing(tmp_path) as page:
-        runs = f"{operated.pages}/runs/flow-run"
-        deployment = f"{operated.pages}/deployments/deployment/{nightly['id']}/run"
-        form = shown(page, deployment, "Robot radius", "form", height=1600)
-        seen = shown(page, f"{runs}/{run['id']}", "at-once-101", "run")
-
-    for text in ("World generation", "Every room is reachable for a robot of this radius", "Success rate", "Requests"):
-        assert text in form
-    assert "Completed" in seen
-    assert "simulationBatch" in report["data"]
-    assert complaints(page) == []
-
-
 def _section(document: dict[str, Any], name: str) -> dict[str, Any]:
     return document[name]
 
@@ -181,11 +155,3 @@ def _scheduled(api_url: str, deployment: str) -> dict[str, Any] | None:
     wanted = {"deployment_id": {"any_": [deployment]}, "state": {"type": {"any_": [*ENDED]}}}
     found = asked(api_url, "/flow_runs/filter", {"flow_runs": wanted})
     return next((run for run in found if run["auto_scheduled"]), None)
-
-
-def _prefect(variables: dict[str, str], *arguments: str) -> None:
-    program = str(Path(sys.executable).with_name("prefect"))
-    done = subprocess.run(
-        [program, *arguments], cwd=ROOT, env={**os.environ, **variables}, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
