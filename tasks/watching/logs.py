@@ -94,5 +94,5 @@ def _is_ours(handler: logging.Handler) -> bool:
 def _shown(value: JsonValue) -> str:
     """Returns a value that no reader takes for several: quoted where it has more than letters, digits and a few."""
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-    plain = text and not any(character.isspace() or character in "\"'=" for character in text)
-    return text if plain else json.dumps(text, ensure_ascii=False)
+    plain = text and text.isprintable() and not any(character in " \"'=" for character in text)
+    return text if plain else json.dumps(text, ensure_ascii=not text.isprintable())

@@ -34,6 +34,15 @@ def test_an_event_is_a_line_of_keys_and_values(monkeypatch: pytest.MonkeyPatch, 
     assert (pairs["batch"], pairs["lanes"], pairs["why"]) == ("simb-1", "256", "two words")
 
 
+def test_no_value_writes_to_the_terminal_of_who_reads(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv(LOG_FORMAT, "keyvalue")
+    with logging_as_asked():
+        LOGGER.info("\x1b[2J")
+    assert 'event="\\u001b[2J"' in capsys.readouterr().err
+
+
 def test_an_exception_is_part_of_its_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setenv(LOG_FORMAT, "json")
     with logging_as_asked():
