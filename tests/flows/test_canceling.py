@@ -35,7 +35,7 @@ def test_a_run_that_nobody_works_on_is_canceled_at_once_with_its_job_and_keeps_w
 
 def test_whoever_works_on_a_run_is_left_to_end_it(file_store: Store) -> None:
     run = begun_run(file_store)
-    with claimed(file_store, claim_key(KIND, run.id), ttl_s=0.3):
+    with claimed(file_store, claim_key(KIND, run.id), ttl_s=3.0):
         assert cancel_run(file_store, run.id).status == "Canceling"
         with pytest.raises(StageFailed, match="Canceled: canceled on request"):
             unless_canceled(file_store, run)

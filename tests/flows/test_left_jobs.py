@@ -78,7 +78,7 @@ def test_a_job_whose_run_is_worked_on_is_not_left(file_store: Store) -> None:
     with begun(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
         pass
     job = submit(file_store, "world-generation-job", {}, stage_token(run, "worlds"))
-    with claimed(file_store, claim_key(KIND, run.id), ttl_s=0.9):
+    with claimed(file_store, claim_key(KIND, run.id), ttl_s=3.0):
         assert reap(file_store) == []
         assert list(described_notes(file_store, job.arn)) == []
 

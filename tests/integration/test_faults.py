@@ -154,8 +154,8 @@ def test_work_under_a_clock_that_is_set_again_and_again_has_the_same_bytes(
 
 @pytest.mark.usefixtures("wild_clock")
 def test_a_claim_is_not_taken_over_because_a_clock_was_set(store: Store) -> None:
-    with claimed(store, "claims/batch/b.json", ttl_s=0.9) as held, _holders_known_dead(is_dead=False):
-        with claimed_unless_alive(store, "claims/batch/b.json", ttl_s=0.9) as other:
+    with claimed(store, "claims/batch/b.json", ttl_s=3.0) as held, _holders_known_dead(is_dead=False):
+        with claimed_unless_alive(store, "claims/batch/b.json", ttl_s=3.0) as other:
             assert other is None
         assert not held.lost
 
