@@ -7,6 +7,7 @@ from prefect.runtime import flow_run
 from pydantic import JsonValue
 
 from flows.announcing import announced
+from flows.canceling import REASON
 from flows.heeding import canceled_state, working_on
 from flows.waiting import told_waiting
 from specs.errors import DocumentError, StageFailed
@@ -66,5 +67,6 @@ def ended_well(record: JobRecord) -> JobRecord:
         StageFailed: The job Failed, TimedOut or was Canceled; carries its code and reason.
     """
     if record.status in _FAILED:
-        raise StageFailed(record.failure_code or record.status, record.failure_reason or record.status, record.arn)
+        told = record.failure_reason or (REASON if record.status == "Canceled" else record.status)
+        raise StageFailed(record.failure_code or record.status, told, record.arn)
     return record

@@ -8,10 +8,11 @@ anything else: whoever ships on 0 must know a verdict from an accident.
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from select import select
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from types import FrameType
 from typing import NoReturn
 
@@ -26,6 +27,8 @@ _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
 _GO_ON = "interrupted; the same command continues this run"
 # Agents, the server and Prefect's last messages may take this long to come to their end.
 _GRACE_S = 30.0
+# One Ctrl-C may come twice, from the terminal and from a program that simyard was started by.
+_SAME_KEY_S = 0.5
 
 
 def leave_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
@@ -84,7 +87,9 @@ def _interrupted(number: int, _frame: FrameType | None) -> NoReturn:
 
 @contextmanager
 def _heard(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
-    """Yields a function that returns the last signal of ours that came; ends the process if the block goes on for long.
+    """Yields a function that returns the last signal of ours that came.
+
+    Ends the process if the block goes on for long after one, or at once when Ctrl-C comes again.
 
     Whatever becomes of the exception that a handler raises, and whoever put another handler in place of ours, as
     Prefect does, Python writes the number of each signal to a pipe.
@@ -92,34 +97,48 @@ def _heard(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
     os.set_blocking(writing, False)
-    left = Event()
-
-    def heard() -> int | None:
-        with suppress(BlockingIOError):
-            numbers = [number for number in os.read(reading, 1 << 12) if number in _SIGNALS]
-            return numbers[-1] if numbers else None
-        return None
-
-    def watch() -> None:
-        while not left.is_set():
-            if select([reading], [], [])[0] and not left.wait(grace_s):
-                number = heard()
-                if number is not None:
-                    _end_now(number)
-
-    watching = Thread(target=watch, name="simyard signals", daemon=True)
+    hearing = _Hearing(reading)
+    watching = Thread(target=hearing.watch, args=(grace_s,), name="simyard signals", daemon=True)
     before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     watching.start()
     try:
-        yield heard
+        yield hearing.last
     finally:
-        left.set()
+        hearing.left.set()
         signal.set_wakeup_fd(before)
         with suppress(BlockingIOError):
             os.write(writing, b"\0")  # wakes the thread, so that it ends
         watching.join()
         os.close(reading)
         os.close(writing)
+
+
+class _Hearing:
+    """The signals of ours that came, read from a pipe by whoever asks first."""
+
+    def __init__(self, pipe: int) -> None:
+        self.left = Event()
+        self._pipe, self._numbers, self._one_reads = pipe, list[int](), Lock()
+
+    def last(self) -> int | None:
+        with self._one_reads, suppress(BlockingIOError):
+            self._numbers += [number for number in os.read(self._pipe, 1 << 12) if number in _SIGNALS]
+        return self._numbers[-1] if self._numbers else None
+
+    def watch(self, grace_s: float) -> None:
+        while self.last() is None and not self.left.is_set():
+            select([self._pipe], [], [])
+        end_s = time.monotonic() + grace_s
+        self.left.wait(_SAME_KEY_S)
+        self.last()
+        keys = self._numbers.count(signal.SIGINT)
+        while not self.left.is_set():
+            ready = select([self._pipe], [], [], max(0.0, end_s - time.monotonic()))[0]
+            number = self.last()
+            # Only Ctrl-C is impatience: Prefect sends its process each SIGTERM once more.
+            again = self._numbers.count(signal.SIGINT) > keys
+            if number is not None and not self.left.is_set() and (again or not ready):
+                _end_now(number)
 
 
 def _end_now(number: int) -> None:

@@ -101,6 +101,31 @@ leave_after(command, grace_s=0.0)
     assert (ended.returncode, ended.stderr.strip()) == (143, "interrupted; the same command continues this run")
 
 
+@pytest.mark.parametrize(("second", "code"), [("SIGINT", 130), ("SIGTERM", 5)])
+def test_only_a_second_ctrl_c_does_not_wait_for_what_the_first_signal_began(second: str, code: int):
+    script = f"""
+import signal, threading
+from flows import leaving
+
+def command():
+    signal.raise_signal(signal.SIGINT)
+
+def slow_to_leave():
+    try:
+        command()
+    except SystemExit:
+        signal.signal(signal.{second}, lambda *_: None)  # as Prefect does inside a flow
+        threading.Event().wait(2 * leaving._SAME_KEY_S)
+        signal.raise_signal(signal.{second})
+        threading.Event().wait(250 if "{second}" == "SIGINT" else 2)
+        raise SystemExit(5)
+
+leaving.leave_after(slow_to_leave, grace_s=240.0)
+"""
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert ended.returncode == code, ended.stderr
+
+
 def test_a_signal_that_the_parent_ignores_stays_ignored():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     assert _code(lambda: signal.raise_signal(signal.SIGINT)) == 0

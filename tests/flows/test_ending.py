@@ -1,0 +1,15 @@
+"""What a stage that did not end well says."""
+
+import pytest
+
+from flows.ending import ended_well
+from specs.errors import StageFailed
+from tasks.storage.records import advance, submit
+from tasks.storage.store import Store
+
+
+def test_a_canceled_job_says_that_somebody_asked_for_it(file_store: Store):
+    job = submit(file_store, "world-generation-job", {}, "token").id
+    advance(file_store, "world-generation-job", job, "Canceling")
+    with pytest.raises(StageFailed, match="^Canceled: canceled on request"):
+        ended_well(advance(file_store, "world-generation-job", job, "Canceled"))
