@@ -1,7 +1,6 @@
 """A batch that processes of its own work on, without Prefect, so that a test can break them often in little time."""
 
 import hashlib
-import os
 import subprocess
 import sys
 
@@ -49,10 +48,10 @@ def opened_at(url: str) -> OpenBatch:
     return begun(store, small_plan().model_copy(update={"world_digests": digests}))
 
 
-def worker(batch: OpenBatch, *prefix: str, **environment: str) -> "subprocess.Popen[str]":
-    """Returns a process that works on a batch to its end, started by another program if one is named."""
-    command = [*prefix, sys.executable, "-m", "tests.integration.batch_worker", batch.store.url, batch.id]
-    return subprocess.Popen(command, cwd=ROOT, env={**os.environ, **environment}, stderr=subprocess.PIPE, text=True)
+def worker(batch: OpenBatch) -> "subprocess.Popen[bytes]":
+    """Returns a process that works on a batch to its end; what it says, pytest captures."""
+    command = [sys.executable, "-m", "tests.integration.batch_worker", batch.store.url, batch.id]
+    return subprocess.Popen(command, cwd=ROOT)
 
 
 def files(batch: OpenBatch) -> dict[str, bytes]:
