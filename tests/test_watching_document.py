@@ -64,6 +64,14 @@ def test_the_example_is_one_that_prefect_takes_and_expects_events_that_there_are
     assert "examples/automations/what-went-wrong.yaml" in SECTION
 
 
+def test_the_example_expects_every_end_of_a_job_without_what_was_asked_of_it() -> None:
+    made = yaml.safe_load(EXAMPLE.read_text())["automations"]
+    expected = {event for each in made for event in each["trigger"]["expect"]}
+    jobs = {kind: statuses for kind, statuses in told_events().items() if kind not in {"pipeline", "gate"}}
+    ends = {"Failed", "TimedOut", "Canceled"}
+    assert {f"simyard.{kind}.{status}" for kind, statuses in jobs.items() for status in statuses & ends} <= expected
+
+
 @pytest.mark.parametrize("block", ["SlackWebhook", "SendgridEmail", "CustomWebhookNotificationBlock"])
 def test_the_blocks_are_notification_blocks(block: str) -> None:
     assert issubclass(getattr(notifications, block), NotificationBlock)
