@@ -76,7 +76,7 @@ def test_cancelling_again_closes_a_batch_whose_process_died_before_it_could(left
 
 def test_a_batch_that_somebody_works_on_is_left_to_him(left: OpenBatch):
     cancel_batch(left.store, left.id)
-    with claimed(left.store, claim_key(BATCH, left.id), ttl_s=0.3):
+    with claimed(left.store, claim_key(BATCH, left.id), ttl_s=1.5):
         assert settled(left.store, left.id).status == "Canceling"
     assert settled(left.store, left.id).status == "Canceled"
 

@@ -31,7 +31,7 @@ def test_a_batch_that_does_not_exist_is_not_cancelled(file_store: Store):
 
 def test_an_old_arn_of_robomaker_means_the_batch_of_that_name(file_store: Store):
     batch = begun(file_store)
-    with claimed(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=0.3):
+    with claimed(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=1.5):
         cancel(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch.id}")
     assert batch.record().status == "Canceling"
 
