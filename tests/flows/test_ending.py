@@ -11,5 +11,5 @@ from tasks.storage.store import Store
 def test_a_canceled_job_says_that_somebody_asked_for_it(file_store: Store):
     job = submit(file_store, "world-generation-job", {}, "token").id
     advance(file_store, "world-generation-job", job, "Canceling")
-    with pytest.raises(StageFailed, match="^Canceled: canceled on request"):
+    with pytest.raises(StageFailed, match=r"^Canceled: canceled on request"):
         ended_well(advance(file_store, "world-generation-job", job, "Canceled"))
