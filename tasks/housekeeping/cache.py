@@ -21,6 +21,7 @@ _ENTRIES = {
     "data objects": "data/objects",
     "data mounts": "data/mounts",
     "notes of data": "data/seen",
+    "engines": "engines",
     "timings": "timings",
 }
 _ASIDE = ".gc-"

@@ -33,7 +33,7 @@ def found(cache: Path) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(
-    "folder", ["programs", "bundles/digest", "data/objects", "data/mounts/digest/files", "timings"]
+    "folder", ["programs", "bundles/digest", "data/objects", "data/mounts/digest/files", "engines", "timings"]
 )
 def test_what_nobody_has_used_for_long_goes_with_all_that_is_in_it(tmp_path: Path, folder: str) -> None:
     path = cached(tmp_path, f"{folder}/file", days=31)
