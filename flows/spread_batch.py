@@ -20,7 +20,8 @@ from specs.common import OutputLocation
 from specs.workers import Workers
 from tasks.applications.publishing import unpack
 from tasks.results.recordings import write_recordings
-from tasks.simulate.batch import GOING, OpenBatch, opened, time_out
+from tasks.simulate.abandoned import give_up
+from tasks.simulate.batch import GOING, STOPPING, OpenBatch, opened, time_out
 from tasks.simulate.chunk_store import chunk_numbers, is_committed, spent_s
 from tasks.simulate.machines import note_machine
 from tasks.simulate.metrics import BatchMeter, BatchMetrics, ChunkWork
@@ -61,6 +62,8 @@ def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -
             progress(work.done, batch.layout.episodes)
 
     on_workers(workers, "episodes", batch.id, episodes)
+    if batch.record().status in STOPPING:
+        give_up(batch)  # what a worker was at that is not heard of any more: should it come back, it is too late
     return meter.metrics()
 
 

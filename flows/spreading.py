@@ -7,6 +7,7 @@ store says what is missing.
 import asyncio
 import logging
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
@@ -27,6 +28,8 @@ _AIM_S = 15.0
 # workers get longer ones, so that both keep up with any number of them.
 _AIM_S_A_WORKER = 0.2
 _LOOK_S = 0.5
+# Workers that live end a piece that nobody wants within seconds; a cluster may have lost them all.
+_PATIENCE_S = 20.0
 
 Numbers = tuple[int, ...]
 
@@ -72,7 +75,9 @@ def spread(
     missing: Callable[[Numbers], Numbers],
     settled: Callable[[Ended], float],
 ) -> None:
-    """Hands numbers out in order until all are done, or nobody wants them any more; waits for who works on one.
+    """Hands numbers out in order until all are done, or nobody wants them any more.
+
+    Who works on one is waited for; for a while only, once nobody wants it.
 
     Args:
         numbers: What there is to do.
@@ -87,10 +92,13 @@ def spread(
     """
     left, flying = deque(numbers), 0
     ended: SimpleQueue[Ended] = SimpleQueue()
-    pace, lost = Pace(), Counter[int]()
+    pace, lost, unwanted = Pace(), Counter[int](), _Unwanted(going)
     while left or flying:
-        if left and not going():
+        if unwanted():
             left.clear()
+            if unwanted.for_long():
+                _LOG.warning("%d pieces that nobody wants any more are not waited for", flying)
+                return
         while left and flying < width() * _AHEAD:
             piece = tuple(left.popleft() for _ in range(pace.size(len(left), width())))
             _await(piece, hand_out(piece), ended)
@@ -104,6 +112,23 @@ def spread(
             left.extendleft(reversed(_again(end, missing(end.numbers), lost)))
         else:
             pace.told(len(end.numbers), settled(end))
+
+
+class _Unwanted:
+    """Whether nothing more is wanted, and since when."""
+
+    def __init__(self, going: Callable[[], bool]) -> None:
+        self._going = going
+        self._since_s: float | None = None
+
+    def __call__(self) -> bool:
+        if self._going():
+            return False
+        self._since_s = time.monotonic() if self._since_s is None else self._since_s
+        return True
+
+    def for_long(self) -> bool:
+        return self._since_s is not None and time.monotonic() - self._since_s >= _PATIENCE_S
 
 
 def _again(end: Ended, missing: Numbers, lost: Counter[int]) -> Numbers:

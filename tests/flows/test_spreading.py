@@ -8,6 +8,7 @@ from typing import Any, cast
 import pytest
 from prefect.futures import PrefectFuture
 
+from flows import spreading
 from flows.spreading import Ended, Numbers, Pace, spread
 from specs.errors import StageFailed
 
@@ -107,6 +108,23 @@ def test_nothing_is_handed_out_once_nobody_wants_it() -> None:
     hands.dies = calls_off
     hands.run(1000)
     assert hands.done == set(range(5))
+
+
+def test_a_crew_that_has_lost_all_its_workers_is_not_waited_for_once_nobody_wants_its_pieces(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(spreading, "_PATIENCE_S", 0.0)
+    looks = iter([True, False])
+    never = cast("PrefectFuture[Any]", Future[float]())
+    spread(
+        [1],
+        lambda _: never,
+        width=lambda: 1,
+        going=lambda: next(looks),
+        missing=lambda numbers: numbers,
+        settled=lambda _: 0.0,
+    )
+    assert next(looks, None) is None
 
 
 def test_pieces_grow_until_they_last_long_and_shrink_towards_the_end() -> None:
