@@ -141,8 +141,9 @@ def test_what_a_stage_left_has_a_page(watched: Watched, page: Page, key: str):
 
 @pytest.mark.soak
 def test_the_form_of_the_nightly_run_shows_the_document_field_by_field(prefect_server: str, page: Page):
-    for _, *command in commands("docs/operations.md", "deployments"):
-        prefect({}, *command)
+    (_, *create_pool), (_, *deploy) = commands("docs/operations.md", "deployments")
+    prefect({}, *create_pool, "--overwrite")  # other tests of the session may have made it
+    prefect({}, *deploy)
     nightly = asked(prefect_server, "/deployments/name/pipeline/nightly")
     pages = prefect_server.removesuffix("/api")
 
