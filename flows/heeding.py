@@ -85,6 +85,9 @@ def cancel_with_flow_run(flow: Flow[..., Any], flow_run: FlowRun, state: State[A
     """
     own_environment: dict[str, str] = (flow_run.job_variables or {}).get("env") or {}
     url = flow_run.parameters.get("store") or own_environment.get("SIMYARD_STORE") or os.environ.get("SIMYARD_STORE")
+    if not url:  # a pool of containers tells its own environment to nobody; the worker's folder is not their store
+        logger.warning("flow run %s was canceled, and its worker has no SIMYARD_STORE: cancel its job", flow_run.id)
+        return
     store = open_store(url)
     for run in records(store, KIND):
         if run.detail.get(FLOW_RUN) == str(flow_run.id) and not is_terminal(run):

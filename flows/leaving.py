@@ -43,7 +43,18 @@ def leave_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoR
             signal.signal(number, _interrupted)
     with _heard(grace_s) as heard:
         code = _code(command, heard)
+    _guard_shutdown(code, grace_s)
     sys.exit(code)
+
+
+def _guard_shutdown(code: int, grace_s: float) -> None:
+    """Ends the process soon, although threads of a library, such as one that asks for a dead server, never end."""
+
+    def end() -> None:
+        time.sleep(grace_s)
+        os._exit(code)
+
+    Thread(target=end, name="simyard shutdown", daemon=True).start()
 
 
 def _code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:

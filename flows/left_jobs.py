@@ -4,6 +4,7 @@ A process that was killed leaves its job as it was, InProgress or Running, and i
 renewed any more. RoboMaker has no word for this, so the status stays what it is.
 """
 
+import logging
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -11,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from specs.base import Spec
-from specs.errors import DocumentError, ResourceNotFound
+from specs.errors import DocumentError, ResourceNotFound, SimyardError
 from tasks.storage.claim_watch import ClaimWatch
 from tasks.storage.keys import claim_key
 from tasks.storage.records import JobKind, JobRecord, is_terminal, read, records
@@ -26,6 +27,7 @@ KINDS: tuple[JobKind, ...] = (
     "deployment-job",
     "pipeline-run",
 )
+_LOG = logging.getLogger(__name__)
 _LOOK_S = 0.5
 _PATIENCE_S = 60.0
 
@@ -103,10 +105,12 @@ def reap(
     end_s = now_s() + _PATIENCE_S
     while suspects and now_s() < end_s:
         left = [suspect for suspect in suspects if suspect.is_left()]
-        found += [_reaped(store, suspect) for suspect in left]
+        found += [_reaped_or_told(store, suspect) for suspect in left]
         suspects = [each for each in suspects if each not in left and not each.is_alive()]
         if suspects:
             sleep(_LOOK_S)
+    for suspect in suspects:
+        _LOG.warning("%s: whether somebody works on it could not be seen in time; reap again", suspect.record.arn)
     return sorted(found, key=lambda each: [record.arn for record in active].index(each.arn))
 
 
@@ -114,6 +118,14 @@ def _suspect(store: Store, record: JobRecord, now_s: Callable[[], float] = time.
     run = run_of(record.token) if record.kind != RUN else ""
     keys = [claim_key(record.kind, record.id), *([claim_key(RUN, run)] if run else [])]
     return _Suspect(record, tuple(ClaimWatch(store, key, now_s) for key in keys))
+
+
+def _reaped_or_told(store: Store, suspect: _Suspect) -> Reaped:
+    record = suspect.record
+    try:
+        return _reaped(store, suspect)
+    except SimyardError as exc:  # of this job alone; the others are not left for it
+        return Reaped(arn=record.arn, was=record.status, status=record.status, told=f"cannot be reaped: {exc}")
 
 
 def _reaped(store: Store, suspect: _Suspect) -> Reaped:
@@ -138,7 +150,10 @@ def _reaped(store: Store, suspect: _Suspect) -> Reaped:
 def _is_orphan(store: Store, record: JobRecord) -> bool:
     """Returns whether the job's run has ended: the document's next run makes another job."""
     run = run_of(record.token) if record.kind != RUN else ""
-    return bool(run) and is_terminal(read(store, RUN, run))
+    try:
+        return bool(run) and is_terminal(read(store, RUN, run))
+    except ResourceNotFound:  # a token of somebody's own that looks like a run's
+        return False
 
 
 def _continued(store: Store, record: JobRecord) -> str:

@@ -1,5 +1,6 @@
 """A run that is worked on is cancelled by its record, or by Prefect; what only interrupts it leaves it open."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 from uuid import uuid4
@@ -88,6 +89,17 @@ def test_a_flow_run_whose_process_was_killed_is_cancelled_by_its_worker(file_sto
     stopped = FlowRun(id=own, flow_id=uuid4(), parameters={"store": file_store.url})
     cancel_with_flow_run(cast("Any", None), stopped, Cancelling())
     assert (status(file_store, run), status(file_store, other)) == ("Canceled", "Running")
+
+
+def test_a_worker_that_does_not_know_the_store_of_a_flow_run_says_so_and_makes_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SIMYARD_STORE", raising=False)
+    stopped = FlowRun(id=uuid4(), flow_id=uuid4(), parameters={})
+    cancel_with_flow_run(cast("Any", None), stopped, Cancelling())
+    assert "no SIMYARD_STORE" in caplog.text
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_prefect_calls_only_that_cancelled_which_was() -> None:

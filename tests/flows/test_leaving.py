@@ -126,6 +126,17 @@ leaving.leave_after(slow_to_leave, grace_s=240.0)
     assert ended.returncode == code, ended.stderr
 
 
+def test_a_thread_that_never_ends_keeps_no_process_alive():
+    script = """
+import threading
+from flows.leaving import leave_after
+
+leave_after(lambda: threading.Thread(target=threading.Event().wait).start(), grace_s=0.1)
+"""
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 def test_a_signal_that_the_parent_ignores_stays_ignored():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     assert _code(lambda: signal.raise_signal(signal.SIGINT)) == 0

@@ -4,8 +4,10 @@ import pytest
 from pydantic import JsonValue
 from typer.testing import CliRunner
 
+from flows import canceling
 from flows.cli import app
 from flows.left_jobs import Reaped, described_notes, listed_notes, reap
+from specs.errors import StoreError
 from tasks.simulate.batch import time_out
 from tasks.simulate.canceling import cancel_batch
 from tasks.simulate.committing import run_chunk
@@ -160,3 +162,33 @@ def test_describe_tells_of_a_run_that_nobody_works_on(file_store: Store) -> None
     told = CliRunner().invoke(app, ["describe", run.arn, "--store", file_store.url])
     assert told.exit_code == 0, told
     assert told.stderr == f"{run.arn} is Pending, and nobody works on it: simyard run of nightly continues it\n"
+
+
+def test_a_job_that_cannot_be_reaped_does_not_keep_others_from_it(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken, sound = (a_left_export(file_store, name) for name in ("broken", "sound"))
+    cancel = canceling.cancel
+
+    def failing(store: Store, arn: str) -> None:
+        if arn == broken.arn:
+            raise StoreError("its bucket is gone")
+        cancel(store, arn)
+
+    monkeypatch.setattr(canceling, "cancel", failing)
+    found = reaped(file_store)
+    assert "its bucket is gone" in found[broken.arn].told
+    assert found[broken.arn].status == "Canceling"
+    assert found[sound.arn].status == "Canceled"
+
+
+def test_a_token_that_looks_like_a_runs_and_is_none_leaves_its_job_to_its_request(file_store: Store) -> None:
+    job = submit(file_store, EXPORT, {}, "run-0123456789abcdef-export")
+    left_by_another_machine(file_store, EXPORT, job.id)
+    assert reaped(file_store)[job.arn].status == "Pending"
+
+
+def a_left_export(store: Store, name: str) -> JobRecord:
+    job = submit(store, EXPORT, {}, name)
+    left_by_another_machine(store, EXPORT, job.id)
+    return advance(store, EXPORT, job.id, "Canceling")
