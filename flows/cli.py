@@ -18,7 +18,7 @@ from flows.app_cli import app_app
 from flows.compare_cli import compare
 from flows.fleet_cli import fleet_app
 from flows.gc_cli import gc
-from flows.leaving import leave_after
+from flows.leaving import leave_process_after
 from flows.reap_cli import reap
 from flows.replay_cli import replay
 from flows.report_cli import report
@@ -55,7 +55,7 @@ StoreUrl = Annotated[
 
 def main() -> None:
     """Runs the command line and exits with Simyard's codes."""
-    leave_after(_logged)
+    leave_process_after(_logged)
 
 
 def _logged() -> None:

@@ -43,8 +43,16 @@ def leave_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoR
             signal.signal(number, _interrupted)
     with _heard(grace_s) as heard:
         code = _code(command, heard)
-    _guard_shutdown(code, grace_s)
     sys.exit(code)
+
+
+def leave_process_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
+    """Does what ``leave_after`` does, and sees to it that the process is gone soon after: for its outermost frame."""
+    try:
+        leave_after(command, grace_s)
+    except SystemExit as exc:
+        _guard_shutdown(exc.code if isinstance(exc.code, int) else int(exc.code is not None), grace_s)
+        raise
 
 
 def _guard_shutdown(code: int, grace_s: float) -> None:

@@ -129,9 +129,9 @@ leaving.leave_after(slow_to_leave, grace_s=240.0)
 def test_a_thread_that_never_ends_keeps_no_process_alive():
     script = """
 import threading
-from flows.leaving import leave_after
+from flows.leaving import leave_process_after
 
-leave_after(lambda: threading.Thread(target=threading.Event().wait).start(), grace_s=0.1)
+leave_process_after(lambda: threading.Thread(target=threading.Event().wait).start(), grace_s=0.1)
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
     assert (ended.returncode, ended.stderr) == (0, "")

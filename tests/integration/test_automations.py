@@ -102,6 +102,7 @@ def test_the_example_tells_of_a_batch_that_failed_and_once(
 
 def test_a_run_tells_each_change_of_its_jobs_and_its_verdict_once(prefect_server: str, small_run: Path) -> None:
     store = open_store((small_run / ".simyard").as_uri())
+    eventually(lambda: len(events_about(prefect_server, store)) >= 13, timeout_s=60.0)  # the server takes its time
     told = sorted(each["event"] for each in events_about(prefect_server, store))
     assert told == [
         "simyard.deployment.InProgress",
