@@ -22,7 +22,7 @@ def run(requests: list[EpisodeRequest], worlds: dict[str, World], engine: str) -
     return simulate_chunk(chunk, worlds, FOLDERS, lanes=LANES, engine=engine, should_stop=lambda: False)
 
 
-@pytest.fixture(params=["planar", "mjx", "mujoco"])
+@pytest.fixture(params=["planar", "mujoco", pytest.param("mjx", marks=pytest.mark.soak)])
 def engine(request: pytest.FixtureRequest) -> str:
     """An engine that has simulated a chunk in one world."""
     run([delivery(k, world="hand/first", seed=k, duration_s=1.0) for k in range(LANES)], FIRST, request.param)
