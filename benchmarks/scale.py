@@ -32,7 +32,7 @@ CREWS = ("", "dask:1", "dask:2", "ray:2")
 SIZES = (1_000, 10_000, 100_000)
 _SPREAD_EPISODES = 10_000
 # Short ones are the harder case: the less there is to simulate, the more the rest weighs.
-_DURATION_S = 10
+_DURATION_S = 5
 _WORLDS, _SETTINGS = 8, 2
 
 

@@ -1,8 +1,8 @@
 """docs/scale.md: its commands are there, its figures come from them, and what it says of pieces is so."""
 
 import re
-import runpy
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -21,13 +21,15 @@ def test_a_command_is_one_that_there_is(
     module, option, document = command.split()
     monkeypatch.setattr(sys, "argv", [module, "--help"])
     with pytest.raises(SystemExit, match="0"):
-        runpy.run_module(module, run_name="__main__")
+        import_module(module).main()
     assert option in capsys.readouterr().out
     assert (ROOT / document).exists()
 
 
 @pytest.mark.parametrize("name", ["scale", "scale plan"])
-def test_figures_have_their_place(name: str) -> None:
+def test_figures_are_there_and_have_their_place(name: str) -> None:
+    table = DOCUMENT.partition(f"<!-- {name} -->")[2].partition("<!-- end")[0]
+    assert len(re.findall(r"^\| .*\d.*\|$", table, re.MULTILINE)) >= 4
     assert "figures" in with_tables(DOCUMENT, name, "figures")
 
 
