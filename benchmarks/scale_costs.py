@@ -14,12 +14,11 @@ from typing import NamedTuple, cast
 from unittest.mock import patch
 
 import yaml
-from prefect import task
-from prefect.cache_policies import NO_CACHE
 
 from benchmarks.scale import QUICKSTART, section
 from flows.resolving import batch_plan, numbered_finder
 from flows.spread_batch import simulate_chunks
+from flows.spread_worlds import write_worlds
 from flows.spreading import Ended, Numbers, spread
 from flows.workers import Width, on_workers
 from specs.digests import canonical_document
@@ -84,7 +83,7 @@ def costs(server_pid: int) -> Costs:
             _simulated(batch, (2, 3, 4, 5))
         counted.subtract(before)
         rows_per_s, row_bytes = _tables(batch)
-        driver_s, worker_s, server_s = _task_runs(server_pid)
+        driver_s, worker_s, server_s = _task_runs(server_pid, batch.store.url)
         return Costs(
             writes=sum(counted[name] for name in _WRITES) / 4,
             reads=sum(counted[name] for name in _READS) / 4,
@@ -163,13 +162,7 @@ def _tables(batch: OpenBatch) -> tuple[float, float]:
     return rows / took_s, sum(file.stat().st_size for file in written) / rows
 
 
-@task(name="nothing", cache_policy=NO_CACHE, persist_result=False)
-def nothing(numbers: Numbers) -> float:
-    """Returns the seconds that doing nothing took."""
-    return 0.0 * len(numbers)
-
-
-def _task_runs(server_pid: int) -> tuple[float, float, float]:
+def _task_runs(server_pid: int, store_url: str) -> tuple[float, float, float]:
     """Returns CPU seconds of the driver, seconds of a worker, and CPU seconds of the server, for a task run."""
     figures: list[tuple[float, float, float]] = []
 
@@ -177,7 +170,14 @@ def _task_runs(server_pid: int) -> tuple[float, float, float]:
         at = time.perf_counter(), time.process_time(), _cpu_s(server_pid)
         # Pieces of one: a number that takes no time at all would have all others follow in one piece.
         for _ in range(_PIECES):
-            spread([0], nothing.submit, width=width, going=_always, missing=_none, settled=_settled)
+            spread(
+                [0],
+                lambda _: write_worlds.submit(store_url, "nothing", [], ()),
+                width=width,
+                going=_always,
+                missing=_none,
+                settled=_settled,
+            )
         now = time.perf_counter(), time.process_time(), _cpu_s(server_pid)
         figures.append(tuple((after - before) / _PIECES for after, before in zip(now, at, strict=True)))  # pyright: ignore[reportArgumentType]
 

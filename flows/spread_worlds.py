@@ -46,9 +46,9 @@ def world_makers(store: Store) -> generating.Elsewhere | None:
         order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
     ) -> Mapping[Indices, Made]:
         rejected: dict[Indices, Made] = {}
-        told = order.model_dump_json(exclude_unset=True)  # a template does not survive being pickled
         if workers is None or len(indices) < WORTH_MAKING:
             return rejected
+        told = order.model_dump_json(exclude_unset=True)  # a template does not survive being pickled
 
         def hand_out(numbers: Numbers) -> PrefectFuture[Any]:
             return make_worlds.submit(store.url, told, [indices[number] for number in numbers])

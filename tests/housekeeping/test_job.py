@@ -18,16 +18,6 @@ from tests.housekeeping.yard import NOW, Meddled, Yard, freed, later, results_of
 _HOUR_S = 3600.0
 
 
-@pytest.fixture
-def yard(store: Store) -> Yard:
-    return Yard(store)
-
-
-@pytest.fixture
-def file_yard(file_store: Store) -> Yard:
-    return Yard(file_store)
-
-
 def a_batch(yard: Yard) -> tuple[str, str]:
     """Returns the ids of a generation job and of a batch that drove its worlds."""
     generation = yard.generation("worlds")

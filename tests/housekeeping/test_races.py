@@ -15,16 +15,6 @@ from tasks.storage.store import Store
 from tests.housekeeping.yard import NOW, Meddled, Mortal, Yard, freed, worlds_of
 
 
-@pytest.fixture
-def yard(store: Store) -> Yard:
-    return Yard(store)
-
-
-@pytest.fixture
-def file_yard(file_store: Store) -> Yard:
-    return Yard(file_store)
-
-
 def meddled(yard: Yard) -> tuple[Meddled, Yard]:
     """Returns a store that may be meddled with, and the yard of a gc that runs on it."""
     between = Meddled(yard.store)
