@@ -30,7 +30,7 @@ def restart_job(store: Store, path: str) -> None:
         jobs = Jobs(store, batch.id)
         status = str(jobs.described(index)["status"])
         if status not in {"Running", "Restarting"} or jobs.record.status not in GOING:
-            raise _refused(path, status)
+            raise _not_running(path, status)
         # Only if the batch still stands as it was read: a mark on one that is being stopped would mean nothing.
         stood = jobs.record.status
         record = advance(store, KIND, batch.id, stood, only_from={stood}, detail={mark: time.time()})
@@ -38,6 +38,6 @@ def restart_job(store: Store, path: str) -> None:
             return
 
 
-def _refused(path: str, status: str) -> DocumentError:
+def _not_running(path: str, status: str) -> DocumentError:
     allowed = f"a job that is running; this one is {status}. To test new content of its applications, run the document"
     return DocumentError([Fault(path="arn", value=repr(path), allowed=f"{allowed} again")], source="simyard")

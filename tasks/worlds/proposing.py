@@ -28,7 +28,7 @@ def propose(demands: Demands, count: int) -> Layouts:
         first = end - len(costs)
         chosen = shortlist[(shortlist >= first) & (shortlist < end)] - first
         if chosen.size:
-            kept.append(_stretched(shape, chosen, stretch[chosen], demands))
+            kept.append(_shape_layouts(shape, chosen, stretch[chosen], demands))
     layouts, costs = joined(kept), cost[shortlist]
     short = np.maximum(demands.shared_m[:, None] - common_walls(layouts.cells(), *demands.pairs), 0.0)
     return layouts[np.argsort(costs + _SHORT * (short * short).sum(axis=0), kind="stable")[:count]]
@@ -62,7 +62,7 @@ def _apart(shape: Shape, order: Int[np.ndarray, "places labelings"], demands: De
     return apart[place[demands.pairs[0]], place[demands.pairs[1]]].sum(axis=0)
 
 
-def _stretched(
+def _shape_layouts(
     shape: Shape, chosen: Int[np.ndarray, " some"], stretch: Float[np.ndarray, " some"], demands: Demands
 ) -> Layouts:
     order = labelings(shape)[:, chosen]
