@@ -10,7 +10,7 @@ help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
 	@echo "make test   set up, then run the tests"
 	@echo "make explore  run the tests with new random examples, many more of them"
-	@echo "make soak   the longest tests: clusters, faults, engines, and the promises of fleets; write the figures into docs/fleet.md"
+	@echo "make soak   the longest tests: clusters, faults, engines, and the promises of fleets; write the figures into docs/operate/fleet.md"
 	@echo "make check  format, lint, types, import layers, tests"
 	@echo "make bench  print the benchmark tables"
 	@echo "make lock   pin every version in constraints.txt"
@@ -56,14 +56,14 @@ layers: $(READY)
 
 bench: $(READY)
 	$(BIN)/python benchmarks/quickstart.py
-	$(BIN)/python benchmarks/worlds.py
+	$(BIN)/python benchmarks/worlds/world_tables.py
 
 # An hour or so; what the tests try in short. The figures are of a run that kept every promise, or they are not written.
 soak: $(READY)
 	rm -f soak.jsonl
 	$(BIN)/pytest -m soak --ignore tests/deploy/promises
 	SIMYARD_SOAK_REPORT=$(CURDIR)/soak.jsonl $(BIN)/pytest -m soak tests/deploy/promises
-	$(BIN)/python -m benchmarks.promises soak.jsonl --document docs/fleet.md
+	$(BIN)/python -m benchmarks.fleet.promises soak.jsonl --document docs/operate/fleet.md
 
 lock: $(READY)
 	$(BIN)/uv pip compile --quiet --upgrade --no-header --no-annotate --extra dev --output-file constraints.txt pyproject.toml

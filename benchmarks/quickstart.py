@@ -19,15 +19,15 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
-from flows.running import flush_prefect, prefect_home
-from tasks.documents.pipelines import read_pipeline
+from benchmarks.repository import ROOT
+from flows.cli.run_command import flush_prefect, prefect_home
+from tasks.documents.pipeline_file import read_pipeline
 from tasks.server.process import serving, wait_until_healthy
 from tasks.simulate.devices import prepare_devices
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobKind, records
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobKind, records
+from tasks.storage.store_url import open_store
 
-ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "examples/quickstart.yaml"
 JOBS: Mapping[JobKind, str] = {
     "world-generation-job": "worldGeneration",
@@ -46,7 +46,7 @@ def measure_once(store_url: str) -> dict[str, float]:
     phases = {"read document": time.perf_counter() - start_s}
     with serving(home) as (server, child):
         os.environ.update(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home))
-        phases["import jax, mjx"] = _timed(lambda: (prepare_devices(), import_module("tasks.simulate.episodes")))
+        phases["import jax, mjx"] = _timed(lambda: (prepare_devices(), import_module("tasks.simulate.chunk.episodes")))
         phases["import prefect"] = _timed(lambda: import_module("flows.pipeline"))
         phases["wait for server"] = _timed(lambda: wait_until_healthy(server, child))
         pipeline = import_module("flows.pipeline").pipeline

@@ -8,20 +8,20 @@ from urllib.parse import unquote
 
 from prefect import flow
 
-from flows.ending import as_run, run_name
-from flows.heeding import cancel_with_flow_run
-from flows.resolving import deployed_version, numbered_finder
-from specs.digests import canonical_document
-from specs.pipeline_requests import deployment_request
-from specs.pipeline_simulation import Deployment, LocalFleet
-from tasks.deploy.fleets import create_fleet
-from tasks.deploy.local_agents import local_agents
+from flows.document.references import deployed_version, numbered_finder
+from flows.run.cancellation import cancel_with_flow_run
+from flows.run.stage_run import as_run, run_name
+from specs.digest import canonical_document
+from specs.pipeline.section_requests import deployment_request
+from specs.pipeline.simulation_section import Deployment, LocalFleet
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.task import roll_out
-from tasks.deploy.trust.signing import chosen_signer
-from tasks.storage.cache import cache_folder
-from tasks.storage.opening import open_store, store_id
-from tasks.storage.records import JobRecord
-from tasks.storage.store import Store
+from tasks.deploy.trust.signer import chosen_signer
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store, store_id
 
 
 @flow(name="deployment-sync", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])

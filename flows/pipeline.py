@@ -7,24 +7,24 @@ from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
 from pydantic import JsonValue
 
-from flows.announcing import announced
-from flows.batch_report import Reported, Unreported, write_report, write_report_of_run
-from flows.canceling import unless_canceled
-from flows.heeding import cancel_with_flow_run, canceled_state, working_on
-from flows.report_artifacts import show_report
-from flows.reporting import alarmed, run_alarmed, told
-from flows.resolving import Numbers, pins
+from flows.batch.batch_artifacts import show_report
+from flows.batch.batch_report import Reported, Unreported, write_report, write_report_of_run
+from flows.document.references import Numbers, pins
+from flows.resource.cancel import unless_canceled
+from flows.run.cancellation import cancel_with_flow_run, canceled_state, working_on
+from flows.run.events import announced
+from flows.run.run_owner import told_waiting
+from flows.run.stage_summary import alarmed, run_alarmed, told
 from flows.stages import Reports, deploy, export, generate, judge, simulate, skipped
-from flows.waiting import told_waiting
-from flows.workers import wanted_workers
-from specs.digests import canonical_document
+from flows.workers.crew import wanted_workers
+from specs.data.run_report import PipelineReport
+from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
-from specs.pipeline import PipelineSpec
-from specs.report import PipelineReport
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobRecord, advance, is_terminal
-from tasks.storage.runs import begun
-from tasks.storage.store import Store
+from specs.pipeline.document import PipelineSpec
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal
+from tasks.storage.jobs.runs import begun
+from tasks.storage.store_url import open_store
 
 
 @flow(name="pipeline", flow_run_name="{spec.name}", persist_result=False, on_cancellation=[cancel_with_flow_run])

@@ -3,10 +3,10 @@
 from prefect import flow
 from prefect.artifacts import create_table_artifact
 
-from flows.announcing import announced
-from flows.left_jobs import Reaped
-from flows.left_jobs import reap as reap_store
-from tasks.storage.opening import open_store
+from flows.resource.abandoned_jobs import Reaped
+from flows.resource.abandoned_jobs import reap as reap_store
+from flows.run.events import announced
+from tasks.storage.store_url import open_store
 
 
 @flow(name="reaping", persist_result=False)

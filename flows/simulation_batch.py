@@ -8,49 +8,37 @@ from typing import cast
 from prefect import flow
 from pydantic import JsonValue
 
-from flows.batch_metrics import noted_metrics, show_metrics
-from flows.batch_report import Reported, noted, write_last_report
-from flows.closing import with_audit
-from flows.early_end import EarlyEnd, endable
-from flows.ending import as_run, ended_well, run_name
-from flows.heeding import cancel_with_flow_run
-from flows.report_artifacts import show_report
-from flows.resolving import batch_plan, numbered_finder
-from flows.spread_batch import spread_batch
-from flows.workers import wanted_workers
-from specs.common import OutputLocation
-from specs.digests import canonical_document
+from flows.batch.batch_artifacts import noted_metrics, show_metrics, show_report
+from flows.batch.batch_end import with_audit
+from flows.batch.batch_report import Reported, noted, write_last_report
+from flows.batch.early_end import EarlyEnd, endable
+from flows.document.references import batch_plan, numbered_finder
+from flows.run.cancellation import cancel_with_flow_run
+from flows.run.stage_run import as_run, ended_well, run_name
+from flows.workers.crew import wanted_workers
+from flows.workers.spread_batch import spread_batch
+from specs.digest import canonical_document
 from specs.errors import DocumentError, StageFailed
-from specs.pipeline_gate import Gate
-from specs.pipeline_requests import simulation_request
-from specs.pipeline_simulation import SimulationBatch
+from specs.field_types import OutputLocation
+from specs.pipeline.gate_section import Gate
+from specs.pipeline.section_requests import simulation_request
+from specs.pipeline.simulation_section import SimulationBatch
 from tasks.applications.task import unpack_application
-from tasks.results.recordings import recordings_url, write_recordings
+from tasks.progress.task import watched
+from tasks.results.tables.recordings import recordings_url, write_recordings
 from tasks.results.task import write_tables
-from tasks.simulate.batch import (
-    GOING,
-    KIND,
-    OpenBatch,
-    close_batch,
-    complete,
-    ending,
-    open_batch,
-    opened,
-    time_out,
-)
-from tasks.simulate.chunk_store import spent_s
-from tasks.simulate.machines import note_machine
-from tasks.simulate.metrics import BatchMeter
-from tasks.simulate.resolving import output_location
-from tasks.simulate.streaming import parts
+from tasks.simulate.batch.chunk_store import spent_s
+from tasks.simulate.batch.job import GOING, KIND, OpenBatch, close_batch, complete, ending, open_batch, opened, time_out
+from tasks.simulate.batch.metrics import BatchMeter
+from tasks.simulate.batch.provenance import batch_metadata, note_machine
+from tasks.simulate.batch.result_stream import parts
+from tasks.simulate.plan.resolve import output_location
 from tasks.simulate.task import audit_batch, simulate_chunk
-from tasks.simulate.versions import batch_metadata
-from tasks.storage.claim import claimed
-from tasks.storage.keys import claim_key
-from tasks.storage.opening import open_store, store_id
-from tasks.storage.records import JobRecord, is_terminal
-from tasks.storage.store import Store
-from tasks.watching.task import watched
+from tasks.storage.base.keys import claim_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.records import JobRecord, is_terminal
+from tasks.storage.store_url import open_store, store_id
 
 
 @flow(name="simulation-batch", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])

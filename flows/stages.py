@@ -4,23 +4,30 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from flows.announcing import announce_verdict
 from flows.deployment_sync import deployment_sync
-from flows.judging import answered, gate_answer
-from flows.reporting import batch_report, deployment_report, export_report, gate_report, generation_report, texts
-from flows.resolving import Numbers, deployed_version, numbered_finder
-from flows.shipping import changes, refused, shippable, withdraw
+from flows.document.references import Numbers, deployed_version, numbered_finder
+from flows.gate.judge import answered, gate_answer
+from flows.gate.shipment import changes, refused, shippable, withdraw
+from flows.run.events import announce_verdict
+from flows.run.stage_summary import (
+    batch_report,
+    deployment_report,
+    export_report,
+    gate_report,
+    generation_report,
+    texts,
+)
 from flows.simulation_batch import simulation_batch
 from flows.world_export import world_export
 from flows.world_generation import world_generation
+from specs.data.run_report import StageReport
 from specs.errors import ResourceNotFound
-from specs.pipeline import PipelineSpec
-from specs.pipeline_gate import stops_early
-from specs.report import StageReport
-from tasks.simulate.batch import KIND
-from tasks.storage.records import JobRecord, job_id, read
-from tasks.storage.runs import stage_token
-from tasks.storage.store import Store
+from specs.pipeline.document import PipelineSpec
+from specs.pipeline.gate_section import stops_early
+from tasks.simulate.batch.job import KIND
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, job_id, read
+from tasks.storage.jobs.runs import stage_token
 
 T = TypeVar("T")
 Reports = tuple[StageReport, ...]

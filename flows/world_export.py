@@ -3,15 +3,15 @@
 from prefect import flow
 from pydantic import JsonValue
 
-from flows.ending import as_run, ended_well, run_name
-from flows.heeding import cancel_with_flow_run
-from flows.spread_worlds import world_writers
-from specs.digests import canonical_document
-from specs.pipeline_requests import export_request, reference_arn
-from specs.pipeline_worlds import WorldExport
+from flows.run.cancellation import cancel_with_flow_run
+from flows.run.stage_run import as_run, ended_well, run_name
+from flows.workers.spread_worlds import world_writers
+from specs.digest import canonical_document
+from specs.pipeline.section_requests import export_request, reference_arn
+from specs.pipeline.world_sections import WorldExport
 from tasks.export.task import export_worlds
-from tasks.storage.opening import open_store, store_id
-from tasks.storage.records import JobRecord
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store, store_id
 
 
 @flow(name="world-export", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])

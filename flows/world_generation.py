@@ -4,18 +4,18 @@ from pathlib import Path
 
 from prefect import flow
 
-from flows.ending import as_run, ended_well, run_name
-from flows.heeding import cancel_with_flow_run
-from flows.spread_worlds import world_makers
+from flows.run.cancellation import cancel_with_flow_run
+from flows.run.stage_run import as_run, ended_well, run_name
+from flows.workers.spread_worlds import world_makers
 from specs.arn import arn
-from specs.digests import canonical_document
-from specs.pipeline_requests import generation_request
-from specs.pipeline_worlds import WorldGeneration
-from specs.template import template_digest
-from tasks.documents.templates import find_template
+from specs.digest import canonical_document
+from specs.pipeline.section_requests import generation_request
+from specs.pipeline.world_sections import WorldGeneration
+from specs.template.body import template_digest
+from tasks.documents.template_source import find_template
 from tasks.export.task import show_worlds
-from tasks.storage.opening import open_store, store_id
-from tasks.storage.records import JobRecord
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store, store_id
 from tasks.worlds.task import generate_worlds
 
 

@@ -4,7 +4,7 @@ from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from specs.forms import as_form
+from specs.form_schema import as_form
 
 
 class Spec(BaseModel):

@@ -23,7 +23,7 @@ SimyardError
 from collections.abc import Sequence
 
 from specs.base import Fault
-from specs.report import PipelineReport
+from specs.data.run_report import PipelineReport
 
 
 class SimyardError(Exception):

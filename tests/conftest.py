@@ -10,26 +10,20 @@ from hypothesis import settings
 from jaxtyping import install_import_hook
 
 from tasks.simulate.devices import prepare_devices
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
-from tests.seaweed import Seaweed, running_seaweed
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
+from tests.servers.seaweed import Seaweed, running_seaweed
 
 # Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported, by whichever
 # test comes first.
 prepare_devices()
 CHECKED = [
-    "coordinates",
-    "floor_map",
-    "geodesic",
-    "lane",
-    "lidar",
-    "noise",
-    "obstacles",
-    "robot",
-    "silhouettes",
-    "straight_ways",
-    "tangent_graph",
-    "window",
+    "application.coordinates",
+    "application.robot_mjcf",
+    "engine.mjx.window",
+    "lane.noise",
+    "lane.step",
+    "surroundings",
 ]
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 

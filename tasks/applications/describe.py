@@ -1,6 +1,7 @@
 """Applications in RoboMaker's words."""
 
-from specs.applications import (
+from specs.arn import arn
+from specs.robomaker.applications import (
     DescribeRobotApplicationResponse,
     DescribeSimulationApplicationResponse,
     RobotApplicationSummary,
@@ -9,13 +10,12 @@ from specs.applications import (
     SimulationSoftwareSuite,
     Source,
 )
-from specs.arn import arn
-from specs.bundle import LATEST, Application, ApplicationKind, Version
-from tasks.applications.publishing import applications, resolve
+from specs.robomaker.bundle import LATEST, Application, ApplicationKind, Version
+from tasks.applications.registry import applications, resolve
 from tasks.applications.versions import application_name, read_application
-from tasks.storage.keys import bundle_key
-from tasks.storage.opening import store_id
-from tasks.storage.store import Store
+from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import store_id
 
 _ROBOT = RobotSoftwareSuite(name="General")
 _SIMULATION = SimulationSoftwareSuite(name="SimulationRuntime")

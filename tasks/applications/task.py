@@ -5,9 +5,9 @@ from pathlib import Path
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from tasks.applications.publishing import unpack
-from tasks.storage.cache import cache_folder
-from tasks.storage.opening import open_store
+from tasks.applications.registry import unpack
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.store_url import open_store
 
 
 @task(name="unpack-application", cache_policy=NO_CACHE, persist_result=False)

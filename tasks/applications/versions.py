@@ -8,12 +8,12 @@ from pydantic import JsonValue
 
 from specs.arn import parse_reference
 from specs.base import Fault
-from specs.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Build, Version
-from specs.digests import canonical_json
+from specs.digest import canonical_json
 from specs.errors import DocumentError, LimitExceeded, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
-from tasks.storage.encoding import decoded, encoded
-from tasks.storage.keys import application_key
-from tasks.storage.store import Store
+from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Build, Version
+from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.keys import application_key
+from tasks.storage.base.store import Store
 
 _REVISION_CHARACTERS = 40
 

@@ -7,15 +7,15 @@ from prefect import task
 from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
-from specs.deployment import CreateDeploymentJobRequest
-from specs.roll_out import RollOutRules
-from tasks.deploy.describe import describe_deployment_job
-from tasks.deploy.job import run_deployment_job
-from tasks.deploy.telling import robot_rows, told_deployment
-from tasks.deploy.trust.signing import DeploymentSigner
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobRecord
-from tasks.watching.task import watched
+from specs.pipeline.simulation_section import RollOutRules
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.deploy.answers.describe import describe_deployment_job
+from tasks.deploy.answers.row_summary import robot_rows, told_deployment
+from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.trust.signer import DeploymentSigner
+from tasks.progress.task import watched
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store
 
 
 @task(name="roll-out", cache_policy=NO_CACHE, persist_result=False)

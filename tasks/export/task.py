@@ -8,14 +8,14 @@ from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 from pydantic import JsonValue
 
-from specs.pipeline_worlds import WorldFormat
-from specs.world_jobs import CreateWorldExportJobRequest
-from tasks.export.job import Elsewhere, run_export_job
-from tasks.export.sheet_job import keep_contact_sheet, sheet_markdown
-from tasks.storage.keys import contact_sheet_key
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobRecord
-from tasks.watching.task import watched
+from specs.pipeline.world_sections import WorldFormat
+from specs.robomaker.world_jobs import CreateWorldExportJobRequest
+from tasks.export.job.job import Elsewhere, run_export_job
+from tasks.export.job.sheet_job import keep_contact_sheet, sheet_markdown
+from tasks.progress.task import watched
+from tasks.storage.base.keys import contact_sheet_key
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store
 
 
 @task(name="export-worlds", cache_policy=NO_CACHE, persist_result=False)

@@ -10,17 +10,16 @@ from pydantic import Field, ValidationError
 
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
-from tasks.housekeeping.cache import Cached, clear, unused
-from tasks.housekeeping.layout import NOTES, TOKENS, Job, job_named, place_of
-from tasks.housekeeping.metadata import replaced_metadata
-from tasks.housekeeping.naming import Named, named
-from tasks.housekeeping.planning import Item, Listing, Plan, planned
-from tasks.housekeeping.reading import Records, read_records, record_entries
-from tasks.housekeeping.report import GcReport, Row, Unread
-from tasks.housekeeping.sweeping import Swept, sweep
+from tasks.housekeeping.cache_garbage import Cached, clear, unused
+from tasks.housekeeping.findings import GcReport, Row, Unread
+from tasks.housekeeping.object_kinds import NOTES, TOKENS, Job, job_named, place_of
+from tasks.housekeeping.references import Named, Records, named, read_records, record_entries
+from tasks.housekeeping.signed_metadata import replaced_metadata
+from tasks.housekeeping.sweep import Swept, sweep
+from tasks.housekeeping.sweep_plan import Item, Listing, Plan, planned
+from tasks.storage.base.encoding import encoded
+from tasks.storage.base.store import Entry, Store
 from tasks.storage.buckets import bucket_url
-from tasks.storage.encoding import encoded
-from tasks.storage.store import Entry, Store
 
 _LOG = logging.getLogger(__name__)
 _AT_ONCE = 16

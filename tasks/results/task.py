@@ -8,15 +8,15 @@ from prefect.artifacts import create_markdown_artifact, create_table_artifact
 from prefect.cache_policies import NO_CACHE
 from pydantic import JsonValue
 
-from specs.common import OutputLocation
-from specs.pipeline_gate import Gate
-from specs.report import Verdict as Answer
-from tasks.results.closing import write_batch_tables
-from tasks.results.evidence import Baseline, Tested, evidence_digest, gather, write_evidence
-from tasks.results.gate import Material, Verdict, judge
-from tasks.results.job import Part, Variables
-from tasks.results.summary import summary_rows
-from tasks.storage.opening import open_store
+from specs.data.run_report import Verdict as Answer
+from specs.field_types import OutputLocation
+from specs.pipeline.gate_section import Gate
+from tasks.results.gate.evidence import Baseline, Tested, evidence_digest, gather, write_evidence
+from tasks.results.gate.gate import Material, Verdict, judge
+from tasks.results.statistics.summary import summary_rows
+from tasks.results.tables.result_files import Part, Variables
+from tasks.results.tables.table_record import write_batch_tables
+from tasks.storage.store_url import open_store
 
 _HEADINGS = ("episodes", "passed", "rate", "interval", "why not")
 _MARKS: Mapping[Answer, str] = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}

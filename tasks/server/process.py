@@ -14,8 +14,8 @@ from pathlib import Path
 
 from specs.errors import StageFailed
 from tasks.server.health import is_healthy, unproxied
-from tasks.server.logs import named_after, new_log
-from tasks.server.starting import end_turn_when, take_turn
+from tasks.server.log_files import named_after, new_log
+from tasks.server.start_lock import end_turn_when, take_turn
 
 logger = logging.getLogger(__name__)
 

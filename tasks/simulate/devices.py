@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from specs.errors import SimyardError
-from tasks.storage.cache import cache_folder
+from tasks.storage.base.cache_folder import cache_folder
 
 _DEVICES_FLAG = "--xla_force_host_platform_device_count"
 # Without fused multiply-add, which AVX2 brings: the compiler fuses in some places of a loop and not in others, so that

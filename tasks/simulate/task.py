@@ -8,14 +8,14 @@ from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 from pydantic import JsonValue
 
-from specs.common import OutputLocation
-from specs.episode import EpisodeResult
-from tasks.simulate.audit_report import AuditReport, AuditVerdict
-from tasks.simulate.auditing import audit_batch as audit_opened
-from tasks.simulate.batch import opened
-from tasks.simulate.committing import ChunkEnd, Part, Record, run_chunk
-from tasks.simulate.runner import simulate_chunk as simulate_lanes
-from tasks.storage.opening import open_store
+from specs.data.episode import EpisodeResult
+from specs.field_types import OutputLocation
+from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict
+from tasks.simulate.audit.audit_run import audit_batch as audit_opened
+from tasks.simulate.batch.commit import ChunkEnd, Part, Record, run_chunk
+from tasks.simulate.batch.job import opened
+from tasks.simulate.chunk.runner import simulate_chunk as simulate_lanes
+from tasks.storage.store_url import open_store
 
 _MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
 

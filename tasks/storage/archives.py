@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from specs.errors import BundleRefused
-from tasks.storage.atomic import settle, settle_names
-from tasks.storage.keys import bundle_key
-from tasks.storage.room import OF_THE_DISK, room_in
-from tasks.storage.store import Store
+from tasks.storage.base.atomic_file import settle, settle_names
+from tasks.storage.base.disk_space import OF_THE_DISK, room_in
+from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.store import Store
 
 _BLOCK_BYTES = 1 << 20
 _NAME_BYTES = 255

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from specs.world import Color, Finish, Pattern, RoomType
+from specs.data.world import Color, Finish, Pattern, RoomType
 from tasks.worlds.brief import Brief
 
 Scheme = tuple[Color, Color]

@@ -3,12 +3,12 @@
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
-from specs.template import TemplateBody
-from specs.world_jobs import CreateWorldGenerationJobRequest
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobRecord
-from tasks.watching.task import watched
-from tasks.worlds.job import Elsewhere, run_generation_job
+from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
+from specs.template.body import TemplateBody
+from tasks.progress.task import watched
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store
+from tasks.worlds.job.job import Elsewhere, run_generation_job
 
 
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.

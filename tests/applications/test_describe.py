@@ -6,9 +6,9 @@ from tasks.applications.describe import (
     list_robot_applications,
     list_simulation_applications,
 )
-from tasks.applications.publishing import publish
-from tasks.storage.opening import store_id
-from tasks.storage.store import Store
+from tasks.applications.registry import publish
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import store_id
 
 
 def _folder(home: Path, content: str) -> Path:

@@ -1,7 +1,7 @@
 import pytest
 
-from tasks.applications.packing import pack
-from tasks.applications.shipped import shipped_application
+from tasks.applications.pack import pack
+from tasks.applications.registry import shipped_application
 
 
 @pytest.mark.parametrize("name", ["courier", "delivery"])

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleets import create_fleet
-from tasks.deploy.processes import end_all
-from tasks.storage.claim import claimed
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.robot.processes import end_all
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import claimed
+from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import OneRobot
 from tests.deploy.yard import FLEET, Yard
 
@@ -33,7 +33,7 @@ def file_store(tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture
 def quick_claims(monkeypatch: pytest.MonkeyPatch) -> None:
     """Controllers in this process renew their claims every 1.5 s, so that who waits for a renewal waits less."""
-    monkeypatch.setattr("tasks.deploy.job.claimed", partial(claimed, ttl_s=4.5))
+    monkeypatch.setattr("tasks.deploy.rollout.job.claimed", partial(claimed, ttl_s=4.5))
 
 
 @pytest.fixture

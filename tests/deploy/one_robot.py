@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from specs.bundle import Version
-from specs.deployment import DeploymentLaunchConfig
-from tasks.deploy.disk import Disk
-from tasks.deploy.launch import Place
-from tasks.deploy.reporting import Reporter
-from tasks.deploy.robots import read_reported
-from tasks.deploy.states import Desired, Reported
-from tasks.deploy.steps import Robot
-from tasks.deploy.stopping import Stop
+from specs.robomaker.bundle import Version
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.states import Desired, Reported
+from tasks.deploy.robot.disk import Disk
+from tasks.deploy.robot.launch import Place
+from tasks.deploy.robot.reported_state import Reporter
+from tasks.deploy.robot.shutdown import Stop
+from tasks.deploy.robot.update import Robot
 from tests.deploy.yard import STAYS_UP, Yard, programs_of
 
 GOOD = {"run.sh": STAYS_UP}

@@ -5,20 +5,17 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
-from specs.deployment import CreateDeploymentJobRequest
-from specs.errors import (
-    StageFailed,
-    StoreUnreachable,
-)
-from specs.roll_out import RollOutRules
-from tasks.deploy.controller import Pace
-from tasks.deploy.job import run_deployment_job
-from tasks.deploy.robots import create_robot, read_desired, read_reported, register_robot
-from tasks.deploy.states import Desired, Reported
-from tasks.storage.encoding import encoded
-from tasks.storage.keys import reported_key
-from tasks.storage.records import JobRecord
-from tasks.storage.store import Store
+from specs.errors import StageFailed, StoreUnreachable
+from specs.pipeline.simulation_section import RollOutRules
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.deploy.fleet.robots import create_robot, read_desired, read_reported, register_robot
+from tasks.deploy.fleet.states import Desired, Reported
+from tasks.deploy.rollout.controller import Pace
+from tasks.deploy.rollout.job import run_deployment_job
+from tasks.storage.base.encoding import encoded
+from tasks.storage.base.keys import reported_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
 from tests.deploy.yard import FLEET, Yard
 
 

@@ -11,16 +11,16 @@ from functools import partial
 from pathlib import Path
 
 from specs.arn import arn
-from specs.bundle import Version
-from specs.deployment import CreateDeploymentJobRequest
-from tasks.applications.publishing import publish
-from tasks.deploy.job import run_deployment_job
-from tasks.deploy.local_agents import local_agents
-from tasks.deploy.robots import read_reported
-from tasks.deploy.states import Reported
-from tasks.storage.opening import store_id
-from tasks.storage.records import JobRecord
-from tasks.storage.store import Store
+from specs.robomaker.bundle import Version
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.applications.registry import publish
+from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.states import Reported
+from tasks.deploy.kit.local_agents import local_agents
+from tasks.deploy.rollout.job import run_deployment_job
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import store_id
 
 FLEET = "couriers"
 STAYS_UP = '#!/bin/sh\necho up >> "$HOME/launches"\nexec sleep 1000\n'
@@ -79,7 +79,14 @@ class Yard:
         root = self.root(robot)
         root.mkdir(parents=True, exist_ok=True)
         pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3", trust]
-        argv = ["-m", "tasks.deploy.agent", f"--robot={robot}", f"--root={root}", f"--store={self.store.url}", *pace]
+        argv = [
+            "-m",
+            "tasks.deploy.robot.agent",
+            f"--robot={robot}",
+            f"--root={root}",
+            f"--store={self.store.url}",
+            *pace,
+        ]
         with (root / "agent.log").open("ab") as log:
             return subprocess.Popen([sys.executable, *argv], stdout=log, stderr=log, env={**os.environ, **variables})
 

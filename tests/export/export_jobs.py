@@ -4,17 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from specs.digests import canonical_document, canonical_json
+from specs.data.world import World
+from specs.digest import canonical_document, canonical_json
 from specs.errors import StoreAccessDenied
-from specs.world import World
-from specs.world_jobs import CreateWorldExportJobRequest
-from tasks.export.job import KIND, run_export_job
+from specs.robomaker.world_jobs import CreateWorldExportJobRequest
+from tasks.export.job.job import KIND, run_export_job
+from tasks.storage.base.keys import world_key
+from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.keys import world_key
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobRecord, advance, submit
-from tasks.storage.store import Store
-from tests.worlds_factory import apartment
+from tasks.storage.jobs.records import JobRecord, advance, submit
+from tasks.storage.store_url import open_store
+from tests.factories.worlds import apartment
 
 GENERATION = "wgj-0000000000000001"
 WORLDS = tuple(apartment(generation=GENERATION, name=f"world-{number}-1") for number in (1, 2))
@@ -79,7 +79,7 @@ class BrokenBucket:
 
 def break_bucket(patch: pytest.MonkeyPatch, error: BaseException, writes: int = 0) -> None:
     """Makes every bucket that a job opens a broken one."""
-    patch.setattr("tasks.export.job.open_bucket", lambda s, b: BrokenBucket(open_bucket(s, b), error, writes))
+    patch.setattr("tasks.export.job.job.open_bucket", lambda s, b: BrokenBucket(open_bucket(s, b), error, writes))
 
 
 def cancel(store: Store, status: str = "Canceling") -> None:

@@ -2,8 +2,8 @@
 
 import math
 
-from specs.world import Door, Solid, Window, World
-from tests.worlds_factory import apartment
+from specs.data.world import Door, Solid, Window, World
+from tests.factories.worlds import apartment
 
 DOOR, HINGE_M = "door-1", (2.6, 0.06)
 LEAF_LENGTH_M, LEAF_THICKNESS_M = 0.88, 0.04

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
 from tests.housekeeping.yard import Yard
 
 

@@ -8,12 +8,12 @@ from pydantic import JsonValue
 
 from specs.errors import StoreAccessDenied
 from tasks.housekeeping.job import Ages
-from tasks.storage.keys import bundle_key, job_key, world_key
-from tasks.storage.records import advance
-from tasks.storage.runs import stage_token
-from tasks.storage.store import Store
-from tests.contracts.test_listing_contract import leave_unfinished
+from tasks.storage.base.keys import bundle_key, job_key, world_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import advance
+from tasks.storage.jobs.runs import stage_token
 from tests.housekeeping.yard import NOW, Meddled, Yard, freed, later, results_of, worlds_of
+from tests.storage.contracts.test_listing_contract import leave_unfinished
 
 _HOUR_S = 3600.0
 

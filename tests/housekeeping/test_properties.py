@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tasks.housekeeping.job import Ages
-from tasks.storage.opening import open_store
-from tasks.storage.records import JobRecord
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store
 from tests.housekeeping.yard import Yard, freed
 
 _STEPS = ("generate", "export", "drive", "judge", "publish", "unpublish", "deploy", "lose", "gc", "run")

@@ -7,11 +7,11 @@ from typing import cast
 import pytest
 
 from specs.errors import StoreError
-from tasks.housekeeping.report import GcReport
-from tasks.storage.claim import Claim, claimed
-from tasks.storage.keys import bundle_key, claim_key, job_key, result_key, token_key
-from tasks.storage.records import JobRecord, submit
-from tasks.storage.store import Store
+from tasks.housekeeping.findings import GcReport
+from tasks.storage.base.keys import bundle_key, claim_key, job_key, result_key, token_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import Claim, claimed
+from tasks.storage.jobs.records import JobRecord, submit
 from tests.housekeeping.yard import NOW, Meddled, Mortal, Yard, freed, worlds_of
 
 
@@ -177,7 +177,7 @@ def test_killed_at_a_write_the_next_gc_leaves_what_an_unbroken_one_does(
     file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
 ) -> None:
     # As the one who held them is: killed.
-    monkeypatch.setattr("tasks.storage.claim.is_known_dead", lambda _process: True)
+    monkeypatch.setattr("tasks.storage.jobs.claim.is_known_dead", lambda _process: True)
     full_of_leftovers(file_yard)
     file_yard.gc(tmp_path)
     stays = file_yard.store.keys("")

@@ -9,15 +9,24 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from specs.bundle import Application, Build, Version
 from specs.errors import StoreError
+from specs.robomaker.bundle import Application, Build, Version
 from tasks.applications.versions import change, with_version
+from tasks.housekeeping.findings import GcReport
 from tasks.housekeeping.job import Ages, collect
-from tasks.housekeeping.report import GcReport
-from tasks.storage.claim import claimed
-from tasks.storage.keys import bundle_key, chunk_key, claim_key, job_key, output_key, result_key, token_key, world_key
-from tasks.storage.records import JobKind, JobRecord, advance, submit
-from tasks.storage.store import Store
+from tasks.storage.base.keys import (
+    bundle_key,
+    chunk_key,
+    claim_key,
+    job_key,
+    output_key,
+    result_key,
+    token_key,
+    world_key,
+)
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.records import JobKind, JobRecord, advance, submit
 
 NOW = Ages(grace_s=0.0)
 _ENDED: Mapping[JobKind, str] = {

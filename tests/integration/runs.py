@@ -13,10 +13,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 
-from tasks.storage.records import JobRecord, records
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, records
+from tests.repository import ROOT
 
-ROOT = Path(__file__).parents[2]
 JOB_KINDS = ("world-generation-job", "world-export-job", "simulation-job-batch", "deployment-job", "pipeline-run")
 
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from tasks.applications.publishing import publish
+from tasks.applications.registry import publish
+from tasks.storage.base.keys import world_key
+from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.keys import world_key
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from tasks.storage.store_url import open_store
+from tests.factories.simulations import BUNDLES, pen
 from tests.integration.runs import ROOT, finished
-from tests.simulate_factory import BUNDLES, pen
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
 SAMPLE = ROOT / "tests/data/samples/requests/create-simulation-job.vpc.json"

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.runs import ROOT, finished
-from tests.report.chromium import browsing
+from tests.servers.chromium import browsing
 
 pytestmark = pytest.mark.integration
 
@@ -65,7 +65,7 @@ def test_the_command_makes_the_same_page_from_the_arn_of_the_run(small_run: Path
 def test_the_commands_of_the_document_run(small_run: Path, tmp_path: Path):
     shutil.copytree(small_run / ".simyard", tmp_path / ".simyard", symlinks=True)
     (tmp_path / ".venv").symlink_to(sys.prefix)
-    (block,) = re.findall(r"```sh\n(.*?)```", (ROOT / "docs" / "report.md").read_text(), re.DOTALL)
+    (block,) = re.findall(r"```sh\n(.*?)```", (ROOT / "docs/guide/report.md").read_text(), re.DOTALL)
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False
     )

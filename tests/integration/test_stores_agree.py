@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.storage.opening import open_store
+from tasks.storage.store_url import open_store
 from tests.integration.runs import finished, jobs, tables, worlds
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]

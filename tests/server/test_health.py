@@ -6,7 +6,7 @@ import urllib.request
 import pytest
 
 from tasks.server.health import asked_often, is_answering, is_healthy, is_listening, is_local, shown, unproxied
-from tests.answering import NOBODY, answering
+from tests.factories.answering_server import NOBODY, answering
 
 
 def test_nothing_listening_is_not_healthy():

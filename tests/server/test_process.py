@@ -8,7 +8,7 @@ import textwrap
 from pathlib import Path
 
 from tasks.server import process
-from tests.eventually import eventually
+from tests.servers.eventually import eventually
 
 
 def test_the_environment_variable_wins_over_the_profile(tmp_path: Path):

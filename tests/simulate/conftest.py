@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from specs.episode import EpisodeRequest, EpisodeResult
-from specs.world import World
-from tasks.simulate.chunks import plan_chunks
-from tasks.simulate.runner import simulate_chunk
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.plan.chunks import plan_chunks
+from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.store import Store
-from tests.simulate.data_buckets import ONE
-from tests.simulate_factory import FOLDERS, cluttered, pen
+from tests.factories.data_buckets import ONE
+from tests.factories.simulations import FOLDERS, cluttered, pen
 
 LANES = 32
 PUSHER_LANES = 8

@@ -5,13 +5,13 @@ import json
 import pkgutil
 from collections.abc import Iterator, Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import specs
 from specs.base import Spec
+from tests.repository import ROOT
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = ROOT / "tests" / "data"
 MODULES = (
     "applications",
     "common",

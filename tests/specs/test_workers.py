@@ -3,7 +3,7 @@
 import pytest
 
 from specs.errors import DocumentError
-from specs.workers import WORKERS, Workers, chosen_workers
+from specs.settings import WORKERS, Workers, chosen_workers
 
 
 @pytest.mark.parametrize(

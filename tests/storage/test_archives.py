@@ -9,8 +9,8 @@ import pytest
 
 from specs.errors import BundleRefused, ObjectNotFound
 from tasks.storage.archives import ArchiveLimits, bundled_files, digest_of, extract, install, missing_files
-from tasks.storage.keys import bundle_key
-from tasks.storage.store import Store
+from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.store import Store
 
 
 def _file(name: str, body: bytes = b"x", mode: int = 0o644) -> tuple[tarfile.TarInfo, bytes]:

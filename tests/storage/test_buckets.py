@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from specs.errors import DocumentError, StoreUnreachable
+from tasks.storage.base.store import Store
 from tasks.storage.buckets import bucket_url, open_bucket
-from tasks.storage.store import Store
 
 
 @pytest.fixture(autouse=True)

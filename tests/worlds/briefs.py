@@ -4,9 +4,8 @@ from itertools import combinations
 
 from hypothesis import strategies as st
 
-from specs.world import RoomType
-from tasks.worlds.brief import ROBOT_RADIUS_M, Brief, ConnectionWish, PassageKind, RoomWish
-from tasks.worlds.door_wishes import DoorWishes
+from specs.data.world import RoomType
+from tasks.worlds.brief import ROBOT_RADIUS_M, Brief, ConnectionWish, DoorWishes, PassageKind, RoomWish
 from tests.worlds.templates import ROOM_TYPES
 
 _sides = st.one_of(st.just(1.0), st.floats(1.0, 4.0))

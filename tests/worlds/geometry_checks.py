@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from specs.world import Door, Furniture, Solid, World, solids
+from specs.data.world import Door, Furniture, Solid, World, solids
 
 HEAD_M = 2.0
 _ROUNDING_M = 1e-5

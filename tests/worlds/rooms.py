@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from specs.template_interior import Density
-from specs.world import Furniture, RoomType, Solid
-from tasks.worlds.assembling import Look, Palette, assemble
+from specs.data.world import Furniture, RoomType, Solid
+from specs.template.interior import Density
 from tasks.worlds.brief import Brief, brief_of
-from tasks.worlds.floorplan import Cut, FloorPlan
-from tasks.worlds.geometry import Box
-from tasks.worlds.parts import Size, Style
-from tasks.worlds.passages import Gap
-from tasks.worlds.scene import Piece, Scene, open_scene
-from tasks.worlds.scoring import WALL_M
-from tasks.worlds.walls import build_walls
-from tasks.worlds.windows import Pane
+from tasks.worlds.floorplan.floorplan import Cut, FloorPlan
+from tasks.worlds.floorplan.passages import Gap
+from tasks.worlds.floorplan.scoring import WALL_M
+from tasks.worlds.floorplan.walls import build_walls
+from tasks.worlds.floorplan.windows import Pane
+from tasks.worlds.furnishing.assembly import Look, Palette, assemble
+from tasks.worlds.furnishing.scene import Piece, Scene, open_scene
+from tasks.worlds.furniture.primitives import Size, Style
+from tasks.worlds.geometry.boxes import Box
 from tests.worlds.templates import furniture, room, template
 
 ROBOT_M = 0.25

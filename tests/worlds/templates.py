@@ -1,17 +1,17 @@
 """Templates for the tests of world generation: samples, plain ones, and random valid ones."""
 
 import json
-from pathlib import Path
 from typing import get_args
 
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
-from specs.template import TemplateBody
-from specs.template_interior import Density, ModelType
-from specs.world import RoomType
+from specs.data.world import RoomType
+from specs.template.body import TemplateBody
+from specs.template.interior import Density, ModelType
+from tests.repository import ROOT
 
-SAMPLES = sorted((Path(__file__).parent / "data").glob("*.body.json"))
+SAMPLES = sorted((ROOT / "tests/worlds/data").glob("*.body.json"))
 ROOM_TYPES: tuple[RoomType, ...] = get_args(RoomType)
 MODEL_TYPES: tuple[str, ...] = get_args(ModelType)
 DENSITIES: tuple[str, ...] = get_args(Density)
@@ -21,7 +21,7 @@ WALLS = ("Brick", "Concrete", "Stone", "Tiles", "Wood panels", "Wall paint", "Wa
 
 def sample(name: str) -> TemplateBody:
     """Returns one of RoboMaker's samples."""
-    path = Path(__file__).parent / "data" / f"{name}.body.json"
+    path = ROOT / "tests/worlds/data" / f"{name}.body.json"
     return TemplateBody.model_validate(json.loads(path.read_text()))
 
 

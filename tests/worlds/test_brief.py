@@ -1,6 +1,6 @@
 """A template becomes a brief with all precedence resolved."""
 
-from specs.template import TemplateBody
+from specs.template.body import TemplateBody
 from tasks.worlds.brief import ConnectionWish, brief_of
 from tests.worlds.templates import connection, furniture, materials, room, template
 

@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import pytest
 
-from specs.template_interior import Density
-from specs.world import RoomType
-from tasks.worlds.densities import COVERED, COVERED_BY_TYPE, COVERED_SPREAD, FREE_FLOOR
-from tasks.worlds.interior import Draw, furnish_interior
+from specs.data.world import RoomType
+from specs.template.interior import Density
+from tasks.worlds.brief import COVERED, COVERED_BY_TYPE, COVERED_SPREAD, FREE_FLOOR
+from tasks.worlds.furnishing.rooms import Draw, furnish_interior
 from tests.worlds.rooms import home, walls_of
 from tests.worlds.templates import ROOM_TYPES
 

@@ -3,8 +3,7 @@
 import pytest
 from pydantic import JsonValue
 
-from tasks.worlds.brief import brief_of
-from tasks.worlds.door_wishes import Opening
+from tasks.worlds.brief import Opening, brief_of
 from tests.worlds.templates import doorway, room, template
 
 KITCHEN, HALL, BEDROOM = 0, 1, 2

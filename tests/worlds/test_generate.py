@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from specs.template import TemplateBody, template_digest
-from specs.world import World, solids
-from tasks.worlds.canonical import encode_world
-from tasks.worlds.floorplan import plan_floor
+from specs.data.world import World, solids
+from specs.template.body import TemplateBody, template_digest
+from tasks.storage.worlds import encode_world
+from tasks.worlds.floorplan.floorplan import plan_floor
 from tasks.worlds.generate import generate_world
 from tests.worlds.geometry_checks import (
     HEAD_M,
@@ -151,7 +151,7 @@ def test_the_same_seed_and_indices_give_the_same_bytes() -> None:
 def test_another_process_generates_the_same_bytes() -> None:
     program = (
         "import hashlib; from tests.worlds.templates import sample; from tests.worlds.test_generate import make;"
-        "from tasks.worlds.canonical import encode_world;"
+        "from tasks.storage.worlds import encode_world;"
         "print(hashlib.sha256(encode_world(make(sample('two-rooms')))).hexdigest())"
     )
     digests = {

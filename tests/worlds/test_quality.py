@@ -1,13 +1,13 @@
-"""How good worlds are over twenty seeds of each template; `benchmarks/worlds.py --quality` takes two hundred."""
+"""How good worlds are over twenty seeds of each template; `benchmarks/worlds` takes two hundred."""
 
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
-from benchmarks.world_quality import DENSITIES, TEMPLATES, Sampled, sample_worlds, with_density
-from benchmarks.world_templates import HOMES, read_template
-from specs.template_interior import Density
+from benchmarks.worlds.world_quality import DENSITIES, TEMPLATES, Sampled, sample_worlds, with_density
+from benchmarks.worlds.world_templates import HOMES, read_template
+from specs.template.interior import Density
 
 SEEDS = range(20)
 every_template = pytest.mark.parametrize("name", TEMPLATES)

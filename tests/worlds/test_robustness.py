@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydantic import JsonValue
 
+from specs.data.world import World
 from specs.errors import DocumentError
-from specs.template import TemplateBody
-from specs.world import World
-from tasks.documents.parsing import parse
+from specs.template.body import TemplateBody
+from tasks.documents.parse import parse
 from tasks.worlds.generate import generate_world
 from tests.worlds.geometry_checks import distance_to_start, intersecting, top_m, unreached_rooms, with_doors_open
 from tests.worlds.templates import MODEL_TYPES, connection, doorway, furniture, materials, room, template

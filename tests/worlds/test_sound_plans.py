@@ -1,11 +1,11 @@
 """A plan whose open doors would shut a wide robot out is drawn again."""
 
 from tasks.worlds.brief import Brief, brief_of
-from tasks.worlds.clearance import measure_clearance, reaches_room
-from tasks.worlds.doors import hang_doors
-from tasks.worlds.floorplan import FloorPlan, plan_floor
-from tasks.worlds.sound_plans import sound_plan
-from tasks.worlds.walls import build_walls
+from tasks.worlds.floorplan.doors import hang_doors
+from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
+from tasks.worlds.floorplan.walls import build_walls
+from tasks.worlds.generate import sound_plan
+from tasks.worlds.geometry.clearance import measure_clearance, reaches_room
 from tests.worlds.templates import room, template
 
 GREY = (0.5, 0.5, 0.5)

@@ -15,7 +15,7 @@ from .localizing import Belief, belief_at_start, corrected, matched
 from .planning import RADIUS_M, Ways, point_ahead, ways_to_goals
 
 if TYPE_CHECKING:
-    from tasks.simulate.contract import FloorMap, Observation
+    from tasks.simulate.application.contract import FloorMap, Observation
 
 DEFAULT_SPEED_M_S = 0.5
 _AHEAD_CELLS = 6

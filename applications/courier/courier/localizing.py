@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 if TYPE_CHECKING:
-    from tasks.simulate.contract import FloorMap
+    from tasks.simulate.application.contract import FloorMap
 
 # An end this far from any solid counts half: it may be the ray's error, or something that the map does not have.
 _HALF_M = 0.1

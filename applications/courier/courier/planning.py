@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int, UInt8
 
 if TYPE_CHECKING:
-    from tasks.simulate.contract import FloorMap
+    from tasks.simulate.application.contract import FloorMap
 
 RADIUS_M = 0.18
 # The map's cells are 0.1 m wide: the robot may stand, touching nothing, where the cell's centre has this much less.

@@ -14,8 +14,8 @@ from .sight import MOST_SQUARES, WORD_BITS, Squares, packed, sights, squares_of
 from .tour import tour
 
 if TYPE_CHECKING:
-    from specs.world import World
-    from tasks.simulate.contract import HostMap
+    from specs.data.world import World
+    from tasks.simulate.application.contract import HostMap
 
 Number = float | Float[jax.Array, ""]
 DEFAULT_RANGE_M = 2.5

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float64, Int16, UInt32
 from scipy import ndimage
 
 if TYPE_CHECKING:
-    from tasks.simulate.contract import HostMap
+    from tasks.simulate.application.contract import HostMap
 
 # As many squares, whatever the world: arrays of one shape, 128 KiB of sights an episode.
 MOST_SQUARES = 1024

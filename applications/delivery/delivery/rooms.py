@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
 
 if TYPE_CHECKING:
-    from specs.world import Rectangle, World
-    from tasks.simulate.contract import HostMap
+    from specs.data.world import Rectangle, World
+    from tasks.simulate.application.contract import HostMap
 
 DEFAULT_GOALS = 2
 MOST_GOALS = 100

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int, UInt32
 from .gaps import Host, along_wall, between, free_ways_m, towards
 
 if TYPE_CHECKING:
-    from tasks.simulate.contract import Observation
+    from tasks.simulate.application.contract import Observation
 
 Number = float | Float[jax.Array, ""]
 RADIUS_M = 0.16

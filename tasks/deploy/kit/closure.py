@@ -10,7 +10,7 @@ from pathlib import Path
 
 _ROOT = Path(__file__).parents[3]
 _FIRST_PARTY = frozenset({"specs", "tasks", "flows"})
-AGENT_MODULE = "tasks.deploy.agent"
+AGENT_MODULE = "tasks.deploy.robot.agent"
 
 
 def agent_sources() -> dict[str, bytes]:

@@ -17,8 +17,8 @@ from pydantic import ValidationError
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
 from tasks.deploy.trust.tuf_names import CryptoSigner
-from tasks.storage.atomic import make_folder, settle, settle_names
-from tasks.storage.store import Store
+from tasks.storage.base.atomic_file import make_folder, settle, settle_names
+from tasks.storage.base.store import Store
 
 Role = Literal["root", "targets", "deployer", "snapshot", "timestamp"]
 ROLES: tuple[Role, ...] = get_args(Role)

@@ -29,9 +29,9 @@ from tasks.deploy.trust.tuf_names import (
     Targets,
     Timestamp,
 )
-from tasks.storage.claim import Claim
-from tasks.storage.keys import trust_key
-from tasks.storage.store import Store
+from tasks.storage.base.keys import trust_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import Claim
 
 # How long a stolen key, or a store that shows nothing new, can go unnoticed at most; each has its own cost of renewal.
 LIFETIMES: Mapping[Role, timedelta] = {

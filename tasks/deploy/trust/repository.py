@@ -28,10 +28,10 @@ from tasks.deploy.trust.metadata import (
     write_root,
 )
 from tasks.deploy.trust.tuf_names import CryptoSigner, Metadata, MetaFile, Root, Snapshot, Targets, Timestamp
-from tasks.storage.claim import Claim, claimed
-from tasks.storage.keys import claim_key, trust_key
-from tasks.storage.opening import store_id
-from tasks.storage.store import Store
+from tasks.storage.base.keys import claim_key, trust_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import Claim, claimed
+from tasks.storage.store_url import store_id
 
 _LOG = logging.getLogger(__name__)
 Clock = Callable[[], datetime]

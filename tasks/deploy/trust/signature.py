@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from securesystemslib.exceptions import UnverifiedSignatureError, VerificationError
 
-from specs.digests import canonical_json
+from specs.digest import canonical_json
 from specs.errors import TrustRefused
-from tasks.deploy.states import Desired, Signature
+from tasks.deploy.fleet.states import Desired, Signature
 from tasks.deploy.trust.tuf_names import CryptoSigner, Key, RawSignature
 
 # The same key signs metadata, which is JSON: with this in front, one can never be taken for the other.

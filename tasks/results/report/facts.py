@@ -3,9 +3,9 @@
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
-from specs.episode import ApplicationLaunch
-from specs.report import Verdict as Answer
-from tasks.results.statistics import Interval
+from specs.data.episode import ApplicationLaunch
+from specs.data.run_report import Verdict as Answer
+from tasks.results.statistics.intervals import Interval
 
 
 class RuleAnswer(Spec):

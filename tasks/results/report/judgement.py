@@ -2,13 +2,13 @@
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from specs.data.run_report import Verdict as Answer
 from specs.errors import ObjectNotFound
-from specs.report import Verdict as Answer
-from tasks.results.evidence import EVIDENCE_FILE, Evidence, read_evidence
+from tasks.results.gate.evidence import EVIDENCE_FILE, Evidence, read_evidence
 from tasks.results.report.facts import Judgement, RuleAnswer
-from tasks.results.statistics import Interval
-from tasks.storage.keys import result_key
-from tasks.storage.store import Store
+from tasks.results.statistics.intervals import Interval
+from tasks.storage.base.keys import result_key
+from tasks.storage.base.store import Store
 
 _CONFIDENCE = 0.95
 _RATE = "successRate"

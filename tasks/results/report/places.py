@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from specs.world import Room, World
-from tasks.results.report.reading import Episodes, Labels
+from specs.data.world import Room, World
+from tasks.results.report.batch_columns import Episodes, Labels
 
 BETWEEN = "between rooms"
 UNKNOWN = "not known"

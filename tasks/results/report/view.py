@@ -5,26 +5,28 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from specs.base import Spec
-from tasks.results.report.audit import AuditView, audit_view
+from tasks.results.report.audit_section import AuditView, audit_view
+from tasks.results.report.batch_columns import NOT_SET, Episodes, Failures, read_episodes, read_failures
+from tasks.results.report.episode_groups import counted, reasons, reasons_by_world, whole
 from tasks.results.report.facts import BatchFacts, Judgement, RuleAnswer
-from tasks.results.report.groups import counted, reasons, reasons_by_world, whole
 from tasks.results.report.maps import WorldMap, mark, world_maps
 from tasks.results.report.places import Worlds, end_rooms, start_rooms
-from tasks.results.report.reading import NOT_SET, Episodes, Failures, read_episodes, read_failures
 from tasks.results.report.rows import (
+    Bar,
     RateTable,
     Row,
+    Scale,
     clipped,
     percent,
     percent_range,
     rate_row,
     rate_table,
     reasons_text,
+    scale,
     short_world,
     worst_first,
 )
-from tasks.results.report.scales import Bar, Scale, scale
-from tasks.results.summary import Group
+from tasks.results.statistics.summary import Group
 
 _CONFIDENCE = 0.95
 _LONGEST = 240

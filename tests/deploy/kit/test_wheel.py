@@ -17,16 +17,16 @@ def test_it_holds_the_agent_and_what_it_imports_late() -> None:
     sources = agent_sources()
 
     assert {
-        "tasks/deploy/agent.py",
-        "tasks/storage/s3.py",
-        "tasks/deploy/trust/verifying.py",
+        "tasks/deploy/robot/agent.py",
+        "tasks/storage/backends/s3.py",
+        "tasks/deploy/trust/verification.py",
         "specs/__init__.py",
     } <= set(sources)
 
 
 def test_it_holds_nothing_of_the_simulator_or_the_controller() -> None:
     assert not [name for name in agent_sources() if name.startswith(("flows", "tasks/simulate", "tasks/worlds"))]
-    assert "tasks/deploy/controller.py" not in agent_sources()
+    assert "tasks/deploy/rollout/controller.py" not in agent_sources()
 
 
 def test_it_imports_only_what_it_asks_for() -> None:

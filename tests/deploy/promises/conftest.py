@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleets import create_fleet
-from tasks.deploy.processes import end_all
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.robot.processes import end_all
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
 from tests.deploy.promises.figures import REPORT, Figures
 from tests.deploy.yard import FLEET, Yard
 

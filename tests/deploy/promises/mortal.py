@@ -16,28 +16,29 @@ from multiprocessing.context import ForkServerContext, ForkServerProcess
 from pathlib import Path
 from typing import cast
 
-from specs.deployment import CreateDeploymentJobRequest
 from specs.errors import ObjectExists, StoreUnreachable
-from tasks.deploy import agent, install, job, launch, reporting, steps
-from tasks.deploy.disk import Disk
-from tasks.storage.claim import claimed
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.deploy.robot import agent, install, launch, reported_state, update
+from tasks.deploy.robot.disk import Disk
+from tasks.deploy.rollout import job
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import claimed
+from tasks.storage.store_url import open_store
 from tests.deploy.puppets import PuppetRobots
 
 ROBOTS, PAUSABLE = 3, 10
 TTL_S, _LOOK_S = 1.5, 0.1
 _AGENT_STEPS: tuple[tuple[object, str], ...] = (
-    (reporting.Attempt, "at"),
-    (reporting.Reporter, "tell"),
+    (reported_state.Attempt, "at"),
+    (reported_state.Reporter, "tell"),
     (Disk, "save"),
     (Disk, "switch"),
     (Disk, "remember"),
     (Disk, "tidy"),
-    (steps, "ask_condition"),
-    (steps, "fetch"),
+    (update, "ask_condition"),
+    (update, "fetch"),
     (install, "install"),
-    (steps, "run_script"),
+    (update, "run_script"),
     (launch.Application, "_launch"),
     (launch.Application, "settle"),
 )

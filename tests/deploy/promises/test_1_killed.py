@@ -7,12 +7,12 @@ from multiprocessing.context import ForkServerProcess
 
 import pytest
 
-from specs.deployment import DeploymentLaunchConfig
-from tasks.deploy.asking import ask
-from tasks.deploy.observing import recorded_progress
-from tasks.deploy.robots import read_reported
-from tasks.deploy.states import Desired, Reported
-from tasks.storage.records import records
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.states import Desired, Reported
+from tasks.deploy.rollout.observation import recorded_progress
+from tasks.deploy.rollout.robot_requests import ask
+from tasks.storage.jobs.records import records
 from tests.deploy.one_robot import desired
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.promises.mortal import ROBOTS, control, process, serve

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import pytest
 
 from specs.errors import ObjectExists
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
 from tests.deploy.promises.figures import Figures, kind, sizes
-from tests.seaweed import Seaweed
-from tests.storage.faulty_proxy import faulty_proxy
-from tests.storage.racers import create_in_rounds, in_processes
+from tests.servers.faulty_proxy import faulty_proxy
+from tests.servers.racers import create_in_rounds, in_processes
+from tests.servers.seaweed import Seaweed
 
 pytestmark = pytest.mark.integration
 _PROCESSES, _THREADS = 10, 5

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleets import create_fleet
-from tasks.deploy.observing import recorded_progress
-from tasks.deploy.processes import end_all
-from tasks.deploy.robots import create_robot, read_desired, register_robot
-from tasks.storage.opening import open_store
-from tasks.storage.records import job_id, read
-from tasks.storage.store import Store
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.robots import create_robot, read_desired, register_robot
+from tasks.deploy.robot.processes import end_all
+from tasks.deploy.rollout.observation import recorded_progress
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import job_id, read
+from tasks.storage.store_url import open_store
 from tests.deploy.promises.figures import Figures, sizes
 from tests.deploy.promises.mortal import process, roll_out, write_for_ever
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill
-from tests.seaweed import Seaweed, running_seaweed
+from tests.servers.seaweed import Seaweed, running_seaweed
 
 pytestmark = pytest.mark.integration
 KIND = "deployment-job"

@@ -9,11 +9,11 @@ from random import Random
 
 import pytest
 
-from specs.bundle import Version
-from tasks.deploy.observing import recorded_progress
-from tasks.storage.claim import ClaimRecord
-from tasks.storage.keys import claim_key
-from tasks.storage.records import job_id, read
+from specs.robomaker.bundle import Version
+from tasks.deploy.rollout.observation import recorded_progress
+from tasks.storage.base.keys import claim_key
+from tasks.storage.jobs.claim import ClaimRecord
+from tasks.storage.jobs.records import job_id, read
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.promises.mortal import PAUSABLE, TTL_S, pausable, process
 from tests.deploy.puppets import PuppetRobots

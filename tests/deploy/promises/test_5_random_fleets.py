@@ -5,15 +5,15 @@ from typing import cast
 
 import pytest
 
-from benchmarks.fleet_robots import FAULTS, HeardStore, Robots
-from specs.deployment import CreateDeploymentJobRequest
-from specs.roll_out import RollOutRules
-from tasks.deploy.job import run_deployment_job
-from tasks.deploy.observing import phases, recorded_progress
-from tasks.deploy.planning import bounds_for
-from tasks.deploy.rollout import Phase
-from tasks.storage.overlay import OverlayStore
-from tasks.storage.store import Store
+from benchmarks.fleet.fleet_robots import FAULTS, HeardStore, Robots
+from specs.pipeline.simulation_section import RollOutRules
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.observation import phases, recorded_progress
+from tasks.deploy.rollout.resolved_request import bounds_for
+from tasks.deploy.rollout.waves import Phase
+from tasks.storage.backends.overlay import OverlayStore
+from tasks.storage.base.store import Store
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
@@ -27,7 +27,7 @@ def test_no_random_fleet_exceeds_its_limits_and_every_roll_out_ends(yard: Yard, 
     version = yard.publish({"run.sh": STAYS_UP})
     tried = size if kind(yard.store.url) == "file" else max(2, size // 10)
     for number in range(tried):
-        # Writes stay in memory: a thousand fleets on a disk take hours, and benchmarks/fleet.py has large ones there.
+        # Writes stay in memory: a thousand fleets on a disk take hours, and benchmarks/fleet/fleet.py has large ones.
         store: Store = OverlayStore(yard.store)
         count = dice.choice([1, 2, 3, 5, 8, 13, 21, 34])
         _one_fleet(store, yard.request(version, f"fleet-{number}"), version.digest, count, dice)

@@ -10,9 +10,9 @@ from random import Random
 import pytest
 
 from specs.errors import BundleRefused
-from tasks.deploy.asking import ask
+from tasks.deploy.rollout.robot_requests import ask
 from tasks.storage.archives import digest_of, install
-from tasks.storage.keys import bundle_key
+from tasks.storage.base.keys import bundle_key
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.promises.mortal import process, serve

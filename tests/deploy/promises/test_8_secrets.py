@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.describe import describe_deployment_job, describe_robot
-from tasks.deploy.job import run_deployment_job
-from tasks.deploy.robots import create_robot, read_reported, register_robot
+from tasks.deploy.answers.describe import describe_deployment_job, describe_robot
+from tasks.deploy.fleet.robots import create_robot, read_reported, register_robot
+from tasks.deploy.rollout.job import run_deployment_job
 from tests.deploy.promises.figures import Figures, kind, sizes
+from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.trust.test_secrets import private_forms
-from tests.deploy.trust.trusting import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, kill, programs_of
-from tests.seaweed import ACCESS_KEY, SECRET_KEY
+from tests.servers.seaweed import ACCESS_KEY, SECRET_KEY
 
 pytestmark = pytest.mark.integration
 VARIABLE = "canary-of-a-variable-5ee01"
@@ -44,7 +44,7 @@ def agent(yard: Yard, owner: Owner, monkeypatch: pytest.MonkeyPatch) -> Iterator
     pace = {"poll-s": 0.05, "longest-poll-s": 0.1, "grace-s": 0.2}
     argv = [f"--{name}={value}" for name, value in {**options, **pace}.items()]
     with (root / "agent.log").open("ab") as log:
-        started = subprocess.Popen([sys.executable, "-m", "tasks.deploy.agent", *argv], stdout=log, stderr=log)
+        started = subprocess.Popen([sys.executable, "-m", "tasks.deploy.robot.agent", *argv], stdout=log, stderr=log)
     yield started
     kill(started)
 

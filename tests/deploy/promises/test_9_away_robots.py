@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from tasks.deploy.describe import describe_robot
-from tasks.deploy.job import run_sync_job
-from tasks.deploy.observing import recorded_progress
-from tasks.deploy.robots import create_robot, read_reported, register_robot
+from tasks.deploy.answers.describe import describe_robot
+from tasks.deploy.fleet.robots import create_robot, read_reported, register_robot
+from tasks.deploy.rollout.job import run_sync_job
+from tasks.deploy.rollout.observation import recorded_progress
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, programs_of, wait_for_report

@@ -3,11 +3,11 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle import Version
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from specs.robomaker.bundle import Version
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD
-from tests.deploy.trust.trusting import CarefulRobot, Owner, asked
+from tests.deploy.trust.signed_fleet import CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
 
 

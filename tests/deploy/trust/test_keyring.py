@@ -8,8 +8,8 @@ import pytest
 from specs.errors import DocumentError
 from tasks.deploy.trust.keyring import ROLES, checked_role, keyring
 from tasks.deploy.trust.repository import init_keys, opened
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
 
 
 def test_only_their_owner_can_read_private_keys(file_store: Store, tmp_path: Path) -> None:

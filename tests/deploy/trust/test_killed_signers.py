@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from specs.errors import TrustRefused
-from tasks.deploy.states import Desired
+from tasks.deploy.fleet.states import Desired
 from tasks.deploy.trust import keyring
 from tasks.deploy.trust.keyring import ROLES
 from tasks.deploy.trust.repository import init_keys
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD
-from tests.deploy.trust.trusting import NEWER, OLDER, Owner
+from tests.deploy.trust.signed_fleet import NEWER, OLDER, Owner
 from tests.deploy.yard import Yard
 
 _MOST_STEPS = 40
@@ -141,7 +141,7 @@ import os, signal, sys
 from pathlib import Path
 from tasks.deploy.trust import keyring
 from tasks.deploy.trust.repository import opened, rotate
-from tasks.storage.local import LocalStore
+from tasks.storage.backends.local import LocalStore
 left = int(sys.argv[3])
 def mortal(write):
     def kill(*arguments, **more):

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle import Version
 from specs.errors import TrustRefused
-from tasks.deploy.robots import read_reported
-from tasks.deploy.trust.verifying import Verifier
-from tasks.storage.keys import bundle_key
-from tasks.storage.store import UNBOUNDED, Store, Stored
+from specs.robomaker.bundle import Version
+from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.trust.verification import Verifier
+from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.store import UNBOUNDED, Store, Stored
 from tests.deploy.one_robot import GOOD, NAME
-from tests.deploy.trust.trusting import NEWER, CarefulRobot, Owner, asked
+from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
 
 

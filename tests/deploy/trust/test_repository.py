@@ -10,10 +10,10 @@ from specs.errors import DocumentError, TrustRefused
 from tasks.deploy.trust.keyring import ROLES, Role
 from tasks.deploy.trust.metadata import LIFETIMES
 from tasks.deploy.trust.repository import init_keys, opened
-from tasks.storage.opening import open_store
-from tasks.storage.store import Store
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD, desired
-from tests.deploy.trust.trusting import Owner
+from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import Yard
 
 

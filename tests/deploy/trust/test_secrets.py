@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from specs.errors import SimyardError
 from tests.deploy.one_robot import GOOD
-from tests.deploy.trust.trusting import NEWER, CarefulRobot, Owner, asked
+from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
 
 

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.deployment import DeploymentLaunchConfig
 from specs.errors import TrustRefused
-from tasks.deploy.states import Desired, Signature
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.deploy.fleet.states import Desired, Signature
 from tasks.deploy.trust.signature import payload, signed, verify
 from tasks.deploy.trust.tuf_names import CryptoSigner
 

@@ -11,22 +11,22 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle import Version
 from specs.errors import DocumentError, TrustRefused
-from tasks.deploy.agent import main
-from tasks.deploy.fleets import create_fleet
-from tasks.deploy.job import run_deployment_job, run_sync_job
-from tasks.deploy.local_agents import local_agents
-from tasks.deploy.observing import recorded_progress
-from tasks.deploy.robots import create_robot, read_desired, register_robot
-from tasks.deploy.syncing import plan_sync
-from tasks.deploy.trust.signing import DeploymentSigner, chosen_signer, local_signer
-from tasks.deploy.trust.vouching import is_unsigned
-from tasks.storage.keys import job_key
-from tasks.storage.records import JobRecord
-from tasks.storage.store import Store
+from specs.robomaker.bundle import Version
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.robots import create_robot, read_desired, register_robot
+from tasks.deploy.kit.local_agents import local_agents
+from tasks.deploy.robot.agent import main
+from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
+from tasks.deploy.rollout.observation import recorded_progress
+from tasks.deploy.rollout.sync import plan_sync
+from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer, local_signer
+from tasks.deploy.trust.trust_record import is_unsigned
+from tasks.storage.base.keys import job_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
 from tests.deploy.one_robot import GOOD
-from tests.deploy.trust.trusting import NEWER, Owner
+from tests.deploy.trust.signed_fleet import NEWER, Owner
 from tests.deploy.yard import FLEET, Yard, kill, programs_of, wait_for_report
 
 pytestmark = pytest.mark.integration
@@ -159,9 +159,8 @@ def test_an_agent_that_verifies_is_small_and_needs_nothing_heavy(
     assert peak_kib < 80 * 1024
     assert len(programs_of(yard.root("r1"))) == 1
     heavy = ["jax", "prefect", "mujoco", "pyarrow", "numpy", "scipy", "typer", "rich", "s3fs"]
-    code = (
-        f"import sys, tasks.deploy.agent, tasks.deploy.trust.verifying; print([n for n in {heavy} if n in sys.modules])"
-    )
+    imports = "import sys, tasks.deploy.robot.agent, tasks.deploy.trust.verification"
+    code = f"{imports}; print([n for n in {heavy} if n in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"[]\n"
 
 
@@ -209,6 +208,14 @@ def _start(yard: Yard, robot: str, trust: str) -> subprocess.Popen[bytes]:
     root = yard.root(robot)
     root.mkdir(parents=True, exist_ok=True)
     pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3"]
-    argv = ["-m", "tasks.deploy.agent", f"--robot={robot}", f"--root={root}", f"--store={yard.store.url}", trust, *pace]
+    argv = [
+        "-m",
+        "tasks.deploy.robot.agent",
+        f"--robot={robot}",
+        f"--root={root}",
+        f"--store={yard.store.url}",
+        trust,
+        *pace,
+    ]
     with (root / "agent.log").open("ab") as log:
         return subprocess.Popen([sys.executable, *argv], stdout=log, stderr=log, env={**os.environ})

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from specs.world import World
-from tasks.simulate.contract import HostMap, Placement, Truth, Verdict
+from specs.data.world import World
+from tasks.simulate.application.contract import HostMap, Placement, Truth, Verdict
 
 
 class Endless:

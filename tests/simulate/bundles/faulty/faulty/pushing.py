@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from tasks.simulate.contract import FloorMap, Observation
+from tasks.simulate.application.contract import FloorMap, Observation
 
 SOUND, NOT_FINITE, TOO_STRONG, EXPLODING = 0.0, 1.0, 2.0, 3.0
 Steps = jax.Array

@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping
 
-from tasks.simulate.contract import Observation
+from tasks.simulate.application.contract import Observation
 
 from .pushing import Control, Pushing, Steps
 

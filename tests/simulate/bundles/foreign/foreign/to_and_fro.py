@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 
-from tasks.simulate.contract import FloorMap, Observation
+from tasks.simulate.application.contract import FloorMap, Observation
 
 _BRAKES_M_S2 = 0.012
 

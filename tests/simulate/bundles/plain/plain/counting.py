@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from tasks.simulate.contract import HostMap, Observation
+from tasks.simulate.application.contract import HostMap, Observation
 
 jax = False
 SOUND, RAISING, MISSHAPEN, LATE_RAISING, UNMADE = 0.0, 1.0, 2.0, 3.0, 4.0

@@ -1,0 +1,205 @@
+"""What a batch costs beside its simulation, measured with the code that does it: requests, bytes, rows, task runs.
+
+The plan for many workers (``benchmarks.scale.scale_plan``) rests on these.
+"""
+
+import os
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import NamedTuple, cast
+from unittest.mock import patch
+
+import yaml
+
+from benchmarks.scale.scale import QUICKSTART, section
+from flows.document.references import batch_plan, numbered_finder
+from flows.workers.crew import Width, on_workers
+from flows.workers.spread import Ended, Numbers, spread
+from flows.workers.spread_batch import simulate_chunks
+from flows.workers.spread_worlds import write_worlds
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.digest import canonical_document
+from specs.pipeline.section_requests import generation_request, simulation_request
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.pipeline.world_sections import WorldGeneration
+from specs.settings import Workers
+from tasks.documents.template_source import find_template
+from tasks.results.task import write_tables
+from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.job import OpenBatch, open_batch, opened
+from tasks.simulate.plan.resolve import output_location
+from tasks.storage.backends.local import LocalStore
+from tasks.storage.base.keys import chunk_key, job_key
+from tasks.storage.store_url import open_store, store_id
+from tasks.worlds.job.job import run_generation_job
+
+# What a method of the store costs on S3, in requests of the dearer and of the cheaper kind.
+_WRITES = ("create", "replace", "put", "upload", "keys")
+_READS = ("get", "exists", "size", "etag", "mark", "download", "blocks")
+_TOKEN = "costs"  # noqa: S105 - of client requests
+_ROWS = 100_000
+_PIECES = 60
+_TICKS_A_SECOND = os.sysconf("SC_CLK_TCK")
+
+
+class Costs(NamedTuple):
+    """What was measured.
+
+    Attributes:
+        writes: Requests to S3 that write or list, for a chunk on a worker.
+        reads: Requests that read.
+        chunk_bytes: What a chunk of 256 episodes leaves in the store.
+        record_bytes: The batch's record.
+        rows_per_s: Rows of results that one process writes.
+        row_bytes: Of the tables, for an episode.
+        driver_s: CPU seconds of the flow's process for a piece: to hand it out, and to hear of its end.
+        worker_s: Seconds of a worker around a piece: Prefect's task run.
+        server_s: CPU seconds of Prefect's server for a task run.
+    """
+
+    writes: float
+    reads: float
+    chunk_bytes: int
+    record_bytes: int
+    rows_per_s: float
+    row_bytes: float
+    driver_s: float
+    worker_s: float
+    server_s: float
+
+
+def costs(server_pid: int) -> Costs:
+    """Returns what this machine measures; a Prefect server is there, and is that process."""
+    with tempfile.TemporaryDirectory(prefix="simyard-costs-") as name:
+        batch = _opened(Path(name))
+        counted: Counter[str] = Counter()
+        with _counting(counted):
+            _simulated(batch, (0, 1))
+            before = counted.copy()
+            _simulated(batch, (2, 3, 4, 5))
+        counted.subtract(before)
+        rows_per_s, row_bytes = _tables(batch)
+        driver_s, worker_s, server_s = _task_runs(server_pid, batch.store.url)
+        return Costs(
+            writes=sum(counted[name] for name in _WRITES) / 4,
+            reads=sum(counted[name] for name in _READS) / 4,
+            chunk_bytes=batch.store.size(chunk_key(batch.id, 1)),
+            record_bytes=batch.store.size(job_key("simulation-job-batch", batch.id)),
+            rows_per_s=rows_per_s,
+            row_bytes=row_bytes,
+            driver_s=driver_s,
+            worker_s=worker_s,
+            server_s=server_s,
+        )
+
+
+def _opened(folder: Path) -> OpenBatch:
+    """Returns a batch of 2,048 short episodes in 8 worlds, of which nothing is simulated yet."""
+    store = open_store((folder / "store").as_uri())
+    asked = WorldGeneration.model_validate(yaml.safe_load(QUICKSTART.read_text())["worldGeneration"])
+    template = find_template(asked.template, store, QUICKSTART.parent)
+    worlds = run_generation_job(
+        store,
+        generation_request(asked, template="arn:simyard:world-template:x:y", token=_TOKEN),
+        template,
+        seed=asked.seed,
+        token=_TOKEN,
+        progress=lambda *_: None,
+    )
+    spec = SimulationBatch.model_validate(section(2048))
+    plan = batch_plan(spec, cast("list[str]", worlds.detail["worlds"]), store, numbered_finder(store, None))
+    request = simulation_request(spec, store_id=store_id(store), token=_TOKEN)
+    record = open_batch(store, plan, canonical_document(request), _TOKEN)
+    return opened(store, record.id)
+
+
+def _simulated(batch: OpenBatch, numbers: tuple[int, ...]) -> None:
+    location = output_location(SimulationBatch.model_validate(section(2048)))
+    simulate_chunks.fn(batch.store.url, batch.id, numbers, location=location, left_s=3600.0, spent_s=0.0)
+
+
+@contextmanager
+def _counting(counted: Counter[str]) -> Generator[None]:
+    """Counts the calls of the store's methods inside the ``with`` block."""
+    with ExitStack() as patches:
+        for name in (*_WRITES, *_READS):
+            patches.enter_context(patch.object(LocalStore, name, _counted(name, counted)))
+        yield
+
+
+def _counted(name: str, counted: Counter[str]) -> Callable[..., object]:
+    original = getattr(LocalStore, name)
+
+    def call(*given: object, **named: object) -> object:
+        counted[name] += 1
+        return original(*given, **named)
+
+    return call
+
+
+def _tables(batch: OpenBatch) -> tuple[float, float]:
+    """Returns how many rows of some chunks, taken again and again, are written in a second, and the bytes of one."""
+    chunks = range(_ROWS // batch.plan.lanes)
+
+    def parts() -> Generator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
+        for number in chunks:
+            rows = committed_chunk(batch.store, batch.id, number % 6) or []
+            yield [batch.layout.request(row.index) for row in rows], rows
+
+    location = output_location(SimulationBatch.model_validate(section(2048)))
+    start_s = time.perf_counter()
+    with patch("tasks.results.task.create_table_artifact"):
+        write_tables.fn(
+            batch.store.url, batch.id, parts, variables=batch.plan.variables(), location=location, metadata={}
+        )
+    took_s = time.perf_counter() - start_s
+    written = Path(batch.store.url.removeprefix("file://")).glob("buckets/results/**/*.parquet")
+    rows = len(chunks) * batch.plan.lanes
+    return rows / took_s, sum(file.stat().st_size for file in written) / rows
+
+
+def _task_runs(server_pid: int, store_url: str) -> tuple[float, float, float]:
+    """Returns CPU seconds of the driver, seconds of a worker, and CPU seconds of the server, for a task run."""
+    figures: list[tuple[float, float, float]] = []
+
+    def work(width: Width) -> None:
+        at = time.perf_counter(), time.process_time(), _cpu_s(server_pid)
+        # Pieces of one: a number that takes no time at all would have all others follow in one piece.
+        for _ in range(_PIECES):
+            spread(
+                [0],
+                lambda _: write_worlds.submit(store_url, "nothing", [], ()),
+                width=width,
+                going=_always,
+                missing=_none,
+                settled=_settled,
+            )
+        now = time.perf_counter(), time.process_time(), _cpu_s(server_pid)
+        figures.append(tuple((after - before) / _PIECES for after, before in zip(now, at, strict=True)))  # pyright: ignore[reportArgumentType]
+
+    on_workers(Workers(kind="dask", count=1), "nothings", "nothings", work)
+    ((worker_s, driver_s, server_s),) = figures
+    return driver_s, worker_s, server_s
+
+
+def _always() -> bool:
+    return True
+
+
+def _none(numbers: Numbers) -> Numbers:
+    return numbers[:0]
+
+
+def _settled(end: Ended) -> float:
+    if end.failure:
+        raise RuntimeError(end.failure)
+    return 1.0
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS_A_SECOND

@@ -1,0 +1,147 @@
+"""A thousand episodes in fifty worlds, from the start of a process to its end: nothing cached first, then warm.
+
+    .venv/bin/python benchmarks/simulation/engines.py --batch
+
+``exploring`` simulates every step of 60 s. ``delivering`` is what a user runs: the shipped courier plans and drives
+deliveries in generated apartments, and lanes whose delivery is done wait for the others of their chunk.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from benchmarks.repository import ROOT
+from benchmarks.simulation.engine_worlds import FOLDERS, bench_world, explorations
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from specs.template.body import template_body
+from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.devices import prepare_devices
+from tasks.simulate.plan.chunks import plan_chunks
+
+EPISODES, WORLDS, LANES, DURATION_S = 1000, 50, 256, 60.0
+OBSTACLES = 100
+PHYSICS_HZ = 200
+KINDS = ("exploring", "delivering")
+_COURIER, _DELIVERY = "c" * 64, "d" * 64
+_STATUS = Path("/proc/self/status")
+_COMPILED = "/jax/core/compile/backend_compile_duration"
+
+
+def batch_table(warm_runs: int) -> list[list[str]]:
+    """Returns what each kind of batch takes, in a process of its own each time, cold once and then warm."""
+    table = [["episodes", "cache", "wall s", "CPU s", "finished", "million lane-steps", "engine programs", "peak MiB"]]
+    for kind in KINDS:
+        with tempfile.TemporaryDirectory(prefix="simyard-bench-") as name:
+            folder = Path(name)
+            _write_worlds(kind, folder)
+            for number in range(1 + warm_runs):
+                wall_s, figures = _run_once(kind, folder)
+                table.append([kind, "warm" if number else "empty", f"{wall_s:.1f}", *_cells(figures)])
+    return table
+
+
+def run_batch(kind: str, folder: Path) -> None:
+    """Simulates a batch in this process, from worlds that lie in a folder, and leaves its figures there."""
+    folders = FOLDERS if kind == "exploring" else _shipped()
+    worlds = {f"bench/{k}": World.model_validate_json((folder / f"{k}.json").read_bytes()) for k in range(WORLDS)}
+    requests = explorations(EPISODES, WORLDS, DURATION_S) if kind == "exploring" else _deliveries()
+    rows: list[EpisodeResult] = []
+    programs = _watched()
+    for chunk in plan_chunks(requests, LANES):
+        rows += simulate_chunk(chunk, worlds, folders, lanes=LANES, should_stop=lambda: False)
+    figures = {
+        "finished": sum(row.status == "Completed" for row in rows),
+        "lane_steps": sum(row.simulated_s for row in rows) * PHYSICS_HZ,
+        "programs": len(programs),
+        "cpu_s": time.process_time(),
+        "peak_mib": _peak_mib(),
+    }
+    (folder / "figures.json").write_text(json.dumps(figures))
+
+
+def _peak_mib() -> float:
+    """Returns the most memory that this process held; ``getrusage`` would count its parent's before it."""
+    status = _STATUS.read_text().splitlines() if _STATUS.exists() else []
+    return next((float(line.split()[1]) / 1024 for line in status if line.startswith("VmHWM:")), float("nan"))
+
+
+def _run_once(kind: str, folder: Path) -> tuple[float, Mapping[str, float]]:
+    environment = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    start_s = time.perf_counter()
+    subprocess.run(
+        [sys.executable, __file__, kind, str(folder)],
+        env={**environment, "SIMYARD_CACHE": str(folder / "cache")},
+        check=True,
+    )
+    return time.perf_counter() - start_s, json.loads((folder / "figures.json").read_text())
+
+
+def _cells(figures: Mapping[str, float]) -> list[str]:
+    return [
+        f"{figures['cpu_s']:.1f}",
+        f"{figures['finished']:,}",
+        f"{figures['lane_steps'] / 1e6:.1f}",
+        f"{figures['programs']}",
+        f"{figures['peak_mib']:,.0f}",
+    ]
+
+
+def _write_worlds(kind: str, folder: Path) -> None:
+    for k in range(WORLDS):
+        world = bench_world(k, OBSTACLES) if kind == "exploring" else _apartment(k)
+        (folder / f"{k}.json").write_text(world.model_dump_json())
+
+
+def _apartment(seed: int) -> World:
+    from tasks.worlds.generate import generate_world  # noqa: PLC0415 - no start-up of the process that is measured
+
+    template = template_body(json.loads((ROOT / "examples/templates/two-rooms.json").read_text()))
+    return generate_world(template, seed=seed, generation="bench", floorplan_index=1, interior_index=1)
+
+
+def _shipped() -> dict[str, Path]:
+    return {_COURIER: ROOT / "applications" / "courier", _DELIVERY: ROOT / "applications" / "delivery"}
+
+
+def _deliveries() -> list[EpisodeRequest]:
+    return [
+        EpisodeRequest(
+            index=k,
+            world=f"bench/{k % WORLDS}",
+            seed=k,
+            robot=ApplicationLaunch(
+                name="courier", version="1", digest=_COURIER, package="courier", launch_file="go_to_goal"
+            ),
+            scenario=ApplicationLaunch(
+                name="delivery", version="1", digest=_DELIVERY, package="delivery", launch_file="rooms"
+            ),
+            environment={"MAX_SPEED": ("0.4", "0.6")[k % 2]},
+            duration_s=DURATION_S,
+        )
+        for k in range(EPISODES)
+    ]
+
+
+def _watched() -> Sequence[str]:
+    """Returns a list that grows by one for each program that steps lanes, compiled or taken from the cache."""
+    prepare_devices()
+    import jax  # noqa: PLC0415 - reads its settings when it is imported
+
+    found: list[str] = []
+
+    def tell(event: str, duration_secs: float, **about: str | int) -> None:  # noqa: ARG001 - JAX's own form
+        if event == _COMPILED and "_advance_slice" in str(about.get("fun_name")):
+            found.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(tell)
+    return found
+
+
+if __name__ == "__main__":
+    run_batch(sys.argv[1], Path(sys.argv[2]))

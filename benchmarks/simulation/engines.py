@@ -1,0 +1,181 @@
+"""Simulation side by side: what one writes with MuJoCo's Python package, and Simyard's engines; closed loop with lidar.
+
+    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--repeats N] [--without NAME ...]
+    [--json FILE]
+    .venv/bin/python benchmarks/simulation/engines.py --document docs/reference/engines.md    # all of it, into the
+    document
+
+One robot, one controller, 32 rays at 20 Hz, physics at 200 Hz, 100 obstacles, 256 lanes in 16 worlds. The variants take
+turns, and medians over the turns are shown, with the processor time of a lane's control step, which a busy machine
+changes less. Stock MJX is so slow that it runs few lanes for few steps; its rate is that of the steps it made.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+from benchmarks.machine import machine
+from benchmarks.simulation.batch_engines import batch_table
+from benchmarks.tables import markdown, with_tables
+from tasks.simulate.devices import device_count, prepare_devices
+
+prepare_devices()
+
+from benchmarks.simulation.engine_variants import (  # noqa: E402 - JAX reads its settings when it is imported
+    PHYSICS_STEPS,
+    BatchLoop,
+    Ours,
+    RolloutLoop,
+    StepLoop,
+    StockMjx,
+    Variant,
+)
+
+LANES, OBSTACLES = 256, 100
+STOCK_LANES = 16
+LOOP, ROLLOUT, BATCH, STOCK = "mj_step loop", "mujoco.rollout", "mujoco.batch", "stock MJX"
+PLAIN_C = (LOOP, ROLLOUT, BATCH)
+ENGINES = ("mujoco", "mjx", "planar")
+SCALED_LANES, SCALED_OBSTACLES = (1, 16, 64, 256, 1024, 4096), (25, 100, 400)
+SCALING_REPEATS, WARM_RUNS = 3, 2
+
+
+class Turn(NamedTuple):
+    """One measurement: lane-steps a wall second, and processor microseconds of a lane's control step."""
+
+    rate: float
+    cpu_us: float
+
+
+def makers(lanes: int, obstacles: int) -> dict[str, Callable[[], Variant]]:
+    """Returns how to make each variant, by name."""
+    threads = device_count()
+    ours = {name: lambda name=name: Ours(name, lanes, obstacles) for name in ENGINES}
+    return {
+        LOOP: lambda: StepLoop(lanes, obstacles),
+        ROLLOUT: lambda: RolloutLoop(lanes, obstacles, threads),
+        BATCH: lambda: BatchLoop(lanes, obstacles, threads),
+        STOCK: lambda: StockMjx(min(lanes, STOCK_LANES), obstacles),
+        **ours,
+    }
+
+
+def turns(variants: Mapping[str, Variant], repeats: int, steps: Mapping[str, int]) -> dict[str, list[Turn]]:
+    """Returns each variant's measurements; the variants take turns after one turn that is not counted."""
+    for name, variant in variants.items():
+        variant.run(min(steps[name], 5))
+    found: dict[str, list[Turn]] = {name: [] for name in variants}
+    for _ in range(repeats):
+        for name, variant in variants.items():
+            found[name].append(one_turn(variant, steps[name]))
+    return found
+
+
+def one_turn(variant: Variant, steps: int) -> Turn:
+    """Returns one measurement."""
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    done = variant.run(steps) * variant.lanes
+    wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+    return Turn(done * PHYSICS_STEPS / wall_s, cpu_s / done * 1e6)
+
+
+def control_steps(name: str, lanes: int) -> int:
+    """Returns how long a turn is: long enough to time, and the slow ones are kept short."""
+    if name == STOCK:
+        return 2
+    if name in PLAIN_C:
+        return 5 if lanes > LANES else 25
+    return 25 if lanes > LANES else 100
+
+
+def side_by_side(repeats: int, without: Sequence[str]) -> dict[str, list[Turn]]:
+    """Returns the measurements of all variants at the usual size."""
+    variants = {name: make() for name, make in makers(LANES, OBSTACLES).items() if name not in without}
+    return turns(variants, repeats, {name: control_steps(name, LANES) for name in variants})
+
+
+def rows(found: Mapping[str, Sequence[Turn]]) -> list[list[str]]:
+    """Returns a table of variants, with the best C variant as the measure."""
+    rates = {name: median(turn.rate for turn in each) for name, each in found.items()}
+    best = max((rates[name] for name in PLAIN_C if name in rates), default=float("nan"))
+    table = [["variant", "k lane-steps/s", "from", "to", "x best plain C", "CPU us a control step"]]
+    for name, each in found.items():
+        ordered = sorted(turn.rate / 1e3 for turn in each)
+        cpu = median(turn.cpu_us for turn in each)
+        table.append(
+            [
+                name,
+                f"{rates[name] / 1e3:,.1f}",
+                f"{ordered[0]:,.1f}",
+                f"{ordered[-1]:,.1f}",
+                f"{rates[name] / best:.2f}",
+                f"{cpu:,.1f}",
+            ]
+        )
+    return table
+
+
+def scaling(repeats: int) -> Iterator[tuple[str, list[list[str]]]]:
+    """Yields tables over lanes and over obstacles, in thousands of lane-steps a second."""
+    yield "lanes", scaled("lanes", [(lanes, OBSTACLES) for lanes in SCALED_LANES], repeats)
+    yield "obstacles", scaled("obstacles", [(LANES, count) for count in SCALED_OBSTACLES], repeats)
+
+
+def scaled(axis: str, sizes: Sequence[tuple[int, int]], repeats: int) -> list[list[str]]:
+    """Returns a table over sizes, each (lanes, obstacles)."""
+    names = (BATCH, *ENGINES)
+    table = [[axis, *names, f"planar x {BATCH}"]]
+    for lanes, obstacles in sizes:
+        made = {name: makers(lanes, obstacles)[name]() for name in names}
+        found = turns(made, repeats, {name: control_steps(name, lanes) for name in names})
+        rates = {name: median(turn.rate for turn in found[name]) / 1e3 for name in names}
+        cells = (f"{rate:,.1f}" for rate in rates.values())
+        size = lanes if axis == "lanes" else obstacles
+        table.append([f"{size:,}", *cells, f"{rates['planar'] / rates[BATCH]:.1f}"])
+    return table
+
+
+def main() -> None:
+    """Prints the tables, and puts them into a document."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--without", nargs="*", default=[], help="variants to leave out")
+    parser.add_argument("--scaling", action="store_true")
+    parser.add_argument("--batch", action="store_true")
+    parser.add_argument("--document", type=Path, help="put the tables into a document; all of them if no part is named")
+    options = parser.parse_args()
+    found: dict[str, list[list[str]]] = {}
+    if options.document:
+        _put(options.document, "machine", machine())
+    for title, table in measured(options):
+        print(f"\n{title}\n\n{markdown(table)}", flush=True)
+        found[title] = table
+        if options.document:
+            _put(options.document, title, markdown(table))
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2))
+
+
+def measured(options: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
+    """Yields each table that was asked for when it is measured, under its title."""
+    parts = options.scaling or options.batch
+    everything = options.document is not None and not parts
+    if not parts:
+        yield "side by side", rows(side_by_side(options.repeats, options.without))
+    if everything or options.batch:
+        yield "batch", batch_table(min(options.repeats, WARM_RUNS))
+    if everything or options.scaling:
+        yield from scaling(min(options.repeats, SCALING_REPEATS))
+
+
+def _put(document: Path, name: str, text: str) -> None:
+    document.write_text(with_tables(document.read_text(), name, text))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""What `simyard plan` predicts beside what `simyard run` takes: wall seconds and memory, before and after a first run.
+
+    .venv/bin/python benchmarks/simulation/plan.py [--json FILE] [--case NAME ...]
+
+Each case has a cache folder of its own: the first prediction is a guess from a probe, the second one rests on the first
+run. Each run is a process of its own with a new store, and its wall time is that of the whole command.
+"""
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from benchmarks.repository import ROOT
+from benchmarks.tables import markdown
+
+SIMYARD = str(Path(sys.executable).with_name("simyard"))
+CASES = {"planar, 64": ("planar", 4), "planar, 384": ("planar", 24), "mujoco, 64": ("mujoco", 4)}
+RUNS = 2
+_ABOUT = re.compile(r"about (\S+) to (\S+) (s|min|h) and (\S+) to (\S+) GB")
+_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+class Turn(NamedTuple):
+    """One prediction, from and to, and what the run took after it (seconds, GB)."""
+
+    wall_s: tuple[float, float]
+    memory_gb: tuple[float, float]
+    took_s: float
+    peak_gb: float
+
+
+def document(engine: str, seeds: int) -> str:
+    """Returns a pipeline of eight worlds, so many seeds and two speeds."""
+    launch = {"packageName": "courier", "launchFile": "go_to_goal"}
+    goals = {"packageName": "delivery", "launchFile": "rooms"}
+    job = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [{"application": "courier", "launchConfig": launch}],
+        "simulationApplications": [{"application": "delivery", "launchConfig": goals}],
+    }
+    batch = {
+        "engine": engine,
+        "matrix": {"seeds": seeds, "environmentVariables": {"MAX_SPEED": ["0.4", "0.6"]}},
+        "createSimulationJobRequests": [job],
+    }
+    template = str(ROOT / "examples/templates/two-rooms.json")
+    count = {"floorplanCount": 8, "interiorCountPerFloorplan": 1}
+    generation = {"template": template, "worldCount": count, "seed": 7}
+    return json.dumps({"name": "predicted", "worldGeneration": generation, "simulationBatch": batch})
+
+
+def measured(file: Path, store: str, environment: Mapping[str, str]) -> Turn:
+    """Returns a prediction and what came of it."""
+    told = subprocess.check_output([SIMYARD, "plan", str(file), "--store", store], env=environment, text=True)
+    found = _ABOUT.search(told)
+    if found is None:
+        raise SystemExit(f"no prediction: {told}")
+    low, high, unit, least, most = found.groups()
+    scale = _SECONDS[unit]
+    start_s = time.perf_counter()
+    process = subprocess.Popen(
+        [SIMYARD, "run", str(file), "--store", store], env=environment, stdout=subprocess.DEVNULL
+    )
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise SystemExit("the run failed")
+    took_s = time.perf_counter() - start_s
+    wall_s = (float(low) * scale, float(high) * scale)
+    return Turn(wall_s, (float(least), float(most)), took_s, usage.ru_maxrss * 1024 / 1e9)
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
+    options = parser.parse_args()
+    rows = [("case", "wall predicted", "taken", "memory predicted", "taken")]
+    figures: dict[str, Turn] = {}
+    for name in options.case:
+        with tempfile.TemporaryDirectory(prefix="simyard-bench-") as folder:
+            file = Path(folder) / "document.json"
+            file.write_text(document(*CASES[name]))
+            environment = {**os.environ, "SIMYARD_CACHE": f"{folder}/cache"}
+            for run in range(RUNS):
+                turn = measured(file, (Path(folder) / f"store-{run}").as_uri(), environment)
+                figures[f"{name}, run {run + 1}"] = turn
+    for name, turn in figures.items():
+        wall = f"{turn.wall_s[0]:.0f} - {turn.wall_s[1]:.0f} s"
+        memory = f"{turn.memory_gb[0]:.1f} - {turn.memory_gb[1]:.1f} GB"
+        rows.append((name, wall, f"{turn.took_s:.0f} s", memory, f"{turn.peak_gb:.1f} GB"))
+    print(markdown(rows))
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=2))
+
+
+if __name__ == "__main__":
+    main()

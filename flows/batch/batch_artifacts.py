@@ -1,0 +1,37 @@
+"""How fast a batch was: in its record, and on its flow's page.
+
+A batch's report in Prefect's pages: in short, and its picture.
+"""
+
+import base64
+
+from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
+from pydantic import JsonValue
+
+from flows.batch.batch_report import Reported
+from tasks.results.report.page import report_markdown, report_picture
+from tasks.simulate.batch.metrics import METRICS, BatchMetrics, metric_rows, recorded_metrics
+from tasks.storage.jobs.records import JobRecord
+
+
+def noted_metrics(metrics: BatchMetrics | None) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its speed; nothing if nothing was simulated."""
+    return {METRICS: metrics.model_dump(mode="json")} if metrics else {}
+
+
+def show_metrics(record: JobRecord) -> None:
+    """Leaves a batch's figures as the artifact ``batch-metrics`` of the run of its flow."""
+    metrics = recorded_metrics(record)
+    if metrics:
+        rows = [dict(row) for row in metric_rows(metrics)]
+        create_table_artifact(table=rows, key="batch-metrics", description=f"Speed of {record.id}")
+
+
+def show_report(reported: Reported) -> None:
+    """Leaves a report, in short, as the artifacts ``batch-report`` and ``batch-picture`` of the run of the flow."""
+    view, batch = reported.view, reported.view.facts.batch
+    create_markdown_artifact(report_markdown(view, reported.url), key="batch-report", description=f"Report of {batch}")
+    picture = base64.b64encode(report_picture(view)).decode()
+    create_image_artifact(
+        f"data:image/svg+xml;base64,{picture}", key="batch-picture", description=f"Rate and failures of {batch}"
+    )

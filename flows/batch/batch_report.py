@@ -1,0 +1,202 @@
+"""A batch's report: what the store's records say of it, put together for its page beside its tables.
+
+It is written when the batch ends, again when the gate has judged it, and again when its run has ended, which tells
+what the stages took; each time over the one before, and from records and tables alone, so that `simyard report` makes
+the same bytes. It decides nothing: what it is about is ended, judged and shipped without it, too, and tells that it is
+missing.
+"""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import cast
+
+from pydantic import JsonValue
+
+from specs.data.run_report import PipelineReport
+from specs.errors import ResourceNotFound, SimyardError
+from tasks.results.report.facts import BatchFacts, Link, StageTime
+from tasks.results.report.judgement import judgement
+from tasks.results.report.page import report_page
+from tasks.results.report.report_job import batch_view, put_report
+from tasks.results.report.view import View
+from tasks.results.tables.recordings import RECORDINGS_FOLDER
+from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read
+from tasks.storage.jobs.runs import stage_token
+from tasks.storage.store_url import store_id
+
+logger = logging.getLogger(__name__)
+_STAGE = "-batch"
+_TABLES = ("results", "failures", "audit")
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A report that was written: where it is, and what it shows."""
+
+    url: str
+    view: View
+
+
+@dataclass(frozen=True)
+class Unreported:
+    """There is no report, and why, for a person."""
+
+    why: str
+
+    def alarm(self) -> str:
+        """Returns what is told of it, loudly."""
+        return f"There is no new report: {self.why}"
+
+
+def write_report(store: Store, record: JobRecord) -> Reported | Unreported:
+    """Writes the report of a batch beside its tables, over the one before.
+
+    Args:
+        store: The store of the batch.
+        record: The batch's record, with its tables.
+    """
+
+    def write() -> Reported:
+        view = report_view_of(store, record)
+        return Reported(put_report(store, recorded_location(record), record.id, report_page(view)), view)
+
+    return attempted(write)
+
+
+def attempted(write: Callable[[], Reported]) -> Reported | Unreported:
+    """Returns a report that was written, or why it could not be.
+
+    A defect in a page must not keep a batch from its end, nor a version that passed from its robots. Nothing is hushed
+    up: records and the terminal tell of it, and `simyard report` ends with it.
+    """
+    try:
+        return write()
+    except SimyardError as exc:
+        logger.warning("no report was written: %s", exc)
+        return Unreported(" ".join(str(exc).split()))
+    except Exception as exc:
+        logger.exception("no report was written")
+        return Unreported(f"this is a defect of Simyard: {' '.join(f'{type(exc).__name__}: {exc}'.split())}")
+
+
+def write_last_report(
+    store: Store, record: JobRecord, status: str, detail: Mapping[str, JsonValue], why: str
+) -> Reported | Unreported:
+    """Writes the report of a batch that is about to be closed.
+
+    Before and not after, so that a closed batch has its report, wherever its process was killed; `noted` says of it
+    what the record says.
+
+    Args:
+        store: The store of the batch.
+        record: As it stands.
+        status: What it will be; ``detail`` and ``why`` likewise.
+        detail: What its record will have besides.
+        why: Its failure reason, or empty.
+    """
+    closed = {"status": status, "failure_reason": why, "detail": {**record.detail, **detail}}
+    return write_report(store, record.model_copy(update=closed))
+
+
+def noted(written: Reported | Unreported) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its report: ``report_url``, or ``report_failed`` and why."""
+    return {"report_url": written.url} if isinstance(written, Reported) else {"report_failed": written.why}
+
+
+def write_report_of_run(store: Store, run: JobRecord) -> Reported | Unreported | None:
+    """Writes the report of a run's batch once more; None if it has none with tables."""
+    batch = job_id(KIND, stage_token(run, "batch"))
+    try:
+        record = read(store, KIND, batch)
+    except ResourceNotFound:
+        return None
+    return write_report(store, record) if has_tables(record) else None
+
+
+def has_tables(record: JobRecord) -> bool:
+    """Returns whether a batch's tables are written, so that it can be reported on."""
+    return is_terminal(record) and "results_url" in record.detail
+
+
+def report_view_of(store: Store, record: JobRecord, *, beside_tables: bool = True) -> View:
+    """Returns what the report of a batch shows.
+
+    Args:
+        store: The store of the batch.
+        record: The batch's record, with its tables.
+        beside_tables: Whether the page will lie beside the tables, so that links to them are relative.
+    """
+    facts = batch_facts(store, record, beside_tables=beside_tables)
+    return batch_view(store, facts, recorded_location(record))
+
+
+def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> BatchFacts:
+    """Returns what the store's records say of a batch."""
+    plan, detail, run = plan_of(record), record.detail, _run(store, record)
+    return BatchFacts(
+        batch=record.id,
+        arn=record.arn,
+        store=store_id(store),
+        name=_document_name(run),
+        status=record.status,
+        why=record.failure_reason,
+        created_at_s=record.created_at_s,
+        simulated_s=cast("float", detail["simulated_s"]),
+        seeds=len(plan.seeds),
+        worlds={
+            world: plan.world_digests.get(world, "")
+            for template in plan.templates
+            for world in plan.worlds_of(template)
+        },
+        variables=plan.variables(),
+        robots=tuple(dict.fromkeys(template.robot for template in plan.templates)),
+        simulations=tuple(dict.fromkeys(template.scenario for template in plan.templates)),
+        metadata=cast("dict[str, str]", detail["metadata"]),
+        judgement=judgement(store, record.id),
+        audit=cast("dict[str, JsonValue] | None", detail.get("audit")),
+        stages=_stages(run),
+        links=_links(record, beside_tables=beside_tables),
+    )
+
+
+def _links(record: JobRecord, *, beside_tables: bool) -> tuple[Link, ...]:
+    detail = record.detail
+    digests = cast("dict[str, str]", detail["sha256s"])
+    urls = [str(detail[f"{name}_url"]) for name in _TABLES if f"{name}_url" in detail]
+    links = [
+        Link(label=name, href=name if beside_tables else url, sha256=digests.get(name, ""))
+        for url, name in ((url, url.rpartition("/")[2]) for url in urls)
+    ]
+    if "recordings_url" in detail:
+        near = f"../{RECORDINGS_FOLDER}/{record.id}/"
+        links.append(Link(label="recordings", href=near if beside_tables else str(detail["recordings_url"])))
+    return tuple(links)
+
+
+def _run(store: Store, record: JobRecord) -> JobRecord | None:
+    """Returns the run of the document that the batch was a stage of, or None."""
+    if not record.token.endswith(_STAGE):
+        return None
+    try:
+        return read(store, "pipeline-run", record.token.removesuffix(_STAGE))
+    except ResourceNotFound:
+        return None
+
+
+def _document_name(run: JobRecord | None) -> str:
+    spec = run.request.get("spec") if run else None
+    return str(spec.get("name", "")) if isinstance(spec, dict) else ""
+
+
+def _stages(run: JobRecord | None) -> tuple[StageTime, ...]:
+    report = run.detail.get("report") if run else None
+    if report is None:
+        return ()
+    stages = PipelineReport.model_validate(report).stages
+    return tuple(
+        StageTime(name=stage.name, seconds=stage.seconds, summary=stage.summary) for stage in stages if stage.seconds
+    )

@@ -1,0 +1,104 @@
+"""`simyard compare`: two batches over the episodes that they have in common."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, cast
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+
+from flows.batch.replay_episode import bundles
+from flows.document.names import named
+from flows.gate.equal_worlds import alike_worlds
+from specs.base import Fault
+from specs.errors import DocumentError
+from specs.field_types import OutputLocation
+from tasks.export.drawing.floor_plan import floor_plan_svg
+from tasks.results.compare.comparison import Flip, Pairs, compared
+from tasks.results.compare.comparison_svg import Ways, flip_map_svg
+from tasks.results.tables.result_files import RESULTS_FILE
+from tasks.results.tables.stored_rows import recorded_samples, stored_rows
+from tasks.simulate.batch.job import KIND, OpenBatch, opened
+from tasks.simulate.plan.request import recorded_location
+from tasks.simulate.replay.replay import replay
+from tasks.storage.base.store import Store
+from tasks.storage.worlds import read_world
+
+# Looking at more is done by nobody, and each way that was not recorded is simulated.
+MAPS_AT_MOST = 12
+WAYS_A_MAP = 6
+_Way = Float[np.ndarray, "samples 2"]
+
+
+class Batch(NamedTuple):
+    """A batch that has its tables, and the rows of its results."""
+
+    work: OpenBatch
+    location: OutputLocation
+    rows: pa.Table
+
+
+class FlipMap(NamedTuple):
+    """A drawing of flips in one world."""
+
+    world: str
+    svg: str
+
+
+def batch_named(store: Store, text: str) -> Batch:
+    """Returns a batch, by its ARN or id.
+
+    Raises:
+        ResourceNotFound: There is no such batch.
+        DocumentError: The text names no batch, or it has not left its tables yet.
+        StageFailed: Its results are not what it wrote.
+    """
+    work = opened(store, named(text, KIND))
+    record = work.record()
+    if "results_url" not in record.detail:
+        allowed = f"a batch that has its tables; this one is {record.status}"
+        raise DocumentError([Fault(path=KIND, value=work.id, allowed=allowed)], source="simyard")
+    location = recorded_location(record)
+    written = cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]
+    return Batch(work, location, stored_rows(store, location, work.id, RESULTS_FILE, sha256=written))
+
+
+def pairs_of(first: Batch, second: Batch) -> Pairs:
+    """Returns the episodes that two batches have in common.
+
+    Raises:
+        DocumentError: They have none.
+    """
+    worlds, others = (alike_worlds(each.work.store, each.work.plan.worlds_used()) for each in (first, second))
+    pairs = compared(first.rows, second.rows, worlds, others)
+    if not pairs.pairs:
+        allowed = "batches with episodes in common: the same worlds, seeds, environments and applications"
+        why = ["all that both have were canceled"] if pairs.canceled else pairs.apart or pairs.origins
+        value = f"{first.work.id} and {second.work.id} ({'; '.join(why)})"
+        raise DocumentError([Fault(path=KIND, value=value, allowed=allowed)], source="simyard")
+    return pairs
+
+
+def flip_maps(first: Batch, second: Batch, flips: Sequence[Flip]) -> Iterator[FlipMap]:
+    """Yields a drawing for each world with flips, those that have most of them first, at most so many.
+
+    Ways come from recordings where there are any; others are simulated once more.
+    """
+    by_world: dict[str, list[Flip]] = {}
+    for flip in flips:
+        by_world.setdefault(flip.world, []).append(flip)
+    # Python's sort keeps the order of worlds with as many.
+    for world, found in sorted(by_world.items(), key=lambda item: -len(item[1]))[:MAPS_AT_MOST]:
+        ways = [Ways(each, _way(first, each.first), _way(second, each.second)) for each in found[:WAYS_A_MAP]]
+        plan = floor_plan_svg(read_world(second.work.store, world, "simyard compare"))
+        yield FlipMap(world, flip_map_svg(plan, ways))
+
+
+def _way(batch: Batch, index: int) -> _Way | None:
+    work = batch.work
+    recording, engine = (str(batch.rows.column(name)[index]) for name in ("recording", "engine"))
+    if recording:
+        samples = recorded_samples(work.store, batch.location, work.id, recording, index)
+        return np.stack([samples.column(name).to_numpy() for name in ("x_m", "y_m")], axis=1)
+    steps = replay(work, index, bundles(work), engine=engine).driven.steps
+    return None if steps is None else np.asarray(steps["pose"])[:, :2]

@@ -1,0 +1,57 @@
+"""A batch that its gate may end before its last episode: whether, when, and what its record says of it."""
+
+from pydantic import JsonValue
+
+from specs.pipeline.gate_section import Gate, stops_early
+from tasks.results.gate.early_answer import EarlyAnswer
+from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.stop import leave_out
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.layout import Layout
+
+
+def endable(plan: BatchPlan, gate: Gate | None) -> BatchPlan:
+    """Returns the plan, shuffled if the gate may end the batch early.
+
+    Episodes of several programs cannot be shuffled into common chunks, so that such a batch runs to its end, and is
+    judged as one that does.
+    """
+    if not stops_early(gate) or len(Layout(plan).programs()) > 1:
+        return plan
+    return plan.model_copy(update={"shuffled": True})
+
+
+class EarlyEnd:
+    """Looks at a batch after each chunk, in their order: a batch that is continued ends where it would have.
+
+    Attributes:
+        detail: What the batch's record says of its early end; empty if there was none.
+    """
+
+    def __init__(self, batch: OpenBatch, gate: Gate | None) -> None:
+        """Begins to look, at a batch whose gate asks for it and whose plan allows it."""
+        self.detail: dict[str, JsonValue] = {}
+        self._batch = batch
+        self._gate = gate if batch.plan.shuffled else None
+        self._answer = EarlyAnswer(self._gate) if self._gate else None
+
+    def reached(self, number: int) -> bool:
+        """Returns whether the gate is certain, the chunks before that one being committed; if so the rest is too."""
+        if self._answer is None or self._gate is None or number == 0:
+            return False
+        self._answer.add(committed_chunk(self._batch.store, self._batch.id, number - 1) or ())
+        answer = self._answer.answer()
+        if answer is None:
+            return False
+        left_out, ended = leave_out(self._batch, number), self._answer.episodes()
+        were = "was" if left_out == 1 else "were"
+        sentence = f"the gate was certain of {answer} after {ended} episodes, so that {left_out} {were} left out"
+        self.detail["stopped_early"] = {
+            "gate": self._gate.model_dump(mode="json"),
+            "verdict": answer,
+            "sentence": sentence,
+            "episodes": ended,
+            "left_out": left_out,
+        }
+        return True

@@ -1,0 +1,84 @@
+"""Where `simyard report` puts its page."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from flows.batch.batch_end import settled
+from flows.batch.batch_report import has_tables, report_view_of
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.errors import DocumentError
+from tasks.results.report.page import report_page
+from tasks.results.report.report_job import REPORT_FILE, put_report
+from tasks.simulate.batch.job import KIND
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, job_id
+
+_RUN = "arn:simyard:pipeline-run:"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A page that was written: where it is, and its bytes."""
+
+    url: str
+    page: bytes
+
+
+def write_to(store: Store, text: str, output: Path | None) -> Place:
+    """Writes the report of the batch that is named, to a file or beside the batch's tables.
+
+    Args:
+        store: The store of the batch.
+        text: ARN or id of a batch, ARN of one of its jobs, or of a run of a document.
+        output: The file, or None for ``report.html`` beside the tables.
+
+    Raises:
+        ResourceNotFound: The store has no such batch.
+        DocumentError: The text names no batch, or one that has no tables.
+    """
+    record = _reportable(store, text)
+    page = report_page(report_view_of(store, record, beside_tables=output is None))
+    if output is None:
+        return Place(put_report(store, recorded_location(record), record.id, page), page)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_bytes(page)
+    return Place(output.resolve().as_uri(), page)
+
+
+def local_copy(place: Place) -> Path:
+    """Returns a file with the page that a browser on this machine can open; of one in a folder, that one."""
+    parts = urlsplit(place.url)
+    if parts.scheme == "file":
+        return Path(url2pathname(parts.path))
+    path = Path(tempfile.mkdtemp(prefix="simyard-report-")) / REPORT_FILE
+    path.write_bytes(place.page)
+    return path
+
+
+def _reportable(store: Store, text: str) -> JobRecord:
+    record = settled(store, _batch(text))
+    if has_tables(record):
+        return record
+    why = record.failure_reason or "its tables come when it ends"
+    raise _refused(text, f"a batch with tables; this one is {record.status}: {why}")
+
+
+def _batch(text: str) -> str:
+    if text.startswith(_RUN):
+        return job_id(KIND, f"{text.rpartition(':')[2]}-batch")
+    try:
+        reference = parse_reference(text)
+    except ValueError as exc:
+        raise _refused(text, str(exc)) from exc
+    if reference.kind not in {None, KIND, "simulation-job"}:
+        raise _refused(text, f"an ARN of a {KIND}, of one of its jobs, or of a pipeline-run")
+    return reference.path.partition("/")[0]
+
+
+def _refused(text: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path="arn", value=repr(text), allowed=allowed)], source="simyard")

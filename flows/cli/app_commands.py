@@ -1,0 +1,148 @@
+"""`simyard app`: applications and their versions."""
+# ruff: noqa: PLC0415 - what a command needs is imported when it runs
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from specs.field_types import Architecture
+    from specs.robomaker.applications import SourceConfig
+    from specs.robomaker.bundle import ApplicationKind
+
+app_app = typer.Typer(help="Make applications and publish their versions.", no_args_is_help=True)
+
+_Name = Annotated[str, typer.Argument(help="The application's name.", show_default=False)]
+_Kind = Annotated[Literal["robot", "simulation"], typer.Option(help="What the bundle holds.")]
+_Revision = Annotated[
+    str | None, typer.Option(help="Only if the application still has this revisionId, as describe tells it.")
+]
+_Sources = Annotated[
+    list[str] | None,
+    typer.Option("--source", metavar="ARCHITECTURE=s3://BUCKET/KEY", help="Where a bundle lies, a plain tar."),
+]
+_StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+@app_app.command("create")
+def create(name: _Name, source: _Sources = None, kind: _Kind = "robot", store: _StoreUrl = None) -> None:
+    """Make an application without versions, and say where its bundles will lie."""
+    from tasks.applications.bucket_sources import create_application
+    from tasks.storage.store_url import open_store
+
+    made = create_application(open_store(store), _kind(kind), name, _sources(source or []))
+    typer.echo(f"{made.name}: revision {made.revision}")
+
+
+@app_app.command("update")
+def update(
+    name: _Name, source: _Sources = None, kind: _Kind = "robot", revision: _Revision = None, store: _StoreUrl = None
+) -> None:
+    """Say anew where an application's bundles lie; its versions stay as they are."""
+    from tasks.applications.bucket_sources import update_application
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    changed = update_application(opened, _kind(kind), name, _sources(source or []), revision)
+    typer.echo(f"{changed.name}: revision {changed.revision}")
+
+
+@app_app.command("publish")
+def publish(
+    name: _Name,
+    folder: Annotated[
+        Path | None,
+        typer.Argument(help="The bundle: robot.xml and its packages, or a scenario; for all architectures."),
+    ] = None,
+    *,
+    architecture: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ARCHITECTURE=FOLDER", help="A bundle for X86_64, ARM64 or ARMHF alone; once for each."),
+    ] = None,
+    kind: _Kind = "robot",
+    revision: _Revision = None,
+    store: _StoreUrl = None,
+) -> None:
+    """Publish an application's next version; the same content keeps its number.
+
+    Of a folder, of one for each architecture, or else of what lies at the application's sources.
+    """
+    from tasks.applications.bucket_sources import create_version
+    from tasks.applications.registry import publish as publish_folders
+    from tasks.storage.store_url import open_store
+
+    opened, own = open_store(store), _folders(architecture or [])
+    if folder and own:
+        raise _refused("--architecture", str(folder), "one folder for all architectures, or one for each")
+    if folder or own:
+        version = publish_folders(opened, _kind(kind), name, folder or own, current_revision=revision)
+    else:
+        version = create_version(opened, _kind(kind), name, revision)
+    builds = [f"{build.digest} {build.architecture}" for build in version.builds] or [version.digest]
+    typer.echo(f"{version.name} version {version.number}: {', '.join(builds)}")
+
+
+@app_app.command("delete")
+def delete(
+    name: _Name,
+    version: Annotated[str | None, typer.Option(help="Only this version.")] = None,
+    kind: _Kind = "robot",
+    store: _StoreUrl = None,
+) -> None:
+    """Delete an application, or a version; its number is not given again, and robots that run it run on."""
+    from tasks.applications.bucket_sources import delete_application
+    from tasks.storage.store_url import open_existing_store
+
+    left = delete_application(open_existing_store(store), _kind(kind), name, version)
+    typer.echo(f"{name} is deleted" if left.deleted else f"{name} version {version} is deleted; left: {left.numbers}")
+
+
+def _kind(kind: Literal["robot", "simulation"]) -> "ApplicationKind":
+    return "robot-application" if kind == "robot" else "simulation-application"
+
+
+def _sources(given: Sequence[str]) -> "list[SourceConfig]":
+    from specs.robomaker.applications import SourceConfig
+    from tasks.documents.parse import parse
+
+    found: list[SourceConfig] = []
+    for architecture, place in _pairs(given, "--source"):
+        if not place.startswith("s3://"):
+            raise _refused("--source", place, "s3://BUCKET/KEY")
+        bucket, _, key = place.removeprefix("s3://").partition("/")
+        document = {"s3Bucket": bucket, "s3Key": key, "architecture": architecture}
+        found.append(parse(SourceConfig, {**document}, "--source"))
+    return found
+
+
+def _folders(given: Sequence[str]) -> "dict[Architecture, Path]":
+    pairs = _pairs(given, "--architecture")
+    folders: dict[Architecture, Path] = {architecture: Path(folder) for architecture, folder in pairs}
+    if len(folders) < len(pairs):
+        raise _refused("--architecture", ", ".join(given), "each architecture once")
+    return folders
+
+
+def _pairs(given: Sequence[str], option: str) -> "list[tuple[Architecture, str]]":
+    from specs.robomaker.bundle import ARCHITECTURES
+
+    found: list[tuple[Architecture, str]] = []
+    for text in given:
+        name, _, value = text.partition("=")
+        known: Architecture | None = next((each for each in ARCHITECTURES if each == name), None)
+        if known is None or not value:
+            raise _refused(option, text, f"{' or '.join(ARCHITECTURES)}, =, and the place of its bundle")
+        found.append((known, value))
+    return found
+
+
+def _refused(option: str, value: str, allowed: str) -> Exception:
+    from specs.base import Fault
+    from specs.errors import DocumentError
+
+    return DocumentError([Fault(path=option, value=repr(value), allowed=allowed)], source="simyard")

@@ -1,0 +1,152 @@
+"""`simyard replay`. Thin; what it needs is imported when it runs.
+
+`simyard compare`. Thin; what it needs is imported when it runs.
+
+`simyard shrink`. Thin; what it needs is imported when it runs.
+
+`simyard report`. Thin; what it needs is imported when it runs.
+"""
+# ruff: noqa: PLC0415 - see above
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+
+def replay(
+    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job.", show_default=False)],
+    *,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder for the files. Default: replay-<batch>-<index>.", show_default=False)
+    ] = None,
+    mcap: Annotated[
+        bool | None,
+        typer.Option(
+            "--mcap/--no-mcap", help="Write replay.mcap for Foxglove. Default: where simyard\\[mcap] is there."
+        ),
+    ] = None,
+    video: Annotated[bool, typer.Option("--video", help="Write replay.mp4; needs simyard\\[video].")] = False,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Simulate an episode once more, compare it bit for bit with its record, and draw it; 1 if it deviates."""
+    from flows.batch.replay_episode import replayed
+    from flows.batch.replay_files import wanted_files, write_files
+    from flows.cli.batch_text import show_replay
+    from tasks.storage.store_url import open_existing_store
+
+    wanted = wanted_files(mcap=mcap, video=video)
+    again = replayed(open_existing_store(store), job)
+    show_replay(again, Console())
+    folder = output or Path(f"replay-{again.job.replace('/', '-')}")
+    for path in write_files(again, folder, wanted):
+        typer.echo(str(path))
+    if not again.same:
+        raise typer.Exit(1)
+
+
+_Batch = Annotated[str, typer.Argument(help="A simulation job batch: its ARN or id.", show_default=False)]
+
+
+def compare(
+    batch_a: _Batch,
+    batch_b: _Batch,
+    *,
+    margin: Annotated[float, typer.Option(min=0.0, max=1.0, help="How much lower B's success rate may be.")] = 0.02,
+    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Of the intervals.")] = 0.95,
+    output: Annotated[
+        Path | None,
+        typer.Option(help="Folder for a map of each world with flips; none by default.", show_default=False),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Compare two batches over the episodes that both have; 0 if B is shown to be no worse than A, else 1."""
+    from flows.batch.compare_batches import batch_named, flip_maps, pairs_of
+    from flows.cli.batch_text import show_comparison
+    from tasks.results.compare.comparison_verdict import comparison
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    first, second = batch_named(opened, batch_a), batch_named(opened, batch_b)
+    pairs = pairs_of(first, second)
+    found = comparison(first.work.id, second.work.id, pairs, margin=margin, confidence=confidence)
+    if as_json:
+        typer.echo(found.model_dump_json(indent=2))
+    else:
+        show_comparison(found, Console())
+    if output is not None and not pairs.flips:
+        typer.echo(f"nothing was written to {output}: no episode came out differently", err=as_json)
+    elif output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        for each in flip_maps(first, second, pairs.flips):
+            path = output / f"flips-{each.world.replace('/', '-')}.svg"
+            path.write_text(each.svg, encoding="utf-8")
+            typer.echo(str(path), err=as_json)
+    if found.answer != "NO WORSE":
+        raise typer.Exit(1)
+
+
+def shrink(
+    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job that failed.", show_default=False)],
+    *,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder for the files. Default: shrunk-<batch>-<index>.", show_default=False)
+    ] = None,
+    budget: Annotated[int, typer.Option(min=2, max=100_000, help="How many episodes may be simulated.")] = 512,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Find the smallest world and the lowest seed in which a job still fails in the same way; write them as a case."""
+    from flows.batch.regression_case import write_case
+    from flows.batch.shrink import shrunk
+    from tasks.storage.store_url import open_existing_store
+
+    found = shrunk(open_existing_store(store), job, budget)
+    before, after = found.world, found.small_world
+    typer.echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
+    typer.echo(f"  furniture  {len(before.furniture)} -> {len(after.furniture)}" + _pieces(found.minimal))
+    typer.echo(f"  seed       {found.request.seed} -> {found.small_request.seed}")
+    typer.echo(f"  world      {found.request.world} -> {found.small_request.world}")
+    for sentence in found.broken:
+        typer.echo(f"  not guaranteed: {sentence}")
+    for path in write_case(found, output or Path(f"shrunk-{found.job.replace('/', '-')}")):
+        typer.echo(str(path))
+
+
+def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
+    return " pieces, none of which can be left out" if minimal else " pieces; a larger --budget may leave fewer"
+
+
+def report(
+    arn: Annotated[
+        str,
+        typer.Argument(metavar="ARN", help="A simulation job batch, one of its jobs, or a pipeline run."),
+    ],
+    *,
+    show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
+    output: Annotated[
+        Path | None, typer.Option(help="File to write. Default: report.html beside the tables.", show_default=False)
+    ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Write the report of a batch, one HTML file that needs nothing but itself, and print where it is."""
+    from flows.batch.report_files import local_copy, write_to
+    from tasks.storage.store_url import open_existing_store
+
+    place = write_to(open_existing_store(store), arn, output)
+    typer.echo(place.url)
+    if show:
+        typer.launch(local_copy(place).as_uri())

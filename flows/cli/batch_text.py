@@ -1,0 +1,118 @@
+"""What `simyard compare` tells.
+
+What `simyard replay` tells: each column beside what was recorded, and why it may deviate.
+"""
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from flows.batch.replay_episode import Replayed
+from tasks.results.compare.comparison_svg import flip_text
+from tasks.results.compare.comparison_verdict import Comparison
+from tasks.results.playback.deviations import Deviation
+from tasks.results.statistics.intervals import wilson
+from tasks.results.tables.columns import REQUESTED
+
+FLIPS_SHOWN = 40
+_STYLES = {"NO WORSE": "bold green", "WORSE": "bold red", "INCONCLUSIVE": "bold yellow"}
+
+
+def show_comparison(found: Comparison, console: Console) -> None:
+    """Shows the rates, the flips and the answer."""
+    pairs = found.pairs
+    table = Table(box=None, pad_edge=False)
+    for heading in ("batch", "passed", "rate", f"{100 * found.confidence:g} % interval"):
+        table.add_column(heading)
+    for name, passed in ((found.first, pairs.first_passed), (found.second, pairs.second_passed)):
+        sure = wilson(passed, pairs.pairs, found.confidence)
+        rate = f"{passed / pairs.pairs:.3f}"
+        table.add_row(name, f"{passed} of {pairs.pairs}", rate, f"{sure.lower:.3f} to {sure.upper:.3f}")
+    console.print(table)
+    for flip in pairs.flips[:FLIPS_SHOWN]:
+        style = "green" if flip.gained else "red"
+        console.print(Text(f"{'gained' if flip.gained else 'lost'}  {flip_text(flip)}", style=style), soft_wrap=True)
+    if len(pairs.flips) > FLIPS_SHOWN:
+        console.print(f"and {len(pairs.flips) - FLIPS_SHOWN} flips more; --json has all")
+    for line in told(found):
+        console.print(Text(line), soft_wrap=True)
+    if warned := warning(found):
+        console.print(Text(warned, style="bold yellow"), soft_wrap=True)
+    console.print(Text(comparison_answer(found), style=_STYLES[found.answer]), soft_wrap=True)
+
+
+def told(found: Comparison) -> list[str]:
+    """Returns what was compared, and what not."""
+    pairs = found.pairs
+    lines = [f"not the same: {origin}" for origin in pairs.origins]
+    lines += [f"not asked of both: {each}" for each in pairs.apart]
+    if pairs.first_alone or pairs.second_alone or pairs.canceled:
+        lines.append(
+            f"left out: episodes of the first batch alone {pairs.first_alone}, of the second alone "
+            f"{pairs.second_alone}, canceled {pairs.canceled}"
+        )
+    return lines
+
+
+def warning(found: Comparison) -> str:
+    """Returns a warning where each batch has episodes that the other has not: what changed may not be compared."""
+    pairs = found.pairs
+    if not (pairs.first_alone and pairs.second_alone):
+        return ""
+    both = pairs.pairs + pairs.canceled
+    return (
+        f"WARNING: {pairs.first_alone} of {both + pairs.first_alone} episodes of the first batch and "
+        f"{pairs.second_alone} of {both + pairs.second_alone} of the second are not compared, and the answer says "
+        f"nothing about them: {'; '.join(pairs.apart) or 'their worlds, seeds and variables go together otherwise'}"
+    )
+
+
+def comparison_answer(found: Comparison) -> str:
+    """Returns the answer and its figures in one sentence."""
+    low, high = found.interval.lower, found.interval.upper
+    return (
+        f"{found.answer}: {found.pairs.gains} gained and {found.pairs.losses} lost of {found.pairs.pairs} pairs; "
+        f"difference {found.difference:+.3f} ({low:+.3f} to {high:+.3f}), margin {found.margin:g}, "
+        f"McNemar p = {found.p_value:.3g}"
+    )
+
+
+# What it was asked for says nothing of what came of it.
+_ASKED = frozenset(field.name for field in REQUESTED)
+_UNKNOWN = "nothing that the record names has changed: please report this, with the batch's record"
+
+
+def show_replay(again: Replayed, console: Console) -> None:
+    """Shows each column that came of it beside the replay's, and the answer."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("column", "unit", "recorded", "replayed"):
+        table.add_column(heading, overflow="fold")
+    table.add_column("deviation", justify="right")
+    for each in _shown(again):
+        style = "" if each.same else "bold red"
+        table.add_row(each.column, each.unit, each.recorded, each.replayed, _apart(each), style=style)
+    console.print(table)
+    for line in replay_answer(again):
+        console.print(Text(line, style="green" if again.same else "bold red"), soft_wrap=True)
+
+
+def replay_answer(again: Replayed) -> list[str]:
+    """Returns whether the replay is what was recorded, and if not, what may be the cause."""
+    apart = [each for each in again.deviations if not each.same]
+    if not apart:
+        hidden = len(again.deviations) - len(_shown(again))
+        columns = f"{len(again.deviations)} columns, {hidden} of its request not shown"
+        return [f"{again.job}: {again.ending}; deviation 0 in all {columns}"]
+    most = ", ".join(f"{each.column} {_apart(each)}" for each in apart[:3])
+    first = f"{again.job}: {again.ending}; {len(apart)} of {len(again.deviations)} columns deviate: {most}"
+    return [first, *(f"may be why: {cause}" for cause in again.causes or (_UNKNOWN,))]
+
+
+def _shown(again: Replayed) -> list[Deviation]:
+    return [each for each in again.deviations if not (each.same and each.column in _ASKED)]
+
+
+def _apart(each: Deviation) -> str:
+    if each.same:
+        return "0"
+    return "differs" if each.most in {0.0, float("inf")} else f"{each.most:.3g}"

@@ -1,0 +1,175 @@
+"""How `simyard` ends: exit codes, and what a person is told.
+
+0 done and passed, 1 the gate or the deployment failed, a replay deviates, or a batch is not shown to be no worse than
+another, 2 a bad document or command, 3 a stage failed or Simyard has a defect, 130 and 143 interrupted. Never 1 for
+anything else: whoever ships on 0 must know a verdict from an accident.
+"""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from select import select
+from threading import Event, Lock, Thread
+from types import FrameType
+from typing import NoReturn
+
+from rich.console import Console
+from rich.text import Text
+
+from specs.errors import DocumentError, PipelineNotPassed, SimyardError
+from tasks.storage.base.disk_space import NO_ROOM, told_machine_full
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_INTERRUPTED = tuple(128 + number for number in _SIGNALS)
+_GO_ON = "interrupted; the same command continues this run"
+# Agents, the server and Prefect's last messages may take this long to come to their end.
+_GRACE_S = 30.0
+# One Ctrl-C may come twice, from the terminal and from a program that simyard was started by.
+_SAME_KEY_S = 0.5
+
+
+def leave_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
+    """Runs a command and ends the process with Simyard's exit code; tells on stderr what went wrong, in one message.
+
+    Args:
+        command: May end the process itself, as the parser does after a usage error.
+        grace_s: How long an interrupted command may take to leave before the process is ended under it.
+    """
+    for number in _SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as in `nohup` and for jobs in a script's background
+            signal.signal(number, _interrupted)
+    with _heard(grace_s) as heard:
+        code = _code(command, heard)
+    sys.exit(code)
+
+
+def leave_process_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
+    """Does what ``leave_after`` does, and sees to it that the process is gone soon after: for its outermost frame."""
+    try:
+        leave_after(command, grace_s)
+    except SystemExit as exc:
+        _guard_shutdown(exc.code if isinstance(exc.code, int) else int(exc.code is not None), grace_s)
+        raise
+
+
+def _guard_shutdown(code: int, grace_s: float) -> None:
+    """Ends the process soon, although threads of a library, such as one that asks for a dead server, never end."""
+
+    def end() -> None:
+        time.sleep(grace_s)
+        os._exit(code)
+
+    Thread(target=end, name="simyard shutdown", daemon=True).start()
+
+
+def _code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:
+    try:
+        command()
+    except PipelineNotPassed as exc:
+        return _told(exc, 1)
+    except DocumentError as exc:
+        return _told(exc, 2)
+    except SimyardError as exc:
+        return _told(exc, 3)
+    except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
+        if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
+            raise
+        number = heard()
+        if number is not None:  # Prefect answers signals with exceptions of its own
+            return _told(_GO_ON, 128 + number)
+        if not isinstance(exc, Exception):
+            raise
+        return _told(_accident(exc), 3)
+    return 0
+
+
+def _accident(exc: Exception) -> str:
+    if isinstance(exc, OSError) and exc.errno in NO_ROOM:
+        return told_machine_full(exc)
+    return _defect(exc)
+
+
+def _defect(exc: Exception) -> str:
+    if os.environ.get("SIMYARD_DEBUG") == "1":
+        Console(stderr=True).print_exception()
+    what = " ".join(f"{type(exc).__name__}: {exc}".split())
+    return f"this is a defect of Simyard: {what} (SIMYARD_DEBUG=1 shows where)"
+
+
+def _interrupted(number: int, _frame: FrameType | None) -> NoReturn:
+    # Not KeyboardInterrupt: the parser takes that for itself and says nothing.
+    raise SystemExit(128 + number)
+
+
+@contextmanager
+def _heard(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
+    """Yields a function that returns the last signal of ours that came.
+
+    Ends the process if the block goes on for long after one, or at once when Ctrl-C comes again.
+
+    Whatever becomes of the exception that a handler raises, and whoever put another handler in place of ours, as
+    Prefect does, Python writes the number of each signal to a pipe.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(reading, False)
+    os.set_blocking(writing, False)
+    hearing = _Hearing(reading)
+    watching = Thread(target=hearing.watch, args=(grace_s,), name="simyard signals", daemon=True)
+    before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    watching.start()
+    try:
+        yield hearing.last
+    finally:
+        hearing.left.set()
+        signal.set_wakeup_fd(before)
+        with suppress(BlockingIOError):
+            os.write(writing, b"\0")  # wakes the thread, so that it ends
+        watching.join()
+        os.close(reading)
+        os.close(writing)
+
+
+class _Hearing:
+    """The signals of ours that came, read from a pipe by whoever asks first."""
+
+    def __init__(self, pipe: int) -> None:
+        self.left = Event()
+        self._pipe, self._numbers, self._one_reads = pipe, list[int](), Lock()
+
+    def last(self) -> int | None:
+        with self._one_reads, suppress(BlockingIOError):
+            self._numbers += [number for number in os.read(self._pipe, 1 << 12) if number in _SIGNALS]
+        return self._numbers[-1] if self._numbers else None
+
+    def watch(self, grace_s: float) -> None:
+        while self.last() is None and not self.left.is_set():
+            select([self._pipe], [], [])
+        end_s = time.monotonic() + grace_s
+        self.left.wait(_SAME_KEY_S)
+        self.last()
+        keys = self._numbers.count(signal.SIGINT)
+        while not self.left.is_set():
+            ready = select([self._pipe], [], [], max(0.0, end_s - time.monotonic()))[0]
+            number = self.last()
+            # Only Ctrl-C is impatience: Prefect sends its process each SIGTERM once more.
+            again = self._numbers.count(signal.SIGINT) > keys
+            if number is not None and not self.left.is_set() and (again or not ready):
+                _end_now(number)
+
+
+def _end_now(number: int) -> None:
+    sys.stderr.write(f"\n{_GO_ON}\n")
+    sys.stderr.flush()
+    os._exit(128 + number)
+
+
+def _told(about: object, code: int) -> int:
+    _complain(about)
+    return code
+
+
+def _complain(about: object) -> None:
+    Console(stderr=True).print(Text(str(about), style="red"), soft_wrap=True)

@@ -1,0 +1,228 @@
+"""`simyard fleet`: a fleet of real robots, made by hand. Thin; what it needs is imported when it runs.
+
+`simyard fleet agent-kit`: what one carries to a robot. Thin; what it needs is imported when it runs.
+"""
+# ruff: noqa: PLC0415 - see above
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from flows.cli.fleet_keys_commands import keys_app
+
+
+def agent_kit(
+    folder: Annotated[Path, typer.Argument(help="Where to; made if it is missing.", show_default=False)],
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            "--keys", envvar="SIMYARD_KEYS", help="The folder of simyard fleet keys init.", show_default=False
+        ),
+    ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+    unsigned: Annotated[bool, typer.Option("--unsigned", help="For robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
+) -> None:
+    """Write what a robot needs: the agent, an installer, a systemd unit, the store's URL and the root of trust."""
+    from specs.base import Fault
+    from specs.errors import DocumentError
+    from tasks.deploy.kit.kit_files import write_kit
+    from tasks.deploy.trust.keyring import ROOT_FILE
+    from tasks.storage.store_url import open_existing_store
+
+    root = None if unsigned or keys is None else keys / ROOT_FILE
+    if not unsigned and (root is None or not root.is_file()):
+        allowed = "the folder of simyard fleet keys init; or --unsigned, for robots that run whatever is in the store"
+        raise DocumentError([Fault(path="--keys", value=str(keys or ""), allowed=allowed)])
+    opened = open_existing_store(store)
+    for path in write_kit(folder, store_url=opened.url, root_of_trust=root.read_bytes() if root else None):
+        typer.echo(path)
+    typer.echo(f"on each robot, from a copy of {folder}: sudo ./install.sh NAME")
+
+
+fleet_app = typer.Typer(help="Make fleets and put robots into them.", no_args_is_help=True)
+fleet_app.add_typer(keys_app, name="keys")
+fleet_app.command("agent-kit")(agent_kit)
+
+_Fleet = Annotated[str, typer.Argument(metavar="FLEET", help="The fleet's name or ARN.", show_default=False)]
+_StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+@fleet_app.command("create")
+def create(
+    name: Annotated[str, typer.Argument(help="The fleet's name.", show_default=False)], store: _StoreUrl = None
+) -> None:
+    """Make a fleet; one that is there stays as it is."""
+    from tasks.deploy.answers.describe import describe_fleet
+    from tasks.deploy.fleet.fleets import create_fleet
+    from tasks.storage.store_url import open_store
+
+    opened = open_store(store)
+    typer.echo(describe_fleet(opened, create_fleet(opened, name).name).arn)
+
+
+@fleet_app.command("register")
+def register(
+    fleet: _Fleet,
+    robot: Annotated[str, typer.Argument(help="The robot's name; made if there is none.", show_default=False)],
+    architecture: Annotated[
+        Literal["X86_64", "ARM64", "ARMHF"] | None, typer.Option(help="Of its processor; X86_64 for a new robot.")
+    ] = None,
+    store: _StoreUrl = None,
+) -> None:
+    """Put a robot into a fleet; a robot has one. Prints the robot's ARN."""
+    from specs.base import Fault
+    from specs.errors import DocumentError
+    from tasks.deploy.answers.describe import describe_robot
+    from tasks.deploy.fleet.fleets import read_fleet
+    from tasks.deploy.fleet.robots import create_robot, register_robot
+    from tasks.storage.store_url import open_store
+
+    opened = open_store(store)
+    found, _ = read_fleet(opened, fleet)  # before there is a robot that belongs nowhere
+    known = create_robot(opened, robot, architecture or "X86_64")
+    if architecture not in {None, known.architecture}:
+        value, allowed = f"{robot}, of architecture {known.architecture}", f"a robot of architecture {architecture}"
+        raise DocumentError(
+            [Fault(path="--architecture", value=value, allowed=f"{allowed}; delete it to make it anew")]
+        )
+    register_robot(opened, found.name, robot)
+    typer.echo(describe_robot(opened, robot).arn)
+
+
+@fleet_app.command("show")
+def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Print a fleet, its robots and its last deployment, as JSON; on stderr, what each robot runs."""
+    from flows.cli.fleet_watch import told_now
+    from tasks.deploy.answers.describe import describe_fleet
+    from tasks.storage.store_url import open_store
+
+    opened = open_store(store)
+    typer.echo(describe_fleet(opened, fleet).model_dump_json(indent=2, exclude_none=True))
+    for line in told_now(opened, fleet):  # what RoboMaker's shapes have no fields for
+        typer.echo(line, err=True)
+
+
+@fleet_app.command("sync")
+def sync(
+    fleet: _Fleet,
+    store: _StoreUrl = None,
+    unsigned: Annotated[bool, typer.Option("--unsigned", help="Ask robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
+    failed: Annotated[bool, typer.Option("--failed", help="Only robots that failed, or did not answer.")] = False,  # noqa: FBT002 - a switch
+) -> None:
+    """Bring a fleet to its latest deployment: robots that joined later, were away, or failed; signed (SIMYARD_KEYS)."""
+    from uuid import uuid4
+
+    from tasks.deploy.fleet.robots import members
+    from tasks.deploy.rollout.job import run_sync_job
+    from tasks.deploy.rollout.sync import latest_deployment, plan_sync, unbuilt
+    from tasks.deploy.trust.signer import chosen_signer
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    plan = plan_sync(opened, latest_deployment(opened, fleet), only_failed=failed)
+    if never := unbuilt(members(opened, plan.fleet), plan):
+        typer.echo(f"left out, the version has no bundle for their architecture: {', '.join(never)}")
+    if not (behind := list(plan.environments)):
+        typer.echo(
+            f"no robot of {fleet} failed" if failed else f"all {'other ' if never else ''}robots of {fleet} are in sync"
+        )
+        return
+    signer = chosen_signer(opened, "unsigned" if unsigned else "signed", local=False)
+    typer.echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")
+    record = run_sync_job(
+        opened,
+        fleet,
+        token=uuid4().hex,
+        progress=lambda ended, robots: typer.echo(f"{ended} of {robots} robots"),
+        only_failed=failed,
+        signer=signer,
+    )
+    typer.echo(f"{record.status} {record.arn}" + (f": {record.failure_reason}" if record.failure_reason else ""))
+    raise typer.Exit(0 if record.status == "Succeeded" else 1)
+
+
+@fleet_app.command("pause")
+def pause(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Let the deployment that is under way ask no further robot; those that were asked finish."""
+    _steered(fleet, store, "pause")
+
+
+@fleet_app.command("resume")
+def resume(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Let a paused deployment go on."""
+    _steered(fleet, store, "go")
+
+
+@fleet_app.command("watch")
+def watch(
+    fleet: _Fleet,
+    store: _StoreUrl = None,
+    wait: Annotated[bool, typer.Option("--wait", help="If none is under way, wait for the next one.")] = False,  # noqa: FBT002 - a switch
+) -> None:
+    """Show a fleet's last deployment, robot by robot, until it ends; exits with 1 unless it succeeded."""
+    from rich.console import Console
+
+    from flows.cli.fleet_watch import next_deployment, watch_deployment
+    from tasks.deploy.fleet.fleets import read_fleet
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    deployment = next_deployment(opened, fleet) if wait else read_fleet(opened, fleet)[0].deployment
+    if not deployment:
+        typer.echo(f"nothing was deployed to {fleet} yet")
+        return
+    job = watch_deployment(opened, deployment, Console())
+    raise typer.Exit(0 if job.status == "Succeeded" else 1)
+
+
+def _steered(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
+    from tasks.deploy.rollout.operator_commands import active_deployment, steer
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    if not (job := active_deployment(opened, fleet)):
+        typer.echo(f"no deployment of {fleet} is under way", err=True)
+        raise typer.Exit(2)
+    record = steer(opened, job, wish)
+    typer.echo(f"{'paused' if wish == 'pause' else 'going on'}: {record.arn}")
+
+
+@fleet_app.command("deregister")
+def deregister(
+    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)], store: _StoreUrl = None
+) -> None:
+    """Take a robot out of its fleet; what it runs, it keeps running."""
+    from tasks.deploy.fleet.robots import deregister_robot, read_robot
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    name = deregister_robot(opened, read_robot(opened, robot)[0].name).name
+    typer.echo(f"{name} is in no fleet now")
+
+
+@fleet_app.command("delete")
+def delete(fleet: _Fleet, store: _StoreUrl = None) -> None:
+    """Delete a fleet; its robots are in no fleet then."""
+    from tasks.deploy.fleet.deletion import delete_fleet
+    from tasks.storage.store_url import open_existing_store
+
+    left = delete_fleet(open_existing_store(store), fleet)
+    typer.echo(f"{fleet} is deleted" + (f"; in no fleet now: {', '.join(left)}" if left else ""))
+
+
+@fleet_app.command("delete-robot")
+def delete_robot(
+    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)], store: _StoreUrl = None
+) -> None:
+    """Forget a robot, also in the middle of a deployment."""
+    from tasks.deploy.fleet.deletion import delete_robot as delete_named
+    from tasks.storage.store_url import open_existing_store
+
+    typer.echo(f"{delete_named(open_existing_store(store), robot)} is deleted")

@@ -1,0 +1,94 @@
+"""What the command line shows: tables in a terminal, JSON lines for programs."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+
+from pydantic import JsonValue
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from specs.base import Spec
+from specs.data.run_report import PipelineReport
+
+_WIDEST = 10_000
+_GOOD = frozenset({"Completed", "Succeeded", "PASS", "InSync"})
+_UNDECIDED = frozenset({"PartialFailed", "INCONCLUSIVE", "Pending", "InProgress", "Running", "Preparing"})
+
+
+def show_report(report: PipelineReport, console: Console) -> None:
+    """Shows a run: a line a stage, where its artefacts lie, and the answer."""
+    table = Table(title=f"{report.name} ({report.run})", title_justify="left")
+    table.add_column("stage")
+    table.add_column("status")
+    table.add_column("what came of it")
+    table.add_column("seconds", justify="right")
+    for stage in report.stages:
+        table.add_row(stage.name, _status(stage.status), Text(stage.summary), f"{stage.seconds:.1f}")
+    console.print(table)
+    for stage in report.stages:
+        if stage.arn:
+            _line(console, stage.name, stage.arn)
+        for artefact in stage.artefacts:
+            _line(console, f"  {artefact.label}", artefact.url)
+    for alarm in (stage.facts["alarm"] for stage in report.stages if "alarm" in stage.facts):
+        console.print(Text(str(alarm), style="bold red"))
+    console.print(_answer(report))
+
+
+def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None:
+    """Shows rows under headings: each thing's own ARN, whole, and what fits beside it; `--json` has everything."""
+    shown = [{key: value for key, value in row.items() if _fits(key, value)} for row in rows]
+    table = Table(box=None, pad_edge=False)
+    for column in dict.fromkeys(key for row in shown for key in row):
+        table.add_column(column, no_wrap=True)
+    for row in shown:
+        table.add_row(*(_cell(str(column.header), row.get(str(column.header))) for column in table.columns))
+    # As wide as its content: a terminal may wrap a line, but nothing is cut off.
+    Console(file=console.file, width=_WIDEST).print(table, soft_wrap=True)
+
+
+def json_lines(documents: Iterable[Spec]) -> Iterable[str]:
+    """Yields each document as one line of JSON, without the fields that say nothing."""
+    for document in documents:
+        yield document.model_dump_json(exclude_none=True)
+
+
+def _line(console: Console, label: str, url: str) -> None:
+    console.print(Text(f"{label:<22} {url}"), soft_wrap=True)
+
+
+def _status(status: str) -> Text:
+    style = "green" if status in _GOOD else "yellow" if status in _UNDECIDED else "red"
+    return Text(status, style=style)
+
+
+def _answer(report: PipelineReport) -> Text:
+    if report.passed and report.verdict is None and any(stage.name == "simulationBatch" for stage in report.stages):
+        return Text(
+            "Done. No gate was asked for, so nobody judged the batch: look at its numbers.", style="bold yellow"
+        )
+    behind = next((stage.facts["behind"] for stage in report.stages if "behind" in stage.facts), None)
+    if report.passed and behind:
+        why = "as many as may fail; simyard fleet watch tells who, and why"
+        return Text(f"Done, but robots that are not in sync: {behind}, {why}.", style="bold yellow")
+    if report.passed:
+        return Text("Done, and everything that was asked for passed.", style="bold green")
+    if report.verdict not in (None, "PASS"):
+        left = "" if report.shipped is None else ": nothing was deployed"
+        return Text(f"The gate says {report.verdict}{left}.", style="bold red")
+    return Text("The deployment failed.", style="bold red")
+
+
+def _fits(column: str, value: JsonValue) -> bool:
+    if isinstance(value, (list, dict)):
+        return False
+    return column == "arn" or not (isinstance(value, str) and value.startswith("arn:"))
+
+
+def _cell(column: str, value: JsonValue) -> Text:
+    if value is None:
+        return Text("")
+    if column.endswith(("At", "Time")) and isinstance(value, float):
+        return Text(datetime.fromtimestamp(value, tz=UTC).isoformat(sep=" ", timespec="seconds"))
+    return _status(str(value)) if column == "status" else Text(str(value))

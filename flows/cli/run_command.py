@@ -1,0 +1,196 @@
+"""`simyard run`: a document is read, a server is found or started, and the pipeline is driven with progress bars.
+
+The server starts while JAX and Prefect are imported, so most of its start costs no time.
+"""
+
+import os
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+
+from flows.document.references import pins
+from specs.data.run_report import PipelineReport
+from specs.errors import StageFailed
+from specs.pipeline.document import PipelineSpec
+from specs.settings import server_wait_s
+from tasks.progress.listener import Listener, listening
+from tasks.server import process
+from tasks.server.health import asked_often, is_answering, is_listening, is_local, shown, unproxied
+from tasks.server.resident import kept_server
+from tasks.server.watchdog import Pace, Watch, guarded
+from tasks.simulate.devices import prepare_devices
+from tasks.storage.backends.overlay import OverlayStore
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.store_url import open_store
+
+_RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
+_OWN_WAIT_S = 20
+
+
+def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
+    """Returns the report of the document's run; one that was killed before is continued.
+
+    Args:
+        spec: The document.
+        base: Folder that the document's relative paths start from.
+        store_url: None means SIMYARD_STORE, else ``.simyard`` in the working directory.
+        console: Where progress is shown.
+
+    Raises:
+        SimyardError: The document, the store or a stage is at fault.
+    """
+    store = open_store(store_url)
+    pins(spec, OverlayStore(store), base)  # a document that cannot be run is told so before a server starts
+    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
+    with (
+        prefect_server() as server,
+        _bars(console) as listener,
+        listening(listener),
+        _watched(server, console) as watch,
+    ):
+        from prefect.exceptions import CancelledRun  # noqa: PLC0415 - JAX and Prefect load while the server starts
+
+        from flows.pipeline import pipeline  # noqa: PLC0415 - same
+
+        try:
+            return pipeline(spec, store=store.url, base=str(base))
+        except CancelledRun as exc:
+            raise StageFailed("Canceled", str(exc)) from exc
+        finally:
+            if not watch.gone.is_set():
+                flush_prefect()
+
+
+class Serving(NamedTuple):
+    """The Prefect server of a run, and how many seconds it may be away."""
+
+    api_url: str
+    wait_s: int
+
+
+@contextmanager
+def prefect_server() -> Generator[Serving, None, None]:
+    """Yields the server to use: the user's, the kept one, or a new one for this block, which nobody starts again.
+
+    Raises:
+        StageFailed: The server that the user chose, or the kept one, does not answer; or a new one does not come up.
+    """
+    home, wait_s = prefect_home(), server_wait_s()
+    chosen = process.configured_api_url(os.environ)
+    if chosen:
+        _require(chosen)
+    kept = None if chosen else kept_server(home)
+    if chosen or kept:
+        url = chosen or (kept.api_url if kept else "")
+        with _environment(PREFECT_API_URL=url, **_past_proxies(url), **_patient(wait_s)):
+            yield Serving(url, wait_s)
+        return
+    with (
+        process.serving(home) as (server, child),
+        _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home), **_past_proxies(server.api_url)),
+    ):
+        _import_engine()
+        process.wait_until_healthy(server, child)
+        yield Serving(server.api_url, min(wait_s, _OWN_WAIT_S))
+
+
+def _require(api_url: str) -> None:
+    if not asked_often(lambda: is_answering(api_url)):
+        remedy = "unset it, or simyard up and export what that prints"
+        raise StageFailed(
+            "InternalServiceError", f"no Prefect server answers at PREFECT_API_URL={shown(api_url)}; {remedy}"
+        )
+
+
+def _past_proxies(api_url: str) -> dict[str, str]:
+    return unproxied(os.environ) if is_local(api_url) else {}
+
+
+def _patient(wait_s: int) -> dict[str, str]:
+    """Returns the variable by which Prefect's client goes on asking for longer than so many seconds."""
+    if _RETRIES in os.environ:
+        return {}
+    # The n-th pause has 2^n seconds, and up to a fifth more or less (prefect.client.base).
+    retries = next(count for count in range(1, 64) if 0.8 * (2 ** (count + 1) - 2) >= wait_s)
+    return {_RETRIES: str(retries)}
+
+
+@contextmanager
+def _watched(server: Serving, console: Console) -> Generator[Watch, None, None]:
+    """Ends the run with one message and exit code 3 when the server goes away during the block."""
+
+    def leave(failure: StageFailed) -> None:
+        # Prefect holds the main thread, which cannot end the progress bars; the store is never left half written.
+        console.show_cursor()
+        sys.stderr.write(f"\n{failure}\n")
+        sys.stderr.flush()
+        os._exit(3)
+
+    reason = f"the Prefect server at {shown(server.api_url)} went away; the same command continues this run"
+    # Whether it listens, not how soon it answers: on a busy machine a server that is there may be silent for long.
+    pace = Pace(patience_s=server.wait_s)
+    with guarded(lambda: is_listening(server.api_url), reason, leave, pace) as watch:
+        yield watch
+
+
+def prefect_home() -> Path:
+    """Returns the folder of Simyard's own Prefect server: PREFECT_HOME, else one in the cache folder."""
+    if "PREFECT_HOME" in os.environ:
+        return Path(os.environ["PREFECT_HOME"])
+    return cache_folder() / "prefect"
+
+
+def _import_engine() -> None:
+    """Imports Prefect, JAX and MJX: seconds that pass while the server starts."""
+    prepare_devices()
+    import_module("tasks.simulate.chunk.episodes")
+    import_module("flows.pipeline")
+
+
+def flush_prefect() -> None:
+    """Sends what Prefect still holds back; a server that ends with this run would not get it otherwise."""
+    from prefect.events.worker import EventsWorker  # noqa: PLC0415 - only once Prefect is loaded anyway
+    from prefect.logging.handlers import APILogWorker  # noqa: PLC0415
+
+    APILogWorker.drain_all(timeout=5)
+    EventsWorker.drain_all(timeout=5)
+
+
+@contextmanager
+def _environment(**values: str) -> Generator[None, None, None]:
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _bars(console: Console) -> Generator[Listener, None, None]:
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description:<20}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        bars: dict[str, TaskID] = {}
+
+        def listen(stage: str, done: int, total: int) -> None:
+            if stage not in bars:
+                bars[stage] = progress.add_task(stage, total=total)
+            progress.update(bars[stage], completed=done, total=total)
+
+        yield listen

@@ -1,0 +1,135 @@
+"""`simyard gc`: what nobody names any more, told, and removed with `--yes`.
+
+`simyard reap`.
+"""
+# ruff: noqa: PLC0415 - what a command needs is imported when it runs
+
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from tasks.housekeeping.findings import GcReport, Row
+
+_SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
+_UNITS = ("B", "KiB", "MiB", "GiB", "TiB")
+_Age = Annotated[str, typer.Option(metavar="AGE", help="So long must nobody have written or named it; 24h, 7d.")]
+_EndedAge = Annotated[
+    str | None,
+    typer.Option(
+        "--older-than",
+        metavar="AGE",
+        help="Forget jobs that ended so long ago and that nothing names, with all they made.",
+        show_default=False,
+    ),
+]
+_UnusedAge = Annotated[
+    str, typer.Option("--unused", metavar="AGE", help="So long must nobody have used what is in this machine's cache.")
+]
+
+
+def gc(
+    *,
+    yes: Annotated[bool, typer.Option("--yes", help="Remove it; without, it is only told.")] = False,
+    grace: _Age = "24h",
+    older_than: _EndedAge = None,
+    unused: _UnusedAge = "30d",
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Tell what no record of a store names, and what this machine's cache can spare; with --yes, remove it.
+
+    Records that cannot be read end it with 3: what they might name stays.
+    """
+    from tasks.housekeeping.job import Ages, collect
+    from tasks.storage.base.cache_folder import cache_folder
+    from tasks.storage.store_url import open_existing_store
+
+    ages = Ages(
+        _seconds(grace, "--grace"),
+        _seconds(older_than, "--older-than") if older_than else None,
+        _seconds(unused, "--unused"),
+    )
+    report = collect(open_existing_store(store), cache_folder(), ages, remove=yes)
+    if as_json:
+        typer.echo(report.model_dump_json(indent=2))
+    else:
+        _show(report, Console())
+    for each in report.unread:
+        typer.echo(f"{report.store}: {each.record} cannot be read: {each.why}; {', '.join(each.keeps)} stay", err=True)
+    if report.unread:
+        raise typer.Exit(3)
+
+
+def _show(report: "GcReport", console: Console) -> None:
+    table = Table(title=report.store, title_justify="left")
+    table.add_column("kind")
+    table.add_column("objects", justify="right")
+    table.add_column("size", justify="right")
+    table.add_column("why")
+    for row, why in _lines(report):
+        table.add_row(row.kind, str(row.objects), _size(row.bytes), why)
+    if table.row_count:
+        console.print(table)
+    objects, size = _total(report)
+    freed = "freed" if report.removed else "to free"
+    hint = "" if report.removed or not objects else "; --yes frees them"
+    console.print(f"{freed}: {objects} objects, {_size(size)}{hint}", highlight=False)
+    for line in report.left_out:
+        console.print(f"not looked at: {line}", highlight=False, soft_wrap=True)
+
+
+def _lines(report: "GcReport") -> "Iterator[tuple[Row, str]]":
+    yield from ((row, row.why) for row in report.freed)
+    yield from ((row, f"of this machine's cache, {row.why}") for row in report.cache)
+    yield from ((row, f"stays for now: {row.why}") for row in report.waiting)
+    yield from ((row, "stays: it is in use again") for row in report.stayed)
+
+
+def _total(report: "GcReport") -> tuple[int, int]:
+    rows = (*report.freed, *report.cache)
+    return sum(row.objects for row in rows), sum(row.bytes for row in rows)
+
+
+def _size(size: float) -> str:
+    for unit in _UNITS[:-1]:
+        if size < 1024:
+            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+        size /= 1024
+    return f"{size:.1f} {_UNITS[-1]}"
+
+
+def _seconds(text: str, option: str) -> float:
+    found = re.fullmatch(r"(\d+)([smhdw])", text)
+    if found is None:
+        from specs.base import Fault
+        from specs.errors import DocumentError
+
+        fault = Fault(path=option, value=repr(text), allowed="a number and s, m, h, d or w, such as 24h")
+        raise DocumentError([fault], source="simyard")
+    return float(int(found[1]) * _SECONDS[found[2]])
+
+
+def reap(
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Tell which jobs nobody works on; end those that were being stopped, and ready the others to be run on."""
+    from flows.resource.abandoned_jobs import reap as reap_store
+    from tasks.storage.store_url import open_existing_store
+
+    found = reap_store(open_existing_store(store))
+    for each in found:
+        change = each.status if each.status == each.was else f"{each.was} -> {each.status}"
+        typer.echo(f"{each.arn}  {change}: {each.told}")
+    if not found:
+        typer.echo("somebody works on every job that is under way")

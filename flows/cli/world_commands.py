@@ -1,0 +1,97 @@
+"""`simyard world`: looking at worlds before and after a job. Thin; what it needs is imported when it runs."""
+# ruff: noqa: PLC0415 - see above
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from specs.data.world import ROBOT_RADIUS_M
+
+world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
+
+_WIDTH, _HEIGHT = 1280, 960
+_Seed = Annotated[int, typer.Option(min=0, help="The same seed draws the same world.")]
+_RobotRadius = Annotated[
+    float, typer.Option(min=0.05, max=0.6, help="Radius (m) of the robot that every room shall be reachable for.")
+]
+_StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+@world_app.command("preview")
+def preview(
+    template: Annotated[str, typer.Argument(help="A template: path, ARN, or name.", show_default=False)],
+    *,
+    output: Annotated[Path, typer.Option(help="The SVG to write; a PNG goes beside it.")] = Path("world-preview.svg"),
+    seed: _Seed = 0,
+    floorplan: Annotated[int, typer.Option(min=1, help="Which floor plan.")] = 1,
+    interior: Annotated[int, typer.Option(min=1, help="Which interior of the floor plan.")] = 1,
+    robot_radius: _RobotRadius = ROBOT_RADIUS_M,
+    store: _StoreUrl = None,
+) -> None:
+    """Draw a world that a template gives: its floor plan and, where a GL is there, a picture in 3-D."""
+    from flows.preview.world_preview import Asked, make_world, write_drawing
+    from tasks.documents.template_source import find_template
+    from tasks.export.drawing.floor_plan import floor_plan_svg
+    from tasks.export.picture.render import render_png
+    from tasks.storage.store_url import open_store
+
+    body = find_template(template, open_store(store), Path.cwd())
+    world = make_world(body, Asked(seed, robot_radius), floorplan, interior)
+    write_drawing(output, floor_plan_svg(world))
+    typer.echo(str(output))
+    _picture(output, render_png(world, _WIDTH, _HEIGHT))
+
+
+@world_app.command("sheet")
+def sheet(
+    worlds: Annotated[
+        str, typer.Argument(help="A template (path, ARN or name), or a generation job (ARN or id).", show_default=False)
+    ],
+    *,
+    output: Annotated[Path, typer.Option(help="The SVG to write.")] = Path("worlds-sheet.svg"),
+    count: Annotated[int, typer.Option(min=1, max=60, help="How many worlds to show.")] = 24,
+    seed: _Seed = 0,
+    robot_radius: _RobotRadius = ROBOT_RADIUS_M,
+    png: Annotated[bool, typer.Option("--png", help="Write a sheet of pictures in 3-D beside it.")] = False,
+    store: _StoreUrl = None,
+) -> None:
+    """Draw many worlds on one sheet: the first floor plans of a template, or the worlds of a job."""
+    from flows.preview.world_preview import Asked, chosen_worlds, write_drawing
+    from tasks.export.picture.contact_sheet import contact_sheet_svg
+    from tasks.export.picture.render_sheet import render_sheet_png
+    from tasks.storage.store_url import open_store
+
+    chosen = chosen_worlds(worlds, open_store(store), Path.cwd(), count, Asked(seed, robot_radius))
+    for reason in chosen.rejected:
+        typer.echo(reason, err=True)
+    write_drawing(output, contact_sheet_svg(chosen.worlds, title=chosen.title, total=chosen.total))
+    typer.echo(str(output))
+    if png:
+        _picture(output, render_sheet_png(chosen.worlds))
+
+
+@world_app.command("add")
+def add(
+    file: Annotated[Path, typer.Argument(help="A world's document, such as simyard shrink's.", show_default=False)],
+    store: _StoreUrl = None,
+) -> None:
+    """Put a world into the store, if what its certificate says is so; prints what documents name it by."""
+    from tasks.storage.store_url import open_store
+    from tasks.worlds.job.world_import import add_world
+
+    typer.echo(add_world(open_store(store), file))
+
+
+def _picture(output: Path, png: bytes | None) -> None:
+    """Writes the picture beside its drawing, or says what is missing for it."""
+    from flows.preview.world_preview import write_picture
+    from tasks.export.picture.render import NO_GL
+
+    if png is None:
+        typer.echo(NO_GL, err=True)
+    else:
+        typer.echo(str(write_picture(output, png)))

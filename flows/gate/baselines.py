@@ -1,0 +1,102 @@
+"""The version that a gate compares with, and the batch that drove it on the same episodes."""
+
+from collections.abc import Hashable, Iterable, Iterator
+from typing import NamedTuple, cast
+
+from flows.document.tested_version import candidates
+from flows.gate.equal_worlds import alike_worlds
+from specs.errors import BucketNotFound, ResourceNotFound
+from specs.pipeline.gate_section import NoWorseThan
+from tasks.applications.registry import resolve
+from tasks.results.gate.evidence import Baseline
+from tasks.results.statistics.pairs import PAIRED_COLUMNS, outcomes, paired_up
+from tasks.results.tables.result_files import RESULTS_FILE
+from tasks.results.tables.stored_rows import stored_rows
+from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, records
+
+
+class NoBaseline(NamedTuple):
+    """There is nothing to compare with, and why, for a person."""
+
+    why: str
+
+
+def find_baseline(rule: NoWorseThan, batch: JobRecord, store: Store) -> Baseline | NoBaseline:
+    """Returns the batch that drove the other version: this one itself, else the newest that ended with the same worlds.
+
+    Args:
+        rule: Names the version.
+        batch: The batch that is judged.
+        store: Where versions and batches are.
+
+    Raises:
+        ResourceNotFound: There is no such version.
+        StageFailed: The results of a batch that would do are not what it wrote.
+    """
+    plan = plan_of(batch)
+    names = sorted({template.robot.name for template in plan.templates})
+    if len(names) != 1:
+        return NoBaseline(f"the batch tests several applications ({', '.join(names)}), and the rule means one")
+    digest = resolve(store, "robot-application", names[0], rule.applicationVersion).digest
+    if len(candidates(plan, digest)) != 1:
+        return NoBaseline(f"the batch tests several versions of {names[0]} besides version {rule.applicationVersion}")
+    for record in _may_have_driven(digest, batch, store):
+        if _same_episodes(digest, batch, record, store):
+            return Baseline(
+                version=rule.applicationVersion, digest=digest, batch=record.id, sha256=_results_digest(record)
+            )
+    return NoBaseline(
+        f"no batch that Completed drove version {rule.applicationVersion} of {names[0]} ({digest[:12]}) on the same "
+        "episodes; put both versions into createSimulationJobRequests"
+    )
+
+
+def driven(store: Store, record: JobRecord, digests: Iterable[str]) -> dict[Hashable, bool]:
+    """Returns whether a batch's episodes passed, by what was asked of them but for the robot application.
+
+    Args:
+        store: Where the batch is.
+        record: A batch that ended.
+        digests: Robot applications whose episodes are meant.
+
+    Raises:
+        ResourceNotFound: Its results are gone.
+        StageFailed: They are not what it wrote.
+    """
+    place, written = recorded_location(record), _results_digest(record)
+    rows = stored_rows(store, place, record.id, RESULTS_FILE, sha256=written, columns=PAIRED_COLUMNS)
+    return outcomes(rows, alike_worlds(store, plan_of(record).worlds_used()), digests)
+
+
+def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[JobRecord]:
+    """Yields the batch itself if it has the version, else others that have it, newest first."""
+    if _drove(batch, digest):
+        yield batch
+        return
+    for record in reversed(records(store, KIND)):
+        if record.id != batch.id and record.status == "Completed" and _drove(record, digest):
+            yield record
+
+
+def _drove(record: JobRecord, digest: str) -> bool:
+    return any(template.robot.digest == digest for template in plan_of(record).templates)
+
+
+def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Store) -> bool:
+    if record.id == batch.id:
+        return True
+    plan, other = plan_of(batch), plan_of(record)
+    if not set(plan.seeds) & set(other.seeds):  # there is no need to look into worlds and rows
+        return False
+    try:
+        theirs = driven(store, record, [digest])
+    except (ResourceNotFound, BucketNotFound):  # somebody cleared old results away
+        return False
+    return paired_up(driven(store, batch, candidates(plan, digest)), theirs).n > 0
+
+
+def _results_digest(record: JobRecord) -> str:
+    return cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]

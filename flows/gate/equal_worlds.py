@@ -1,0 +1,33 @@
+"""Which worlds are the same, whatever their generation is called: each run of a document generates its own."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+
+from specs.digest import canonical_json
+from specs.errors import ObjectNotFound
+from tasks.storage.base.keys import world_key
+from tasks.storage.base.store import Store
+
+
+def alike_worlds(store: Store, worlds: Mapping[str, str]) -> dict[str, str]:
+    """Returns what tells worlds apart, by ``<generation>/<world>``: all of each but what its generation was called.
+
+    A world that is gone, or is not what it was, is the same as one whose whole document was the same.
+
+    Args:
+        store: Where they are.
+        worlds: SHA-256 of each world's document as it was, by ``<generation>/<world>``.
+    """
+    return {reference: _identity(store, reference, digest) for reference, digest in worlds.items()}
+
+
+def _identity(store: Store, reference: str, digest: str) -> str:
+    generation, _, name = reference.partition("/")
+    try:
+        body = store.get(world_key(generation, name)).body
+    except ObjectNotFound:
+        return digest
+    if hashlib.sha256(body).hexdigest() != digest:
+        return digest
+    return hashlib.sha256(canonical_json({**json.loads(body), "generation": ""})).hexdigest()

@@ -1,0 +1,167 @@
+"""The gate of a run: what it judges by, looked up once and pinned, so that the run judges the same when it goes on."""
+
+from functools import partial
+from typing import cast
+
+import pyarrow as pa
+import pyarrow.compute as pc
+from pydantic import JsonValue
+
+from flows.document.tested_version import candidates
+from flows.gate.baselines import NoBaseline, driven, find_baseline
+from specs.arn import parse_reference
+from specs.base import Spec
+from specs.data.run_report import Verdict as Answer
+from specs.pipeline.gate_section import Gate
+from tasks.results.gate.evidence import Baseline, Tested, tested
+from tasks.results.gate.gate import Material, columns_needed, counted
+from tasks.results.gate.gate_rules import Completeness
+from tasks.results.statistics.pairs import Pairs, paired_up
+from tasks.results.statistics.success import EpisodeCounts
+from tasks.results.tables.result_files import RESULTS_FILE
+from tasks.results.tables.stored_rows import stored_rows
+from tasks.results.task import judge_batch
+from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance, read
+
+_GATE, _BASELINE = "gate", "baseline"
+
+
+class GateAnswer(Spec):
+    """What a run's record says of its gate.
+
+    Attributes:
+        batch: Id of the batch that was judged.
+        evidence_url: Where its evidence is.
+        evidence: SHA-256 of it.
+    """
+
+    batch: str
+    verdict: Answer
+    sentence: str
+    evidence_url: str
+    evidence: str
+
+
+def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> GateAnswer:
+    """Returns the answer on a batch: the one that the run's record has, or a new one, which it has then.
+
+    A run that was killed after its gate is not judged again: its evidence stands, and is held against what it speaks of
+    before anything is shipped.
+
+    Raises:
+        StageFailed: The results are not what the batch wrote.
+    """
+    pinned = answered(store, run)
+    if pinned is not None:
+        return pinned
+    other = _baseline(gate, batch, store, run)
+    baseline = other if isinstance(other, Baseline) else None
+    verdict, url, digest = judge_batch(
+        store.url,
+        # A string of its own: by the record's, Prefect would know the batch's flow run as this task's input, and where
+        # one has such an input, the page of a run shows no task runs at all (3.8.8).
+        parse_reference(batch.arn).path,
+        rule=gate,
+        material=partial(material, gate, batch, store, other),
+        tested=facts(plan_of(batch), batch),
+        baseline=baseline,
+    )
+    answer = GateAnswer(
+        batch=batch.id, verdict=verdict.verdict, sentence=verdict.sentence, evidence_url=url, evidence=digest
+    )
+    _pin(store, run, _GATE, answer)
+    return answer
+
+
+def answered(store: Store, run: JobRecord) -> GateAnswer | None:
+    """Returns what the gate of a run answered, or None as long as it has not."""
+    said = read(store, "pipeline-run", run.id).detail.get(_GATE)
+    return GateAnswer.model_validate(said) if said is not None else None
+
+
+def compared_with(store: Store, run: JobRecord) -> Baseline | None:
+    """Returns the version that the gate of a run compares with, once it has found one."""
+    found = read(store, "pipeline-run", run.id).detail.get(_BASELINE)
+    return Baseline.model_validate(found) if found is not None else None
+
+
+def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> Material:
+    """Returns what the gate judges a batch by: of the tested version alone, where another one is in the batch too.
+
+    Args:
+        gate: What is asked for.
+        batch: An ended batch.
+        store: Where it is.
+        other: The version to compare with, or why there is none; None if nobody asks.
+    """
+    counts, rows = EpisodeCounts.model_validate(batch.detail["counts"]), None
+    needed = columns_needed(gate)
+    if needed:
+        rows = _rows(store, batch, needed)
+    if rows is not None and isinstance(other, Baseline):
+        meant = candidates(plan_of(batch), other.digest)
+        rows = rows.filter(pc.field("robot_digest").isin(list(meant)))
+        counts = counted(rows)
+    stop = cast("dict[str, JsonValue]", batch.detail.get("stopped_early", {}))
+    left_out = cast("int", stop["left_out"]) if stop.get("gate") == gate.model_dump(mode="json") else 0
+    return Material(
+        counts=counts,
+        lacks=Completeness(
+            canceled=counts.canceled - left_out,
+            left_out=left_out,
+            sequential=bool(gate.stopEarly) and plan_of(batch).shuffled,
+        ),
+        rows=rows,
+        pairs=_pairs(batch, store, other),
+        audit=cast("dict[str, JsonValue] | None", batch.detail.get("audit")),
+    )
+
+
+def facts(plan: BatchPlan, batch: JobRecord) -> Tested:
+    """Returns what a batch tested, and with what, for its evidence."""
+    return tested(
+        robots=[template.robot for template in plan.templates],
+        simulations=[template.scenario for template in plan.templates],
+        worlds=plan.worlds_used(),
+        seeds=plan.seeds,
+        variables=plan.variables(),
+        metadata=cast("dict[str, str]", batch.detail["metadata"]),
+        files=cast("dict[str, str]", batch.detail["sha256s"]),
+    )
+
+
+def _baseline(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> Baseline | NoBaseline | None:
+    """Returns the version that the gate compares with, the same one whenever the run is continued."""
+    if gate.noWorseThan is None:
+        return None
+    pinned = compared_with(store, run)
+    if pinned is not None:
+        return pinned
+    found = find_baseline(gate.noWorseThan, batch, store)
+    if isinstance(found, Baseline):
+        _pin(store, run, _BASELINE, found)
+    return found
+
+
+def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> Pairs | str:
+    if other is None:
+        return ""
+    if isinstance(other, NoBaseline):
+        return other.why
+    ours = driven(store, batch, candidates(plan_of(batch), other.digest))
+    return paired_up(ours, driven(store, read(store, KIND, other.batch), [other.digest]))
+
+
+def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:
+    digests = cast("dict[str, str]", batch.detail["sha256s"])
+    place, written = recorded_location(batch), digests[RESULTS_FILE]
+    return stored_rows(store, place, batch.id, RESULTS_FILE, sha256=written, columns=columns)
+
+
+def _pin(store: Store, run: JobRecord, key: str, value: Spec) -> None:
+    now = read(store, "pipeline-run", run.id)
+    advance(store, "pipeline-run", run.id, now.status, detail={key: value.model_dump(mode="json")})

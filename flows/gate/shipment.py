@@ -1,0 +1,60 @@
+"""What may be shipped: the bundle that the gate passed, as long as everything that the gate saw is still as it was."""
+
+from pydantic import JsonValue
+
+from flows.document.references import tested_bundles
+from flows.gate.judge import answered, compared_with
+from specs.data.run_report import StageReport
+from specs.errors import ResourceNotFound
+from tasks.deploy.rollout.operator_commands import steer
+from tasks.results.gate.evidence_check import evidence_faults
+from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read
+
+_JOB = "deployment-job"
+
+
+def shippable(batch: JobRecord, store: Store, run: JobRecord) -> dict[str, str]:
+    """Returns the digest of each robot application that a batch tested, by name, but for what it was compared with."""
+    other = compared_with(store, run)
+    return tested_bundles(plan_of(batch), other.digest if other else "")
+
+
+def changes(shipped: str, store: Store, run: JobRecord) -> list[str]:
+    """Returns what is not as the gate of a run saw it, one line each; nothing if all is, or if nobody judged.
+
+    Args:
+        shipped: SHA-256 of the bundle that is to be shipped.
+        store: Where everything is.
+        run: The pipeline's run, with its gate's answer.
+    """
+    answer = answered(store, run)
+    if answer is None:
+        return []
+    return evidence_faults(
+        store,
+        answer.batch,
+        answer.evidence,
+        shipped,
+        lambda batch: recorded_location(read(store, KIND, batch)),
+    )
+
+
+def refused(found: list[str], seconds: float) -> StageReport:
+    """Returns the report of a deployment that was refused, naming all that has changed."""
+    why = "; ".join(found)
+    summary = f"nothing was deployed, since the evidence does not hold: {why}"
+    facts: dict[str, JsonValue] = {"alarm": f"The deployment was refused: {why}"}
+    return StageReport(name="deployment", arn="", status="Refused", summary=summary, seconds=seconds, facts=facts)
+
+
+def withdraw(store: Store, token: str) -> None:
+    """Cancels the deployment that the run began before it was killed, so that no further robot is asked."""
+    try:
+        record = read(store, _JOB, job_id(_JOB, token))
+    except ResourceNotFound:
+        return
+    if not is_terminal(record):
+        steer(store, record.id, "cancel")

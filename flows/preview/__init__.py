@@ -1,0 +1,1 @@
+"""What a run would do, and worlds to look at. The shell may import it."""

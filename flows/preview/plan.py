@@ -1,0 +1,126 @@
+"""`simyard plan`: what a run would do, without doing it."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from flows.document.references import failing_sources, finder, pins
+from flows.document.tested_version import compared_digest
+from flows.preview.baseline_plan import Judged, judged_of
+from flows.preview.deployment_plan import deployment_lines
+from flows.preview.gate_plan import gate_lines
+from specs.pipeline.document import PipelineSpec, inert_fields
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.pipeline.world_sections import WorldGeneration
+from tasks.applications.registry import unpack
+from tasks.simulate.forecast.cost import Span
+from tasks.simulate.forecast.forecast import Basis, EnginePlan, engine_plan
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.resolve import FindVersion, matrix_worlds, plan_batch
+from tasks.storage.backends.overlay import OverlayStore
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.store import Store
+
+_BASES: Mapping[Basis, str] = {
+    "this very program": "from what this program took here",
+    "other programs": "from what other programs took here",
+    "nothing": "a guess, since nothing has run here yet",
+}
+
+
+def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
+    """Yields lines for a person: each stage, what it makes, and the fields that have no effect.
+
+    Raises:
+        DocumentError: The document refers to what does not exist; all of it at once.
+    """
+    trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
+    found, own = pins(spec, trial, base)
+    yield f"{spec.name}, on {store.url}"
+    worlds = 0
+    if spec.worldGeneration:
+        count = spec.worldGeneration.worldCount
+        worlds = count.floorplanCount * count.interiorCountPerFloorplan
+        yield _generation_line(spec.worldGeneration)
+    if spec.worldExport:
+        place = spec.worldExport.outputLocation
+        yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
+    judged, audited, programs = Judged(0, 0), 0, 1
+    if spec.simulationBatch:
+        section, find = spec.simulationBatch, finder(trial, own)
+        batch = _batch(section, worlds, find)
+        plan = engine_plan(batch, _folders(batch, trial))
+        audited, programs = plan.audited, plan.compilations
+        if spec.gate:
+            judged = judged_of(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
+        yield from _batch_lines(plan, batch, section)
+        for reason in failing_sources(section, trial, find):
+            yield f"jobs will fail    {reason}"
+    if spec.gate:
+        yield from gate_lines(spec.gate, judged, audited, programs)
+    if spec.deployment:
+        tested, digest = spec.simulationBatch is not None, str(found["deployment"])
+        told = deployment_lines(spec.deployment, trial, finder(trial, own), digest, tested=tested)
+        yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(told))
+    for field in inert_fields(spec):
+        yield f"no effect         {field}"
+
+
+def _generation_line(section: WorldGeneration) -> str:
+    count = section.worldCount
+    worlds = _count(count.floorplanCount * count.interiorCountPerFloorplan, "world")
+    product = f"{_count(count.floorplanCount, 'floor plan')} x {_count(count.interiorCountPerFloorplan, 'interior')}"
+    seeded = f"seed {section.seed}, for a robot of {section.robotRadius:g} m radius"
+    return f"worldGeneration   {worlds} ({product}), {seeded}"
+
+
+def _batch(section: SimulationBatch, worlds: int, find: FindVersion) -> BatchPlan:
+    """Returns the batch, over stand-ins for worlds that are not made yet."""
+    names = [f"planned/world-{number}" for number in range(worlds)]
+    return plan_batch(section, matrix_worlds(section, names), {}, find)
+
+
+def _folders(batch: BatchPlan, store: Store) -> dict[str, Path]:
+    return {digest: unpack(store, digest, cache_folder() / "bundles") for digest in batch.digests()}
+
+
+def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -> Iterator[str]:
+    longest_s = max((template.duration_s for template in batch.templates), default=0.0)
+    yield f"simulationBatch   {_count(plan.episodes, 'episode')} of at most {longest_s:g} simulated seconds"
+    for robot in plan.robots:
+        if robot.choice is None:
+            refusal = " ".join(robot.refusal.split())
+            yield f"                  {robot.robot}: NO ENGINE, its episodes will fail: {refusal}"
+        else:
+            yield f"                  {robot.robot}: engine {robot.choice.engine}, {robot.choice.why}"
+    chunks = f"{_count(plan.chunks, 'chunk')} of {_count(plan.lanes, 'lane')}"
+    devices = _count(plan.devices, f"{plan.device} device")
+    steps = f"at most {plan.lane_steps_at_most:,} physics steps"
+    yield f"                  {chunks} on {devices}, {_count(plan.compilations, 'compiled program')}, {steps}"
+    yield f"                  about {_time(plan.wall_s)} and {_gigabytes(plan.memory_bytes)}; {_BASES[plan.known_from]}"
+    yield f"                  {_recordings(section)}; {_audit(plan)}"
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number:,} {thing}{'' if number == 1 else 's'}"
+
+
+def _time(span: Span) -> str:
+    for unit, seconds in (("h", 3600.0), ("min", 60.0)):
+        if span.high >= 2 * seconds:
+            return f"{span.low / seconds:.1f} to {span.high / seconds:.1f} {unit}"
+    return f"{span.low:.0f} to {span.high:.0f} s"
+
+
+def _gigabytes(span: Span) -> str:
+    return f"{span.low / 1e9:.1f} to {span.high / 1e9:.1f} GB of memory"
+
+
+def _recordings(section: SimulationBatch) -> str:
+    asked = section.recordings
+    if asked.episodes == "none":
+        return "no recordings"
+    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz"
+
+
+def _audit(plan: EnginePlan) -> str:
+    return f"{_count(plan.audited, 'episode')} audited on C MuJoCo" if plan.audited else "no audit"

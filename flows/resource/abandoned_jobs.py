@@ -1,0 +1,167 @@
+"""Jobs that are under way and that nobody works on: told where they are shown, and made ready to be continued.
+
+A process that was killed leaves its job as it was, InProgress or Running, and its claim. That claim tells: it is not
+renewed any more. RoboMaker has no word for this, so the status stays what it is.
+"""
+
+import logging
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+
+from specs.base import Spec
+from specs.errors import DocumentError, ResourceNotFound, SimyardError
+from tasks.storage.base.keys import claim_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim_state import ClaimWatch
+from tasks.storage.jobs.records import JobKind, JobRecord, is_terminal, read, records
+from tasks.storage.jobs.runs import KIND as RUN
+from tasks.storage.jobs.runs import run_of
+
+KINDS: tuple[JobKind, ...] = (
+    "world-generation-job",
+    "world-export-job",
+    "simulation-job-batch",
+    "deployment-job",
+    "pipeline-run",
+)
+_LOG = logging.getLogger(__name__)
+_LOOK_S = 0.5
+_PATIENCE_S = 60.0
+
+
+class Reaped(Spec):
+    """What became of a job that nobody worked on.
+
+    Attributes:
+        was: Its status before.
+        status: Its status now; a terminal one if it was being stopped, or can never be continued.
+        told: What that means, for a person.
+    """
+
+    arn: str
+    was: str
+    status: str
+    told: str
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    """A job under way, and the claims of which one is renewed if somebody works on it: its own, and its run's."""
+
+    record: JobRecord
+    watches: tuple[ClaimWatch, ...]
+
+    def is_left(self) -> bool:
+        looks = [watch.is_left() for watch in self.watches]  # every one, each time: how else would they see a heartbeat
+        return all(looks)
+
+    def is_alive(self) -> bool:
+        return any(watch.renewed for watch in self.watches)
+
+
+def listed_notes(store: Store, plural: str) -> Iterator[str]:
+    """Yields a line for each job of a kind, named as `simyard list` names it, that is known at once to be left.
+
+    Where a holder on another machine may live, nothing is said: to find that out takes seconds, and is the reaper's.
+    """
+    for kind in KINDS:
+        if plural in {f"{kind}s", f"{kind}es"}:
+            for record in records(store, kind):
+                yield from _note(store, record)
+
+
+def described_notes(store: Store, arn: str) -> Iterator[str]:
+    """Yields a line if the job that an ARN names is known at once to be left; nothing for what is no job."""
+    for kind in KINDS:
+        if f":{kind}:" in arn or f":{kind}/" in arn:
+            yield from _note(store, read(store, kind, re.split("[:/]", arn)[-1]))
+
+
+def _note(store: Store, record: JobRecord) -> Iterator[str]:
+    if not is_terminal(record) and _suspect(store, record).is_left():
+        yield f"{record.arn} is {record.status}, and nobody works on it: {_continued(store, record)}"
+
+
+def reap(
+    store: Store, sleep: Callable[[float], None] = time.sleep, now_s: Callable[[], float] = time.monotonic
+) -> list[Reaped]:
+    """Returns what became of the jobs that nobody works on, oldest first of each kind; no other one is touched.
+
+    One that was being cancelled or timed out comes to that end; one whose run has ended, so that nothing continues it,
+    is Canceled; every other one is left as it is for who runs its document, and known to be left by all from then on.
+    Whether a process on another machine lives is found out by watching its claim: no clocks are compared.
+
+    Args:
+        store: Where the jobs are.
+        sleep: Waits so many seconds.
+        now_s: A clock that never goes back.
+    """
+    found = list[Reaped]()
+    active = [record for kind in KINDS for record in records(store, kind) if not is_terminal(record)]
+    suspects = [_suspect(store, record, now_s) for record in active]
+    end_s = now_s() + _PATIENCE_S
+    while suspects and now_s() < end_s:
+        left = [suspect for suspect in suspects if suspect.is_left()]
+        found += [_reaped_or_told(store, suspect) for suspect in left]
+        suspects = [each for each in suspects if each not in left and not each.is_alive()]
+        if suspects:
+            sleep(_LOOK_S)
+    for suspect in suspects:
+        _LOG.warning("%s: whether somebody works on it could not be seen in time; reap again", suspect.record.arn)
+    return sorted(found, key=lambda each: [record.arn for record in active].index(each.arn))
+
+
+def _suspect(store: Store, record: JobRecord, now_s: Callable[[], float] = time.monotonic) -> _Suspect:
+    run = run_of(record.token) if record.kind != RUN else ""
+    keys = [claim_key(record.kind, record.id), *([claim_key(RUN, run)] if run else [])]
+    return _Suspect(record, tuple(ClaimWatch(store, key, now_s) for key in keys))
+
+
+def _reaped_or_told(store: Store, suspect: _Suspect) -> Reaped:
+    record = suspect.record
+    try:
+        return _reaped(store, suspect)
+    except SimyardError as exc:  # of this job alone; the others are not left for it
+        return Reaped(arn=record.arn, was=record.status, status=record.status, told=f"cannot be reaped: {exc}")
+
+
+def _reaped(store: Store, suspect: _Suspect) -> Reaped:
+    # `simyard list` and `describe` answer without what these import.
+    from flows.resource.cancel import cancel, with_settled_batch  # noqa: PLC0415 - see above
+    from tasks.deploy.rollout.controller import CANCELED  # noqa: PLC0415 - see above
+
+    record = suspect.record
+    if record.status == "Canceling" or CANCELED in record.detail or _is_orphan(store, record):
+        with suppress(DocumentError):  # it ended since it was read, or is about to
+            cancel(store, record.arn)
+    elif record.kind == "simulation-job-batch":
+        with_settled_batch(store, record.id)
+    after = read(store, record.kind, record.id)
+    if is_terminal(after):
+        return Reaped(arn=record.arn, was=record.status, status=after.status, told=after.failure_reason)
+    free = suspect.watches[0].release()
+    told = _continued(store, record) if free else "somebody works on it again"
+    return Reaped(arn=record.arn, was=record.status, status=after.status, told=told)
+
+
+def _is_orphan(store: Store, record: JobRecord) -> bool:
+    """Returns whether the job's run has ended: the document's next run makes another job."""
+    run = run_of(record.token) if record.kind != RUN else ""
+    try:
+        return bool(run) and is_terminal(read(store, RUN, run))
+    except ResourceNotFound:  # a token of somebody's own that looks like a run's
+        return False
+
+
+def _continued(store: Store, record: JobRecord) -> str:
+    """Returns how a job is continued."""
+    run: JobRecord | None = record if record.kind == RUN else None
+    with suppress(ResourceNotFound):
+        run = run or read(store, RUN, run_of(record.token) or "none")
+    spec = run.request.get("spec") if run else None
+    if run and isinstance(spec, dict) and run.request.get("flow") == "pipeline":
+        return f"simyard run of {spec.get('name')} continues it"
+    return "the same request continues it"

@@ -1,0 +1,1 @@
+"""A run of a document: references, events, cancellation, end. Flows and the shell may import it."""

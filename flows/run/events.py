@@ -1,0 +1,62 @@
+"""What automations hang on: an event in Prefect for each change of a job's status, and for each verdict of a gate.
+
+An event is sent when the change is in the store. Its id is made from the job and the status, so that a second sending
+of the same change is dropped by the server.
+"""
+
+import logging
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from uuid import NAMESPACE_URL, UUID, uuid5
+
+from prefect.events import emit_event
+
+from flows.gate.judge import GateAnswer
+from tasks.progress.log_lines import logging_as_asked
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.jobs.transitions import Transition, hearing
+
+logger = logging.getLogger(__name__)
+_NAMES: Mapping[str, str] = {
+    "world-generation-job": "world-generation",
+    "world-export-job": "world-export",
+    "simulation-job-batch": "simulation-batch",
+    "deployment-job": "deployment",
+    "pipeline-run": "pipeline",
+}
+
+
+@contextmanager
+def announced() -> Generator[None, None, None]:
+    """Sends an event for each job whose status changes inside the ``with`` block, which runs in a flow or a task.
+
+    Also what the block logs is written as SIMYARD_LOG_FORMAT asks, if it does.
+    """
+    with logging_as_asked(), hearing(_announce):
+        yield
+
+
+def announce_verdict(answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
+    """Sends the event of a gate's verdict, such as ``simyard.gate.FAIL``, once the run's record has it."""
+    facts = {"sentence": answer.sentence, "evidence": answer.evidence_url, "batch": batch.arn}
+    logger.info("the gate of %s says %s", run.arn, answer.verdict, extra={"fields": facts})
+    _send(f"simyard.gate.{answer.verdict}", run.arn, facts)
+
+
+def event_id(event: str, arn: str) -> UUID:
+    """Returns the id of an event about a job: the same whoever sends it, and however often."""
+    return uuid5(NAMESPACE_URL, f"{arn}#{event}")
+
+
+def _announce(change: Transition) -> None:
+    facts = {"was": change.was, "failureCode": change.failure_code, "failureReason": change.failure_reason}
+    _send(f"simyard.{_NAMES[change.kind]}.{change.status}", change.arn, facts)
+
+
+def _send(event: str, arn: str, facts: dict[str, str]) -> None:
+    resource = {"prefect.resource.id": arn, "prefect.resource.name": arn.rpartition(":")[2]}
+    payload = {name: value for name, value in facts.items() if value}
+    try:  # Prefect adds the flow run that this is in, with its deployment and tags, as related resources
+        emit_event(event, resource, payload=payload, id=event_id(event, arn))
+    except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the job goes on
+        logger.warning("no event was sent that %s: %s", event, exc)

@@ -1,0 +1,72 @@
+"""How flows of a single stage begin and end: as a run of their own, or as a part of the pipeline's."""
+
+from collections.abc import Callable, Mapping
+from typing import cast
+
+from prefect.runtime import flow_run
+from pydantic import JsonValue
+
+from flows.resource.cancel import REASON
+from flows.run.cancellation import canceled_state, working_on
+from flows.run.events import announced
+from flows.run.run_owner import told_waiting
+from specs.errors import DocumentError, StageFailed
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance
+from tasks.storage.jobs.runs import begun, stage_token
+
+_FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
+
+
+def as_run(
+    store: Store, stage: str, identity: Mapping[str, JsonValue], token: str | None, work: Callable[[str], JobRecord]
+) -> JobRecord:
+    """Returns the job that the work ended, in a run of its own when no token says that it is part of another's.
+
+    Work is recognised by its token, so a run that another process ended while this one waited is simply told.
+
+    Args:
+        store: Where runs are recorded.
+        stage: The flow's name.
+        identity: All that decides the outcome, for the run's number.
+        token: The pipeline's token for this stage, or None.
+        work: Does the stage under a token; doing it again changes nothing.
+    """
+    if token is not None:
+        return work(token)
+    try:
+        with announced(), begun(store, {"flow": stage, **identity}, told_waiting(store)) as run:
+            return _worked(store, stage, run, work)
+    except StageFailed as exc:
+        return cast("JobRecord", canceled_state(exc))  # which Prefect takes for the flow run's
+
+
+def _worked(store: Store, stage: str, run: JobRecord, work: Callable[[str], JobRecord]) -> JobRecord:
+    if run.status == "Canceled":  # maybe before it had a job, and none begins now
+        raise StageFailed(run.failure_code, run.failure_reason, run.arn)
+    try:
+        with working_on(store, run):
+            record = work(stage_token(run, stage))
+    except (DocumentError, StageFailed) as exc:
+        advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
+        raise
+    advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
+    return record
+
+
+def run_name() -> str:
+    """Returns what Prefect's pages call a stage: the pipeline's token for it, or the flow's name when it runs alone."""
+    token = flow_run.parameters.get("token")
+    return str(token or flow_run.flow_name)
+
+
+def ended_well(record: JobRecord) -> JobRecord:
+    """Returns the record of a job that made something.
+
+    Raises:
+        StageFailed: The job Failed, TimedOut or was Canceled; carries its code and reason.
+    """
+    if record.status in _FAILED:
+        told = record.failure_reason or (REASON if record.status == "Canceled" else record.status)
+        raise StageFailed(record.failure_code or record.status, told, record.arn)
+    return record

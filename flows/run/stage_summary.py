@@ -1,0 +1,147 @@
+"""A stage's record as one line for a person, and where its artefacts lie."""
+
+from collections.abc import Mapping, Sequence
+from typing import cast
+
+from pydantic import JsonValue
+
+from specs.base import Fault
+from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
+from specs.errors import DocumentError, StageFailed
+from tasks.deploy.rollout.observation import recorded_progress
+from tasks.deploy.trust.trust_choice import UNSIGNED_ALARM
+from tasks.deploy.trust.trust_record import is_unsigned
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+
+_SAMPLES_SHOWN = 2
+_ALARMING = frozenset({"SUSPECT", "NOT RUN"})
+_SAMPLE_CHARACTERS = 200
+
+
+def told(run: JobRecord) -> PipelineReport:
+    """Returns the report of a run that another process ended.
+
+    Raises:
+        DocumentError: It ended without one, because the document was refused.
+        StageFailed: It ended without one, because a stage failed.
+    """
+    report = run.detail.get("report")
+    if report is None and run.detail.get("refused"):
+        raise DocumentError([Fault(path="run", value=run.id, allowed=run.failure_reason)])
+    if report is None:
+        raise StageFailed(run.failure_code, run.failure_reason)
+    return PipelineReport.model_validate(report)
+
+
+def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:
+    """Returns what a generation job made."""
+    worlds = texts(record.detail, "worlds")
+    failed = sum(cast("int", failure["count"]) for failure in _mappings(record.detail, "failures").values())
+    summary = f"{_number(len(worlds), 'world')}" + (f", {failed} failed" if failed else "")
+    folder = Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")
+    return _stage("worldGeneration", record, summary, seconds, (folder,))
+
+
+def export_report(record: JobRecord, seconds: float) -> StageReport:
+    """Returns what an export job wrote."""
+    plans = texts(record.detail, "svg")
+    artefacts = [Artefact(label="worlds, zipped", url=str(record.detail["zip"]))]
+    artefacts += [Artefact(label="floor plan", url=url) for url in plans[:1]]
+    more = f", {_number(len(plans), 'floor plan')}" if plans else ""
+    return _stage("worldExport", record, f"1 zip{more}", seconds, tuple(artefacts))
+
+
+def batch_report(record: JobRecord, seconds: float) -> StageReport:
+    """Returns what a batch came to."""
+    detail, asked = record.detail, record.detail["episodes"]
+    if "stopped_early" in detail:
+        asked = cast("dict[str, JsonValue]", detail["stopped_early"])["episodes"]
+    summary = f"{detail['passed']} of {asked} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
+    summary += _why_not(cast("list[dict[str, JsonValue]]", detail.get("why_not", [])))
+    if "stopped_early" in detail:
+        summary += f"; {cast('dict[str, JsonValue]', detail['stopped_early'])['sentence']}"
+    artefacts = tuple(
+        Artefact(label=label, url=str(detail[f"{label}_url"]))
+        for label in ("report", "results", "failures", "recordings", "audit")
+        if f"{label}_url" in detail
+    )
+    stage = _stage("simulationBatch", record, summary, seconds, artefacts)
+    if "audit" in detail:
+        stage = _with_audit(stage, cast("dict[str, JsonValue]", detail["audit"]))
+    return alarmed(stage, f"There is no report: {detail['report_failed']}") if "report_failed" in detail else stage
+
+
+def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
+    """Returns what the gate answered; the verdict, which is the status, is not told once more."""
+    evidence = Artefact(label="evidence", url=evidence_url)
+    said = sentence.removeprefix(f"{verdict}: ")
+    return StageReport(name="gate", arn="", status=verdict, summary=said, seconds=seconds, artefacts=(evidence,))
+
+
+def deployment_report(record: JobRecord, seconds: float) -> StageReport:
+    """Returns how a roll-out went."""
+    statuses = [robot.status for robot in recorded_progress(record).values()]
+    in_sync, away = statuses.count("InSync"), statuses.count("NoResponse")
+    summary = f"{in_sync} of {len(statuses)} robots in sync"
+    if away:
+        summary += f"; {away} not reached, which take it when they are back"
+    if record.failure_code:
+        summary += f"; {record.failure_code}: {record.failure_reason}"
+    facts: dict[str, JsonValue] = {"behind": len(statuses) - in_sync} if in_sync < len(statuses) else {}
+    stage = _stage("deployment", record, summary, seconds, ()).model_copy(update={"facts": facts})
+    if not is_unsigned(record):
+        return stage
+    return stage.model_copy(update={"summary": f"{summary}; UNSIGNED", "facts": {**facts, "alarm": UNSIGNED_ALARM}})
+
+
+def alarmed(stage: StageReport, alarm: str) -> StageReport:
+    """Returns a stage's report with one more alarm, a line each; one that it tells already is not told twice."""
+    before = str(stage.facts.get("alarm", "")).splitlines()
+    return stage.model_copy(update={"facts": {**stage.facts, "alarm": "\n".join(dict.fromkeys([*before, alarm]))}})
+
+
+def run_alarmed(report: PipelineReport, alarm: str) -> PipelineReport:
+    """Returns a run's report with one more alarm, unless one of its stages tells it already."""
+    if any(alarm in str(stage.facts.get("alarm", "")) for stage in report.stages):
+        return report
+    return report.model_copy(update={"stages": (*report.stages[:-1], alarmed(report.stages[-1], alarm))})
+
+
+def _why_not(reasons: Sequence[Mapping[str, JsonValue]]) -> str:
+    """Returns every reason with its episodes, and what the first episode of the most frequent ones says."""
+    told = ""
+    for place, entry in enumerate(reasons):
+        sample = str(entry["sample"])[:_SAMPLE_CHARACTERS] if place < _SAMPLES_SHOWN else ""
+        told += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
+    return told
+
+
+def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:
+    """Returns a record's list of texts."""
+    return [str(item) for item in cast("list[JsonValue]", detail.get(key, []))]
+
+
+def _number(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def _mappings(detail: Mapping[str, JsonValue], key: str) -> Mapping[str, Mapping[str, JsonValue]]:
+    return cast("Mapping[str, Mapping[str, JsonValue]]", detail.get(key, {}))
+
+
+def _with_audit(stage: StageReport, audit: dict[str, JsonValue]) -> StageReport:
+    """Returns a batch's report with its audit, and with an alarm unless the audit is sound or says less by design."""
+    verdict, sentence = str(audit["verdict"]), str(audit["sentence"])
+    facts: dict[str, JsonValue] = {"audit": audit}
+    if verdict in _ALARMING:
+        facts["alarm"] = f"The parity audit is {verdict}: {sentence}"
+    return stage.model_copy(update={"summary": f"{stage.summary}; audit {verdict}: {sentence}", "facts": facts})
+
+
+def _stage(
+    name: StageName, record: JobRecord, summary: str, seconds: float, artefacts: tuple[Artefact, ...]
+) -> StageReport:
+    return StageReport(
+        name=name, arn=record.arn, status=record.status, summary=summary, seconds=seconds, artefacts=artefacts
+    )

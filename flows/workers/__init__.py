@@ -1,0 +1,1 @@
+"""Work handed to Dask and Ray workers. Flows may import it."""

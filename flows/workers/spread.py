@@ -1,0 +1,155 @@
+"""Work handed to the workers of a crew, a little ahead of them; what was lost is handed out again.
+
+Whether a piece is done is never read from its future: a worker that dies after it has committed has done its work. The
+store says what is missing.
+"""
+
+import asyncio
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from queue import Empty, SimpleQueue
+from typing import Any, NamedTuple
+
+from prefect.futures import PrefectFuture
+
+from specs.errors import StageFailed
+
+_LOG = logging.getLogger(__name__)
+# A worker that ends a task finds the next one there; what is further ahead is promised to nobody yet.
+_AHEAD = 2
+_ATTEMPTS = 4
+# Long beside what handing out a piece costs its worker. Who works on one looks at the record before each chunk, so that
+# a cancellation does not wait for its end, and has committed what was done of it when it dies.
+_AIM_S = 15.0
+# Handing out a piece costs this process, and Prefect's server, about a tenth of a second each
+# (docs/operate/scale.md): many workers get longer ones, so that both keep up with any number of them.
+_AIM_S_A_WORKER = 0.2
+_LOOK_S = 0.5
+# Workers that live end a piece that nobody wants within seconds; a cluster may have lost them all.
+_PATIENCE_S = 20.0
+
+Numbers = tuple[int, ...]
+
+
+class Ended(NamedTuple):
+    """A piece that was handed out, and what became of it.
+
+    Attributes:
+        result: What its task returned; None if it did not come to that.
+        failure: Why it did not.
+    """
+
+    numbers: Numbers
+    result: Any
+    failure: str
+
+
+class Pace:
+    """How many numbers go into a piece, by how long the last ones took."""
+
+    def __init__(self) -> None:
+        self._each_s: float | None = None
+
+    def told(self, numbers: int, wall_s: float) -> None:
+        """Learns how long a worker took for a piece."""
+        each_s = wall_s / max(numbers, 1)
+        self._each_s = each_s if self._each_s is None else 0.5 * (self._each_s + each_s)
+
+    def size(self, left: int, width: int) -> int:
+        """Returns how many of what is left go into the next piece; so few of the last ones that all workers share."""
+        if self._each_s is None:
+            return 1
+        aim_s = max(_AIM_S, width * _AIM_S_A_WORKER)
+        return max(1, min(int(aim_s / max(self._each_s, 1e-3)), left // (width * _AHEAD)))
+
+
+def spread(
+    numbers: Sequence[int],
+    hand_out: Callable[[Numbers], PrefectFuture[Any]],
+    *,
+    width: Callable[[], int],
+    going: Callable[[], bool],
+    missing: Callable[[Numbers], Numbers],
+    settled: Callable[[Ended], float],
+) -> None:
+    """Hands numbers out in order until all are done, or nobody wants them any more.
+
+    Who works on one is waited for; for a while only, once nobody wants it.
+
+    Args:
+        numbers: What there is to do.
+        hand_out: Gives a piece to a worker.
+        width: How many workers there are now.
+        going: Whether anything more is wanted.
+        missing: Which of some numbers are not done, whatever their workers said.
+        settled: Told of each piece that ended; returns how long its worker took, in seconds.
+
+    Raises:
+        StageFailed: A piece was lost four times.
+    """
+    left, flying = deque(numbers), 0
+    ended: SimpleQueue[Ended] = SimpleQueue()
+    pace, lost, unwanted = Pace(), Counter[int](), _Unwanted(going)
+    while left or flying:
+        if unwanted():
+            left.clear()
+            if unwanted.for_long():
+                _LOG.warning("%d pieces that nobody wants any more are not waited for", flying)
+                return
+        while left and flying < width() * _AHEAD:
+            piece = tuple(left.popleft() for _ in range(pace.size(len(left), width())))
+            _await(piece, hand_out(piece), ended)
+            flying += 1
+        try:
+            end = ended.get(timeout=_LOOK_S)
+        except Empty:
+            continue
+        flying -= 1
+        if end.failure:
+            left.extendleft(reversed(_again(end, missing(end.numbers), lost)))
+        else:
+            pace.told(len(end.numbers), settled(end))
+
+
+class _Unwanted:
+    """Whether nothing more is wanted, and since when."""
+
+    def __init__(self, going: Callable[[], bool]) -> None:
+        self._going = going
+        self._since_s: float | None = None
+
+    def __call__(self) -> bool:
+        if self._going():
+            return False
+        self._since_s = time.monotonic() if self._since_s is None else self._since_s
+        return True
+
+    def for_long(self) -> bool:
+        return self._since_s is not None and time.monotonic() - self._since_s >= _PATIENCE_S
+
+
+def _again(end: Ended, missing: Numbers, lost: Counter[int]) -> Numbers:
+    """Returns what of a piece has to be handed out again."""
+    lost.update(missing)
+    if any(lost[number] >= _ATTEMPTS for number in missing):
+        told = f"{missing[0]} was lost {_ATTEMPTS} times, the last time because: {end.failure}"
+        raise StageFailed("InternalServiceError", told)
+    if missing:
+        _LOG.warning("handing out %s again: %s", missing, end.failure)
+    return missing
+
+
+def _await(numbers: Numbers, future: PrefectFuture[Any], ended: "SimpleQueue[Ended]") -> None:
+    """Tells how a piece ended, once it has; a future's own callbacks are not the same with Dask and Ray."""
+
+    def wait() -> None:
+        try:
+            ended.put(Ended(numbers, future.result(), ""))
+        # Whatever a worker died of is told, and looked at in the store; to be cancelled is no Exception of Python's.
+        except (Exception, asyncio.CancelledError) as exc:  # noqa: BLE001 - see above
+            ended.put(Ended(numbers, None, f"{type(exc).__name__}: {exc}"))
+
+    threading.Thread(target=wait, name=f"piece {numbers[0]}", daemon=True).start()

@@ -1,0 +1,158 @@
+"""A batch's chunks on the workers of a Dask or Ray cluster: they need the store, and Simyard; nothing else is sent.
+
+Chunks are what they are on one machine, and committed by whoever simulated them, so that the tables are the same bytes.
+"""
+
+import os
+import platform
+import time
+from functools import partial
+from typing import Any, NamedTuple
+
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+from prefect.futures import PrefectFuture
+
+from flows.run.events import announced
+from flows.workers.crew import Width, on_workers
+from flows.workers.spread import Ended, Numbers, spread
+from specs.field_types import OutputLocation
+from specs.settings import Workers
+from tasks.applications.registry import unpack
+from tasks.progress.task import Progress, watched
+from tasks.results.tables.recordings import write_recordings
+from tasks.simulate.batch.chunk_store import chunk_numbers, is_committed, spent_s
+from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, opened, time_out
+from tasks.simulate.batch.metrics import BatchMeter, BatchMetrics, ChunkWork
+from tasks.simulate.batch.provenance import note_machine
+from tasks.simulate.batch.result_stream import give_up
+from tasks.simulate.task import simulate_chunk
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.store_url import open_store
+
+
+class PieceEnd(NamedTuple):
+    """What a worker did: episodes of the chunks that it came to, the seconds that it took, and what they went into."""
+
+    episodes: int
+    wall_s: float
+    work: ChunkWork = ChunkWork()
+    worker: str = ""
+
+
+def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:
+    """Commits all chunks of a batch, or as many as there is time for and nobody cancels; returns how fast that was.
+
+    Raises:
+        StageFailed: A chunk was lost several times.
+    """
+    meter = BatchMeter()
+
+    def episodes(width: Width) -> None:
+        with watched("Episodes", "episodes-progress") as progress:
+            work = _Spread(batch, location, progress, meter)
+            spread(
+                work.left,
+                work.hand_out,
+                width=width,
+                going=work.going,
+                missing=work.missing,
+                settled=work.settled,
+            )
+            progress(work.done, batch.layout.episodes)
+
+    on_workers(workers, "episodes", batch.id, episodes)
+    if batch.record().status in STOPPING:
+        give_up(batch)  # what a worker was at that is not heard of any more: should it come back, it is too late
+    return meter.metrics()
+
+
+class _Spread:
+    """A batch that is being handed out."""
+
+    def __init__(self, batch: OpenBatch, location: OutputLocation, progress: Progress, meter: BatchMeter) -> None:
+        committed = chunk_numbers(batch.store, batch.id).committed
+        self.left = [number for number in range(batch.layout.chunks) if number not in committed]
+        self.done = sum(map(batch.layout.chunk_size, committed))
+        self._batch, self._location, self._progress, self._meter = batch, location, progress, meter
+        self._before_s, self._start_s = spent_s(batch.store, batch.id), time.monotonic()
+
+    def hand_out(self, numbers: Numbers) -> PrefectFuture[Any]:
+        batch, worked_s = self._batch, self._worked_s()
+        return simulate_chunks.submit(
+            batch.store.url,
+            batch.id,
+            numbers,
+            location=self._location,
+            left_s=batch.plan.timeout_s - worked_s,
+            spent_s=worked_s,
+        )
+
+    def going(self) -> bool:
+        """Returns whether more chunks are wanted; workers find the batch's end in its record, too."""
+        over = self._worked_s() >= self._batch.plan.timeout_s
+        now = time_out(self._batch) if over else self._batch.record()
+        return now.status in GOING
+
+    def missing(self, numbers: Numbers) -> Numbers:
+        return tuple(number for number in numbers if not is_committed(self._batch.store, self._batch.id, number))
+
+    def settled(self, end: Ended) -> float:
+        piece: PieceEnd = end.result
+        self.done += piece.episodes
+        self._meter.add(piece.work, piece.worker)
+        self._progress(self.done, self._batch.layout.episodes)
+        return piece.wall_s
+
+    def _worked_s(self) -> float:
+        return self._before_s + time.monotonic() - self._start_s
+
+
+@task(name="simulate-chunks", task_run_name="simulate-chunks-{numbers}", cache_policy=NO_CACHE, persist_result=False)
+def simulate_chunks(
+    store_url: str, batch: str, numbers: Numbers, *, location: OutputLocation, left_s: float, spent_s: float
+) -> PieceEnd:
+    """Returns what was done of some chunks, one after the other; runs on a worker, which may be another machine.
+
+    Args:
+        store_url: Where the batch's record, worlds, bundles and chunks are.
+        batch: The batch's id.
+        numbers: The chunks'.
+        location: The batch's output location.
+        left_s: Wall seconds that the batch has left.
+        spent_s: Wall seconds that were spent on the batch before.
+    """
+    with announced():  # a worker may be the first to see that time is up
+        return _simulated(opened(open_store(store_url), batch), numbers, location, left_s=left_s, spent_s=spent_s)
+
+
+def _simulated(
+    work: OpenBatch, numbers: Numbers, location: OutputLocation, *, left_s: float, spent_s: float
+) -> PieceEnd:
+    store_url, batch = work.store.url, work.id
+    start_s, episodes, done = time.monotonic(), 0, ChunkWork()
+    note_machine(work)
+    folders = {digest: unpack(work.store, digest, cache_folder() / "bundles") for digest in work.plan.digests()}
+    record = partial(write_recordings, store_url, location, batch) if work.plan.records() else None
+    lanes = work.plan.lanes
+    for number in numbers:
+        if work.record().status not in GOING:
+            break
+        took_s = time.monotonic() - start_s
+        ended = simulate_chunk.fn(
+            store_url,
+            batch,
+            number,
+            bundles=folders,
+            lanes=lanes,
+            left_s=left_s - took_s,
+            spent_s=spent_s + took_s,
+            progress=_nobody,
+            record=record,
+        )
+        lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
+    return PieceEnd(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")
+
+
+def _nobody(_done: int) -> None:
+    """Drops what is told: the driver counts whole chunks."""

@@ -1,0 +1,154 @@
+"""The whole document: from a world template to a tested fleet."""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.digest import digest
+from specs.field_types import Path as SourcePath
+from specs.field_types import PlainName
+from specs.pipeline.gate_section import Gate, unaudited
+from specs.pipeline.simulation_section import Deployment, SimulationBatch
+from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
+from specs.rules import Finding, Location, Ruled, items, part
+from specs.settings import max_worlds_of_job
+
+SECTIONS = ("applications", "worldGeneration", "worldExport", "simulationBatch", "deployment")
+INERT_FIELDS = frozenset(
+    {
+        "iamRole",
+        "vpcConfig",
+        "compute",
+        "tools",
+        "useDefaultTools",
+        "uploadConfigurations",
+        "useDefaultUploadConfigurations",
+        "useDefaultApplications",
+        "portForwardingConfig",
+        "streamUI",
+        "command",
+    }
+)
+"""Fields that only made sense on AWS: accepted, kept in the record, without effect."""
+
+
+class ApplicationSource(Spec):
+    """A bundle of one's own that the run publishes before it is used.
+
+    Attributes:
+        name: What the document calls the application.
+        kind: What drives a robot, or a scenario.
+    """
+
+    name: PlainName = Field(title="Name")
+    kind: Literal["robot", "simulation"] = Field(default="robot", title="Kind")
+    source: SourcePath = Field(title="Folder", description="Path of the bundle, from the document's folder.")
+
+
+class PipelineSpec(Ruled):
+    """A pipeline; any section may be left out.
+
+    Attributes:
+        applications: Bundles of one's own, published before anything else; those that come with Simyard need no entry.
+        worldGeneration: Makes worlds from a template.
+        worldExport: Writes worlds to files that other programs open.
+        simulationBatch: Drives the robot through every world, with every seed.
+        gate: What must be shown before anything is deployed.
+        deployment: Rolls the tested version out to a fleet.
+    """
+
+    name: PlainName = Field(title="Name", description="Letters, digits, underscores and hyphens, at most 64.")
+    applications: Annotated[tuple[ApplicationSource, ...], Field(max_length=100)] = Field(
+        default=(), title="Applications"
+    )
+    worldGeneration: WorldGeneration | None = Field(default=None, title="World generation")
+    worldExport: WorldExport | None = Field(default=None, title="World export")
+    simulationBatch: SimulationBatch | None = Field(default=None, title="Simulation batch")
+    gate: Gate | None = Field(default=None, title="Gate")
+    deployment: Deployment | None = Field(default=None, title="Deployment")
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields sections that lack what another one would give them."""
+        if all(part(data, section) in (None, (), []) for section in SECTIONS):
+            yield Finding((), data, f"at least one of {', '.join(SECTIONS)}")
+        if part(data, "gate") is not None and part(data, "simulationBatch") is None:
+            yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
+        yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
+        if part(data, "worldGeneration") is None:
+            yield from _worlds_from_nowhere(data)
+        yield from _too_many_to_export(data)
+        yield from _published_twice(items(part(data, "applications")))
+
+
+def canonical_digest(spec: PipelineSpec) -> str:
+    """Returns the SHA-256 of a pipeline with its defaults spelled out: equal documents, equal digests."""
+    return digest(spec)
+
+
+def inert_fields(spec: PipelineSpec) -> list[str]:
+    """Returns the fields that the document sets and that have no effect, such as ``worldExport.iamRole``.
+
+    Lists are written ``[*]``, so that a field of a thousand requests is named once.
+    """
+    return list(dict.fromkeys(_inert(spec, "")))
+
+
+def _inert(value: object, path: str) -> Iterator[str]:
+    if isinstance(value, tuple):
+        for item in items(value):
+            yield from _inert(item, f"{path}[*]")
+    if not isinstance(value, Spec):
+        return
+    for name in type(value).model_fields:
+        below = getattr(value, name)
+        where = f"{path}.{name}".lstrip(".")
+        if name in INERT_FIELDS and below is not None:
+            yield where
+        else:
+            yield from _inert(below, where)
+
+
+def _worlds_from_nowhere(data: object) -> Iterator[Finding]:
+    allowed = "a list of worlds, or worldGeneration in the document"
+    export, batch = part(data, "worldExport"), part(data, "simulationBatch")
+    if export is not None and not _names_worlds(export):
+        yield Finding(("worldExport", "worlds"), "all", allowed)
+    requests = items(part(batch, "createSimulationJobRequests"))
+    if batch is None or _names_worlds(part(batch, "matrix")) or (requests and all(map(_brings_world, requests))):
+        return
+    loc: Location = ("simulationBatch", "matrix", "worlds")
+    yield Finding(loc, "all", allowed)
+
+
+def _too_many_to_export(data: object) -> Iterator[Finding]:
+    """Yields an export of more worlds than one job writes, which only SIMYARD_MAX_WORLDS makes possible."""
+    export, count = part(data, "worldExport"), part(part(data, "worldGeneration"), "worldCount")
+    counts = [part(count, "floorplanCount"), part(count, "interiorCountPerFloorplan")]
+    plans, interiors = (each if type(each) is int else 1 for each in counts)
+    generated = plans * interiors <= max_worlds_of_job()  # more are a fault of their own
+    if export is not None and not _names_worlds(export) and generated and plans * interiors > MAX_WORLDS_OF_EXPORT:
+        allowed = f"at most {MAX_WORLDS_OF_EXPORT} worlds, by name; {plans * interiors} are generated"
+        yield Finding(("worldExport", "worlds"), "all", allowed)
+
+
+def _names_worlds(section: object) -> bool:
+    return part(section, "worlds") not in (None, "all")
+
+
+def _brings_world(request: object) -> bool:
+    applications = items(part(request, "simulationApplications"))
+    configs = [config for one in applications for config in items(part(one, "worldConfigs"))]
+    return any(part(config, "world") is not None for config in configs)
+
+
+def _published_twice(applications: object) -> Iterator[Finding]:
+    seen: set[tuple[object, object]] = set()
+    for number, application in enumerate(items(applications)):
+        name = part(application, "name")
+        key = (str(name), part(application, "kind") or "robot")
+        if key in seen:
+            yield Finding(("applications", number, "name"), name, "a name of its own among those of its kind")
+        seen.add(key)

@@ -1,0 +1,179 @@
+"""The section of a pipeline that decides: what a batch must show before anything is deployed."""
+
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field
+
+from specs.base import Spec
+from specs.field_types import Boolean, Number
+from specs.robomaker.deployment import DeploymentVersion
+from specs.rules import Finding, Ruled, broken, items, part
+
+MAX_QUANTILES = 20
+MEASURES = (
+    "simulated_s",
+    "goals_reached",
+    "goals_total",
+    "path_length_m",
+    "shortest_path_m",
+    "spl",
+    "collisions",
+    "impulse_ns",
+    "max_impulse_ns",
+    "min_clearance_m",
+    "energy_j",
+    "final_x_m",
+    "final_y_m",
+    "final_yaw_rad",
+    "odometry_error_m",
+)
+"""The columns of ``results.parquet`` that measure an episode with one number; ``metrics.<name>`` are the scenario's."""
+
+RULES = ("successRate", "noWorseThan", "collisionRate", "maxOutcomeFlipRate", "quantiles")
+SEQUENTIAL_RULES = ("successRate", "collisionRate")
+"""Rules that count episodes one by one, so that they can be sure before the batch's end."""
+
+_METRIC = re.compile(r"metrics\..+")
+
+
+def _column(name: str) -> str:
+    if name in MEASURES or _METRIC.fullmatch(name):
+        return name
+    raise broken(f"one of {', '.join(MEASURES)}, or metrics.<name> for what the scenario measures")
+
+
+Confidence = Annotated[Number, Field(ge=0.5, le=0.9999)]
+# No number of episodes shows a rate of exactly 0 or 1: its interval always reaches beyond.
+Bar = Annotated[Number, Field(gt=0, lt=1)]
+
+
+class SuccessRate(Spec):
+    """The share of episodes that must pass, and how sure that must be.
+
+    Attributes:
+        confidence: How sure it must be.
+    """
+
+    atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(title="At least", description="Such as 0.99.")
+    confidence: Confidence = Field(default=0.95, title="Confidence")
+
+
+class NoWorseThan(Spec):
+    """Another version of the tested application, and by how much this one may fall behind it.
+
+    Attributes:
+        confidence: How sure it must be.
+    """
+
+    applicationVersion: DeploymentVersion = Field(title="Version", description='A number such as "3".')
+    margin: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        title="Margin", description="How much lower the success rate may be: 0.02 is two percentage points."
+    )
+    confidence: Confidence = Field(default=0.95, title="Confidence")
+
+
+class CollisionRate(Spec):
+    """The share of episodes in which the robot may touch anything.
+
+    Attributes:
+        confidence: How sure it must be.
+    """
+
+    atMost: Bar = Field(title="At most", description="Such as 0.05.")
+    confidence: Confidence = Field(default=0.95, title="Confidence")
+
+
+class FlipRate(Spec):
+    """The share of episodes whose outcome may be another on C MuJoCo, by the parity audit.
+
+    Attributes:
+        confidence: How sure it must be.
+    """
+
+    atMost: Bar = Field(title="At most", description="Such as 0.05.")
+    confidence: Confidence = Field(default=0.95, title="Confidence")
+
+
+class QuantileRule(Ruled):
+    """Where a quantile of a column of the results must lie.
+
+    Attributes:
+        atLeast: The quantile's lowest value, in the column's unit; either this or the highest.
+        atMost: Its highest value.
+        confidence: How sure it must be.
+    """
+
+    column: Annotated[str, AfterValidator(_column)] = Field(title="Column", description="Such as min_clearance_m.")
+    quantile: Bar = Field(title="Quantile", description="0.05 is the value that 5 % of the episodes are below.")
+    atLeast: Number | None = Field(default=None, title="At least")
+    atMost: Number | None = Field(default=None, title="At most")
+    confidence: Confidence = Field(default=0.95, title="Confidence")
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields a bar that is missing, or one too many."""
+        bars = [name for name in ("atLeast", "atMost") if part(data, name) is not None]
+        if len(bars) != 1:
+            yield Finding((), ", ".join(bars) or "neither", "one of atLeast and atMost")
+
+
+class Gate(Ruled):
+    """What the batch must show before anything is deployed: all of its rules.
+
+    Attributes:
+        successRate: Share of episodes that must pass.
+        noWorseThan: Another version that this one may hardly fall behind.
+        collisionRate: Share of episodes in which the robot may touch anything.
+        maxOutcomeFlipRate: Share of episodes that may end otherwise on C MuJoCo; needs the parity audit.
+        quantiles: Bounds for quantiles of measures, at most 20.
+    """
+
+    successRate: SuccessRate | None = Field(default=None, title="Success rate")
+    noWorseThan: NoWorseThan | None = Field(default=None, title="No worse than another version")
+    collisionRate: CollisionRate | None = Field(default=None, title="Collision rate")
+    maxOutcomeFlipRate: FlipRate | None = Field(default=None, title="Outcomes that differ from C MuJoCo's")
+    quantiles: Annotated[tuple[QuantileRule, ...], Field(max_length=MAX_QUANTILES)] | None = Field(
+        default=None, title="Quantiles"
+    )
+    # None, not False: documents without it keep the digest that they had before there was such a field.
+    stopEarly: Boolean | None = Field(
+        default=None,
+        title="Stop early",
+        description="Ends the batch when successRate and collisionRate are certain, by a test that allows it.",
+    )
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields a gate without rules, a batch that nothing could stop, and quantiles that are asked for twice."""
+        asked = [name for name in RULES if part(data, name) not in (None, [], ())]
+        if not asked:
+            yield Finding((), data, f"at least one of {', '.join(RULES)}")
+        if part(data, "stopEarly") is True and not set(asked) & set(SEQUENTIAL_RULES):
+            allowed = f"{' or '.join(SEQUENTIAL_RULES)} beside it, which can be sure early"
+            yield Finding(("stopEarly",), part(data, "stopEarly"), allowed)
+        yield from _asked_twice(items(part(data, "quantiles")))
+
+
+def stops_early(gate: Gate | None) -> bool:
+    """Returns whether the gate may end its batch before the last episode."""
+    return gate is not None and bool(gate.stopEarly)
+
+
+def unaudited(gate: object, audit: object) -> Iterator[Finding]:
+    """Yields the rule about the parity audit in a raw document whose batch makes none."""
+    lanes: Any = part(audit, "lanes")
+    if part(gate, "maxOutcomeFlipRate") is not None and lanes == 0 and type(lanes) is int:
+        allowed = "simulationBatch.audit.lanes above 0, for the episodes that it counts"
+        yield Finding(("gate", "maxOutcomeFlipRate"), "audit.lanes is 0", allowed)
+
+
+def _asked_twice(quantiles: object) -> Iterator[Finding]:
+    seen: set[tuple[str, str, bool]] = set()
+    for number, rule in enumerate(items(quantiles)):
+        key = (str(part(rule, "column")), str(part(rule, "quantile")), part(rule, "atLeast") is None)
+        if key in seen:
+            allowed = "each quantile of a column once from below and once from above"
+            yield Finding(("quantiles", number), f"{key[1]} of {key[0]}", allowed)
+        seen.add(key)

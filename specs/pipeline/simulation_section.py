@@ -1,0 +1,255 @@
+"""The sections of a pipeline that test and deploy: simulation batch, deployment.
+
+What a roll-out may be asked for that RoboMaker's requests have no words for.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from specs.base import Spec
+from specs.field_types import (
+    ClientRequestToken,
+    EnvironmentVariableKey,
+    EnvironmentVariableValue,
+    Integer,
+    Number,
+    PlainName,
+    Reference,
+    RobotTagMap,
+    TagMap,
+    WorldReference,
+)
+from specs.pipeline.world_sections import Destination, Seed, WorldChoice
+from specs.robomaker.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
+from specs.robomaker.launch import ApplicationUse
+from specs.robomaker.simulation import (
+    MAX_BATCHED_JOB_DURATION_S,
+    MAX_JOB_DURATION_S,
+    MAX_REQUESTS,
+    BatchedJobSettings,
+    BatchPolicy,
+    JobDuration,
+    duration_rule,
+)
+from specs.rules import Finding, Ruled, distinct, items, part
+from specs.unions import member, told_apart
+
+
+class RollOutRules(Spec):
+    """What a roll-out keeps to beyond RoboMaker's deploymentConfig."""
+
+    canaryRobots: Annotated[Integer, Field(ge=0, le=1000)] = Field(
+        default=0, title="Canaries", description="So many robots go first; a failure among them stops the roll-out."
+    )
+    leastExecutedRobots: Annotated[Integer, Field(ge=0, le=1000)] = Field(
+        default=0,
+        title="Least executed",
+        description="The failure threshold counts once so many robots have ended.",
+    )
+
+
+MAX_SEEDS = 10_000
+MAX_LOCAL_AGENTS = 20
+MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, 20
+AUDITED_LANES, MAX_AUDITED_LANES = 16, 256
+
+Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
+Engine = Literal["auto", "planar", "mjx", "mujoco"]
+Seeds = Annotated[
+    Annotated[Integer, Field(ge=1, le=MAX_SEEDS), member("number")]
+    | Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct), member("list")],
+    told_apart("how many seeds (1, 2, ...), or a list of seeds", number=(int, float), list=(list, tuple)),
+]
+VariableValues = Annotated[tuple[EnvironmentVariableValue, ...], Field(min_length=1), AfterValidator(distinct)]
+
+
+class Matrix(Spec):
+    """Multiplies every request: each world, with each seed, with each combination of variables.
+
+    Attributes:
+        environmentVariables: Lists of values by name, such as {"MAX_SPEED": ["0.4", "0.6"]}; every combination is
+            driven.
+    """
+
+    worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
+    seeds: Seeds = Field(
+        default=1, title="Seeds", description="How many episodes of each world, or the seeds themselves."
+    )
+    environmentVariables: dict[EnvironmentVariableKey, VariableValues] = Field(
+        default_factory=dict, title="Environment variables"
+    )
+
+
+class Recordings(Spec):
+    """Which episodes leave a recording of what the robot did, saw and touched."""
+
+    episodes: Literal["failed", "all", "none"] = Field(
+        default="failed",
+        title="Episodes",
+        description="Those of requests with loggingConfig.recordAllRosTopics are recorded in any case.",
+    )
+    rateHz: Annotated[Number, Field(ge=MIN_RECORDING_HZ, le=MAX_RECORDING_HZ)] = Field(
+        default=10.0,
+        title="Rate (Hz)",
+        description="Samples a simulated second; the nearest of 20, 10, 6.7, 5, ... (20 / n) is kept, of 15 it is 20.",
+    )
+
+
+class Audit(Spec):
+    """How much of a batch is driven again on C MuJoCo, to show that its engine can be relied on."""
+
+    lanes: Annotated[Integer, Field(ge=0, le=MAX_AUDITED_LANES)] = Field(
+        default=AUDITED_LANES, title="Lanes", description="Episodes, half of them failed ones; 0 audits nothing."
+    )
+
+
+class PipelineWorldConfig(Spec):
+    """The world of a request that names its own.
+
+    Attributes:
+        world: ``<generation>/<world>``, or an ARN.
+    """
+
+    world: WorldReference | None = None
+
+
+class PipelineRobotApplication(ApplicationUse):
+    """The robot application that is tested."""
+
+    application: Reference = Field(title="Robot application", description="Name or ARN.")
+
+
+class PipelineSimulationApplication(ApplicationUse):
+    """The scenario: where the robot starts, what it must do, what is measured.
+
+    Attributes:
+        worldConfigs: One world of this request's own, instead of the matrix's.
+    """
+
+    application: Reference = Field(title="Simulation application", description="Name or ARN.")
+    worldConfigs: Annotated[tuple[PipelineWorldConfig, ...], Field(max_length=1)] | None = None
+
+
+class PipelineJobRequest(BatchedJobSettings):
+    """One job of the batch, before the matrix multiplies it.
+
+    Attributes:
+        robotApplications: The robot application that drives; exactly one.
+        simulationApplications: The scenario that it is driven through; exactly one.
+    """
+
+    maxJobDurationInSeconds: JobDuration = Field(
+        title="Duration (s)",
+        description="Simulated seconds at most; in a batch at most 691,200.",
+        json_schema_extra={"minimum": 1, "maximum": MAX_JOB_DURATION_S},
+    )
+    robotApplications: Annotated[tuple[PipelineRobotApplication, ...], Field(min_length=1, max_length=1)] | None = None
+    simulationApplications: (
+        Annotated[tuple[PipelineSimulationApplication, ...], Field(min_length=1, max_length=1)] | None
+    ) = None
+
+
+class SimulationBatch(Ruled):
+    """Simulates; takes a StartSimulationJobBatch request as it stands, or stands for a single CreateSimulationJob.
+
+    Attributes:
+        batchPolicy: How long it may take, and how much at once.
+        outputLocation: Bucket and folder of the results; the store, if left out.
+        matrix: What multiplies every request.
+        createSimulationJobRequests: What is driven, from 1 to 1000 of them; each is multiplied by the matrix.
+        engine: What simulates; auto takes the fastest that can, on this machine.
+        recordings: Which episodes can be looked at afterwards.
+        audit: How much is driven again on C MuJoCo.
+        tags: At most 50 keys and values.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
+
+    operation: Operation = Field(
+        default="StartSimulationJobBatch", title="Call", description="Which of RoboMaker's calls this stands for."
+    )
+    batchPolicy: BatchPolicy | None = Field(default=None, title="Policy")
+    outputLocation: Destination | None = Field(default=None, title="Output location")
+    matrix: Matrix = Field(default_factory=Matrix, title="Matrix")
+    createSimulationJobRequests: Annotated[
+        tuple[PipelineJobRequest, ...], Field(min_length=1, max_length=MAX_REQUESTS)
+    ] = Field(title="Requests")
+    engine: Engine = Field(default="auto", title="Engine")
+    recordings: Recordings = Field(default_factory=Recordings, title="Recordings")
+    audit: Audit = Field(default_factory=Audit, title="Parity audit")
+    tags: TagMap | None = Field(default=None, title="Tags of the batch")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields jobs that last longer than those of a batch may, and more of them than a single call makes."""
+        requests = items(part(data, "createSimulationJobRequests"))
+        if part(data, "operation") == "CreateSimulationJob":
+            if len(requests) > 1:
+                allowed = "one; a CreateSimulationJob makes one job"
+                yield Finding(("createSimulationJobRequests",), f"{len(requests)} requests", allowed)
+            return
+        for number, request in enumerate(requests):
+            seconds = part(request, "maxJobDurationInSeconds")
+            if type(seconds) is int and MAX_BATCHED_JOB_DURATION_S < seconds <= MAX_JOB_DURATION_S:
+                loc = ("createSimulationJobRequests", number, "maxJobDurationInSeconds")
+                yield Finding(loc, seconds, duration_rule(MAX_BATCHED_JOB_DURATION_S, " in a batch"))
+
+
+class LocalFleet(Spec):
+    """A fleet of robot agents that the run starts on this machine, for a demonstration.
+
+    Attributes:
+        name: What the fleet is called.
+        localAgents: For a demonstration; they end with the run.
+    """
+
+    name: PlainName = Field(title="Fleet")
+    localAgents: Annotated[Integer, Field(ge=0, le=MAX_LOCAL_AGENTS)] = Field(default=0, title="Robots on this machine")
+
+
+class PipelineDeployedApplication(Spec):
+    """The application that is deployed.
+
+    Attributes:
+        launchConfig: What is run on the robot.
+    """
+
+    application: Reference = Field(title="Robot application", description="Name or ARN.")
+    applicationVersion: DeploymentVersion | None = Field(
+        default=None,
+        title="Version",
+        description='A number such as "3"; the version that this run has tested, if left out.',
+    )
+    launchConfig: DeploymentLaunchConfig
+
+
+class Deployment(Spec):
+    """Rolls an application out to a fleet; takes a CreateDeploymentJob request as it stands.
+
+    Attributes:
+        fleet: Name or ARN of a fleet, or one on this machine for a demonstration.
+        deploymentConfig: How many robots at once, and what stops it.
+        rollOut: Canaries, and when the failure threshold begins to count.
+        deploymentApplicationConfigs: The application, exactly one.
+        tags: At most 50 keys and values; robots see them as variables.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
+
+    fleet: Annotated[
+        Annotated[Reference, member("text")] | Annotated[LocalFleet, member("LocalFleet")],
+        told_apart("a name, an ARN, or {name: ..., localAgents: ...}", text=str, LocalFleet=dict),
+    ] = Field(title="Fleet")
+    deploymentConfig: DeploymentConfig | None = Field(default=None, title="Roll-out")
+    rollOut: RollOutRules = Field(default_factory=RollOutRules, title="Rules beyond RoboMaker's")
+    deploymentApplicationConfigs: Annotated[
+        tuple[PipelineDeployedApplication, ...], Field(min_length=1, max_length=1)
+    ] = Field(title="Application")
+    trust: Literal["signed", "unsigned"] = Field(
+        default="signed",
+        title="Trust",
+        description="Signed with the keys in SIMYARD_KEYS; unsigned, robots that verify refuse it.",
+    )
+    tags: RobotTagMap | None = Field(default=None, title="Tags of the job")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")

@@ -1,0 +1,131 @@
+"""The sections of a pipeline that make worlds: generation and export."""
+
+import json
+from collections.abc import Iterator
+from typing import Annotated, Literal, get_args
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from specs.base import Spec
+from specs.data.world import ROBOT_RADIUS_M
+from specs.field_types import (
+    GENERIC_PATTERN,
+    ClientRequestToken,
+    IamRole,
+    Integer,
+    Number,
+    OutputLocation,
+    TagMap,
+    WorldReference,
+    text,
+)
+from specs.rules import Finding, Ruled, broken, distinct, part
+from specs.settings import MAX_WORLDS, max_worlds_of_job
+from specs.template.body import TemplateBody
+from specs.unions import member, told_apart
+
+MAX_SEED = 2**32 - 1
+MAX_WORLDS_OF_EXPORT = 100
+WorldFormat = Literal["world", "sdf", "mjcf", "map", "svg", "glb", "usd"]
+FORMATS: tuple[WorldFormat, ...] = get_args(WorldFormat)
+"""In the order in which they stand in a zip."""
+Seed = Annotated[Integer, Field(ge=0, le=MAX_SEED)]
+
+
+def _with_bucket(location: OutputLocation) -> OutputLocation:
+    if location.s3Bucket is None:
+        raise broken("a place with s3Bucket")
+    return location
+
+
+def _json_text_as_object(template: object) -> object:
+    if not (isinstance(template, str) and template.lstrip().startswith("{")):
+        return template
+    try:
+        return json.loads(template)
+    except (json.JSONDecodeError, RecursionError) as exc:
+        raise broken("a path, a URL, a name, an ARN, or a template body as an object or JSON text") from exc
+
+
+Destination = Annotated[OutputLocation, AfterValidator(_with_bucket)]
+Formats = Annotated[tuple[WorldFormat, ...], Field(min_length=1), AfterValidator(distinct)]
+WorldChoice = Annotated[
+    Annotated[Literal["all"], member("text")]
+    | Annotated[
+        tuple[WorldReference, ...],
+        Field(min_length=1, max_length=MAX_WORLDS_OF_EXPORT),
+        AfterValidator(distinct),
+        member("list"),
+    ],
+    told_apart(
+        'all, or a list of worlds such as "wgj-0123456789abcdef/world-1-1"', text=frozenset({"all"}), list=(list, tuple)
+    ),
+]
+Template = Annotated[
+    Annotated[str, text(1, 1224, GENERIC_PATTERN), member("text")] | Annotated[TemplateBody, member("TemplateBody")],
+    told_apart("a path, a URL, a name, an ARN, or a template body", text=str, TemplateBody=dict),
+    BeforeValidator(_json_text_as_object),
+]
+
+
+class PipelineWorldCount(Ruled):
+    """How many worlds: floor plans, times interiors of each.
+
+    Attributes:
+        floorplanCount: Different floor plans.
+        interiorCountPerFloorplan: Differently furnished worlds of each.
+    """
+
+    floorplanCount: Annotated[Integer, Field(ge=1)] = Field(default=1, title="Floor plans")
+    interiorCountPerFloorplan: Annotated[Integer, Field(ge=1)] = Field(default=1, title="Interiors of each floor plan")
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields a number of worlds that no generation job makes."""
+        counts = [part(data, "floorplanCount"), part(data, "interiorCountPerFloorplan")]
+        plans, interiors = (count if type(count) is int else 1 for count in counts)
+        worlds = plans * interiors
+        most = max_worlds_of_job()
+        if plans > 0 and worlds > most:
+            found = f"{plans} floor plans x {interiors} interiors are {worlds}"
+            yield Finding((), data, f"at most {most} worlds; {found} ({MAX_WORLDS} raises the limit)")
+
+
+class WorldGeneration(Spec):
+    """Makes worlds from a template; takes a CreateWorldGenerationJob request as it stands.
+
+    Attributes:
+        tags: At most 50 keys and values.
+        worldTags: At most 50 keys and values.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
+
+    template: Template = Field(title="Template", description="Path, URL in a bucket, name, ARN, or the body itself.")
+    worldCount: PipelineWorldCount = Field(title="How many worlds", description=f"At most 50, or {MAX_WORLDS}.")
+    seed: Seed = Field(default=0, title="Seed", description="The same seed makes the same worlds.")
+    robotRadius: Annotated[Number, Field(ge=0.05, le=0.6)] = Field(
+        default=ROBOT_RADIUS_M,
+        title="Robot radius (m)",
+        description="Every room is reachable for a robot of this radius.",
+    )
+    tags: TagMap | None = Field(default=None, title="Tags of the job")
+    worldTags: TagMap | None = Field(default=None, title="Tags of each world")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")
+
+
+class WorldExport(Spec):
+    """Writes worlds to a bucket; takes a CreateWorldExportJob request as it stands.
+
+    Attributes:
+        outputLocation: Bucket and folder that the zip is written to.
+        formats: In which formats, each once.
+        tags: At most 50 keys and values.
+        clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
+    """
+
+    worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
+    outputLocation: Destination = Field(title="Output location")
+    formats: Formats = Field(default=("mjcf", "sdf", "map", "svg"), title="Formats")
+    iamRole: IamRole | None = Field(default=None, title="IAM role", description="Kept; has no effect.")
+    tags: TagMap | None = Field(default=None, title="Tags of the job")
+    clientRequestToken: ClientRequestToken | None = Field(default=None, title="Token")

@@ -1,0 +1,1 @@
+"""RoboMaker's requests and answers, field by field. Anyone may import it."""

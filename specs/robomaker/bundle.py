@@ -1,0 +1,88 @@
+"""Published applications: what the store keeps of them, read by all that simulate or deploy one."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.field_types import Architecture, S3Object
+from specs.robomaker.applications import SourceConfig
+
+ApplicationKind = Literal["robot-application", "simulation-application"]
+ARCHITECTURES: tuple[Architecture, ...] = ("X86_64", "ARM64", "ARMHF")
+LATEST = "$LATEST"
+VERSIONS_AT_MOST = 40  # semantics 9
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Bytes = Annotated[int, Field(ge=0)]
+
+
+class Build(Spec):
+    """A version's bundle for one architecture.
+
+    Attributes:
+        architecture: Of the robots that it is for.
+        digest: SHA-256 of the bundle's archive, 64 hexadecimal digits.
+        size_bytes: Of the archive.
+        origin: The object that it was taken from, with the ETag it had; None for one that was packed from a folder.
+    """
+
+    architecture: Architecture
+    digest: Digest
+    size_bytes: Bytes
+    origin: S3Object | None = None
+
+
+class Version(Spec):
+    """One version of an application: a number that is never given twice, and the bytes it stands for.
+
+    Attributes:
+        kind: Whether it runs robots or tests.
+        name: The application.
+        number: From 1; those of versions that were deleted are missing.
+        digest: SHA-256 of the bundle's archive, 64 hexadecimal digits; of several builds the one for X86_64, which is
+            simulated, or else the first.
+        size_bytes: Of the archive.
+        created_at_s: Seconds since 1970.
+        shipped: Whether it came with Simyard and was published by being referred to.
+        builds: One for each architecture; none for a bundle that is the same on all of them.
+        revision: The application's when the version was made.
+    """
+
+    kind: ApplicationKind
+    name: str
+    number: Annotated[int, Field(ge=1)]
+    digest: Digest
+    size_bytes: Bytes
+    created_at_s: float
+    shipped: bool = False
+    builds: tuple[Build, ...] = ()
+    revision: str = ""
+
+    @property
+    def digests(self) -> dict[Architecture, str]:
+        """The digest of the bundle for each architecture; empty where one bundle is for all of them."""
+        return {build.architecture: build.digest for build in self.builds}
+
+
+class Application(Spec):
+    """All versions of an application, oldest first; one object, so that a new version is one compare-and-swap.
+
+    Attributes:
+        last_number: The highest that was ever given, also to a version that was deleted.
+        revision: Changes with every change of what ``$LATEST`` stands for.
+        sources: Where bundles lie that somebody else puts there, for ``$LATEST``.
+        deleted: Whether there is none any more; what is left keeps numbers from being given twice.
+    """
+
+    kind: ApplicationKind
+    name: str
+    versions: Annotated[tuple[Version, ...], Field(max_length=VERSIONS_AT_MOST)]
+    last_number: int = 0
+    revision: str = ""
+    sources: tuple[SourceConfig, ...] = ()
+    deleted: bool = False
+
+    @property
+    def numbers(self) -> str:
+        """The numbers of its versions, for a person."""
+        return ", ".join(str(version.number) for version in self.versions) or "none yet"

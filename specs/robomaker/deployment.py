@@ -1,0 +1,204 @@
+"""Deployment jobs: RoboMaker's requests and answers."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.field_types import (
+    NUMBER_PATTERN,
+    Arn,
+    ClientRequestToken,
+    Command,
+    CreatedAt,
+    EnvironmentVariableMap,
+    FilteredPage,
+    GenericString,
+    Integer,
+    Number,
+    PaginationToken,
+    Path,
+    RobotTagMap,
+    S3Object,
+    TagMap,
+    text,
+)
+from specs.rules import Within
+
+DeploymentStatus = Literal["Pending", "Preparing", "InProgress", "Failed", "Succeeded", "Canceled"]
+DeploymentJobErrorCode = Literal[
+    "ResourceNotFound",
+    "EnvironmentSetupError",
+    "EtagMismatch",
+    "FailureThresholdBreached",
+    "RobotDeploymentAborted",
+    "RobotDeploymentNoResponse",
+    "RobotAgentConnectionTimeout",
+    "GreengrassDeploymentFailed",
+    "InvalidGreengrassGroup",
+    "MissingRobotArchitecture",
+    "MissingRobotApplicationArchitecture",
+    "MissingRobotDeploymentResource",
+    "GreengrassGroupVersionDoesNotExist",
+    "LambdaDeleted",
+    "ExtractingBundleFailure",
+    "PreLaunchFileFailure",
+    "PostLaunchFileFailure",
+    "BadPermissionError",
+    "DownloadConditionFailed",
+    "BadLambdaAssociated",
+    "InternalServerError",
+    "RobotApplicationDoesNotExist",
+    "DeploymentFleetDoesNotExist",
+    "FleetDeploymentTimeout",
+]
+RobotStatus = Literal["Available", "Registered", "PendingNewDeployment", "Deploying", "Failed", "InSync", "NoResponse"]
+RobotDeploymentStep = Literal[
+    "Validating",
+    "DownloadingExtracting",
+    "ExecutingDownloadCondition",
+    "ExecutingPreLaunch",
+    "Launching",
+    "ExecutingPostLaunch",
+    "Finished",
+]
+Percentage = Annotated[Integer, Field(ge=1, le=100)]
+PercentDone = Annotated[Number, Field(ge=0, le=100)]
+DeploymentVersion = Annotated[str, text(1, 255, NUMBER_PATTERN)]
+DeploymentTimeout = Annotated[Integer, Within(60, 604_800, "seconds")]
+
+
+class DeploymentConfig(Spec):
+    """How a roll-out proceeds: share of the fleet at once, share of failures that stops it, patience with a robot.
+
+    Attributes:
+        robotDeploymentTimeoutInSeconds: A robot that has not finished after so long has failed; from 60 seconds to a
+            week (604,800).
+    """
+
+    concurrentDeploymentPercentage: Percentage | None = Field(
+        default=None, title="At once (%)", description="Share of the fleet that is deployed to at the same time."
+    )
+    failureThresholdPercentage: Percentage | None = Field(
+        default=None,
+        title="Failure threshold (%)",
+        description="The roll-out stops when this share of the fleet has failed.",
+    )
+    robotDeploymentTimeoutInSeconds: DeploymentTimeout | None = Field(default=None, title="Timeout of a robot (s)")
+    downloadConditionFile: S3Object | None = Field(
+        default=None, title="Download condition", description="A script; a robot on which it fails does not download."
+    )
+
+
+class DeploymentLaunchConfig(Spec):
+    """What is run on the robot: files of the bundle.
+
+    Attributes:
+        packageName: Folder in the application's bundle.
+        preLaunchFile: Script in that folder that is run before the launch, and must succeed.
+        launchFile: Program in that folder that then keeps running.
+        postLaunchFile: Script in that folder that is run after the launch, and must succeed.
+        environmentVariables: At most 20, capital names and texts; the programs are given them.
+    """
+
+    packageName: Command = Field(title="Package")
+    preLaunchFile: Path | None = Field(default=None, title="Run before")
+    launchFile: Command = Field(title="Launch file")
+    postLaunchFile: Path | None = Field(default=None, title="Run after")
+    environmentVariables: EnvironmentVariableMap | None = Field(default=None, title="Environment variables")
+
+
+class DeploymentApplicationConfig(Spec):
+    """Which version of which application is deployed."""
+
+    application: Arn
+    applicationVersion: DeploymentVersion
+    launchConfig: DeploymentLaunchConfig
+
+
+DeploymentApplicationConfigs = Annotated[tuple[DeploymentApplicationConfig, ...], Field(min_length=1, max_length=1)]
+
+
+class CreateDeploymentJobRequest(Spec):
+    """Asks for an application to be rolled out to a fleet."""
+
+    deploymentConfig: DeploymentConfig | None = None
+    clientRequestToken: ClientRequestToken
+    fleet: Arn
+    deploymentApplicationConfigs: DeploymentApplicationConfigs
+    tags: RobotTagMap | None = None
+
+
+class SyncDeploymentJobRequest(Spec):
+    """Asks for a fleet to be brought to its latest deployment."""
+
+    clientRequestToken: ClientRequestToken
+    fleet: Arn
+
+
+class DescribeDeploymentJobRequest(Spec):
+    """Asks about a deployment job."""
+
+    job: Arn
+
+
+class ListDeploymentJobsRequest(FilteredPage):
+    """Asks for the deployment jobs."""
+
+
+class DeploymentJob(Spec):
+    """A deployment job."""
+
+    arn: Arn | None = None
+    fleet: Arn | None = None
+    status: DeploymentStatus | None = None
+    deploymentApplicationConfigs: DeploymentApplicationConfigs | None = None
+    deploymentConfig: DeploymentConfig | None = None
+    failureReason: GenericString | None = None
+    failureCode: DeploymentJobErrorCode | None = None
+    createdAt: CreatedAt | None = None
+
+
+class ProgressDetail(Spec):
+    """How far a robot has come."""
+
+    currentProgress: RobotDeploymentStep | None = None
+    percentDone: PercentDone | None = None
+    estimatedTimeRemainingSeconds: Integer | None = None
+    targetResource: GenericString | None = None
+
+
+class RobotDeployment(Spec):
+    """A deployment job as one robot has it."""
+
+    arn: Arn | None = None
+    deploymentStartTime: CreatedAt | None = None
+    deploymentFinishTime: CreatedAt | None = None
+    status: RobotStatus | None = None
+    progressDetail: ProgressDetail | None = None
+    failureReason: GenericString | None = None
+    failureCode: DeploymentJobErrorCode | None = None
+
+
+class CreateDeploymentJobResponse(DeploymentJob):
+    """The deployment job that was made."""
+
+    tags: TagMap | None = None
+
+
+class SyncDeploymentJobResponse(DeploymentJob):
+    """The deployment job that a fleet is brought up to date with."""
+
+
+class DescribeDeploymentJobResponse(DeploymentJob):
+    """A deployment job and how far each robot has come."""
+
+    robotDeploymentSummary: tuple[RobotDeployment, ...] | None = None
+    tags: TagMap | None = None
+
+
+class ListDeploymentJobsResponse(Spec):
+    """A page of deployment jobs."""
+
+    deploymentJobs: Annotated[tuple[DeploymentJob, ...], Field(max_length=200)] | None = None
+    nextToken: PaginationToken | None = None

@@ -1,0 +1,189 @@
+"""World templates, generation and export jobs, worlds: RoboMaker's requests, and its answers to the creating ones."""
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from specs.base import Spec
+from specs.digest import canonical_json
+from specs.field_types import (
+    GENERIC_PATTERN,
+    Arn,
+    Arns,
+    ClientRequestToken,
+    CreatedAt,
+    FilteredPage,
+    IamRole,
+    Integer,
+    OutputLocation,
+    Page,
+    S3Bucket,
+    S3Key,
+    TagMap,
+    text,
+)
+from specs.template.body import TemplateBody
+
+WorldGenerationJobStatus = Literal[
+    "Pending", "Running", "Completed", "Failed", "PartialFailed", "Canceling", "Canceled"
+]
+WorldGenerationJobErrorCode = Literal[
+    "InternalServiceError",
+    "LimitExceeded",
+    "ResourceNotFound",
+    "RequestThrottled",
+    "InvalidInput",
+    "AllWorldGenerationFailed",
+]
+WorldExportJobStatus = Literal["Pending", "Running", "Completed", "Failed", "Canceling", "Canceled"]
+WorldExportJobErrorCode = Literal[
+    "InternalServiceError", "LimitExceeded", "ResourceNotFound", "RequestThrottled", "InvalidInput", "AccessDenied"
+]
+
+
+def _as_json_text(body: object) -> object:
+    # RoboMaker's samples print the body as an object where the interface has text.
+    return canonical_json(body).decode() if isinstance(body, dict) else body  # pyright: ignore[reportUnknownArgumentType]
+
+
+def _holds_a_body(body: str) -> str:
+    TemplateBody.model_validate(body)
+    return body
+
+
+TemplateName = Annotated[str, text(0, 255, GENERIC_PATTERN)]
+Json = Annotated[str, text(1, 262_144, r"[\S\s]+")]
+TemplateJson = Annotated[Json, BeforeValidator(_as_json_text), AfterValidator(_holds_a_body)]
+
+
+class WorldCount(Spec):
+    """How many worlds: floor plans, times interiors of each."""
+
+    floorplanCount: Integer | None = Field(default=None, title="Floor plans")
+    interiorCountPerFloorplan: Integer | None = Field(default=None, title="Interiors of each floor plan")
+
+
+class TemplateLocation(Spec):
+    """A template body in a bucket."""
+
+    s3Bucket: S3Bucket
+    s3Key: S3Key
+
+
+class CreateWorldTemplateRequest(Spec):
+    """Asks for a template to be kept."""
+
+    clientRequestToken: ClientRequestToken | None = None
+    name: TemplateName | None = None
+    templateBody: TemplateJson | None = None
+    templateLocation: TemplateLocation | None = None
+    tags: TagMap | None = None
+
+
+class CreateWorldTemplateResponse(Spec):
+    """The template that was made."""
+
+    arn: Arn | None = None
+    clientRequestToken: ClientRequestToken | None = None
+    createdAt: CreatedAt | None = None
+    name: TemplateName | None = None
+    tags: TagMap | None = None
+
+
+class CreateWorldGenerationJobRequest(Spec):
+    """Asks for worlds from a template."""
+
+    clientRequestToken: ClientRequestToken | None = None
+    template: Arn
+    worldCount: WorldCount
+    tags: TagMap | None = None
+    worldTags: TagMap | None = None
+
+
+class CreateWorldGenerationJobResponse(Spec):
+    """The generation job that was made."""
+
+    arn: Arn | None = None
+    status: WorldGenerationJobStatus | None = None
+    createdAt: CreatedAt | None = None
+    failureCode: WorldGenerationJobErrorCode | None = None
+    clientRequestToken: ClientRequestToken | None = None
+    template: Arn | None = None
+    worldCount: WorldCount | None = None
+    tags: TagMap | None = None
+    worldTags: TagMap | None = None
+
+
+class CreateWorldExportJobRequest(Spec):
+    """Asks for worlds to be written to a bucket."""
+
+    clientRequestToken: ClientRequestToken | None = None
+    worlds: Arns
+    outputLocation: OutputLocation
+    iamRole: IamRole
+    tags: TagMap | None = None
+
+
+class CreateWorldExportJobResponse(Spec):
+    """The export job that was made."""
+
+    arn: Arn | None = None
+    status: WorldExportJobStatus | None = None
+    createdAt: CreatedAt | None = None
+    failureCode: WorldExportJobErrorCode | None = None
+    clientRequestToken: ClientRequestToken | None = None
+    outputLocation: OutputLocation | None = None
+    iamRole: IamRole | None = None
+    tags: TagMap | None = None
+
+
+class BatchDeleteWorldsRequest(Spec):
+    """Asks for worlds to be deleted."""
+
+    worlds: Arns
+
+
+class BatchDeleteWorldsResponse(Spec):
+    """Which worlds could not be deleted."""
+
+    unprocessedWorlds: Arns | None = None
+
+
+class DescribeWorldRequest(Spec):
+    """Asks about a world."""
+
+    world: Arn
+
+
+class DescribeWorldTemplateRequest(Spec):
+    """Asks about a template."""
+
+    template: Arn
+
+
+class DescribeWorldGenerationJobRequest(Spec):
+    """Asks about a generation job."""
+
+    job: Arn
+
+
+class DescribeWorldExportJobRequest(Spec):
+    """Asks about an export job."""
+
+    job: Arn
+
+
+class ListWorldTemplatesRequest(Page):
+    """Asks for the templates."""
+
+
+class ListWorldsRequest(FilteredPage):
+    """Asks for the worlds."""
+
+
+class ListWorldGenerationJobsRequest(FilteredPage):
+    """Asks for the generation jobs."""
+
+
+class ListWorldExportJobsRequest(FilteredPage):
+    """Asks for the export jobs."""

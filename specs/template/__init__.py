@@ -1,0 +1,1 @@
+"""WorldForge template bodies, versions 1 and 2. Anyone may import it."""

@@ -1,0 +1,169 @@
+"""Applications whose bundles somebody puts into a bucket, as RoboMaker had them: made, updated, versioned, deleted.
+
+A version remembers the place and the ETag of each source. Unlike RoboMaker's it also keeps a copy, by digest, so that
+robots download what was tested; a source that has changed since is told all the same (`tasks.storage.buckets`).
+"""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from specs.base import Fault
+from specs.errors import BundleRefused, DocumentError, ObjectNotFound
+from specs.field_types import S3Object
+from specs.robomaker.applications import SourceConfig
+from specs.robomaker.bundle import ARCHITECTURES, Application, ApplicationKind, Build, Version
+from tasks.applications.registry import add_version
+from tasks.applications.versions import (
+    application_name,
+    change,
+    known_application,
+    missing,
+    next_revision,
+    require_revision,
+)
+from tasks.storage.archives import digest_of, extract
+from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+
+
+def create_application(store: Store, kind: ApplicationKind, name: str, sources: Sequence[SourceConfig]) -> Application:
+    """Returns a new application without versions.
+
+    Args:
+        store: Where it is made.
+        kind: Whether it runs robots or tests.
+        name: What it is called.
+        sources: Where its bundles lie, one for each architecture; they may come later.
+
+    Raises:
+        DocumentError: There is one of that name, the name is none, or the sources contradict each other.
+    """
+    checked = _checked(sources)
+
+    def step(before: Application | None, _number: int) -> Application:
+        if before:
+            fault = Fault(path="name", value=name, allowed=f"a name that no {kind} has; update it, or publish into it")
+            raise DocumentError([fault])
+        made = Application(kind=kind, name=name, versions=(), sources=checked)
+        return made.model_copy(update={"revision": next_revision(made, [name, _number, *_words(checked)])})
+
+    return change(store, kind, name, step)
+
+
+def update_application(
+    store: Store,
+    kind: ApplicationKind,
+    reference: str,
+    sources: Sequence[SourceConfig],
+    current_revision: str | None = None,
+) -> Application:
+    """Returns an application whose next version is made from other sources; versions that are there stay as they are.
+
+    Raises:
+        ResourceNotFound: No such application.
+        DocumentError: It was changed since the revision, or the sources contradict each other.
+    """
+    checked = _checked(sources)
+
+    def step(before: Application | None, _number: int) -> Application:
+        found = _there(before, kind, reference)
+        require_revision(found, current_revision)
+        return found.model_copy(update={"sources": checked, "revision": next_revision(found, _words(checked))})
+
+    return change(store, kind, application_name(kind, reference), step)
+
+
+def create_version(store: Store, kind: ApplicationKind, reference: str, current_revision: str | None = None) -> Version:
+    """Returns the version that stands for what lies at the application's sources now.
+
+    Raises:
+        ResourceNotFound: No such application.
+        DocumentError: It has no sources, was changed since the revision, or what lies there is no bundle.
+        LimitExceeded: A 41st version (semantics 9).
+        StoreError: A bucket cannot be read.
+    """
+    found = known_application(store, kind, reference)
+    require_revision(found, current_revision)
+    if not found.sources:
+        raise missing("sources", found.name, "an application with sources; publish a folder, or name some by update")
+    bundles = [_taken(store, source) for source in found.sources]
+    return add_version(store, kind, found.name, bundles, whole=False, current_revision=found.revision)
+
+
+def delete_application(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Application:
+    """Returns an application after it, or one of its versions, was deleted.
+
+    Numbers are not given again, also not to an application of the same name. Bundles stay: robots run them, records
+    name them.
+
+    Raises:
+        ResourceNotFound: No such application or version.
+    """
+
+    def step(before: Application | None, _number: int) -> Application:
+        found = _there(before, kind, reference)
+        if version is None:
+            return found.model_copy(update={"versions": (), "sources": (), "deleted": True})
+        left = tuple(each for each in found.versions if str(each.number) != version)
+        if len(left) == len(found.versions):
+            raise missing("applicationVersion", version, f"a version of {found.name}: {found.numbers}")
+        return found.model_copy(update={"versions": left, "revision": next_revision(found, ["without", version])})
+
+    return change(store, kind, application_name(kind, reference), step)
+
+
+def _there(before: Application | None, kind: ApplicationKind, reference: str) -> Application:
+    if before is None:
+        raise missing("application", reference, f"a {kind}; see simyard list {kind}s")
+    return before
+
+
+def _checked(sources: Sequence[SourceConfig]) -> tuple[SourceConfig, ...]:
+    """Returns the sources, complete and in one order."""
+    whole = [source.model_copy(update={"architecture": source.architecture or "X86_64"}) for source in sources]
+    faults = [
+        Fault(path=f"sources[{number}]", value=str(source.architecture), allowed="an s3Bucket and an s3Key")
+        for number, source in enumerate(whole)
+        if not source.s3Bucket or not source.s3Key
+    ]
+    given = [source.architecture for source in whole]
+    doubled = [each for each in ARCHITECTURES if given.count(each) > 1]
+    faults += [Fault(path="sources", value=each, allowed="one source for each architecture") for each in doubled]
+    if faults:
+        raise DocumentError(faults, source="application")
+    return tuple(source for each in ARCHITECTURES for source in whole if source.architecture == each)
+
+
+def _words(sources: Sequence[SourceConfig]) -> list[str]:
+    return [f"{source.architecture}={source.s3Bucket}/{source.s3Key}" for source in sources]
+
+
+def _taken(store: Store, source: SourceConfig) -> Build:
+    """Returns a source's bundle after it was copied into the store and tried."""
+    bucket, key = source.s3Bucket or "", source.s3Key or ""
+    place = open_bucket(store, bucket)
+    with tempfile.TemporaryDirectory(prefix="simyard-source-") as folder:
+        archive = Path(folder) / "bundle"
+        try:
+            etag = _downloaded(place, key, archive)
+            extract(archive, Path(folder) / "tried")
+        except (ObjectNotFound, BundleRefused) as exc:
+            path = f"sources[{source.architecture}]"
+            allowed = f"a bundle, a plain tar: {exc}"
+            raise DocumentError([Fault(path=path, value=f"s3://{bucket}/{key}", allowed=allowed)]) from exc
+        digest = digest_of(archive)
+        store.upload(bundle_key(digest), archive)
+        origin = S3Object(bucket=bucket, key=key, etag=etag.strip('"'))
+        size = archive.stat().st_size
+    return Build(architecture=source.architecture or "X86_64", digest=digest, size_bytes=size, origin=origin)
+
+
+def _downloaded(place: Store, key: str, archive: Path) -> str:
+    """Returns the ETag of what was downloaded."""
+    etag = place.etag(key)
+    place.download(key, archive)
+    if place.etag(key) != etag:
+        raise BundleRefused("it was changed while it was read; try again")
+    return etag

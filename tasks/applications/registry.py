@@ -1,0 +1,186 @@
+"""Published applications: bundles under their digest, versions under their number.
+
+Where the applications lie that come with Simyard.
+"""
+
+import hashlib
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from specs.errors import BundleRefused
+from specs.field_types import Architecture
+from specs.robomaker.bundle import ARCHITECTURES, LATEST, Application, ApplicationKind, Build, Version
+from tasks.applications.pack import pack
+from tasks.applications.versions import (
+    application_name,
+    change,
+    known_version,
+    missing,
+    read_application,
+    require_revision,
+    with_version,
+)
+from tasks.storage.archives import install
+from tasks.storage.base.keys import applications_prefix, bundle_key
+from tasks.storage.base.store import Store
+
+_HOMES = (
+    Path(__file__).parent / "shipped",  # in a wheel
+    Path(__file__).parents[2] / "applications",  # in the repository
+)
+
+
+def shipped_application(name: str) -> Path | None:
+    """Returns the folder of an application that comes with Simyard, or None when none has that name."""
+    return next((home / name for home in _HOMES if name in _names(home)), None)
+
+
+def _names(home: Path) -> list[str]:
+    # A listing, not a path made from the name, so that no name can lead elsewhere.
+    return [path.name for path in home.iterdir() if path.is_dir()] if home.is_dir() else []
+
+
+__all__ = ["add_version", "applications", "pack", "publish", "resolve", "unpack", "with_digest"]
+
+
+def publish(
+    store: Store,
+    kind: ApplicationKind,
+    name: str,
+    source: Path | Mapping[Architecture, Path],
+    *,
+    shipped: bool = False,
+    current_revision: str | None = None,
+) -> Version:
+    """Returns the version that stands for the folder's content: an old one for old content, else the next number.
+
+    Processes that publish at the same time get different numbers for different content, and the same for the same.
+
+    Args:
+        store: Where bundles and versions are kept.
+        kind: Whether it runs robots or tests.
+        name: The application; made by its first version.
+        source: The bundle, which is for all architectures; or one for each of some.
+        shipped: Whether it came with Simyard.
+        current_revision: The application's as the caller has seen it; None for any.
+
+    Raises:
+        DocumentError: A folder is no bundle, the name is none, or the application was changed since.
+        LimitExceeded: A 41st version (semantics 9).
+    """
+    folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
+    bundles = [_packed(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
+    return add_version(
+        store, kind, name, bundles, whole=isinstance(source, Path), shipped=shipped, current_revision=current_revision
+    )
+
+
+def add_version(
+    store: Store,
+    kind: ApplicationKind,
+    name: str,
+    bundles: Sequence[Build],
+    *,
+    whole: bool,
+    shipped: bool = False,
+    current_revision: str | None = None,
+) -> Version:
+    """Returns the version that stands for bundles which are in the store; the rest as in `publish`."""
+
+    def step(before: Application | None, number: int) -> Application:
+        application = before or Application(kind=kind, name=name, versions=())
+        require_revision(application, current_revision)
+        return with_version(application, bundles, whole=whole, shipped=shipped, number=number)
+
+    made = known_version(change(store, kind, name, step), bundles, whole=whole)
+    if made is None:
+        raise AssertionError(f"{name} has no version of what was just published")
+    return made
+
+
+def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str) -> Version:
+    """Returns the version of an application that stands for a bundle.
+
+    Raises:
+        ResourceNotFound: No such application, or none of its versions is that bundle.
+        DocumentError: The reference names another kind of resource, or the name is none.
+    """
+    application = read_application(store, kind, application_name(kind, reference))
+    found = next((known for known in application.versions if known.digest == digest), None) if application else None
+    if found is None:
+        raise missing("application", reference, f"a {kind} with the bundle {digest}")
+    return found
+
+
+def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Version:
+    """Returns the version that a document means.
+
+    An application that comes with Simyard is published when it is first referred to; ``$LATEST`` follows what comes
+    with this installation until somebody publishes under the name.
+
+    Args:
+        store: Where versions are kept.
+        kind: What the document expects.
+        reference: A plain name, or an ARN of this store or RoboMaker.
+        version: A number, or ``$LATEST`` or None for the newest.
+
+    Raises:
+        ResourceNotFound: No such application or version.
+        DocumentError: The reference names another kind of resource, or the name is none.
+    """
+    name = application_name(kind, reference)
+    newest = version in {None, LATEST}
+    application = read_application(store, kind, name)
+    folder = shipped_application(name)
+    if folder and (application is None or (newest and application.versions and application.versions[-1].shipped)):
+        published = publish(store, kind, name, folder, shipped=True)
+        if newest or str(published.number) == version:
+            return published
+        application = read_application(store, kind, name)
+    if application is None:
+        raise missing("application", reference, f"a published {kind}, or one that comes with Simyard")
+    if newest and application.versions:
+        return application.versions[-1]
+    found = next((known for known in application.versions if str(known.number) == version), None)
+    if found is None:
+        raise missing("applicationVersion", str(version), f"a version of {name}: {application.numbers}")
+    return found
+
+
+def applications(store: Store, kind: ApplicationKind) -> list[Application]:
+    """Returns all applications of a kind, by name, for showing to people."""
+    names = [Path(key).stem for key in store.keys(applications_prefix(kind))]
+    found = (read_application(store, kind, name) for name in sorted(names))
+    return [application for application in found if application]
+
+
+def unpack(store: Store, digest: str, cache: Path) -> Path:
+    """Returns the folder ``<cache>/<digest>`` with a bundle's files; fetches and unpacks them when it is not there.
+
+    Raises:
+        ObjectNotFound: The store has no such bundle.
+        BundleRefused: Its bytes are not those that were published, or hold what no bundle may.
+        DocumentError: The digest is none.
+    """
+    key = bundle_key(digest)
+    target = cache / digest
+    if target.is_dir():
+        return target
+    cache.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".download-", dir=cache) as folder:
+        archive = Path(folder) / "bundle.tar"
+        store.download(key, archive)
+        try:
+            install(archive, digest, target)
+        except BundleRefused as exc:
+            raise BundleRefused(f"{store.url}: {key}: {exc}; publish the application again") from exc
+    return target
+
+
+def _packed(store: Store, architecture: Architecture, folder: Path) -> Build:
+    """Returns a folder's bundle after it was written: first the bytes, then the number that promises them."""
+    body = pack(folder)
+    digest = hashlib.sha256(body).hexdigest()
+    store.put(bundle_key(digest), body)
+    return Build(architecture=architecture, digest=digest, size_bytes=len(body))

@@ -1,0 +1,160 @@
+"""Deployment jobs, fleets and robots in RoboMaker's words."""
+
+import time
+
+from specs.arn import arn
+from specs.errors import ResourceNotFound
+from specs.robomaker.deployment import (
+    CreateDeploymentJobRequest,
+    DeploymentJob,
+    DescribeDeploymentJobResponse,
+    ProgressDetail,
+    RobotDeployment,
+)
+from specs.robomaker.fleet import DescribeFleetResponse, DescribeRobotResponse, Fleet, Robot
+from tasks.deploy.fleet.fleets import fleets, read_fleet
+from tasks.deploy.fleet.robots import members, read_desired, read_reported, read_robot, robots
+from tasks.deploy.fleet.states import Desired, FleetRecord, RobotProgress, RobotRecord, progress_of
+from tasks.deploy.rollout.observation import live_progress, recorded_progress
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
+from tasks.storage.store_url import store_id
+
+_KIND = "deployment-job"
+_REASON_CHARACTERS = 1024
+
+
+def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResponse:
+    """Returns a deployment job and how far each of its robots is; ``job`` is its id.
+
+    Raises:
+        ResourceNotFound: No such job.
+    """
+    record = read(store, _KIND, job)
+    request = CreateDeploymentJobRequest.model_validate(record.request)
+    identifier = store_id(store)
+    progress = recorded_progress(record) if is_terminal(record) else live_progress(store, record, time.time())
+    summary = tuple(_robot_deployment(name, each, identifier) for name, each in progress.items())
+    # Only the lists and tags are added: what a list says of the job is what describing it says.
+    return DescribeDeploymentJobResponse.model_validate(
+        {**_job(record, request).model_dump(), "robotDeploymentSummary": summary, "tags": request.tags}
+    )
+
+
+def list_deployment_jobs(store: Store) -> list[DeploymentJob]:
+    """Returns all deployment jobs, oldest first."""
+    found = records(store, _KIND)
+    return [_job(record, CreateDeploymentJobRequest.model_validate(record.request)) for record in found]
+
+
+def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
+    """Returns a fleet, its robots and its last deployment, by name or ARN.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        DocumentError: The name is none.
+    """
+    fleet, _ = read_fleet(store, reference)
+    identifier = store_id(store)
+    return DescribeFleetResponse.model_validate(
+        {
+            **_fleet(store, fleet, identifier).model_dump(),
+            "robots": tuple(_robot(store, robot, identifier) for robot in members(store, fleet.name)),
+            "tags": fleet.tags or None,
+        }
+    )
+
+
+def list_fleets(store: Store) -> list[Fleet]:
+    """Returns all fleets, oldest first."""
+    identifier = store_id(store)
+    return [_fleet(store, fleet, identifier) for fleet in fleets(store)]
+
+
+def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
+    """Returns a robot and its last deployment, by name or ARN.
+
+    Raises:
+        ResourceNotFound: No such robot.
+        DocumentError: The name is none.
+    """
+    record, _ = read_robot(store, reference)
+    # The shapes spell Greengrass differently; there is none here.
+    document = _robot(store, record, store_id(store)).model_dump(exclude={"greenGrassGroupId"})
+    return DescribeRobotResponse.model_validate({**document, "tags": record.tags or None})
+
+
+def list_robots(store: Store) -> list[Robot]:
+    """Returns all robots, oldest first."""
+    identifier = store_id(store)
+    return [_robot(store, record, identifier) for record in robots(store)]
+
+
+def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJob:
+    return DeploymentJob.model_validate(
+        {
+            "arn": record.arn,
+            "fleet": request.fleet,
+            "status": record.status,
+            "deploymentApplicationConfigs": request.deploymentApplicationConfigs,
+            "deploymentConfig": request.deploymentConfig,
+            "failureReason": record.failure_reason[:_REASON_CHARACTERS] or None,
+            "failureCode": record.failure_code or None,
+            "createdAt": record.created_at_s,
+        }
+    )
+
+
+def _robot_deployment(name: str, progress: RobotProgress, identifier: str) -> RobotDeployment:
+    loading = progress.step == "DownloadingExtracting"  # semantics 8: the only step with a percentage
+    detail = ProgressDetail(currentProgress=progress.step, percentDone=progress.percent_done if loading else None)
+    return RobotDeployment(
+        arn=arn("robot", identifier, name),
+        deploymentStartTime=progress.started_at_s or None,
+        deploymentFinishTime=progress.finished_at_s or None,
+        status=progress.status,
+        progressDetail=detail if progress.step else None,
+        failureReason=progress.failure_reason or None,
+        failureCode=progress.failure_code,
+    )
+
+
+def _fleet(store: Store, fleet: FleetRecord, identifier: str) -> Fleet:
+    last = _last_job(store, fleet)
+    return Fleet.model_validate(
+        {
+            "name": fleet.name,
+            "arn": arn("deployment-fleet", identifier, fleet.name),
+            "createdAt": fleet.created_at_s,
+            "lastDeploymentStatus": last.status if last else None,
+            "lastDeploymentJob": last.arn if last else None,
+            "lastDeploymentTime": last.created_at_s if last else None,
+        }
+    )
+
+
+def _last_job(store: Store, fleet: FleetRecord) -> JobRecord | None:
+    try:
+        return read(store, _KIND, fleet.deployment) if fleet.deployment else None
+    except ResourceNotFound:
+        return None
+
+
+def _robot(store: Store, record: RobotRecord, identifier: str) -> Robot:
+    desired, _ = read_desired(store, record.name)
+    return Robot(
+        arn=arn("robot", identifier, record.name),
+        name=record.name,
+        fleetArn=arn("deployment-fleet", identifier, record.fleet) if record.fleet else None,
+        status=_progress(store, record, desired).status,
+        createdAt=record.created_at_s,
+        architecture=record.architecture,
+        lastDeploymentJob=arn(_KIND, identifier, desired.deployment) if desired else None,
+        lastDeploymentTime=desired.issued_at_s if desired else None,
+    )
+
+
+def _progress(store: Store, record: RobotRecord, desired: Desired | None) -> RobotProgress:
+    if desired is None:
+        return RobotProgress(status="Registered" if record.fleet else "Available")
+    return progress_of(desired, read_reported(store, record.name), now_s=time.time())

@@ -1,0 +1,57 @@
+"""DeleteFleet and DeleteRobot (semantics 8). What a robot runs goes on running: nobody is left to say otherwise."""
+
+from specs.base import Fault
+from specs.errors import ConcurrentDeployment, ObjectConflict
+from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.robots import deregister_robot, members, read_robot, robot_name
+from tasks.deploy.fleet.states import FleetRecord
+from tasks.storage.base.encoding import encoded
+from tasks.storage.base.keys import fleet_key, robot_record_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import is_terminal, read
+
+_KIND = "deployment-job"
+
+
+def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
+    """Returns the names of the robots that are in no fleet now, because theirs was deleted.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        ConcurrentDeployment: A deployment to it is under way.
+    """
+    fleet = _marked(store, reference)
+    left = tuple(robot.name for robot in members(store, fleet.name))
+    for robot in left:
+        deregister_robot(store, robot)
+    store.delete(fleet_key(fleet.name))
+    return left
+
+
+def _marked(store: Store, reference: str) -> FleetRecord:
+    """Returns a fleet that nobody deploys to from now on: the mark and a deployment's claim exclude each other."""
+    while True:
+        fleet, etag = read_fleet(store, reference, deleted=True)
+        if fleet.deployment and not is_terminal(read(store, _KIND, fleet.deployment)):
+            allowed = "a fleet without an active deployment; cancel it, or wait"
+            raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
+        try:
+            store.replace(fleet_key(fleet.name), encoded(fleet.model_copy(update={"deleted": True})), etag)
+        except ObjectConflict:
+            continue
+        return fleet
+
+
+def delete_robot(store: Store, reference: str) -> str:
+    """Returns the name of the robot that was deleted, also in the middle of a deployment; there it will not answer.
+
+    Raises:
+        ResourceNotFound: No such robot.
+    """
+    name = robot_name(reference)
+    key = robot_record_key(name)
+    if not store.exists(key):  # it is not read: one that was spoilt goes away like any other
+        read_robot(store, name)
+    # Its desired state stays: a robot refuses a sequence that is lower than one it had, and may come back by this name.
+    store.delete(key)
+    return name

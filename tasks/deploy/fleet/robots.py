@@ -1,0 +1,219 @@
+"""Robots: who they are, which fleet they belong to, what was asked of them, and what they say."""
+
+import logging
+import time
+from collections.abc import Mapping
+from functools import lru_cache
+
+from pydantic import ValidationError
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig, ResourceNotFound
+from specs.field_types import Architecture
+from tasks.deploy.fleet.damaged_records import listed
+from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.states import Desired, Reported, RobotRecord, Withdrawn
+from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.keys import desired_key, reported_key, robot_record_key
+from tasks.storage.base.store import Store
+
+_LOG = logging.getLogger(__name__)
+_ROBOTS = "robots"
+_RECORD = "record.json"
+TOO_BIG = "too big"
+"""Stands for the etag of an object that was not read because of its size."""
+NOTHING_ASKED = b"null"
+"""Lies where a robot is asked things, and asks nothing (tasks.deploy.rollout.job_end)."""
+MOST_BYTES = 1 << 20
+"""More than any object of a robot has."""
+
+
+def create_robot(
+    store: Store,
+    name: str,
+    architecture: Architecture = "X86_64",
+    tags: Mapping[str, str] | None = None,
+    *,
+    local: bool = False,
+) -> RobotRecord:
+    """Returns the robot of that name, made if there is none; an old one stays as it is.
+
+    Args:
+        store: Where robots are.
+        name: The robot's.
+        architecture: Its processor's.
+        tags: Given to its applications as variables.
+        local: Whether its agent is a process of a demonstration.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    record = RobotRecord(
+        name=name, architecture=architecture, created_at_s=time.time(), tags=dict(tags or {}), local=local
+    )
+    try:
+        store.create(robot_record_key(name), encoded(record))
+    except ObjectExists:
+        return read_robot(store, name)[0]
+    return record
+
+
+def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
+    """Returns the robot as a member of the fleet.
+
+    Raises:
+        ResourceNotFound: No such fleet or robot.
+        DocumentError: The robot belongs to another fleet; a robot has one (semantics 8).
+    """
+    name = read_fleet(store, fleet)[0].name
+    while True:
+        record, etag = read_robot(store, robot)
+        if record.fleet and record.fleet != name:
+            fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
+            raise DocumentError([fault])
+        if changed := _changed(store, record, etag, name):
+            return changed
+
+
+def deregister_robot(store: Store, robot: str) -> RobotRecord:
+    """Returns the robot as a member of no fleet; what it runs, it keeps running.
+
+    Raises:
+        ResourceNotFound: No such robot.
+    """
+    while True:
+        record, etag = read_robot(store, robot)
+        if changed := _changed(store, record, etag, ""):
+            return changed
+
+
+def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
+    """Returns a robot and its record's etag, by name or ARN.
+
+    Raises:
+        ResourceNotFound: No such robot.
+        DocumentError: The name is none.
+    """
+    key = robot_record_key(robot_name(reference))
+    try:
+        stored = store.get(key)
+    except ObjectNotFound as exc:
+        raise _missing(reference, f"a robot in {store.url}; see simyard list robots") from exc
+    return decoded(RobotRecord, stored, store, key), stored.etag
+
+
+def known_robot(store: Store, name: str) -> RobotRecord | None:
+    """Returns the robot of that name, or None.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    key = robot_record_key(name)
+    try:
+        return decoded(RobotRecord, store.get(key), store, key)
+    except ObjectNotFound:
+        return None
+
+
+def robot_name(reference: str) -> str:
+    """Returns the name of the robot that a plain name or an ARN refers to.
+
+    Raises:
+        ResourceNotFound: An ARN of something else.
+    """
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise _missing(reference, str(exc)) from exc
+    if parsed.kind not in {None, "robot"}:
+        raise _missing(reference, "the name or ARN of a robot")
+    return parsed.path
+
+
+def robots(store: Store) -> list[RobotRecord]:
+    """Returns all robots, oldest first.
+
+    One whose record was spoilt is left out, and named in the log: nobody knows its fleet, so nobody asks it anything.
+    """
+    names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
+    found = [robot for name in names if (robot := listed(store, robot_record_key(name), RobotRecord, name))]
+    return sorted(found, key=lambda robot: (robot.created_at_s, robot.name))
+
+
+def members(store: Store, fleet: str) -> list[RobotRecord]:
+    """Returns the robots of a fleet, oldest first: the order in which they are deployed to."""
+    return [robot for robot in robots(store) if robot.fleet == fleet]
+
+
+def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
+    """Returns what was asked of a robot last, and its etag; None and an empty text for nothing.
+
+    What cannot be read, because somebody else wrote it, asks nothing of the robot: None and its etag, or ``TOO_BIG``.
+    """
+    key = desired_key(robot)
+    try:
+        stored = store.get(key, MOST_BYTES)
+    except ObjectNotFound:
+        return None, ""
+    except ObjectTooBig as exc:
+        _damaged(robot, TOO_BIG, str(exc))
+        return None, TOO_BIG
+    if stored.body.strip() == NOTHING_ASKED or withdrawn(stored.body):
+        return None, stored.etag
+    try:
+        return Desired.model_validate_json(stored.body), stored.etag
+    except ValidationError as exc:
+        _damaged(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        return None, stored.etag
+
+
+def read_reported(store: Store, robot: str) -> Reported | None:
+    """Returns what a robot said last, or None; a report that cannot be read tells nothing."""
+    key = reported_key(robot)
+    try:
+        stored = store.get(key, MOST_BYTES)
+    except ObjectNotFound:
+        return None
+    except ObjectTooBig as exc:
+        _damaged(robot, TOO_BIG, str(exc))
+        return None
+    try:
+        return Reported.model_validate_json(stored.body)
+    except ValidationError as exc:
+        _damaged(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        return None
+
+
+def withdrawn(body: bytes) -> Withdrawn | None:
+    """Returns what lies in the place of a desired state that was taken back, or None for anything else."""
+    try:
+        return Withdrawn.model_validate_json(body)
+    except ValidationError:
+        return None
+
+
+@lru_cache(maxsize=4096)
+def _damaged(robot: str, etag: str, what: str) -> None:
+    """Logs, once, that an object of a robot is not what Simyard writes; who asks goes on without it."""
+    _LOG.warning("%s is without news, what is written of it cannot be read (%s): %s", robot, etag, what)
+
+
+def _reason(exc: ValidationError) -> str:
+    return exc.errors(include_url=False, include_input=False)[0]["msg"]
+
+
+def _changed(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:
+    """Returns the robot in that fleet, or None when somebody else changed it meanwhile and it must be read again."""
+    if record.fleet == fleet:
+        return record
+    changed = record.model_copy(update={"fleet": fleet})
+    try:
+        store.replace(robot_record_key(record.name), encoded(changed), etag)
+    except ObjectConflict:
+        return None
+    return changed
+
+
+def _missing(reference: str, allowed: str) -> ResourceNotFound:
+    return ResourceNotFound([Fault(path="robot", value=repr(reference), allowed=allowed)])

@@ -1,0 +1,183 @@
+"""What the store holds of fleets, robots and roll-outs; each object has one writer.
+
+The controller of a deployment writes ``desired``, only the robot writes ``reported``, and everything else about a
+roll-out is computed from the two.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.field_types import Architecture, S3Object
+from specs.robomaker.deployment import DeploymentJobErrorCode, DeploymentLaunchConfig, RobotDeploymentStep, RobotStatus
+
+Seconds = Annotated[float, Field(ge=0, le=1e11)]
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class FleetRecord(Spec):
+    """A fleet.
+
+    Attributes:
+        deployment: Id of its last deployment job, which is active until that job's record is terminal; or empty.
+        deleted: Whether it is being deleted: nobody sees it any more.
+    """
+
+    name: str
+    created_at_s: Seconds
+    tags: dict[str, str]
+    deployment: str = ""
+    deleted: bool = False
+
+
+class RobotRecord(Spec):
+    """A robot.
+
+    Attributes:
+        fleet: The one fleet it belongs to, or empty.
+        local: Whether its agent is a process that a run of a pipeline starts for a demonstration.
+    """
+
+    name: str
+    architecture: Architecture
+    created_at_s: Seconds
+    tags: dict[str, str]
+    fleet: str = ""
+    local: bool = False
+
+
+class Signature(Spec):
+    """An Ed25519 signature, and whose key made it."""
+
+    keyid: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    value: Annotated[str, Field(pattern=r"^[0-9a-f]{128}$")]
+
+
+class Desired(Spec):
+    """What a robot shall run.
+
+    Attributes:
+        deployment: The job that wants it.
+        sequence: One more than the desired state before it; a robot never goes back.
+        epoch: Of the controller's claim on the job.
+        digest: Of the bundle.
+        environment: All variables that the application and its scripts get, tags included.
+        condition: A script that decides whether the bundle is downloaded.
+        timeout_s: How long the robot may take.
+        issued_at_s: When it was asked for, by the controller's clock; seconds since 1970.
+        expires_at_s: Until when a robot that verifies may begin with it; 0 where nothing is signed.
+        condition_sha256: Of the condition's bytes when this was signed, or empty.
+        signature: The deployer's, under everything else (`tasks.deploy.trust.signature`).
+    """
+
+    robot: str
+    deployment: str
+    sequence: Annotated[int, Field(ge=1)]
+    epoch: Annotated[int, Field(ge=1)]
+    application: str
+    version: int
+    digest: Digest
+    launch: DeploymentLaunchConfig
+    environment: dict[str, str]
+    condition: S3Object | None = None
+    timeout_s: float
+    issued_at_s: float
+    expires_at_s: float = 0.0
+    condition_sha256: str = ""
+    signature: Signature | None = None
+
+
+class Withdrawn(Spec):
+    """Lies in the place of a desired state that was taken back before its robot had answered.
+
+    Attributes:
+        withdrawn: The sequence of that state; the next one's is higher.
+    """
+
+    withdrawn: Annotated[int, Field(ge=1, le=1 << 53)]
+
+
+class Reported(Spec):
+    """How far a robot has come with a desired state.
+
+    Whoever can write to the store can write it, so every number is bounded that others count with.
+
+    Attributes:
+        boot_id: Random, one for each start of the agent.
+        percent_done: Of the download and extraction.
+        running_digest: Of the bundle that runs now, or empty.
+        started_at_s: When the robot began, by its own clock; seconds since 1970.
+        finished_at_s: When it ended, or 0 while it has not.
+    """
+
+    robot: str
+    deployment: str
+    sequence: Annotated[int, Field(ge=0, le=1 << 53)]
+    boot_id: str
+    status: Literal["Deploying", "InSync", "Failed"]
+    step: RobotDeploymentStep
+    percent_done: Annotated[float, Field(ge=0, le=100)] = 0.0
+    failure_code: DeploymentJobErrorCode | None = None
+    failure_reason: Annotated[str, Field(max_length=1024)] = ""
+    running_digest: str = ""
+    started_at_s: Seconds
+    finished_at_s: Seconds = 0.0
+
+
+class RobotProgress(Spec):
+    """One robot in a deployment job's record, as RobotDeployment tells it later.
+
+    Attributes:
+        started_at_s: When the robot was asked, or 0.
+        finished_at_s: When it ended, or 0.
+    """
+
+    status: RobotStatus
+    step: RobotDeploymentStep | None = None
+    percent_done: float = 0.0
+    failure_code: DeploymentJobErrorCode | None = None
+    failure_reason: str = ""
+    started_at_s: float = 0.0
+    finished_at_s: float = 0.0
+
+
+WAITING = RobotProgress(status="Registered")
+
+
+def progress_of(desired: Desired, reported: Reported | None, *, now_s: float) -> RobotProgress:
+    """Returns how far a robot has come, from what was asked of it and what it says.
+
+    Args:
+        desired: What was asked.
+        reported: Its latest report, if any; ignored when it answers something else.
+        now_s: The controller's clock, seconds since 1970.
+    """
+    wanted = (desired.deployment, desired.sequence)
+    answer = reported if reported and (reported.deployment, reported.sequence) == wanted else None
+    if answer and answer.status != "Deploying":
+        return _progress(answer, answer.status, desired)
+    if now_s - desired.issued_at_s > desired.timeout_s:
+        return RobotProgress(
+            status="NoResponse",
+            step=answer.step if answer else None,
+            failure_code="RobotDeploymentNoResponse",
+            failure_reason=f"not finished within {desired.timeout_s:g} s",
+            started_at_s=desired.issued_at_s,
+            finished_at_s=now_s,
+        )
+    if answer:
+        return _progress(answer, "Deploying", desired)
+    return RobotProgress(status="PendingNewDeployment", started_at_s=desired.issued_at_s)
+
+
+def _progress(answer: Reported, status: RobotStatus, desired: Desired) -> RobotProgress:
+    return RobotProgress(
+        status=status,
+        step=answer.step,
+        percent_done=answer.percent_done,
+        failure_code=answer.failure_code,
+        failure_reason=answer.failure_reason,
+        started_at_s=desired.issued_at_s,
+        finished_at_s=answer.finished_at_s,
+    )

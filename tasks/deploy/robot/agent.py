@@ -1,0 +1,167 @@
+"""The process that runs on a robot: asks the store what it shall run, and makes it so.
+
+``python -m tasks.deploy.robot.agent --robot NAME --root DIR --store URL``. Needs Python, pydantic, fsspec and tuf,
+nothing else of what Simyard needs. Ends at SIGTERM with exit code 0, and takes its application along.
+"""
+
+import argparse
+import logging
+import random
+import sys
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from specs.errors import StoreError
+from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.disk import Disk, locking
+from tasks.deploy.robot.launch import Place
+from tasks.deploy.robot.processes import adopt_orphans
+from tasks.deploy.robot.reported_state import Outage, Reporter
+from tasks.deploy.robot.shutdown import Stop, StopRequested
+from tasks.deploy.robot.update import Check, Robot
+from tasks.progress.log_lines import asked_format, logging_as_asked
+from tasks.storage.base.keys import checked_name
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import connect
+
+_LOG = logging.getLogger(__name__)
+_GROWTH = 1.3
+_LOCK_POLL_S = 0.1
+
+
+class Poll:
+    """How long an agent waits between two looks: longer while nothing happens, never in step with other robots.
+
+    Args:
+        shortest_s: After something happened.
+        longest_s: After nothing happened for a while.
+        dice: Where the jitter comes from.
+    """
+
+    def __init__(self, shortest_s: float, longest_s: float, dice: random.Random) -> None:
+        self._shortest_s = shortest_s
+        self._longest_s = longest_s
+        self._dice = dice
+        self._pause_s = shortest_s
+
+    def next_s(self, *, busy: bool) -> float:
+        """Returns how long to wait now."""
+        self._pause_s = self._shortest_s if busy else min(self._pause_s * _GROWTH, self._longest_s)
+        return self._pause_s * self._dice.uniform(0.75, 1.25)
+
+
+def serve(robot: Robot, store: Store, name: str, stop: Stop, poll: Poll) -> None:
+    """Runs a robot until it is told to stop.
+
+    Raises:
+        StopRequested: Always; there is no other end.
+    """
+    seen = ""
+    away = Outage("learn what is desired")
+    robot.recover()
+    while True:
+        desired, etag = _look(store, name, away)
+        if desired and etag != seen:
+            etag = _accept(robot, desired, etag, away)
+        robot.supervise()
+        pause_s = poll.next_s(busy=etag not in {"", seen})
+        seen = etag or seen
+        stop.sleep(pause_s)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Returns 0 after the agent was told to end.
+
+    Args:
+        arguments: The command line, by default this process's.
+    """
+    options = _parser().parse_args(arguments)
+    with logging_as_asked():
+        return _served(options)
+
+
+def _served(options: argparse.Namespace) -> int:
+    if asked_format() is None:
+        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
+    stop = Stop(options.parent)
+    stop.listen()
+    adopt_orphans()
+    disk = Disk(options.root.absolute())
+    try:
+        with _alone(disk, stop):
+            store = connect(options.store)
+            place = Place(robot=options.robot, disk=disk, stop=stop, grace_s=options.grace_s)
+            robot = Robot(store, place, Reporter(store, options.robot), _check(options, store, disk))
+            try:
+                serve(robot, store, options.robot, stop, Poll(options.poll_s, options.longest_poll_s, random.Random()))  # noqa: S311 - jitter
+            finally:
+                robot.end()
+    except StopRequested:
+        _LOG.info("%s ends", options.robot)
+    return 0
+
+
+def _accept(robot: Robot, desired: Desired, etag: str, away: Outage) -> str:
+    """Returns the etag of what was accepted or refused; an empty text when the store was away for that."""
+    try:
+        robot.accept(desired)
+    except StoreError as exc:
+        away.failed(exc)
+        return ""
+    return etag
+
+
+def _check(options: argparse.Namespace, store: Store, disk: Disk) -> Check | None:
+    if options.unsigned:
+        _LOG.warning("UNSIGNED: %s runs whatever anybody writes to the store; --root-of-trust FILE", options.robot)
+        return None
+    from tasks.deploy.trust.verification import Verifier  # noqa: PLC0415 - costs a quarter of a second
+
+    return Verifier(store, disk.root / "trust", options.root_of_trust)
+
+
+def _look(store: Store, name: str, away: Outage) -> tuple[Desired | None, str]:
+    try:
+        found = read_desired(store, name)
+    except StoreError as exc:
+        away.failed(exc)
+        return None, ""
+    away.worked()
+    return found
+
+
+@contextmanager
+def _alone(disk: Disk, stop: Stop) -> Generator[None]:
+    """Waits until no other agent works in the folder."""
+    with locking(disk.root) as locked:
+        while not locked():
+            stop.sleep(_LOCK_POLL_S)
+        yield
+
+
+def _bytes(path: str) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as exc:
+        raise argparse.ArgumentTypeError(f"cannot be read: {exc}") from exc
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="agent", description="Runs on a robot what a fleet's deployments ask for.")
+    parser.add_argument("--robot", required=True, type=checked_name, help="the robot's name")
+    parser.add_argument("--root", required=True, type=Path, help="the folder for versions, state and logs")
+    parser.add_argument("--store", required=True, help="URL of the store")
+    trust = parser.add_mutually_exclusive_group(required=True)
+    trust.add_argument("--root-of-trust", type=_bytes, metavar="FILE", help="root.json of simyard fleet keys init")
+    trust.add_argument("--unsigned", action="store_true", help="verify nothing, and run whatever is in the store")
+    parser.add_argument("--poll-s", type=float, default=1.0, help="shortest pause between two looks")
+    parser.add_argument("--longest-poll-s", type=float, default=15.0, help="longest pause between two looks")
+    parser.add_argument("--grace-s", type=float, default=2.0, help="how long an application must stay up")
+    parser.add_argument("--parent", type=int, help="end when this process is no longer the agent's parent")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,42 @@
+"""The script that decides on each robot whether a bundle is downloaded (semantics 8: exit 0 proceeds)."""
+
+import hashlib
+import stat
+
+from specs.errors import DocumentError
+from specs.field_types import S3Object
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.install import Patience, StepFailed, retried
+from tasks.deploy.robot.launch import Place, run_program
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+
+_MOST_BYTES = 16 << 20  # of a script
+
+
+def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Object, patience: Patience) -> None:
+    """Runs the condition; returns when it allows the download.
+
+    Raises:
+        StepFailed: It exits with another code than 0, is not there, or is not the one with the ETag.
+        StopRequested: The agent has to end.
+    """
+    script = place.disk.downloads / f"{desired.sequence:06d}-condition"
+
+    def download() -> None:
+        stored = open_bucket(store, condition.bucket).get(condition.key, _MOST_BYTES)
+        if condition.etag and condition.etag.strip('"') != stored.etag.strip('"'):
+            raise StepFailed("EtagMismatch", f"{condition.key} has ETag {stored.etag}, not {condition.etag}")
+        if desired.condition_sha256 not in {"", hashlib.sha256(stored.body).hexdigest()}:
+            raise StepFailed("EtagMismatch", f"{condition.key} was changed after the deployment was signed")
+        script.write_bytes(stored.body)
+
+    try:
+        retried(download, desired, patience)
+    except DocumentError as exc:
+        raise StepFailed("DownloadConditionFailed", str(exc)) from exc
+    script.chmod(script.stat().st_mode | stat.S_IXUSR)
+    try:
+        run_program(place, desired, script, "condition", "DownloadConditionFailed")
+    finally:
+        script.unlink()

@@ -1,0 +1,172 @@
+"""A robot's folder: what survives a power cut, and in which order it is written.
+
+agent.lock             held by the one agent that works here
+state.json             which sequence was accepted, what runs, what ran before, how the last deployment ended
+sequence               the sequence once more, for who cannot read state.json
+versions/<digest>/     installed bundles, complete or absent
+current, previous      links into versions; replaced in one step, so never broken
+downloads/ logs/       what has arrived of a bundle so far, and other leavings of no consequence
+
+The lock on a robot's folder: who has it alone may start what runs there, and end it.
+"""
+
+import fcntl
+import logging
+import os
+import shutil
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from pydantic import ValidationError
+
+from specs.base import Spec
+from tasks.deploy.fleet.states import Desired, Reported
+from tasks.storage.base.atomic_file import make_folder, settle_names, whole_file
+
+_LOG = logging.getLogger(__name__)
+_SEQUENCE, _PARTIAL = "sequence", ".part"
+
+
+class RobotState(Spec):
+    """What a robot remembers.
+
+    Attributes:
+        sequence: The highest that was accepted; a lower one is refused.
+        deployment: What was accepted last.
+        length_bytes: Of the target's bundle, where it was signed.
+        epoch: Of the controller that asked for it; for the same deployment, a lower one is refused.
+        target: What is being deployed and has not ended.
+        running: What `current` shows: the last that was deployed successfully.
+        previous: What ran before that.
+        outcome: The last report that ended a deployment.
+    """
+
+    sequence: int = 0
+    deployment: str = ""
+    epoch: int = 0
+    length_bytes: int | None = None
+    target: Desired | None = None
+    running: Desired | None = None
+    previous: Desired | None = None
+    outcome: Reported | None = None
+
+
+class Disk:
+    """The folder of one robot."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.versions = root / "versions"
+        self.downloads = root / "downloads"
+        self.logs = root / "logs"
+        self.current = root / "current"
+        for folder in (self.versions, self.downloads, self.logs):
+            make_folder(folder)
+
+    def load(self) -> RobotState:
+        """Returns what the robot remembers; nothing on a new robot.
+
+        A state that cannot be read, as another version of Simyard may leave it, is set aside: a robot that takes its
+        latest desired state again is better off than one whose agent does not start. Only the latest, though: the
+        sequence is kept beside it, so that nobody brings an old version back.
+        """
+        path = self.root / "state.json"
+        try:
+            return RobotState.model_validate_json(path.read_bytes())
+        except FileNotFoundError:
+            return self._forgetful()
+        except ValidationError as exc:
+            _LOG.error("%s is set aside: %s", path, exc)
+            path.replace(path.with_suffix(".unreadable"))
+            return self._forgetful()
+
+    def save(self, state: RobotState) -> None:
+        """Writes what the robot remembers, whole, and settled on the disk.
+
+        Raises:
+            OSError: The disk is full, read-only or broken; what was remembered before is still there.
+        """
+        if self._sequence() != state.sequence:
+            with whole_file(self.root / _SEQUENCE) as file:
+                file.write(str(state.sequence).encode())
+        with whole_file(self.root / "state.json") as file:
+            file.write(state.model_dump_json().encode())
+
+    def _forgetful(self) -> RobotState:
+        return RobotState(sequence=max(0, self._sequence() - 1))
+
+    def _sequence(self) -> int:
+        try:
+            return int((self.root / _SEQUENCE).read_bytes())
+        except (FileNotFoundError, ValueError):
+            return 0
+
+    def download(self, digest: str) -> Path:
+        """Returns the file for what has arrived of a bundle; what had arrived of others is removed."""
+        for path in self.downloads.glob(f"*{_PARTIAL}"):
+            if path.name != f"{digest}{_PARTIAL}":
+                path.unlink()
+        return self.downloads / f"{digest}{_PARTIAL}"
+
+    def version(self, digest: str) -> Path:
+        """Returns the folder of an installed bundle, which may not be there."""
+        return self.versions / digest
+
+    def switch(self, digest: str | None) -> None:
+        """Makes `current` show an installed bundle, or go away."""
+        _link(self.current, digest)
+
+    def remember(self, digest: str | None) -> None:
+        """Makes `previous` show an installed bundle, or go away."""
+        _link(self.root / "previous", digest)
+
+    def tidy(self, state: RobotState) -> None:
+        """Removes half-made folders and versions that nothing refers to."""
+        kept = {each.digest for each in (state.target, state.running, state.previous) if each}
+        for path in self.versions.iterdir():
+            if path.name not in kept:
+                shutil.rmtree(path, ignore_errors=True)
+        for path in self.downloads.iterdir():
+            if path.suffix != _PARTIAL:
+                path.unlink(missing_ok=True)
+
+
+def _link(link: Path, digest: str | None) -> None:
+    if digest is None:
+        link.unlink(missing_ok=True)
+    elif link.is_symlink() and link.readlink() == Path("versions") / digest:
+        return  # a full disk has no room for another
+    else:
+        fresh = link.with_name(f".{link.name}-{uuid4().hex}")
+        fresh.symlink_to(Path("versions") / digest)
+        fresh.replace(link)
+    settle_names(link.parent)
+
+
+LOCK = "agent.lock"
+
+
+@contextmanager
+def locking(root: Path) -> Generator[Callable[[], bool]]:
+    """Yields what tries to take the lock and tells whether this process has it, until the end of the block.
+
+    The kernel frees the lock when its holder dies.
+
+    Args:
+        root: The robot's folder, which exists.
+    """
+    descriptor = os.open(root / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        yield lambda: _locked(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _locked(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -1,0 +1,166 @@
+"""Brings a bundle onto a robot: download, digest, extraction, each able to be cut short by a loss of power."""
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from specs.errors import BundleRefused, ObjectNotFound, ObjectTooBig, StoreDamaged, StoreError, StoreFull
+from specs.robomaker.deployment import DeploymentJobErrorCode
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.disk import Disk
+from tasks.deploy.robot.download import download
+from tasks.deploy.robot.reported_state import Outage
+from tasks.deploy.robot.shutdown import Stop
+from tasks.storage.archives import install
+from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.store import Store
+
+_DOWNLOAD_PERCENT = 50.0
+_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
+_SLICE_S = 0.5
+
+
+class StepFailed(Exception):  # noqa: N818 - a state, as RoboMaker names it
+    """A step of a deployment failed on this robot; it returns to what ran before.
+
+    Attributes:
+        code: RoboMaker's.
+        reason: What happened, for a person.
+    """
+
+    def __init__(self, code: DeploymentJobErrorCode, reason: str) -> None:
+        self.code: DeploymentJobErrorCode = code
+        self.reason = reason
+        super().__init__(f"{code}: {reason}")
+
+
+@dataclass(frozen=True)
+class Patience:
+    """What goes on while something takes time.
+
+    Attributes:
+        stop: Whether the agent may go on.
+        meanwhile: Called now and then, so that what runs stays up.
+    """
+
+    stop: Stop
+    meanwhile: Callable[[], None] = lambda: None
+
+    def tick(self) -> None:
+        """Does what has to be done meanwhile.
+
+        Raises:
+            StopRequested: The agent has to end.
+        """
+        self.stop.check()
+        self.meanwhile()
+
+    def sleep(self, seconds: float) -> None:
+        """Waits.
+
+        Raises:
+            StopRequested: The agent has to end.
+        """
+        until_s = time.monotonic() + seconds
+        while (left_s := until_s - time.monotonic()) > 0:
+            self.tick()
+            self.stop.sleep(min(left_s, _SLICE_S))
+
+
+def fetch(
+    store: Store,
+    disk: Disk,
+    desired: Desired,
+    patience: Patience,
+    percent: Callable[[float], None],
+    *,
+    length_bytes: int | None = None,
+) -> None:
+    """Makes the desired bundle lie in the robot's versions; does nothing when it does already.
+
+    Args:
+        store: Where bundles are.
+        disk: The robot's folder.
+        desired: What the robot shall run.
+        patience: What goes on meanwhile.
+        percent: Called with how much is done, from 0 to 100.
+        length_bytes: Of the bundle, where it was signed.
+
+    Raises:
+        StepFailed: There is no such bundle, it is not what was published, it does not fit onto this robot, or the store
+            stays away for too long.
+        StopRequested: The agent has to end.
+    """
+    target = disk.version(desired.digest)
+    if target.is_dir():
+        return
+    archive = disk.download(desired.digest)
+
+    def heard(part: float, done: int, size: int) -> None:
+        patience.tick()
+        percent(part + _DOWNLOAD_PERCENT * done / max(size, 1))
+
+    def bring() -> None:
+        key = bundle_key(desired.digest)
+        download(store, key, archive, desired.digest, most_bytes=length_bytes, heard=partial(heard, 0.0))
+
+    percent(0.0)
+    retried(bring, desired, patience, progress=lambda: _size(archive))
+    _unpack(archive, desired.digest, target, partial(heard, _DOWNLOAD_PERCENT))
+    percent(100.0)
+
+
+def retried(
+    action: Callable[[], None], desired: Desired, patience: Patience, progress: Callable[[], int] = lambda: 0
+) -> None:
+    """Does what needs the store, again with growing pauses while the store is away and the robot has time.
+
+    The pauses begin anew when the last attempt got further than the one before, which ``progress`` tells.
+
+    Raises:
+        StepFailed: What was named is not there, is not what it should be, or the time is over.
+        StopRequested: The agent has to end.
+    """
+    until_s, pause_s, reached = time.monotonic() + desired.timeout_s, _SHORTEST_PAUSE_S, progress()
+    outage = Outage("get what is to be deployed")
+    while True:
+        patience.tick()
+        try:
+            action()
+        except (ObjectNotFound, ObjectTooBig, StoreDamaged, StoreFull) as exc:
+            raise StepFailed(_code(exc), str(exc)) from exc
+        except StoreError as exc:
+            if time.monotonic() + pause_s > until_s:
+                raise StepFailed("RobotAgentConnectionTimeout", str(exc)) from exc
+            outage.failed(exc)
+        else:
+            outage.worked()
+            return
+        pause_s = _SHORTEST_PAUSE_S if progress() > reached else pause_s
+        reached = progress()
+        patience.sleep(pause_s * random.uniform(0.5, 1.5))  # noqa: S311 - jitter, no secret
+        pause_s = min(pause_s * 2, _LONGEST_PAUSE_S)
+
+
+def _unpack(archive: Path, digest: str, target: Path, extracted: Callable[[int, int], None]) -> None:
+    try:
+        install(archive, digest, target, progress=extracted)
+    except BundleRefused as exc:
+        raise StepFailed("ExtractingBundleFailure", str(exc)) from exc
+    except StoreError as exc:  # this robot's disk is full, or read-only
+        raise StepFailed("EnvironmentSetupError", str(exc)) from exc
+    finally:
+        archive.unlink(missing_ok=True)
+
+
+def _code(exc: StoreError) -> DeploymentJobErrorCode:
+    if isinstance(exc, ObjectNotFound):
+        return "MissingRobotDeploymentResource"
+    return "EnvironmentSetupError" if isinstance(exc, StoreFull) else "EtagMismatch"
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0

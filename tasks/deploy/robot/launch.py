@@ -1,0 +1,186 @@
+"""A bundle's scripts and its application on a robot: before, launch, after; and keeping the application up."""
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from specs.errors import BundleRefused
+from specs.robomaker.deployment import DeploymentJobErrorCode
+from tasks.deploy.fleet.launch_environment import BASE, faults
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.disk import Disk
+from tasks.deploy.robot.install import StepFailed
+from tasks.deploy.robot.processes import Running, start, wait
+from tasks.deploy.robot.shutdown import Stop
+from tasks.storage.archives import safe_parts
+
+_FIRST_PAUSE_S = 0.5
+_LONGEST_PAUSE_S = 30.0
+_CRASHES = 5
+
+
+class CrashLoop(Exception):  # noqa: N818 - a state
+    """An application ends again and again, soon after each start."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where programs run.
+
+    Attributes:
+        robot: The robot's name.
+        disk: Its folder.
+        stop: Whether the agent may go on.
+        grace_s: How long an application must stay up for its launch to count.
+    """
+
+    robot: str
+    disk: Disk
+    stop: Stop
+    grace_s: float
+
+
+def validate(desired: Desired) -> None:
+    """Does nothing for a launch configuration that may run here.
+
+    Raises:
+        StepFailed: It names files outside the bundle, or variables that no application may set.
+    """
+    refused = [fault.value for fault in faults(desired.environment, "environmentVariables")]
+    if refused:
+        raise StepFailed("EnvironmentSetupError", f"these variables may not be set: {', '.join(refused)}")
+    launch = desired.launch
+    for name in (launch.preLaunchFile, launch.launchFile, launch.postLaunchFile):
+        if name is not None:
+            _parts(desired, name)
+
+
+def run_script(place: Place, desired: Desired, name: str, step: str, code: DeploymentJobErrorCode) -> None:
+    """Runs one of the bundle's scripts to its end, and ends whatever it leaves behind.
+
+    Raises:
+        StepFailed: With the code, when it is missing, exits with another code than 0, or takes too long.
+        StopRequested: The agent has to end.
+    """
+    program = _program(place.disk, desired, name, code)
+    run_program(place, desired, program, step, code)
+
+
+def run_program(place: Place, desired: Desired, program: Path, step: str, code: DeploymentJobErrorCode) -> None:
+    """Runs an executable file to its end, as `run_script` does."""
+    running = _start(place, desired, program, step)
+    try:
+        ended = wait(running, desired.timeout_s, place.stop)
+    finally:
+        running.end()
+    if ended is None:
+        raise StepFailed(code, f"{program.name} took longer than {desired.timeout_s:g} s")
+    if ended != 0:
+        raise StepFailed(code, f"{program.name} {_exit(ended)}; its output is in {_log(place, desired, step)}")
+
+
+class Application:
+    """What a robot runs; started again when it ends, with growing pauses."""
+
+    def __init__(self, place: Place, desired: Desired) -> None:
+        """Starts it.
+
+        Raises:
+            StepFailed: The launch file is missing or cannot be executed.
+        """
+        self.desired = desired
+        self._place = place
+        self._pause_s = _FIRST_PAUSE_S
+        self._started_s = 0.0
+        self._ended_s: float | None = None
+        self._crashes = 0
+        self._running = self._launch()
+
+    def settle(self) -> None:
+        """Waits for the grace period.
+
+        Raises:
+            StepFailed: The application ended within it.
+            StopRequested: The agent has to end.
+        """
+        code = wait(self._running, self._place.grace_s, self._place.stop)
+        if code is not None:
+            log = _log(self._place, self.desired, "launch")
+            reason = f"{self.desired.launch.launchFile} {_exit(code)} within {self._place.grace_s:g} s of its launch"
+            raise StepFailed("EnvironmentSetupError", f"{reason}, and has to stay up; its output is in {log}")
+
+    def supervise(self) -> None:
+        """Starts it again if it has ended and its pause is over; returns at once.
+
+        Raises:
+            CrashLoop: It has ended five times, none of them long after its start; told again after five more.
+            StepFailed: The launch file is missing or cannot be executed.
+        """
+        code = self._running.exit_code
+        if code is None:
+            return
+        if self._ended_s is None:
+            self._running.end()
+            self._ended_s = time.monotonic()
+            self._count(code)
+        if time.monotonic() - self._ended_s >= self._pause_s:
+            self._ended_s = None
+            self._pause_s = min(self._pause_s * 2, _LONGEST_PAUSE_S)
+            self._running = self._launch()
+
+    def _count(self, code: int) -> None:
+        if time.monotonic() - self._started_s > _LONGEST_PAUSE_S:
+            self._pause_s, self._crashes = _FIRST_PAUSE_S, 0
+            return
+        self._crashes += 1
+        if self._crashes % _CRASHES == 0:
+            log = _log(self._place, self.desired, "launch")
+            last = f"{self.desired.launch.launchFile} {_exit(code)} the last time; its output is in {log}"
+            raise CrashLoop(f"the application ended {self._crashes} times, each soon after its start; {last}")
+
+    def end(self) -> None:
+        """Ends it and everything that it started."""
+        self._running.end()
+
+    def _launch(self) -> Running:
+        name = self.desired.launch.launchFile
+        program = _program(self._place.disk, self.desired, name, "MissingRobotDeploymentResource")
+        self._started_s = time.monotonic()
+        return _start(self._place, self.desired, program, "launch")
+
+
+def _start(place: Place, desired: Desired, program: Path, step: str) -> Running:
+    own = {"SIMYARD_ROBOT": place.robot, "SIMYARD_DEPLOYMENT": desired.deployment, "HOME": str(place.disk.root)}
+    variables = {**BASE, **desired.environment, **own}
+    folder = place.disk.version(desired.digest)
+    cwd = folder if folder.is_dir() else place.disk.root  # a condition runs before there is a bundle
+    try:
+        return start([str(program)], cwd, variables, place.disk.root, _log(place, desired, step))
+    except (OSError, ValueError) as exc:
+        raise StepFailed("BadPermissionError", f"{program.name} cannot be started: {exc}") from exc
+
+
+def _program(disk: Disk, desired: Desired, name: str, code: DeploymentJobErrorCode) -> Path:
+    program = disk.version(desired.digest).joinpath(*_parts(desired, name))
+    where = f"{desired.launch.packageName}/{name}"
+    if not program.is_file():
+        raise StepFailed(code, f"the bundle has no file {where}")
+    if not os.access(program, os.X_OK):
+        raise StepFailed("BadPermissionError", f"{where} is not executable; chmod +x it and publish again")
+    return program
+
+
+def _parts(desired: Desired, name: str) -> tuple[str, ...]:
+    try:
+        return safe_parts(f"{desired.launch.packageName}/{name}")
+    except BundleRefused as exc:
+        raise StepFailed("MissingRobotDeploymentResource", str(exc)) from exc
+
+
+def _log(place: Place, desired: Desired, step: str) -> Path:
+    return place.disk.logs / f"{desired.sequence:06d}-{step}.log"
+
+
+def _exit(code: int) -> str:
+    return f"was ended by signal {-code}" if code < 0 else f"exited with {code}"

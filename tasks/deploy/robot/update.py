@@ -1,0 +1,253 @@
+"""A deployment as one robot goes through it, and the way back when it fails (semantics 8).
+
+The robot's state is written before each thing that cannot be undone: what is accepted, then what runs. Whatever is cut
+short is begun again from the first step at the next start; each step finds what the last attempt finished. RoboMaker
+stops the old application before the download; here it runs until the first script, so that a slow network costs no
+uptime.
+"""
+
+import logging
+import time
+from collections.abc import Callable
+from uuid import uuid4
+
+from specs.errors import TrustRefused
+from specs.robomaker.deployment import DeploymentJobErrorCode, RobotDeploymentStep
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.condition import ask_condition
+from tasks.deploy.robot.disk import Disk
+from tasks.deploy.robot.install import Patience, StepFailed, fetch
+from tasks.deploy.robot.launch import Application, CrashLoop, Place, run_script, validate
+from tasks.deploy.robot.processes import end_all, reap
+from tasks.deploy.robot.reported_state import REASON_CHARACTERS, Attempt, Reporter
+from tasks.storage.base.store import Store
+
+_LOG = logging.getLogger(__name__)
+
+
+Check = Callable[[Desired], int]
+"""Returns how long the bundle is that the keys vouch for, or raises TrustRefused."""
+
+
+class Robot:
+    """One robot: its folder, its application, and what it tells the store.
+
+    Args:
+        store: Where bundles are.
+        place: Where programs run.
+        reporter: Whom to tell.
+        check: Refuses what the keys do not vouch for; None for a robot that does what it finds.
+    """
+
+    def __init__(self, store: Store, place: Place, reporter: Reporter, check: Check | None = None) -> None:
+        self._store = store
+        self._check = check
+        self._place = place
+        self._disk: Disk = place.disk
+        self._reporter = reporter
+        self._state = self._disk.load()
+        self._application: Application | None = None
+        self._owes_state = False
+        self._patience = Patience(place.stop, self._keep_up)
+        self._boot_id = uuid4().hex[:12]
+
+    def recover(self) -> None:
+        """Takes up what the last agent on this folder left: ends its processes, repairs the links, finishes its work.
+
+        Raises:
+            StopRequested: The agent has to end.
+        """
+        end_all(self._disk.root)
+        if self._state.outcome or self._state.target:  # else nothing is known, and nothing is taken away
+            self._restore()
+        if self._state.target:
+            self._deploy(self._state.target)
+        elif self._state.outcome:
+            self._reporter.tell(self._state.outcome)
+
+    def accept(self, desired: Desired) -> None:
+        """Deploys what is asked for, unless it was accepted before, or is older than what was.
+
+        Raises:
+            StopRequested: The agent has to end.
+            StoreError: The store is away; nothing was accepted or refused yet.
+        """
+        if desired.robot != self._place.robot or self._is_old(desired):
+            asked = (desired.deployment, desired.robot, desired.sequence, desired.epoch)
+            _LOG.warning("refused %s for %s: sequence %d, epoch %d", *asked)
+        elif desired.sequence > self._state.sequence and self._kept(desired):
+            self._deploy(desired)
+
+    def supervise(self) -> None:
+        """Keeps the application up and tells what is still to be told; returns at once."""
+        self._reporter.settle()
+        reap()
+        if self._owes_state:
+            self._save()
+        try:
+            if self._application:
+                self._application.supervise()
+        except StepFailed as exc:
+            _LOG.warning("cannot start the application again: %s", exc)
+        except CrashLoop as exc:
+            _LOG.warning("%s", exc)
+            self._go_back_for_good(str(exc))
+
+    def end(self) -> None:
+        """Ends the application and everything that was ever started in this folder."""
+        self._end_application()
+        end_all(self._disk.root)
+
+    def _is_old(self, desired: Desired) -> bool:
+        """Returns whether it comes from before what was accepted last, or from a controller that was replaced since."""
+        again = desired.deployment == self._state.deployment
+        return desired.sequence < self._state.sequence or (again and desired.epoch < self._state.epoch)
+
+    def _kept(self, desired: Desired) -> bool:
+        """Returns whether it was accepted and kept; else why not is told, and nothing else changes.
+
+        The sequence of what the keys do not vouch for is not kept: whoever can write to the store could make the robot
+        deaf with a high one.
+        """
+        accepted = {"sequence": desired.sequence, "deployment": desired.deployment, "epoch": desired.epoch}
+        try:
+            length_bytes = self._check(desired) if self._check else None
+            changed = self._state.model_copy(update={**accepted, "target": desired, "length_bytes": length_bytes})
+            self._disk.save(changed)
+        except TrustRefused as exc:
+            self._refuse(desired, "BadPermissionError", f"refused: {exc}")
+            return False
+        except OSError as exc:
+            self._refuse(desired, "EnvironmentSetupError", f"this robot cannot write to its disk: {exc}")
+            return False
+        self._state = changed
+        if self._check is None:
+            _LOG.warning("UNSIGNED: %s runs %s, which nobody's key vouches for", desired.robot, desired.digest[:12])
+        return True
+
+    def _refuse(self, desired: Desired, code: DeploymentJobErrorCode, reason: str) -> None:
+        _LOG.warning("refused %s: %s", desired.deployment, reason)
+        self._reporter.tell(self._attempt(desired).failed(code, reason))
+
+    def _attempt(self, desired: Desired) -> Attempt:
+        running = self._state.running
+        return Attempt(self._reporter, desired, self._boot_id, running.digest if running else "")
+
+    def _deploy(self, desired: Desired) -> None:
+        running = self._state.running
+        attempt = self._attempt(desired)
+        try:
+            self._try(desired, attempt)
+        except StepFailed as exc:
+            _LOG.warning("%s failed: %s", desired.deployment, exc)
+            outcome = attempt.failed(exc.code, exc.reason)
+            # First that it failed, so that it is not tried again after a loss of power; then the way back.
+            self._save(target=None, outcome=outcome)
+            self._go_back()
+        else:
+            outcome = attempt.succeeded(desired.digest)
+            same = running and running.digest == desired.digest
+            previous = self._state.previous if same else running
+            self._save(target=None, running=desired, previous=previous, outcome=outcome)
+            self._keep_versions()
+        self._reporter.tell(outcome)
+
+    def _try(self, desired: Desired, attempt: Attempt) -> None:
+        try:
+            self._go_through(desired, attempt)
+        except OSError as exc:  # the disk is full, or read-only, or broken
+            raise StepFailed("EnvironmentSetupError", f"this robot cannot write to its disk: {exc}") from exc
+
+    def _go_through(self, desired: Desired, attempt: Attempt) -> None:
+        launch = desired.launch
+        self._begin(attempt, "Validating")
+        validate(desired)
+        if desired.condition:
+            self._begin(attempt, "ExecutingDownloadCondition")
+            ask_condition(self._store, self._place, desired, desired.condition, self._patience)
+        self._begin(attempt, "DownloadingExtracting")
+        length_bytes = self._state.length_bytes
+        fetch(self._store, self._disk, desired, self._patience, attempt.percent, length_bytes=length_bytes)
+        self._begin(attempt, "ExecutingPreLaunch")
+        self._end_application()
+        if launch.preLaunchFile:
+            run_script(self._place, desired, launch.preLaunchFile, "pre-launch", "PreLaunchFileFailure")
+        self._begin(attempt, "Launching")
+        self._disk.switch(desired.digest)
+        self._application = Application(self._place, desired)
+        self._application.settle()
+        self._begin(attempt, "ExecutingPostLaunch")
+        if launch.postLaunchFile:
+            run_script(self._place, desired, launch.postLaunchFile, "post-launch", "PostLaunchFileFailure")
+
+    def _keep_up(self) -> None:
+        """Keeps up what runs while another version is brought, which will replace it whether it crashes or not."""
+        try:
+            if self._application:
+                self._application.supervise()
+        except (StepFailed, CrashLoop) as exc:
+            _LOG.warning("%s", exc)
+
+    def _begin(self, attempt: Attempt, step: RobotDeploymentStep) -> None:
+        self._place.stop.check()
+        attempt.at(step)
+
+    def _go_back(self) -> None:
+        if self._application and self._application.desired != self._state.running:
+            self._end_application()
+        self._restore()
+
+    def _go_back_for_good(self, why: str) -> None:
+        """Returns from a version that does not stay up to the one before it, and tells; without one, it goes on trying.
+
+        What was InSync is Failed then: whoever looks at the fleet shall not believe in a version that does not run.
+        """
+        running, previous, outcome = self._state.running, self._state.previous, self._state.outcome
+        if not (running and previous and outcome) or previous.digest == running.digest:
+            return
+        told = f"{why}; went back to version {previous.version}"
+        failed = outcome.model_copy(
+            update={
+                "status": "Failed",
+                "failure_code": "EnvironmentSetupError",
+                "failure_reason": told[:REASON_CHARACTERS],
+                "running_digest": previous.digest,
+                "finished_at_s": time.time(),
+            }
+        )
+        self._end_application()
+        self._save(running=previous, previous=None, outcome=failed)
+        self._restore()
+        self._reporter.tell(failed)
+
+    def _restore(self) -> None:
+        """Makes the links show what runs, and runs it."""
+        running = self._state.running
+        self._disk.switch(running.digest if running else None)
+        self._keep_versions()
+        if running and self._application is None:
+            try:
+                self._application = Application(self._place, running)
+            except StepFailed:
+                _LOG.exception("cannot start what ran before")
+
+    def _keep_versions(self) -> None:
+        self._disk.remember(self._state.previous.digest if self._state.previous else None)
+        self._disk.tidy(self._state)
+
+    def _end_application(self) -> None:
+        if self._application:
+            self._application.end()
+        self._application = None
+
+    def _save(self, **changes: object) -> None:
+        """Keeps what has happened; on a disk that is full, in memory, and on the disk as soon as that is possible."""
+        self._state = self._state.model_copy(update=changes)
+        try:
+            self._disk.save(self._state)
+        except OSError as exc:
+            if not self._owes_state:
+                _LOG.error("cannot keep this robot's state: %s", exc)
+            self._owes_state = True
+        else:
+            self._owes_state = False

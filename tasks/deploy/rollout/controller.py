@@ -1,0 +1,221 @@
+"""Rolls one version out to a fleet, wave by wave.
+
+What the controller believes is computed at every tick from what robots were asked and what they report; its memory only
+saves requests. So it may be killed at any moment: the next one finds who was asked, asks nobody twice, forgets nobody.
+
+Before robots are asked, the job's record says that they will be, with the epoch of the controller's claim. Whoever
+takes over writes its own epoch into the record first: one that was paused and wakes up can announce nobody any more,
+and whom it had announced its successor has asked by then, so that its writes meet an object that has changed.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from pydantic import JsonValue, TypeAdapter
+
+from specs.errors import StoreError, StoreUnreachable
+from tasks.deploy.fleet.states import Desired, RobotProgress
+from tasks.deploy.rollout.observation import ABORTED, Watch, dumped, ended, phases, recorded_progress, statuses
+from tasks.deploy.rollout.robot_requests import ask, withdraw
+from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.verdict import verdict
+from tasks.deploy.rollout.waves import Move, Wish, next_move
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import Claim
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
+
+_LOG = logging.getLogger(__name__)
+_KIND = "deployment-job"
+WISH = "wish"
+CANCELED = "canceled"
+"""Where a job's detail says what somebody wants of it (tasks.deploy.rollout.operator_commands)."""
+_WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
+_PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and nobody else can take over either
+
+
+def steady_clock() -> Callable[[], float]:
+    """Returns a clock of seconds since 1970 that is right now, and from then on goes as time does, whatever is set."""
+    ahead_s = time.time() - time.monotonic()
+    return lambda: time.monotonic() + ahead_s
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a controller spends its time.
+
+    Attributes:
+        poll_s: Seconds between two looks at the robots.
+        now_s: The clock, seconds since 1970; one that is set meanwhile must not let robots run out of time.
+        sleep: Waits so many seconds.
+    """
+
+    poll_s: float = 0.2
+    now_s: Callable[[], float] = field(default_factory=steady_clock)
+    sleep: Callable[[float], None] = time.sleep
+
+
+def roll_out(
+    store: Store,
+    record: JobRecord,
+    plan: Plan,
+    claim: Claim,
+    *,
+    pace: Pace,
+    progress: Callable[[int, int], None],
+    sign: Callable[[Desired], Desired] | None = None,
+) -> JobRecord:
+    """Returns the deployment job's record after every robot has ended or was left out.
+
+    Args:
+        store: Where robots look.
+        record: The job; its detail holds what an earlier controller knew.
+        plan: What it does.
+        claim: This process's claim on the job, whose epoch stands in the record.
+        pace: Clock and poll interval.
+        progress: Called with the robots that have ended and robots in all, whenever one ends.
+        sign: Signs what a robot is asked, or None.
+
+    Raises:
+        StoreError: The store fails or stays away for minutes, or another process has taken the job over.
+    """
+    controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
+    reached_s, pause_s = time.monotonic(), _FIRST_PAUSE_S
+    while True:
+        try:
+            now = controller.tick()
+        except StoreUnreachable as exc:
+            if time.monotonic() - reached_s > _PATIENCE_S:
+                raise
+            _LOG.warning("%s waits for the store: %s", record.id, exc)
+            pace.sleep(pause_s)
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            continue
+        if is_terminal(now):
+            return now
+        reached_s, pause_s = time.monotonic(), _FIRST_PAUSE_S
+        pace.sleep(pace.poll_s)
+
+
+class _Controller:
+    def __init__(
+        self,
+        store: Store,
+        record: JobRecord,
+        plan: Plan,
+        claim: Claim,
+        *,
+        pace: Pace,
+        progress: Callable[[int, int], None],
+        sign: Callable[[Desired], Desired] | None,
+    ) -> None:
+        self._store = store
+        self._job = record.id
+        self._plan = plan
+        self._claim = claim
+        self._pace = pace
+        self._progress = progress
+        self._sign = sign
+        self._known = recorded_progress(record)
+        self._watch = Watch(store, plan, record.id)
+
+    def tick(self) -> JobRecord:
+        """Returns the record after one look at the robots and what followed from it."""
+        self._check_claim()
+        record = read(self._store, _KIND, self._job)
+        if is_terminal(record):  # somebody closed it: whoever was asked is on its own
+            return record
+        self._ask(self._watch.owed(self._known))
+        seen, move = self._judged(record)
+        if move.verdict:
+            self._tell(seen)
+            end = verdict(self._plan, move, seen)
+            return self._advance(end.status, seen, end.failure_code, end.failure_reason)
+        if statuses(seen) != statuses(self._known):
+            record = self._advance("InProgress", seen)
+        self._tell(seen)  # who is told may look into the record
+        self._known = seen
+        if not is_terminal(record):
+            self._ask(move.start)
+        return record
+
+    def _judged(self, record: JobRecord) -> tuple[dict[str, RobotProgress], Move]:
+        """Returns how far the robots are, those announced that are to begin now, and what to do."""
+        now_s = self._pace.now_s()
+        wish = _wish(record, self._plan, now_s)
+        seen = self._watch.look(self._known, now_s)
+        if wish == "cancel":
+            seen |= self._withdrawn(seen, now_s)
+        move = next_move(phases(seen), self._plan.limits, wish)
+        if move.verdict:
+            seen = self._watch.look(seen, now_s, everyone=True)
+            move = next_move(phases(seen), self._plan.limits, wish)
+        announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
+        return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
+
+    def _withdrawn(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
+        """Returns the robots that had not answered before the cancellation, which are asked nothing any more."""
+        silent = [robot for robot, each in seen.items() if each.status == "PendingNewDeployment"]
+        taken_back = _aborted(now_s, "the deployment was canceled before this robot answered")
+        return {robot: taken_back for robot in silent if withdraw(self._store, robot, self._job, self._check_claim)}
+
+    def _tell(self, seen: Mapping[str, RobotProgress]) -> None:
+        if ended(seen) != ended(self._known):
+            self._progress(ended(seen), len(seen))
+
+    def _ask(self, robots: Sequence[str]) -> None:
+        for robot in robots:
+            wanted = _wanted(self._plan, self._job, robot, self._claim.epoch, self._pace.now_s())
+            self._watch.asks(ask(self._store, wanted, self._sign, self._check_claim))
+
+    def _check_claim(self) -> None:
+        if self._claim.replaced:
+            raise StoreError(f"{self._store.url}: another process has taken over deployment {self._job}")
+        if self._claim.lost:
+            raise StoreUnreachable(f"{self._store.url}: the claim on deployment {self._job} could not be renewed")
+
+    def _advance(
+        self, status: str, seen: Mapping[str, RobotProgress], failure_code: str = "", failure_reason: str = ""
+    ) -> JobRecord:
+        detail: dict[str, JsonValue] = {"progress": dumped(seen)}
+        return advance(
+            self._store,
+            _KIND,
+            self._job,
+            status,
+            failure_code=failure_code,
+            failure_reason=failure_reason,
+            detail=detail,
+            epoch=self._claim.epoch,
+        )
+
+
+def _wish(record: JobRecord, plan: Plan, now_s: float) -> Wish:
+    if CANCELED in record.detail:
+        return "cancel"
+    if now_s - record.created_at_s > plan.fleet_timeout_s:
+        return "time out"
+    return _WISH.validate_python(record.detail.get(WISH, "go"))
+
+
+def _wanted(plan: Plan, deployment: str, robot: str, epoch: int, now_s: float) -> Desired:
+    return Desired(
+        robot=robot,
+        deployment=deployment,
+        sequence=1,
+        epoch=epoch,
+        application=plan.application,
+        version=plan.version,
+        digest=plan.digest_for(robot) or plan.digest,  # who has none is never asked
+        launch=plan.launch,
+        environment=plan.environments[robot],
+        condition=plan.condition,
+        timeout_s=plan.timeout_s,
+        issued_at_s=now_s,
+    )
+
+
+def _aborted(now_s: float, reason: str = "the roll-out stopped before this robot's turn") -> RobotProgress:
+    return RobotProgress(status="Failed", failure_code=ABORTED, failure_reason=reason, finished_at_s=now_s)

@@ -1,0 +1,202 @@
+"""A deployment job from its request to its end; run again with the same token, it continues where it was."""
+
+import logging
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+
+from specs.base import Fault
+from specs.digest import canonical_document
+from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
+from specs.pipeline.simulation_section import RollOutRules
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.deploy.fleet.fleets import fleet_name, read_fleet
+from tasks.deploy.rollout.controller import Pace, roll_out
+from tasks.deploy.rollout.job_end import close_left
+from tasks.deploy.rollout.observation import dumped
+from tasks.deploy.rollout.resolved_request import check_request, plan_deployment
+from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.sync import latest_deployment, plan_sync, sync_request
+from tasks.deploy.trust.trust_record import Signer, check_recorded, vouched
+from tasks.storage.base.encoding import encoded
+from tasks.storage.base.keys import claim_key, fleet_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import claimed, claimed_unless_alive
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read, submit
+
+_LOG = logging.getLogger(__name__)
+_KIND = "deployment-job"
+
+
+@dataclass(frozen=True)
+class _Work:
+    """A deployment job's request, and what it comes to.
+
+    Attributes:
+        plan: Says what it comes to, once the fleet has its members.
+        check: Refuses what can never be planned, while the fleet may have none yet.
+    """
+
+    request: CreateDeploymentJobRequest
+    plan: Callable[[], Plan]
+    check: Callable[[], None]
+
+
+def run_deployment_job(
+    store: Store,
+    request: CreateDeploymentJobRequest,
+    *,
+    digest: str,
+    token: str,
+    progress: Callable[[int, int], None],
+    rules: RollOutRules | None = None,
+    pace: Pace | None = None,
+    robots: Callable[[], AbstractContextManager[object]] | None = None,
+    signer: Signer | None = None,
+) -> JobRecord:
+    """Returns the deployment job's record, Succeeded, Failed or Canceled; an ended job is returned as it ended.
+
+    Args:
+        store: Where fleet, robots and versions are.
+        request: What to deploy where.
+        digest: Of the bundle that was tested; the version must be that one.
+        token: The client request token.
+        progress: Called with robots that have ended and robots in all, whenever that changes.
+        rules: What RoboMaker's request has no words for.
+        pace: Clock and poll interval.
+        robots: Makes the fleet's members, which answer inside its ``with`` block; entered only while the fleet is
+            this job's, so that a job which is refused touches no robot. None: the fleet has its members already.
+        signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, which the record tells.
+
+    Raises:
+        ResourceNotFound: No such fleet, application or version.
+        DocumentError: The version is another than was tested, a variable or file is not allowed, or the fleet is empty.
+        ConcurrentDeployment: Another deployment to the fleet is under way.
+        IdempotentParameterMismatch: The token came with another request before.
+        TrustRefused: The signer cannot vouch for it.
+        StoreError: The store fails, or another process has taken the job over.
+    """
+    work = _Work(
+        request,
+        plan=lambda: plan_deployment(store, request, digest, rules),
+        check=lambda: check_request(store, request, digest),
+    )
+    return _run(store, work, token, progress, pace=pace or Pace(), robots=robots, signer=signer)
+
+
+def run_sync_job(
+    store: Store,
+    fleet: str,
+    *,
+    token: str,
+    progress: Callable[[int, int], None],
+    only_failed: bool = False,
+    pace: Pace | None = None,
+    signer: Signer | None = None,
+) -> JobRecord:
+    """Returns the record of a job that brings a fleet to its latest deployment, Succeeded, Failed or Canceled.
+
+    Args:
+        store: Where fleet and robots are.
+        fleet: Its name or ARN.
+        token: The client request token.
+        progress: Called with robots that have ended and robots in all, whenever that changes.
+        only_failed: Whether to try again those that failed or did not answer, and nobody else.
+        pace: Clock and poll interval.
+        signer: As for a deployment; it must have signed the one that is synced.
+
+    Raises:
+        ResourceNotFound: No such fleet, or nothing was deployed to it yet.
+        ConcurrentDeployment: A deployment to the fleet is under way.
+        TrustRefused: The signer has not signed what was deployed last.
+        StoreError: The store fails, or another process has taken the job over.
+    """
+    last = latest_deployment(store, fleet)
+    check_recorded(signer, last)
+    known = _known(store, job_id(_KIND, token))
+    request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
+    work = _Work(request, plan=lambda: plan_sync(store, last, only_failed=only_failed), check=lambda: None)
+    return _run(store, work, token, progress, pace=pace or Pace(), robots=None, signer=signer)
+
+
+def _run(
+    store: Store,
+    work: _Work,
+    token: str,
+    progress: Callable[[int, int], None],
+    *,
+    pace: Pace,
+    robots: Callable[[], AbstractContextManager[object]] | None,
+    signer: Signer | None,
+) -> JobRecord:
+    job, document = job_id(_KIND, token), canonical_document(work.request)
+    with claimed(store, claim_key(_KIND, job)) as claim:
+        known = _known(store, job)
+        if known and is_terminal(known):
+            return submit(store, _KIND, document, token)
+        fleet = fleet_name(work.request.fleet)
+        check_recorded(signer, known)
+        plan = _recorded_plan(known)
+        if plan is None and robots is None:
+            plan = work.plan()
+        elif plan is None:
+            work.check()
+        _free_fleet(store, fleet, job)
+        record = submit(store, _KIND, document, token)
+        _take_fleet(store, fleet, job)
+        with robots() if robots else nullcontext():
+            plan = plan or work.plan()
+            digests = list(dict.fromkeys([plan.digest, *plan.builds.values()]))
+            detail = vouched(signer, record.id, digests, plan.model_dump(mode="json"))
+            if (lacking := plan.lacking()) and _recorded_plan(known) is None:
+                detail = {**detail, "progress": dumped(lacking)}
+            status = "Preparing" if known is None else "InProgress"
+            record = advance(store, _KIND, record.id, status, detail=detail, epoch=claim.epoch)
+            sign = signer.sign if signer else None
+            return roll_out(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
+
+
+def _known(store: Store, job: str) -> JobRecord | None:
+    try:
+        return read(store, _KIND, job)
+    except ResourceNotFound:
+        return None
+
+
+def _recorded_plan(record: JobRecord | None) -> Plan | None:
+    """Returns what was planned at first: that is done, even if robots have joined or left since."""
+    return Plan.model_validate(record.detail["plan"]) if record and "plan" in record.detail else None
+
+
+def _take_fleet(store: Store, name: str, job: str) -> None:
+    """Makes this job the fleet's one active deployment."""
+    while True:
+        _free_fleet(store, name, job)
+        fleet, etag = read_fleet(store, name)
+        if fleet.deployment == job:
+            return
+        try:
+            store.replace(fleet_key(name), encoded(fleet.model_copy(update={"deployment": job})), etag)
+        except ObjectConflict:  # somebody else wants it too: look again
+            continue
+
+
+def _free_fleet(store: Store, name: str, job: str) -> None:
+    """Returns when no other deployment to the fleet is under way; one that nobody works on any more is canceled.
+
+    Raises:
+        ConcurrentDeployment: One is.
+    """
+    other = read_fleet(store, name)[0].deployment
+    known = _known(store, other) if other and other != job else None
+    if known is None or is_terminal(known):
+        return
+    with claimed_unless_alive(store, claim_key(_KIND, other)) as claim:
+        if claim is None:
+            fault = Fault(
+                path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}"
+            )
+            raise ConcurrentDeployment([fault], source="deployment")
+        reason = f"nobody worked on it any more when {job} was asked for"
+        ended = close_left(store, known, claim, reason)
+    _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)

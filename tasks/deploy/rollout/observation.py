@@ -1,0 +1,137 @@
+"""How far the robots of a deployment are: from what they were asked and what they report, in few requests."""
+
+from collections.abc import Mapping
+
+from pydantic import JsonValue, TypeAdapter
+
+from tasks.deploy.fleet.robots import read_desired, read_reported
+from tasks.deploy.fleet.states import WAITING, Desired, RobotProgress, progress_of
+from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.waves import Phase
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+
+ABORTED = "RobotDeploymentAborted"
+_PROGRESS = TypeAdapter(dict[str, RobotProgress])
+_PHASES: Mapping[str, Phase] = {
+    "Available": Phase.WAITING,
+    "Registered": Phase.WAITING,
+    "PendingNewDeployment": Phase.IN_FLIGHT,
+    "Deploying": Phase.IN_FLIGHT,
+    "InSync": Phase.IN_SYNC,
+    "Failed": Phase.FAILED,
+    "NoResponse": Phase.FAILED,
+}
+# An application that crashes in a loop is given up after eight seconds at the soonest (tasks.deploy.robot.launch).
+_FIRST_AGAIN_S = 10.0
+
+
+class Watch:
+    """Looks at the robots of a deployment; its memory only saves requests.
+
+    Who waits cannot have begun, and who has failed stays so: neither costs a request. Who is in sync may still crash,
+    and who did not answer in time may come back: they are looked at again after ten seconds, after twenty, and so on.
+    A roll-out that takes ten times as long costs three or four requests more for a robot.
+
+    Args:
+        store: Where robots report.
+        plan: Which robots, in which order.
+        job: The deployment's id.
+    """
+
+    def __init__(self, store: Store, plan: Plan, job: str) -> None:
+        self._store = store
+        self._plan = plan
+        self._job = job
+        self._asked: dict[str, Desired] = {}
+        self._again: dict[str, tuple[float, float]] = {}  # when next, and the pause before that
+
+    def asks(self, desired: Desired) -> None:
+        """Remembers what a robot was asked."""
+        self._asked[desired.robot] = desired
+
+    def owed(self, known: Mapping[str, RobotProgress]) -> list[str]:
+        """Returns the robots that the record says are asked, and that nobody asked before its writer died."""
+        return [
+            robot for robot, each in known.items() if phase_of(each) is Phase.IN_FLIGHT and not self._desired(robot)
+        ]
+
+    def look(
+        self, known: Mapping[str, RobotProgress], now_s: float, *, everyone: bool = False
+    ) -> dict[str, RobotProgress]:
+        """Returns how far each robot of the plan is.
+
+        Args:
+            known: How far they were.
+            now_s: The controller's clock, seconds since 1970.
+            everyone: Whether to look again at all that may have changed, as before a verdict.
+        """
+        before = {robot: known.get(robot, WAITING) for robot in self._plan.environments}
+        return {
+            robot: self._seen(robot, each, now_s) if self._is_due(robot, each, now_s, everyone=everyone) else each
+            for robot, each in before.items()
+        }
+
+    def _is_due(self, robot: str, known: RobotProgress, now_s: float, *, everyone: bool) -> bool:
+        if known.status in {"PendingNewDeployment", "Deploying"}:
+            return True
+        if known.status not in {"InSync", "NoResponse"}:
+            return False
+        next_s, pause_s = self._again.setdefault(robot, (now_s + _FIRST_AGAIN_S, _FIRST_AGAIN_S))
+        if now_s >= next_s:
+            self._again[robot] = (now_s + 2 * pause_s, 2 * pause_s)
+        return everyone or now_s >= next_s
+
+    def _seen(self, robot: str, known: RobotProgress, now_s: float) -> RobotProgress:
+        desired = self._desired(robot)
+        if desired is None:
+            return known
+        seen = progress_of(desired, read_reported(self._store, robot), now_s=now_s)
+        # In sync it has answered; only an answer takes that back.
+        return known if known.status == "InSync" and seen.status != "Failed" else seen
+
+    def _desired(self, robot: str) -> Desired | None:
+        if robot not in self._asked:
+            latest, _ = read_desired(self._store, robot)
+            if latest is None or latest.deployment != self._job:
+                return None
+            self._asked[robot] = latest
+        return self._asked[robot]
+
+
+def recorded_progress(record: JobRecord) -> dict[str, RobotProgress]:
+    """Returns how far each robot was when the job's record was last written."""
+    return _PROGRESS.validate_python(record.detail.get("progress", {}))
+
+
+def live_progress(store: Store, record: JobRecord, now_s: float) -> dict[str, RobotProgress]:
+    """Returns how far each robot of a deployment that has not ended is now; nothing before it is planned."""
+    if "plan" not in record.detail:
+        return {}
+    watch = Watch(store, Plan.model_validate(record.detail["plan"]), record.id)
+    return watch.look(recorded_progress(record), now_s)
+
+
+def dumped(seen: Mapping[str, RobotProgress]) -> dict[str, JsonValue]:
+    """Returns robots' progress as a job's record holds it."""
+    return {robot: progress.model_dump(mode="json") for robot, progress in seen.items()}
+
+
+def phases(seen: Mapping[str, RobotProgress]) -> dict[str, Phase]:
+    """Returns where each robot is in the roll-out."""
+    return {robot: phase_of(progress) for robot, progress in seen.items()}
+
+
+def phase_of(progress: RobotProgress) -> Phase:
+    """Returns where a robot is in the roll-out."""
+    return Phase.ABORTED if progress.failure_code == ABORTED else _PHASES[progress.status]
+
+
+def ended(seen: Mapping[str, RobotProgress]) -> int:
+    """Returns how many robots have ended, or will never begin."""
+    return sum(phase_of(robot) not in {Phase.WAITING, Phase.IN_FLIGHT} for robot in seen.values())
+
+
+def statuses(seen: Mapping[str, RobotProgress]) -> dict[str, str]:
+    """Returns each robot's status."""
+    return {robot: progress.status for robot, progress in seen.items()}

@@ -1,0 +1,55 @@
+"""How a roll-out ended, as its job's record tells it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tasks.deploy.fleet.states import RobotProgress
+from tasks.deploy.rollout.observation import phase_of
+from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.waves import Move, Phase
+
+_WHY: Mapping[str, str] = {
+    "canary": "a canary failed",
+    "time": "the fleet's time was over",
+    "canceled": "canceled on request",
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Attributes: status, failure_code, failure_reason: As RoboMaker has them; empty for a success."""
+
+    status: str
+    failure_code: str = ""
+    failure_reason: str = ""
+
+
+def verdict(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> Verdict:
+    """Returns how a roll-out ended.
+
+    Args:
+        plan: What it was to do.
+        move: The last one, which has a verdict.
+        seen: How far the robots are.
+    """
+    if move.verdict == "Succeeded":
+        return Verdict("Succeeded")
+    if move.verdict == "Canceled":
+        return Verdict("Canceled", failure_reason=_left_out(_WHY["canceled"], seen))
+    code = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
+    return Verdict("Failed", code, _left_out(_failures(plan, move, seen), seen))
+
+
+def _failures(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> str:
+    failed = {robot: each.failure_code for robot, each in seen.items() if phase_of(each) is Phase.FAILED}
+    names = ", ".join(f"{robot}: {code}" for robot, code in list(failed.items())[:5])
+    what = f"{len(failed)} of {len(seen)} robots failed" + (f" ({names})" if names else "")
+    if move.why in _WHY:
+        return f"{_WHY[move.why]}; {what}"
+    return f"{what}, and {plan.failures} stop the roll-out"
+
+
+def _left_out(reason: str, seen: Mapping[str, RobotProgress]) -> str:
+    aborted = sum(phase_of(each) is Phase.ABORTED for each in seen.values())
+    left = "1 was left as it was" if aborted == 1 else f"{aborted} were left as they were"
+    return reason + (f"; {left}" if aborted else "")

@@ -1,0 +1,149 @@
+"""What a robot checks before it downloads anything: TUF's client workflow, then the signature of its desired state.
+
+The root of trust is pinned when the agent is installed. Everything that was verified is kept on the robot, so that it
+never accepts what is older, whoever writes to the store.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeGuard
+
+from tuf.api.exceptions import (
+    BadVersionNumberError,
+    DownloadError,
+    DownloadHTTPError,
+    DownloadLengthMismatchError,
+    ExpiredMetadataError,
+    LengthOrHashMismatchError,
+    RepositoryError,
+    UnsignedMetadataError,
+)
+from tuf.ngclient import FetcherInterface, Updater, UpdaterConfig
+
+from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustRefused
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.trust.metadata import bundle_target, deployer_role, read_root, repository_of
+from tasks.deploy.trust.signature import verify
+from tasks.deploy.trust.tuf_names import Metadata, Targets
+from tasks.storage.base.atomic_file import make_folder, settle_names
+from tasks.storage.base.store import Store
+
+_ASK_THE_OWNER = "find out who writes to the store"
+_METADATA_BYTES = 5_000_000  # of any file; the updater holds each kind to less
+_CONFIG = UpdaterConfig(max_root_rotations=64, max_delegations=2, targets_max_length=_METADATA_BYTES)
+
+
+class Verifier:
+    """Checks desired states against a pinned root of trust.
+
+    Args:
+        store: Where metadata is.
+        folder: Where the robot keeps what it has verified.
+        root: The root of trust, root metadata as ``simyard fleet keys init`` wrote it.
+        now_s: The robot's clock, seconds since 1970.
+
+    Raises:
+        TrustRefused: The root of trust is none.
+    """
+
+    def __init__(self, store: Store, folder: Path, root: bytes, now_s: Callable[[], float] = time.time) -> None:
+        self._store = store
+        self._root = root
+        self._now_s = now_s
+        self._repository = repository_of(read_root(root))
+        self._folder = folder / self._repository
+
+    def __call__(self, desired: Desired) -> int:
+        """Returns the length of the bundle in bytes, for what the keys vouch for.
+
+        Raises:
+            TrustRefused: They do not; says what is wrong and what helps.
+            StoreError: The store is away.
+        """
+        make_folder(self._folder)
+        try:
+            length_bytes = self._check(desired)
+        except (RepositoryError, DownloadError) as exc:
+            cause = exc.__cause__
+            if _is_away(cause):
+                raise cause from exc
+            raise TrustRefused(f"{_story(exc)} ({exc})") from exc
+        except OSError as exc:
+            raise TrustRefused(f"this robot cannot keep what it verified: {exc}") from exc
+        _settle(self._folder)
+        return length_bytes
+
+    def _check(self, desired: Desired) -> int:
+        prefix = f"trust/{self._repository}/"
+        fetcher = _StoreFetcher(self._store)
+        updater = Updater(str(self._folder), prefix, fetcher=fetcher, config=_CONFIG, bootstrap=self._root)
+        updater.refresh()
+        # The updater has just verified and written it.
+        targets = Metadata[Targets].from_bytes((self._folder / "targets.json").read_bytes()).signed
+        keys = targets.delegations.keys if targets.delegations else {}
+        verify(desired, {keyid: keys[keyid] for keyid in deployer_role(targets).keyids})
+        if desired.expires_at_s <= self._now_s():
+            raise TrustRefused(f"it expired at {_date(desired.expires_at_s)}; {self._clock()} deploy again")
+        found = updater.get_targetinfo(bundle_target(desired.digest))
+        if found is None or found.hashes.get("sha256") != desired.digest:
+            raise TrustRefused(f"bundle {desired.digest[:12]} is not on the deployer's signed list; deploy it again")
+        return found.length
+
+    def _clock(self) -> str:
+        return f"this robot's clock says {_date(self._now_s())};"
+
+
+class _StoreFetcher(FetcherInterface):
+    """Reads metadata from a store; URLs are keys."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def _fetch(self, url: str) -> Iterator[bytes]:
+        try:
+            return iter([self._store.get(url, _METADATA_BYTES).body])
+        except ObjectTooBig as exc:
+            raise DownloadLengthMismatchError(str(exc)) from exc
+        except ObjectNotFound as exc:
+            raise DownloadHTTPError(str(exc), 404) from exc
+        except StoreAccessDenied as exc:  # S3's answer for what is not there, to who may not list
+            raise DownloadHTTPError(str(exc), 403) from exc
+
+
+def _is_away(exc: BaseException | None) -> TypeGuard[StoreError]:
+    return isinstance(exc, StoreError) and not isinstance(exc, ObjectNotFound | ObjectTooBig)
+
+
+def _story(exc: RepositoryError | DownloadError) -> str:
+    """Returns what a person has to know about a refusal."""
+    if isinstance(exc, ExpiredMetadataError):
+        now = _date(time.time())
+        return f"signed metadata expired, and this robot's clock says {now}: run simyard fleet keys renew"
+    if isinstance(exc, BadVersionNumberError):
+        return f"signed metadata in the store is older than what this robot has seen: {_ASK_THE_OWNER}"
+    if isinstance(exc, UnsignedMetadataError):
+        return f"metadata is signed by keys that this robot does not trust: {_ASK_THE_OWNER}"
+    if isinstance(exc, DownloadHTTPError):
+        return "the store has no metadata signed for this robot's root of trust: restore trust/ from a backup"
+    if isinstance(exc, LengthOrHashMismatchError | DownloadError):
+        return f"metadata is not the file that was signed for: {_ASK_THE_OWNER}"
+    return f"metadata is damaged or does not fit together: {_ASK_THE_OWNER}"
+
+
+def _date(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _settle(folder: Path) -> None:
+    """Waits until what was verified is on the disk: a loss of power must not make the robot forget it."""
+    for path in folder.rglob("*.json"):
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    for names in (folder / "root_history", folder):
+        settle_names(names)

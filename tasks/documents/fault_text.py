@@ -1,0 +1,194 @@
+"""Pydantic's errors in a person's words: where, what stands there, what may stand there instead."""
+
+import difflib
+import json
+import re
+from collections.abc import Callable, Iterable
+from typing import Any, get_args
+
+from annotated_types import Ge, Le
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from specs import field_types
+from specs.base import Fault
+from specs.rules import RULE
+from specs.template.interior import NAMES_PATTERN
+
+MAX_SHOWN = 60
+Place = tuple[str | int, ...]
+
+_PATTERNS = {
+    field_types.ARN_PATTERN: "an ARN, arn:...",
+    field_types.NAME_PATTERN: "letters, digits, underscores and hyphens",
+    field_types.COMMAND_PATTERN: "letters, digits, underscores, hyphens and dots",
+    field_types.TAG_PATTERN: "letters, digits, spaces and _ . - / + = :",
+    field_types.TOKEN_PATTERN: "letters, digits and _ - =",
+    field_types.BUCKET_PATTERN: "a bucket's name: lower-case letters, digits, dots and hyphens",
+    field_types.ROLE_PATTERN: "a role, arn:aws:iam::<account>:role/<name>",
+    field_types.VERSION_PATTERN: 'a version number such as "3", or $LATEST',
+    field_types.NUMBER_PATTERN: 'a version number such as "3"; $LATEST cannot be deployed',
+    field_types.VARIABLE_PATTERN: "a variable's name: capital letters, digits and underscores, no digit first",
+    field_types.GENERIC_PATTERN: "text in one line",
+    field_types.PLAIN_NAME_PATTERN: "a name: letters, digits, underscores and hyphens, at most 64",
+    field_types.REFERENCE_PATTERN: "a name (letters, digits, underscores and hyphens, at most 64) or an ARN",
+    field_types.WORLD_REFERENCE_PATTERN: "a world as <generation>/<world>, or an ARN",
+    NAMES_PATTERN: "letters, digits, spaces, underscores and hyphens",
+}
+_TYPES = {
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "dict_type": "keys and values",
+}
+
+
+def only_repeats(error: ErrorDetails) -> bool:
+    """Returns whether an error says no more than others do.
+
+    Pydantic counts the valid items of a tuple, so invalid ones, which have their own errors, also make it too short.
+    """
+    return error["type"] == "too_short" and len(error["input"]) >= error.get("ctx", {})["min_length"]
+
+
+def fault_of(error: ErrorDetails, model: type[BaseModel]) -> Fault:
+    """Returns an error as a fault.
+
+    Args:
+        error: One entry of `pydantic.ValidationError.errors`.
+        model: What the document is, to tell the keys and bounds that are known.
+    """
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    path = path_of(error["loc"])
+    if kind == "missing":
+        return Fault(path=path, value="missing", allowed="required")
+    if kind == "extra_forbidden":
+        known = known_keys(model, error["loc"][:-1])
+        return Fault(path=path, value="unknown key", allowed=_known(str(error["loc"][-1]), known))
+    words = _WORDS.get(kind)
+    allowed = words(context, value) if words else _TYPES.get(kind, error["msg"])
+    if kind in ("model_type", "model_attributes_type"):
+        allowed = _object(known_keys(model, error["loc"]))
+    if kind in ("greater_than_equal", "less_than_equal"):
+        allowed = _bounds(model, error["loc"]) or allowed
+    return Fault(path=path, value=shown(value), allowed=error["msg"] if kind == RULE else allowed)
+
+
+def path_of(place: Place) -> str:
+    """Returns a place as ``key.key[0]``; ``document`` for the whole."""
+    path = ""
+    for step in place:
+        if isinstance(step, int):
+            path += f"[{step}]"
+        elif not _is_tag(step):
+            path += f".{_printable(step)}"
+    return path.removeprefix(".") or "document"
+
+
+def shown(value: object) -> str:
+    """Returns a value as JSON, shortened."""
+    text = _printable(json.dumps(value, ensure_ascii=False, default=str))
+    return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 4]} ..."
+
+
+def known_keys(model: type[BaseModel], place: Place) -> list[str]:
+    """Returns the keys that an object at a place in a document may have."""
+    return list(dict.fromkeys(name for one in _models_at(model, place) for name in one.model_fields))
+
+
+def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
+    models = [model]
+    for step in place:
+        if isinstance(step, int):
+            continue
+        if _is_tag(step):
+            models = [one for one in models if f"<{one.__name__}>" == step] or models
+        else:
+            fields = [one.model_fields[step] for one in models if step in one.model_fields]
+            models = [below for field in fields for below in _models(field.annotation)] or models
+    return models
+
+
+def _bounds(model: type[BaseModel], place: Place) -> str | None:
+    """Returns both bounds of a number where only one was broken."""
+    keys = [number for number, step in enumerate(place) if isinstance(step, str) and not _is_tag(step)]
+    parents = _models_at(model, place[: keys[-1]]) if keys else []
+    fields = [one.model_fields[str(place[keys[-1]])] for one in parents if place[keys[-1]] in one.model_fields]
+    marks = [mark for field in fields for mark in (*field.metadata, *_metadata(field.annotation))]
+    lows = [mark.ge for mark in marks if isinstance(mark, Ge)]
+    highs = [mark.le for mark in marks if isinstance(mark, Le)]
+    return f"from {lows[0]:,} to {highs[0]:,}" if len(lows) == len(highs) == 1 else None
+
+
+def _metadata(annotation: Any) -> list[object]:  # noqa: ANN401 - any type expression
+    inner = [mark for part in get_args(annotation) for mark in _metadata(part)]
+    marks: list[object] = list(getattr(annotation, "__metadata__", ()))
+    nested = [mark for field in marks if isinstance(field, FieldInfo) for mark in field.metadata]
+    return [*inner, *marks, *nested]
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any type expression
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _is_tag(step: str) -> bool:
+    return step == "[key]" or (step.startswith("<") and step.endswith(">"))
+
+
+def _printable(text: str) -> str:
+    return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
+
+
+def _known(key: str, known: list[str]) -> str:
+    return f"{_meant(key, known)}known keys are {', '.join(known)}" if known else "no such key"
+
+
+def _meant(text: str, known: Iterable[str]) -> str:
+    lowered = {one.lower(): one for one in known}
+    close = difflib.get_close_matches(text.lower(), list(lowered), n=1, cutoff=0.6)
+    return f'did you mean "{lowered[close[0]]}"? ' if close else ""
+
+
+def _object(known: list[str]) -> str:
+    return f"an object with keys {', '.join(known)}" if known else "an object"
+
+
+def _text(context: dict[str, Any], value: object) -> str:  # noqa: ARG001 - one signature for all
+    quotable = isinstance(value, int | float) and not isinstance(value, bool)
+    return f'text; write "{value}" in quotes' if quotable else "text"
+
+
+def _one_of(context: dict[str, Any], value: object) -> str:
+    members = re.findall(r"'([^']*)'", str(context["expected"]))
+    if not isinstance(value, str):
+        quotable = str(value) in members
+        return f'text; write "{value}" in quotes' if quotable else f"one of {', '.join(members)}"
+    return f"{_meant(value, members)}one of {', '.join(members)}" if len(members) > 1 else members[0]
+
+
+def _pattern(context: dict[str, Any], value: object) -> str:  # noqa: ARG001 - one signature for all
+    pattern = str(context["pattern"]).removeprefix("^(?:").removesuffix(")$")
+    return _PATTERNS.get(pattern, f"text that matches {pattern}")
+
+
+def _says(template: str) -> Callable[[dict[str, Any], object], str]:
+    return lambda context, _: template.format(**context)
+
+
+_WORDS: dict[str, Callable[[dict[str, Any], object], str]] = {
+    "string_type": _text,
+    "literal_error": _one_of,
+    "string_pattern_mismatch": _pattern,
+    "string_too_short": _says("at least {min_length} characters"),
+    "string_too_long": _says("at most {max_length} characters"),
+    "too_short": _says("at least {min_length} items"),
+    "too_long": _says("at most {max_length} items"),
+    "greater_than_equal": _says("{ge} or more"),
+    "less_than_equal": _says("{le} or less"),
+}

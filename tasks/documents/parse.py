@@ -1,0 +1,69 @@
+"""Plain data made into a document, or a list of all that is wrong with it."""
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import TypeVar
+
+from pydantic import BaseModel, JsonValue, ValidationError
+
+from specs.base import Fault
+from specs.errors import DocumentError
+from tasks.documents.fault_text import Place, fault_of, only_repeats, path_of
+
+MAX_FAULTS = 100
+"""More than a person reads; the rest is counted."""
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def parse(model: type[Model], data: JsonValue, source: str = "document") -> Model:
+    """Returns the data as a document.
+
+    Args:
+        model: What the document is.
+        data: What was read.
+        source: Where it was read from, for the message.
+
+    Raises:
+        DocumentError: With every fault: where, what stands there, what may.
+    """
+    faults = {fault.path: fault for fault in islice(_empty_keys(data), MAX_FAULTS)}
+    more = 0
+    try:
+        document = model.model_validate(data)
+    except ValidationError as exc:
+        faults, more = _with_errors(exc, model, faults)
+    else:
+        if not faults:
+            return document
+    rest = [Fault(path="document", value=f"{more:,} faults more", allowed="correct these first")] if more else []
+    raise DocumentError([*faults.values(), *rest], source)
+
+
+def _with_errors(
+    exc: ValidationError, model: type[BaseModel], faults: dict[str, Fault]
+) -> tuple[dict[str, Fault], int]:
+    """Returns the faults with pydantic's errors added, and how many are left out as nobody would read them."""
+    errors = [error for error in exc.errors(include_url=False) if not only_repeats(error)]
+    found = dict(faults)
+    for number, error in enumerate(errors):
+        if len(found) >= MAX_FAULTS:
+            return found, len(errors) - number
+        fault = fault_of(error, model)
+        # What is empty is said once: that the field wants text, too, is no news.
+        if fault.path not in faults:
+            found[str(fault)] = fault
+    return found, 0
+
+
+def _empty_keys(data: JsonValue) -> Iterator[Fault]:
+    """Yields keys with nothing behind them: an empty ``gate:`` must not pass for no gate."""
+    pending: list[tuple[Place, JsonValue]] = [((), data)]
+    while pending:
+        place, value = pending.pop()
+        if value is None:
+            yield Fault(path=path_of(place), value="nothing", allowed="a value; or leave the key out")
+        elif isinstance(value, list):
+            pending.extend(((*place, number), item) for number, item in reversed(list(enumerate(value))))
+        elif isinstance(value, dict):
+            pending.extend(((*place, key), item) for key, item in reversed(list(value.items())))

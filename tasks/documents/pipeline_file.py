@@ -1,0 +1,88 @@
+"""A pipeline document, read together with the files beside it that it names."""
+
+from pathlib import Path
+
+from pydantic import JsonValue
+
+from specs.base import Fault
+from specs.errors import DocumentError
+from specs.pipeline.document import PipelineSpec
+from specs.rules import items, part
+from specs.template.body import TemplateBody
+from tasks.documents.bare_requests import is_simulation_request, pipeline_of_request
+from tasks.documents.parse import parse
+from tasks.documents.source_text import read_document
+
+_BARE_REQUESTS = {
+    "deploymentApplicationConfigs": "deployment",
+    "worldCount": "worldGeneration",
+    "outputLocation": "worldExport",
+}
+
+
+def read_pipeline(path: Path) -> PipelineSpec:
+    """Returns the pipeline in a file; paths in it stay as they stand, relative to the file's folder.
+
+    A file may also hold a StartSimulationJobBatch or a CreateSimulationJob request of RoboMaker's, as it stands: a
+    pipeline of that batch, or of that job, named like the file. A template in a file is checked with the document, and
+    its faults are told with the document's.
+
+    Raises:
+        DocumentError: With every fault of the document, of its template, and of the paths that it names.
+    """
+    data = read_document(path)
+    if is_simulation_request(data):
+        return pipeline_of_request(data, path)
+    _refuse_bare_request(data, path)
+    beside = [*_template_faults(data, path.parent), *_missing_sources(data, path.parent)]
+    try:
+        spec = parse(PipelineSpec, data, str(path))
+    except DocumentError as exc:
+        raise DocumentError([*exc.faults, *beside], str(path)) from exc
+    if beside:
+        raise DocumentError(beside, str(path))
+    return spec
+
+
+def names_a_file(template: str) -> bool:
+    """Returns whether a template is named by a path, and not by an ARN, a URL or a name in the store."""
+    return not template.startswith(("arn:", "{")) and "://" not in template and ("/" in template or "." in template)
+
+
+def _refuse_bare_request(data: JsonValue, path: Path) -> None:
+    """Refuses one of RoboMaker's requests on its own with the one fault that matters: where it belongs.
+
+    Raises:
+        DocumentError: It is one.
+    """
+    section = next((section for key, section in _BARE_REQUESTS.items() if part(data, key) is not None), None)
+    if section and part(data, "name") is None:
+        allowed = f"`name: ...` at the top, and this request as it stands below `{section}:`"
+        raise DocumentError(
+            [Fault(path="document", value="a request of RoboMaker's alone", allowed=allowed)], str(path)
+        )
+
+
+def _template_faults(data: JsonValue, folder: Path) -> list[Fault]:
+    template = part(part(data, "worldGeneration"), "template")
+    if not isinstance(template, str) or not names_a_file(template):
+        return []
+    try:
+        parse(TemplateBody, read_document(folder / template), str(folder / template))
+    except DocumentError as exc:
+        return [_in_template(fault, template) for fault in exc.faults]
+    return []
+
+
+def _in_template(fault: Fault, template: str) -> Fault:
+    place = "" if fault.path in ("file", "document") else f"{fault.path}: "
+    return Fault(path="worldGeneration.template", value=f"{template}: {place}{fault.value}", allowed=fault.allowed)
+
+
+def _missing_sources(data: JsonValue, folder: Path) -> list[Fault]:
+    sources = [part(application, "source") for application in items(part(data, "applications"))]
+    return [
+        Fault(path=f"applications[{number}].source", value=source, allowed=f"a folder; {folder / source} is none")
+        for number, source in enumerate(sources)
+        if isinstance(source, str) and not (folder / source).is_dir()
+    ]

@@ -1,0 +1,56 @@
+"""A template, wherever a document says it is: in the document, a file, a bucket, or the store."""
+
+from pathlib import Path
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
+from specs.template.body import TemplateBody
+from tasks.documents.parse import parse
+from tasks.documents.source_text import decode_document, read_document
+from tasks.storage.base.keys import template_key
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+
+
+def find_template(template: str | TemplateBody, store: Store, base: Path) -> TemplateBody:
+    """Returns the body of the template that a document's ``worldGeneration.template`` means.
+
+    A path wins over a name that is in the store: what lies beside the document is what its author sees.
+
+    Args:
+        template: A body, a path, ``s3://bucket/key``, an ARN, or the name of a template in the store.
+        store: Where names, ARNs and buckets lead.
+        base: Folder that relative paths start from.
+
+    Raises:
+        ResourceNotFound: There is no such template.
+        DocumentError: There is one, and it is not a template body.
+    """
+    if isinstance(template, TemplateBody):
+        return template
+    if template.startswith("s3://"):
+        bucket, _, key = template.removeprefix("s3://").partition("/")
+        return _parsed(_stored(open_bucket(store, bucket), key, template), template)
+    path = base / template
+    if not template.startswith("arn:") and path.is_file():
+        return parse(TemplateBody, read_document(path), str(path))
+    name = parse_reference(template).path
+    if "/" in name or "." in name:
+        raise _missing(template, f"a file ({path} is none), s3://bucket/key, or a template in {store.url}")
+    return _parsed(_stored(store, template_key(name), template), template)
+
+
+def _stored(store: Store, key: str, template: str) -> bytes:
+    try:
+        return store.get(key).body
+    except ObjectNotFound as exc:
+        raise _missing(template, f"a template; {store.url} has none there") from exc
+
+
+def _parsed(body: bytes, source: str) -> TemplateBody:
+    return parse(TemplateBody, decode_document(body, source), source)
+
+
+def _missing(template: str, allowed: str) -> DocumentError:
+    return ResourceNotFound([Fault(path="worldGeneration.template", value=repr(template), allowed=allowed)])

@@ -1,0 +1,1 @@
+"""Export jobs: worlds out of the store, one zip into a bucket. Flows may import it."""

@@ -1,0 +1,1 @@
+"""Worlds in three dimensions and on contact sheets. Flows may import it."""

@@ -1,0 +1,122 @@
+"""Worlds in three dimensions, where a GL is there; ``render_process`` renders them."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from typing import BinaryIO
+
+import numpy as np
+from jaxtyping import UInt8
+from pydantic import TypeAdapter
+
+from specs.data.world import World
+from tasks.export.surface.png import encode_rgb
+
+NO_GL = "no 3-D picture: no GL is there (Debian: apt-get install libosmesa6, or libegl1 with a GPU)"
+READY = b"GL\n"
+"""What the process says when its GL works."""
+Pixels = UInt8[np.ndarray, "rows columns 3"]
+Render = Callable[[World, Sequence[str]], Pixels]
+"""Takes a world and the lines of a caption, each of which takes CAPTION_LINE rows of the picture that it returns."""
+Ask = Callable[[str, bytes, int], bytes]
+"""Takes what is drawn, for a complaint, a line without its end, and how many bytes the answer has."""
+CHANNELS = 3
+REQUEST: TypeAdapter[tuple[tuple[str, ...], World]] = TypeAdapter(tuple[tuple[str, ...], World])
+CAPTION_LINE = 26
+_GL = "MUJOCO_GL"
+_BACKENDS = ("egl", "osmesa")
+_SAMPLES = 40
+
+
+@contextmanager
+def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Render | None, None, None]:
+    """Yields a function that renders a world cut open, or None where no GL is.
+
+    Args:
+        width: Columns of a picture.
+        height: Rows of a picture.
+        samples: Renderings that a picture is the mean of; shadows have about half as many steps.
+    """
+    with drawing("render_process", [str(width), str(height), str(samples)]) as ask:
+        if ask is None:
+            yield None
+            return
+        yield lambda world, caption: pixels_of(
+            ask(world.name, REQUEST.dump_json((tuple(caption), world)), width * height * CHANNELS), width, height
+        )
+
+
+@contextmanager
+def drawing(module: str, arguments: Sequence[str]) -> Generator[Ask | None, None, None]:
+    """Yields a function that asks a process of its own, which draws with a GL; None where no GL is.
+
+    Args:
+        module: Of this package; answers each line with as many bytes as it should.
+        arguments: Its command line.
+    """
+    with tempfile.TemporaryFile() as complaints:
+        process = _started(module, arguments, complaints)
+        if process is None:
+            yield None
+            return
+        try:
+            yield lambda what, question, length: _answer(process, what, question, length, complaints)
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def pixels_of(answer: bytes, width: int, height: int) -> Pixels:
+    """Returns an answer as a picture."""
+    return np.frombuffer(answer, np.uint8).reshape(height, width, CHANNELS)
+
+
+def render_png(world: World, width: int, height: int) -> bytes | None:
+    """Returns a picture of the world, cut open, as a PNG file; None where no GL is."""
+    with rendering(width, height) as render:
+        return None if render is None else encode_rgb(render(world, ()))
+
+
+def _started(module: str, arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
+    """Returns the process, ready to draw with the first GL that works: MUJOCO_GL's, else any."""
+    wanted = os.environ.get(_GL)
+    for backend in (wanted,) if wanted else _BACKENDS:
+        process = subprocess.Popen(  # noqa: S603 - our own module, and numbers
+            [sys.executable, "-m", f"tasks.export.picture.{module}", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=complaints,
+            env={**os.environ, _GL: backend},
+        )
+        if process.stdout is not None and process.stdout.read(len(READY)) == READY:
+            return process
+        process.communicate()
+    return None
+
+
+def _answer(process: subprocess.Popen[bytes], what: str, question: bytes, length: int, complaints: BinaryIO) -> bytes:
+    """Returns the answer of the process to a line.
+
+    Raises:
+        RuntimeError: It ended, which a GL that works is no reason for.
+    """
+    answer = _asked(process, question + b"\n", length)
+    if len(answer) < length:
+        complaints.seek(0)
+        raise RuntimeError(f"rendering {what} failed: {complaints.read().decode(errors='replace')[-2000:]}")
+    return answer
+
+
+def _asked(process: subprocess.Popen[bytes], question: bytes, length: int) -> bytes:
+    """Returns the answer, shorter than ``length`` when the process has ended."""
+    if process.stdin is None or process.stdout is None:
+        return b""
+    try:
+        process.stdin.write(question)
+        process.stdin.flush()
+    except BrokenPipeError:
+        return b""
+    return process.stdout.read(length)

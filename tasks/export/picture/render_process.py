@@ -1,0 +1,219 @@
+"""The process that renders: worlds in, pixels out.
+
+Run as ``python -m tasks.export.picture.render_process WIDTH HEIGHT SAMPLES``.
+
+MUJOCO_GL says which GL it takes. It says READY when that works, and then answers each line of its standard input, a
+caption and a world as JSON, with the pixels of its picture: rows from the top, three bytes each. A process of its own,
+because a GL that does not work may end the interpreter (formats.md).
+
+One light cannot light a room without ceiling well: straight shadows, and black where none falls. A picture is the mean
+of many, each lit from another direction of the sky or of the sun's disc, and each shifted by a part of a pixel: soft
+shadows, darker corners and smooth edges, all by MuJoCo's own shadow maps.
+"""
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import BinaryIO
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Float64
+
+from specs.data.world import World
+from tasks.export.format.mjcf import GROUND, world_spec
+from tasks.export.picture.cutaway import cut_open
+from tasks.export.picture.render import CAPTION_LINE, READY, REQUEST, Pixels
+from tasks.export.surface.window_boxes import WINDOW_PREFIX
+
+CUT_M = 1.45  # above tables and sills, below heads: one looks into every room over its walls
+_FOVY_RAD = math.radians(28.0)
+_ELEVATION_RAD = math.radians(58.0)
+_AZIMUTH_RAD = math.radians(72.0)  # from the south, a little from the west, so that two faces of everything are seen
+_MARGIN = 1.08
+_SUN_FROM_CAMERA_RAD, _SUN_HEIGHT_RAD, _SUN_SIZE, _SKY_SIZE = math.radians(150.0), math.radians(54.0), 0.12, 0.86
+_GOLDEN_ANGLE_RAD = math.pi * (3.0 - math.sqrt(5.0))
+# Steps of a sequence that fills the unit square evenly (Roberts' R2).
+_SHIFT_STEPS = (0.7548776662466927, 0.5698402909980532)
+_AMBIENT, _DIFFUSE, _HEADLIGHT = 0.44, 0.60, 0.16
+_EXPOSURE, _GAMMA = 1.035, 0.86
+_GROUND_RGBA, _PANE_ALPHA = (1.0, 1.0, 1.0, 1.0), 0.5
+_GROUND_MARGIN_M = 1.5
+# Where a line's text is placed, in rows below the line's top: MuJoCo counts to the lower edge of its letters' boxes.
+_HEADING, _LINE = (mujoco.mjtFont.mjFONT_BIG, 33), (mujoco.mjtFont.mjFONT_NORMAL, 22)
+_TEXT_RGB = (0.15, 0.17, 0.19)
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the camera is.
+
+    Attributes:
+        target_m: What it looks at.
+        distance_m: How far that is away.
+        azimuth_rad: Where it looks, from the x axis.
+    """
+
+    target_m: Float64[np.ndarray, "3"]
+    distance_m: float
+    azimuth_rad: float
+
+    @property
+    def axes(self) -> Float64[np.ndarray, "3 3"]:
+        """Returns the unit vectors to the right, up and forwards."""
+        cos, sin = math.cos(self.azimuth_rad), math.sin(self.azimuth_rad)
+        forwards = np.array([cos * math.cos(_ELEVATION_RAD), sin * math.cos(_ELEVATION_RAD), -math.sin(_ELEVATION_RAD)])
+        right = np.array([sin, -cos, 0.0])
+        return np.stack([right, np.cross(right, forwards), forwards])
+
+
+def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: BinaryIO) -> None:
+    """Renders world after world until there are no more."""
+    context = gl_that_works(width, height)
+    pictures.write(READY)
+    pictures.flush()
+    for line in worlds:
+        caption, world = REQUEST.validate_json(line)
+        below = captioned(caption, width)
+        picture = rendered(world, width, height - len(below), samples)
+        pictures.write(np.concatenate([picture, below]).tobytes())
+        pictures.flush()
+    context.free()
+
+
+def gl_that_works(width: int, height: int) -> mujoco.GLContext:
+    """Returns a GL context, which is current, once something was drawn with it."""
+    context = mujoco.GLContext(width, height)
+    context.make_current()
+    # Some libraries only warn where there is no GL; drawing does not.
+    mujoco.MjrContext(mujoco.MjSpec().compile(), mujoco.mjtFontScale.mjFONTSCALE_100).free()
+    return context
+
+
+def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
+    """Returns a picture of a world cut open; a GL context is current."""
+    return photographed(world_spec(cut_open(world, CUT_M)), framed(world, width / height), width, height, samples)
+
+
+def photographed(spec: mujoco.MjSpec, view: View, width: int, height: int, samples: int) -> Pixels:
+    """Returns a picture of a model that has a world's ground and sky; a GL context is current."""
+    model = lit_model(spec, width, height)
+    data = mujoco.MjData(model)
+    scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
+    context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    area = mujoco.MjrRect(0, 0, width, height)
+    pixels = np.empty((height, width, 3), np.uint8)
+    light = np.zeros((height, width, 3), np.uint32)
+    for camera, direction in views(view, samples, height):
+        model.light_dir[0] = -direction
+        model.light_pos[0] = view.target_m + direction * view.distance_m
+        mujoco.mj_forward(model, data)
+        mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, int(mujoco.mjtCatBit.mjCAT_ALL), scene)
+        mujoco.mjr_render(area, scene, context)
+        mujoco.mjr_readPixels(pixels, None, area, context)
+        light += pixels
+    context.free()
+    share = (light[::-1] / (255.0 * samples)) ** _GAMMA * _EXPOSURE
+    return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
+
+
+def captioned(lines: Sequence[str], width: int) -> Pixels:
+    """Returns lines of text, black on white, the first one larger; what is not ASCII is left out."""
+    height = CAPTION_LINE * len(lines)
+    pixels = np.full((height, width, 3), 255, np.uint8)
+    if not lines:
+        return pixels
+    spec = mujoco.MjSpec()
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
+    context = mujoco.MjrContext(spec.compile(), mujoco.mjtFontScale.mjFONTSCALE_100)
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    area = mujoco.MjrRect(0, 0, width, height)
+    mujoco.mjr_rectangle(area, 1.0, 1.0, 1.0, 1.0)
+    for number, line in enumerate(lines):
+        font, below = _HEADING if number == 0 else _LINE
+        text = line.encode("ascii", "ignore").decode()
+        y = 1.0 - (CAPTION_LINE * number + below) / height
+        mujoco.mjr_text(font, text, context, 8.0 / width, y, *_TEXT_RGB)
+    mujoco.mjr_readPixels(pixels, None, area, context)
+    context.free()
+    return pixels[::-1]
+
+
+def framed(world: World, aspect: float) -> View:
+    """Returns the view in which the whole apartment just fits into a picture; long ones lie across it."""
+    area = world.footprint
+    deep = area.y_max_m - area.y_min_m > 1.4 * (area.x_max_m - area.x_min_m)
+    azimuth_rad = _AZIMUTH_RAD + (math.pi / 2 if deep and aspect > 1.0 else 0.0)
+    corners = np.array(
+        [(x, y, z) for x in (area.x_min_m, area.x_max_m) for y in (area.y_min_m, area.y_max_m) for z in (0.0, CUT_M)]
+    )
+    view = View(corners.mean(axis=0), 10.0, azimuth_rad)
+    half_height = math.tan(_FOVY_RAD / 2)
+    for _ in range(4):  # perspective makes each step an estimate; the fourth moves nothing by a pixel
+        seen = (corners - view.target_m) @ view.axes.T
+        depth_m = seen[:, 2] + view.distance_m
+        spread = seen[:, :2] / depth_m[:, None] / (half_height * aspect, half_height)
+        low, high = spread.min(axis=0), spread.max(axis=0)
+        shift = (low + high) / 2 * (half_height * aspect, half_height) * view.distance_m
+        grown = float(max(high - low)) / 2 * _MARGIN
+        view = View(view.target_m + shift @ view.axes[:2], view.distance_m * grown, azimuth_rad)
+    return view
+
+
+def lit_model(spec: mujoco.MjSpec, width: int, height: int) -> mujoco.MjModel:
+    """Returns a model that has a world's ground and sky with a single lamp, and the field of view of all pictures."""
+    for light in list(spec.lights):
+        spec.delete(light)
+    lamp = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=True)
+    lamp.diffuse, lamp.specular = [_DIFFUSE] * 3, [0.0] * 3
+    spec.visual.headlight.ambient = [_AMBIENT] * 3
+    spec.visual.headlight.diffuse = [_HEADLIGHT] * 3
+    spec.visual.global_.fovy = math.degrees(_FOVY_RAD)
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
+    spec.visual.quality.offsamples = 0
+    spec.visual.map.znear, spec.visual.map.zfar = 0.05, 20.0
+    # The shadow map covers the ground, and that a shadow's length around the apartment: its pixels are few.
+    spec.stat.extent += _GROUND_MARGIN_M
+    sky = spec.texture("sky")
+    sky.rgb1 = sky.rgb2 = [1.0, 1.0, 1.0]
+    ground = spec.geom(GROUND)
+    ground.rgba = list(_GROUND_RGBA)
+    ground.size = [half_m + _GROUND_MARGIN_M for half_m in ground.size[:2]] + [1.0]
+    for geom in spec.geoms:
+        if geom.name.startswith(WINDOW_PREFIX) and geom.name.endswith("/pane"):
+            geom.rgba = [*geom.rgba[:3], _PANE_ALPHA]
+    return spec.compile()
+
+
+def views(view: View, count: int, height: int) -> Iterator[tuple[mujoco.MjvCamera, Float64[np.ndarray, "3"]]]:
+    """Yields cameras, each shifted by another part of a pixel, and directions to the light: sky and sun in turn."""
+    right, up, _ = view.axes
+    pixel_m = 2.0 * view.distance_m * math.tan(_FOVY_RAD / 2) / height
+    for number in range(count):
+        shift = [(number * step) % 1.0 - 0.5 for step in _SHIFT_STEPS]
+        camera = mujoco.MjvCamera()
+        camera.lookat = view.target_m + pixel_m * (shift[0] * right + shift[1] * up)
+        camera.distance, camera.azimuth = view.distance_m, math.degrees(view.azimuth_rad)
+        camera.elevation = -math.degrees(_ELEVATION_RAD)
+        yield camera, _to_light(number // 2, (count + 1) // 2, view.azimuth_rad, sun=number % 2 == 1)
+
+
+def _to_light(number: int, count: int, azimuth_rad: float, *, sun: bool) -> Float[np.ndarray, "3"]:
+    """Returns one of ``count`` directions: of the sun's disc, or of the sky, more from above than from the side."""
+    radius = math.sqrt((number + 0.5) / count) * (_SUN_SIZE if sun else _SKY_SIZE)
+    angle_rad = number * _GOLDEN_ANGLE_RAD
+    x, y = radius * math.cos(angle_rad), radius * math.sin(angle_rad)
+    if not sun:
+        return np.array([x, y, math.sqrt(1.0 - radius * radius)])
+    around_rad = azimuth_rad + _SUN_FROM_CAMERA_RAD
+    cos, sin = math.cos(_SUN_HEIGHT_RAD), math.sin(_SUN_HEIGHT_RAD)
+    middle = np.array([cos * math.cos(around_rad), cos * math.sin(around_rad), sin])
+    aside = np.array([-math.sin(around_rad), math.cos(around_rad), 0.0])
+    found = middle + x * aside + y * np.cross(middle, aside)
+    return found / np.linalg.norm(found)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.stdin.buffer, sys.stdout.buffer)

@@ -1,0 +1,84 @@
+"""Progress, in Prefect and through the listener in the terminal: bars that move once a second at most."""
+
+import logging
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import cast
+from uuid import UUID
+
+from httpx import TransportError
+from prefect.artifacts import create_progress_artifact, update_progress_artifact
+from prefect.exceptions import PrefectHTTPStatusError
+from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
+
+from tasks.progress.listener import tell
+
+Progress = Callable[[int, int], None]
+_LOG = logging.getLogger(__name__)
+# `--watch` prints every update, and each is a request to the server.
+_INTERVAL_S = 1.0
+_INTERVAL_AWAY_S = 10.0
+
+
+@contextmanager
+def watched(stage: str, key: str) -> Generator[Progress, None, None]:
+    """Yields a function that tells the terminal and Prefect how far a stage is.
+
+    Args:
+        stage: What a person calls it, such as ``Worlds``.
+        key: The artifact's key: lower-case letters, digits and dashes.
+    """
+    bar = _Bar(stage, key)
+    bar.show(0.0)
+    told_s = -_INTERVAL_S
+
+    def progress(done: int, total: int) -> None:
+        nonlocal told_s
+        if done >= total or time.monotonic() - told_s >= _INTERVAL_S:
+            told_s = time.monotonic()
+            tell(stage, done, total)
+        if bar.is_due():
+            bar.show(100.0 * done / max(total, 1))
+
+    yield progress
+    bar.show(100.0)
+
+
+class _Bar:
+    """A stage's bar on the server; while that is away the bar stands still, and the stage goes on."""
+
+    def __init__(self, stage: str, key: str) -> None:
+        self._stage, self._key = stage, key
+        self._artifact: UUID | None = None
+        self._shown_s = 0.0
+        self._is_away = False
+
+    def is_due(self) -> bool:
+        """Returns whether the bar was not moved for a while."""
+        return time.monotonic() - self._shown_s >= (_INTERVAL_AWAY_S if self._is_away else _INTERVAL_S)
+
+    def show(self, percent: float) -> None:
+        """Moves the bar; an update that the server does not take is dropped, for the next one says more."""
+        try:
+            with temporary_settings({PREFECT_CLIENT_MAX_RETRIES: 0}):
+                self._send(percent)
+        except (TransportError, PrefectHTTPStatusError) as exc:
+            if isinstance(exc, PrefectHTTPStatusError) and exc.response.status_code < 500:
+                raise
+            if not self._is_away:
+                _LOG.warning(
+                    "%s: progress is not told, the Prefect server does not answer (%s)", self._stage, type(exc).__name__
+                )
+            self._is_away = True
+        else:
+            self._is_away = False
+        self._shown_s = time.monotonic()
+
+    def _send(self, percent: float) -> None:
+        if self._artifact is None:
+            self._artifact = cast(
+                "UUID", create_progress_artifact(progress=percent, key=self._key, description=self._stage)
+            )
+        else:
+            update_progress_artifact(self._artifact, progress=percent)

@@ -1,0 +1,1 @@
+"""Two batches beside each other. Flows may import it."""

@@ -1,0 +1,210 @@
+"""Evidence: what was judged, by which rule, with which answer, named by digests to be held against a bundle.
+
+It holds no time and no place: the same pipeline gives the same evidence, byte for byte, on any store and at any hour.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from typing import Literal
+
+from specs.base import Spec
+from specs.data.episode import ApplicationLaunch
+from specs.data.run_report import Verdict as Answer
+from specs.digest import canonical_document, canonical_json
+from specs.pipeline.gate_section import Gate
+from tasks.results.gate.gate import Verdict
+from tasks.results.gate.gate_rules import RuleVerdict
+from tasks.results.statistics.success import EpisodeCounts
+from tasks.storage.base.keys import result_key
+from tasks.storage.base.store import Store
+
+EVIDENCE_FILE = "evidence.json"
+EVIDENCE_VERSION = "3"
+_RAN_ON = frozenset({"engine", "device", "lanes"})
+
+
+class ApplicationEvidence(Spec):
+    """An application that took part: its name, the version asked for, and the SHA-256 of what really ran."""
+
+    name: str
+    version: str
+    digest: str
+
+
+class Tested(Spec):
+    """What a batch tested, and with what.
+
+    Attributes:
+        robots: Robot applications, one in the usual case.
+        simulations: Simulation applications.
+        worlds: SHA-256 of each world's document, by ``<generation>/<name>``; of the batch's worlds and no others.
+        seeds: All seeds, sorted.
+        environments: The values each environment variable took, sorted.
+        engine: What simulated, such as ``planar``.
+        device: The kind of device that it simulated on.
+        lanes: Episodes of a chunk.
+        versions: Versions of what the numbers depend on, by package.
+        files: SHA-256 of each result file, by its name.
+    """
+
+    robots: tuple[ApplicationEvidence, ...]
+    simulations: tuple[ApplicationEvidence, ...]
+    worlds: dict[str, str]
+    seeds: tuple[int, ...]
+    environments: dict[str, tuple[str, ...]]
+    engine: str
+    device: str
+    lanes: int
+    versions: dict[str, str]
+    files: dict[str, str]
+
+
+class Baseline(Spec):
+    """The other version that a gate compared with, and where its episodes are.
+
+    Attributes:
+        version: Its number.
+        digest: SHA-256 of its bundle.
+        batch: Id of the batch that drove it; the judged one itself if that has both versions.
+        sha256: SHA-256 of that batch's ``results.parquet``.
+    """
+
+    version: str
+    digest: str
+    batch: str
+    sha256: str
+
+
+class Evidence(Tested):
+    """What a roll-out may rest on.
+
+    Attributes:
+        batch: Id of the simulation job batch.
+        rule: What the document asked for.
+        verdict: The gate's answer.
+        sentence: Why, for a person.
+        numbers: What the judged episodes came to.
+        rules: The answer of each rule, with its numbers.
+        left_out: Episodes that were not needed any more, because the gate was certain.
+        baseline: The version that ``noWorseThan`` compared with; it is in ``robots`` too if the batch drove it, and the
+            verdict is not about it.
+    """
+
+    version: Literal["3"] = EVIDENCE_VERSION
+    batch: str
+    verdict: Answer
+    sentence: str
+    rule: Gate
+    numbers: EpisodeCounts
+    rules: tuple[RuleVerdict, ...]
+    left_out: int = 0
+    baseline: Baseline | None = None
+
+    def vouched(self) -> tuple[ApplicationEvidence, ...]:
+        """Returns the robot applications that the verdict is about."""
+        if self.baseline is None or self.baseline.batch != self.batch:
+            return self.robots
+        return tuple(robot for robot in self.robots if robot.digest != self.baseline.digest)
+
+
+def tested(
+    *,
+    robots: Iterable[ApplicationLaunch],
+    simulations: Iterable[ApplicationLaunch],
+    worlds: Mapping[str, str],
+    seeds: Iterable[int],
+    variables: Mapping[str, Iterable[str | None]],
+    metadata: Mapping[str, str],
+    files: Mapping[str, str],
+) -> Tested:
+    """Returns what a batch tested, in the one order that equal batches share.
+
+    Args:
+        robots: Robot applications as the batch launched them, in any order and number.
+        simulations: Simulation applications, likewise.
+        worlds: SHA-256 of each world's bytes in the store, by ``<generation>/<name>``.
+        seeds: The seeds.
+        variables: The values that each environment variable took; None where it was not set.
+        metadata: ``engine``, ``device`` and ``lanes``, and versions by package.
+        files: SHA-256 of the result files by name.
+    """
+    return Tested(
+        robots=_applications(robots),
+        simulations=_applications(simulations),
+        worlds={name: worlds[name] for name in sorted(worlds)},
+        seeds=tuple(sorted(set(seeds))),
+        environments={
+            name: tuple(sorted({value for value in variables[name] if value is not None})) for name in sorted(variables)
+        },
+        engine=metadata["engine"],
+        device=metadata["device"],
+        lanes=int(metadata["lanes"]),
+        versions={name: version for name, version in metadata.items() if name not in _RAN_ON},
+        files=dict(files),
+    )
+
+
+def gather(
+    batch_id: str,
+    rule: Gate,
+    verdict: Verdict,
+    facts: Tested,
+    *,
+    left_out: int = 0,
+    baseline: Baseline | None = None,
+) -> Evidence:
+    """Returns the evidence for a verdict.
+
+    Args:
+        batch_id: The batch.
+        rule: What was asked for.
+        verdict: What the gate answered.
+        facts: What was tested.
+        left_out: Episodes that were not needed any more.
+        baseline: What the gate compared with, if it did.
+    """
+    return Evidence(
+        **facts.model_dump(),
+        batch=batch_id,
+        verdict=verdict.verdict,
+        sentence=verdict.sentence,
+        rule=rule,
+        numbers=verdict.counts,
+        rules=verdict.rules,
+        left_out=left_out,
+        baseline=baseline,
+    )
+
+
+def encode_evidence(evidence: Evidence) -> bytes:
+    """Returns the evidence as canonical JSON."""
+    return canonical_json(canonical_document(evidence))
+
+
+def evidence_digest(evidence: Evidence) -> str:
+    """Returns the SHA-256 of the encoded evidence: its name wherever it is referred to."""
+    return hashlib.sha256(encode_evidence(evidence)).hexdigest()
+
+
+def write_evidence(store: Store, evidence: Evidence) -> str:
+    """Writes the evidence beside the batch's record and returns its URL; the same evidence again changes nothing."""
+    key = result_key(evidence.batch, EVIDENCE_FILE)
+    store.put(key, encode_evidence(evidence))
+    return f"{store.url}/{key}"
+
+
+def read_evidence(store: Store, batch_id: str) -> Evidence:
+    """Returns the evidence of a batch.
+
+    Raises:
+        ObjectNotFound: The batch was not judged.
+        ValidationError: It is not evidence that this version wrote.
+    """
+    return Evidence.model_validate_json(store.get(result_key(batch_id, EVIDENCE_FILE)).body)
+
+
+def _applications(launches: Iterable[ApplicationLaunch]) -> tuple[ApplicationEvidence, ...]:
+    found = {(launch.name, launch.version, launch.digest) for launch in launches}
+    return tuple(
+        ApplicationEvidence(name=name, version=version, digest=digest) for name, version, digest in sorted(found)
+    )

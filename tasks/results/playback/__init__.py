@@ -1,0 +1,1 @@
+"""One episode as animation, film and MCAP. Compare and flows may import it."""

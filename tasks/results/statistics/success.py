@@ -1,0 +1,60 @@
+"""What counts as a success, in one place: for the tables, the gate and what is printed."""
+
+from collections.abc import Sequence
+
+from specs.base import Spec
+from specs.data.episode import EpisodeRequest, EpisodeResult
+
+CANCELED = "Canceled"
+
+
+class EpisodeCounts(Spec):
+    """How many of a batch's episodes came to what.
+
+    Attributes:
+        episodes: How many were counted; canceled ones are not.
+        successes: How many of them passed.
+        failed_jobs: How many of them have a failure code instead of an outcome to rely on.
+        canceled: How many were canceled.
+    """
+
+    episodes: int
+    successes: int
+    failed_jobs: int
+    canceled: int
+
+
+def success(result: EpisodeResult) -> bool | None:
+    """Returns whether the episode counts as passed; None for one that was canceled, which counts as nothing.
+
+    A job that RoboMaker would call Failed did not pass, whatever the scenario saw before.
+    """
+    if result.status == CANCELED:
+        return None
+    return result.status == "Completed" and result.outcome == "Passed"
+
+
+def reason(result: EpisodeResult) -> str:
+    """Returns why an episode did not pass, in one or two words to group by; empty for one that passed."""
+    if success(result):
+        return ""
+    return result.failure_code or result.outcome_reason or result.status
+
+
+def paired(
+    requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]
+) -> list[tuple[EpisodeRequest, EpisodeResult]]:
+    """Returns every request with its result, by index.
+
+    Raises:
+        ValueError: An index comes twice, or a request has no result or the reverse.
+    """
+    asked = {request.index: request for request in requests}
+    answered = {result.index: result for result in results}
+    if len(asked) != len(requests) or len(answered) != len(results) or asked.keys() != answered.keys():
+        lone = sorted(asked.keys() ^ answered.keys())[:5]
+        raise ValueError(
+            f"{len(requests)} requests and {len(results)} results do not pair up; the first indices without a partner "
+            f"are {lone}"
+        )
+    return [(asked[index], answered[index]) for index in sorted(asked)]

@@ -1,0 +1,171 @@
+"""What a person wants to see of a batch: how often it went well, by world and by swept value, and why not."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from specs.base import Spec
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from tasks.results.statistics.intervals import Interval, wilson
+from tasks.results.statistics.success import EpisodeCounts, paired, reason, success
+
+_NOT_SET = "(not set)"
+# Of each kind of answer, how many: whether it passed (None: canceled), why not, and whether the job itself failed.
+_Counts = Counter[tuple[bool | None, str, bool]]
+
+
+class Group(Spec):
+    """Some of a batch's episodes.
+
+    Attributes:
+        label: What they have in common.
+        episodes: How many there are, canceled ones apart.
+        successes: How many of them passed.
+        canceled: How many more were canceled.
+        interval: Wilson interval of their success rate.
+        reasons: Why the others did not pass, most frequent first, with counts.
+    """
+
+    label: str
+    episodes: int
+    successes: int
+    canceled: int
+    interval: Interval
+    reasons: tuple[tuple[str, int], ...]
+
+    @property
+    def rate(self) -> float | None:
+        """Returns the share that passed, or None of no episodes."""
+        return self.successes / self.episodes if self.episodes else None
+
+
+class BatchSummary(Spec):
+    """A batch in groups.
+
+    Attributes:
+        total: All episodes.
+        by_world: By world, in the order in which the batch comes to them.
+        by_variable: For each environment variable with more than one value: its name and a group a value, in that
+            order too.
+    """
+
+    total: Group
+    by_world: tuple[Group, ...]
+    by_variable: tuple[tuple[str, tuple[Group, ...]], ...]
+
+
+class Tally:
+    """Counts of a batch's episodes, taken part by part; what it holds grows with groups and not with episodes."""
+
+    def __init__(self, variables: Sequence[str] = ()) -> None:
+        """Begins to count.
+
+        Args:
+            variables: Environment variables that have more than one value in the batch: each value is a group.
+        """
+        self.simulated_s = 0.0
+        self._total: _Counts = Counter()
+        self._worlds: dict[str, _Counts] = {}
+        self._variables: dict[str, dict[str, _Counts]] = {name: {} for name in sorted(variables)}
+        self._samples: dict[str, str] = {}
+        self._engines: set[str] = set()
+        self._devices: set[str] = set()
+
+    def add(self, requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]) -> None:
+        """Counts episodes.
+
+        Raises:
+            ValueError: The requests and results do not pair up.
+        """
+        for request, result in paired(requests, results):
+            kind = (success(result), reason(result), result.status == "Failed")
+            self.simulated_s += result.simulated_s
+            self._engines.add(result.engine)
+            self._devices.add(result.device)
+            self._total[kind] += 1
+            self._worlds.setdefault(request.world, Counter())[kind] += 1
+            for name, groups in self._variables.items():
+                groups.setdefault(request.environment.get(name, _NOT_SET), Counter())[kind] += 1
+            if kind[0] is False:
+                self._samples.setdefault(kind[1], result.failure_reason)
+
+    def counts(self) -> EpisodeCounts:
+        """Returns what a gate judges by."""
+        return _counted(self._total)
+
+    def ran_on(self) -> dict[str, str]:
+        """Returns ``engine`` and ``device``, comma-separated where episodes differ; ``none`` if nothing ran."""
+        return {"engine": _named(self._engines), "device": _named(self._devices)}
+
+    def summary(self, confidence: float = 0.95) -> BatchSummary:
+        """Returns the groups of the batch so far."""
+        return BatchSummary(
+            total=_group("all", self._total, confidence),
+            by_world=_groups(self._worlds, confidence),
+            by_variable=tuple((name, _groups(values, confidence)) for name, values in self._variables.items()),
+        )
+
+    def why_not(self) -> list[tuple[str, int, str]]:
+        """Returns why episodes did not pass, most frequent first: the reason, how many, and what the first one says."""
+        return [(name, count, self._samples[name]) for name, count in _reasons(self._total)]
+
+
+def summary_rows(summary: BatchSummary) -> list[tuple[str, str, str, str, str]]:
+    """Returns rows for a table: group, passed of episodes, rate, interval, reasons."""
+    groups = [("", summary.total), *(("", group) for group in summary.by_world)]
+    groups += [(f"{name}=", group) for name, values in summary.by_variable for group in values]
+    return [_row(prefix, group) for prefix, group in groups]
+
+
+def summary_text(summary: BatchSummary) -> str:
+    """Returns the rows of `summary_rows` under headings, aligned, for a terminal without colours or for a log."""
+    rows = [("episodes", "passed", "rate", "interval", "why not"), *summary_rows(summary)]
+    widths = [max(len(row[column]) for row in rows) for column in range(5)]
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows)
+    return "\n".join(lines)
+
+
+def _named(names: set[str]) -> str:
+    return ", ".join(sorted(name for name in names if name)) or "none"
+
+
+def _counted(counts: _Counts) -> EpisodeCounts:
+    canceled = sum(count for (answer, _, _), count in counts.items() if answer is None)
+    return EpisodeCounts(
+        episodes=counts.total() - canceled,
+        successes=sum(count for (answer, _, _), count in counts.items() if answer),
+        failed_jobs=sum(count for (_, _, failed), count in counts.items() if failed),
+        canceled=canceled,
+    )
+
+
+def _reasons(counts: _Counts) -> list[tuple[str, int]]:
+    reasons: Counter[str] = Counter()
+    for (answer, why, _), count in counts.items():
+        if answer is False:
+            reasons[why] += count
+    return sorted(reasons.items(), key=lambda pair: (-pair[1], pair[0]))
+
+
+def _groups(members: Mapping[str, _Counts], confidence: float) -> tuple[Group, ...]:
+    return tuple(_group(label, counts, confidence) for label, counts in members.items())
+
+
+def _group(label: str, counts: _Counts, confidence: float) -> Group:
+    found = _counted(counts)
+    return Group(
+        label=label,
+        episodes=found.episodes,
+        successes=found.successes,
+        canceled=found.canceled,
+        interval=wilson(found.successes, found.episodes, confidence),
+        reasons=tuple(_reasons(counts)),
+    )
+
+
+def _row(prefix: str, group: Group) -> tuple[str, str, str, str, str]:
+    rate = "-" if group.rate is None else f"{100 * group.rate:.1f} %"
+    interval = f"{100 * group.interval.lower:.1f} - {100 * group.interval.upper:.1f} %"
+    reasons = [f"{count} {name}" for name, count in group.reasons]
+    if group.canceled:
+        reasons.append(f"{group.canceled} canceled")
+    return f"{prefix}{group.label}", f"{group.successes}/{group.episodes}", rate, interval, ", ".join(reasons)

@@ -1,0 +1,116 @@
+"""Recordings as Parquet: a file a chunk, a row a sample (docs/reference/recordings-schema.md).
+
+A file a chunk and not an episode: 100,000 episodes would be 100,000 objects, each with a footer larger than what most
+episodes leave. Rows stand in the order of episodes and time, and every row group says which episodes it holds, so that
+a reader fetches one episode without the others.
+"""
+
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from specs.field_types import OutputLocation
+from tasks.results.tables.columns import column
+from tasks.results.tables.parquet import ParquetFile
+from tasks.storage.base.keys import checked_name, output_key
+from tasks.storage.buckets import open_bucket
+from tasks.storage.store_url import open_store
+
+RECORDINGS_FOLDER = "recordings"
+SCHEMA_VERSION = "1"
+_REPEATED = ("index", "t_s", "goal_index")
+_REALS = pa.list_(pa.float32())
+RECORDING = pa.schema(
+    [
+        column("index", pa.int32(), "", "Position of the job in the batch, from 0."),
+        column("t_s", pa.float64(), "s", "Simulated time since the episode began."),
+        column("x_m", pa.float32(), "m", "Position of the robot's base, x."),
+        column("y_m", pa.float32(), "m", "Position of the robot's base, y."),
+        column("yaw_rad", pa.float32(), "rad", "Its heading, counter-clockwise from +x."),
+        column("vx_m_s", pa.float32(), "m/s", "Its velocity along the world's x."),
+        column("vy_m_s", pa.float32(), "m/s", "Its velocity along the world's y."),
+        column("yaw_rad_s", pa.float32(), "rad/s", "How fast it turns."),
+        column("goal_index", pa.int32(), "", "The goal that it should go to; how many were reached."),
+        column(
+            "control", _REALS, "", "What the controller decided, a number an actuator; empty in an episode's last row."
+        ),
+        column("ranges_m", _REALS, "m", "The scan that it decided on, a number a ray; empty like control."),
+        column("impulse_ns", pa.float32(), "Ns", "What contacts pushed the robot with until the next row."),
+    ],
+    metadata={"simyard.table": "recording", "simyard.schema_version": SCHEMA_VERSION},
+)
+
+
+def recordings_url(store_url: str, location: OutputLocation, batch_id: str) -> str:
+    """Returns where a batch's recordings lie."""
+    bucket = open_bucket(open_store(store_url), location.s3Bucket or "")
+    return f"{bucket.url}/{_key(location, batch_id)}"
+
+
+def write_recordings(
+    store_url: str,
+    location: OutputLocation,
+    batch_id: str,
+    number: int,
+    parts: Iterable[Mapping[str, np.ndarray]],
+) -> str:
+    """Writes the recordings of one chunk, and returns the name of their file; empty if there are none.
+
+    The same recordings again give the same bytes, whatever an attempt that was broken off left there.
+
+    Args:
+        store_url: The store that the output location's bucket belongs to.
+        location: The batch's output location.
+        batch_id: The batch.
+        number: The chunk's number.
+        parts: Samples as columns, in the order of episodes and time: ``index``, ``t_s``, ``pose``, ``velocity``,
+            ``goal_index``, ``acted`` (whether there is a control), ``control``, ``ranges_m``, ``impulse_ns``.
+    """
+    bucket = open_bucket(open_store(store_url), location.s3Bucket or "")
+    name = f"{number:06d}.parquet"
+    key = f"{_key(location, batch_id)}/{name}"
+    with tempfile.TemporaryDirectory(prefix="simyard-recordings-") as folder:
+        rows = 0
+        with ParquetFile(Path(folder) / name, RECORDING, dictionary=_REPEATED) as file:
+            for part in parts:
+                file.add(recording_table(part))
+                rows += len(part["index"])
+        if rows:
+            bucket.upload(key, Path(folder) / name)
+            return name
+    bucket.delete(key)
+    return ""
+
+
+def recording_table(samples: Mapping[str, np.ndarray]) -> pa.Table:
+    """Returns samples as rows with the columns of ``RECORDING``."""
+    pose, velocity, acted = samples["pose"], samples["velocity"], samples["acted"]
+    columns: dict[str, pa.Array] = {
+        "index": pa.array(samples["index"], pa.int32()),
+        "t_s": pa.array(samples["t_s"], pa.float64()),
+        **{name: _real(pose[:, axis]) for axis, name in enumerate(("x_m", "y_m", "yaw_rad"))},
+        **{name: _real(velocity[:, axis]) for axis, name in enumerate(("vx_m_s", "vy_m_s", "yaw_rad_s"))},
+        "goal_index": pa.array(samples["goal_index"], pa.int32()),
+        "control": _lists(samples["control"], acted),
+        "ranges_m": _lists(samples["ranges_m"], acted),
+        "impulse_ns": _real(samples["impulse_ns"]),
+    }
+    return pa.table([columns[field.name] for field in RECORDING], schema=RECORDING)
+
+
+def _key(location: OutputLocation, batch_id: str) -> str:
+    return output_key(location.s3Prefix, f"{RECORDINGS_FOLDER}/{checked_name(batch_id, 'batch')}")
+
+
+def _real(values: np.ndarray) -> pa.Array:
+    return pa.array(np.ascontiguousarray(values, np.float32))
+
+
+def _lists(values: np.ndarray, there: np.ndarray) -> pa.Array:
+    """Returns each row's values as a list; an empty one where they are not there."""
+    ends = np.cumsum(there * values.shape[1])
+    offsets = np.concatenate([[0], ends]).astype(np.int32)
+    return pa.ListArray.from_arrays(pa.array(offsets), _real(values[there].reshape(-1)), type=_REALS)

@@ -1,0 +1,78 @@
+"""The result files of a batch, in the bucket that its document names."""
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from pydantic import JsonValue
+
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from tasks.results.statistics.summary import Tally
+from tasks.results.tables.parquet import ParquetFile
+from tasks.results.tables.tables import extended_schemas, failures_table, results_table, sweep_variables
+from tasks.storage.base.keys import checked_name, output_key
+from tasks.storage.base.store import Store
+
+RESULTS_FILE = "results.parquet"
+FAILURES_FILE = "failures.parquet"
+Part = tuple[Sequence[EpisodeRequest], Sequence[EpisodeResult]]
+Variables = Mapping[str, Sequence[str | None]]
+
+
+def write_results(
+    bucket: Store,
+    prefix: str | None,
+    batch_id: str,
+    parts: Iterable[Part],
+    *,
+    variables: Variables,
+    metadata: Mapping[str, str],
+) -> tuple[dict[str, JsonValue], Tally]:
+    """Writes both tables; returns where they lie, and what the episodes came to.
+
+    Where they lie is ``results_url``, ``failures_url``, and ``sha256s`` by file name. Each file appears whole under
+    ``<prefix>/<batch>/``; the same batch again writes the same bytes over them. No more than a part and a row group is
+    held in memory.
+
+    Args:
+        bucket: The output location's bucket.
+        prefix: Its prefix, with or without slashes, or None.
+        batch_id: The batch.
+        parts: All its episodes in the order of their indices, some at a time: requests, and a result for each.
+        variables: The values that each environment variable takes in the batch; None where an episode lacks it.
+        metadata: For the files' footers: versions, lanes; no times, no places. What the rows say of engine and device
+            is added.
+
+    Raises:
+        ValueError: The requests and results do not pair up.
+        StoreError: The bucket could not be written.
+    """
+    urls: dict[str, str] = {}
+    with tempfile.TemporaryDirectory(prefix="simyard-results-") as folder:
+        digests, tally = _write(Path(folder), batch_id, parts, variables, metadata)
+        for name in digests:
+            key = output_key(prefix, f"{checked_name(batch_id, 'batch')}/{name}")
+            bucket.upload(key, Path(folder) / name)
+            urls[name] = f"{bucket.url}/{key}"
+    where: dict[str, JsonValue] = {"results_url": urls[RESULTS_FILE], "failures_url": urls[FAILURES_FILE]}
+    return {**where, "sha256s": {**digests}}, tally
+
+
+def _write(
+    folder: Path, batch_id: str, parts: Iterable[Part], variables: Variables, metadata: Mapping[str, str]
+) -> tuple[dict[str, str], Tally]:
+    """Returns the SHA-256 of each file by name, and the tally."""
+    swept = sweep_variables(variables)
+    tally = Tally([name for name, values in variables.items() if len(values) > 1])
+    results_schema, failures_schema = extended_schemas(swept)
+    with (
+        ParquetFile(folder / RESULTS_FILE, results_schema, metadata) as results,
+        ParquetFile(folder / FAILURES_FILE, failures_schema, metadata) as failures,
+    ):
+        for requests, answers in parts:
+            tally.add(requests, answers)
+            results.add(results_table(batch_id, requests, answers, swept))
+            failures.add(failures_table(batch_id, requests, answers, swept))
+        for table in (results, failures):
+            table.note(tally.ran_on())
+        return {RESULTS_FILE: results.sha256(), FAILURES_FILE: failures.sha256()}, tally

@@ -1,0 +1,49 @@
+"""What a batch's record says of its tables."""
+
+from collections.abc import Iterable, Mapping
+
+from pydantic import JsonValue
+
+from specs.field_types import OutputLocation
+from tasks.results.statistics.summary import Tally
+from tasks.results.tables.result_files import Part, Variables, write_results
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+
+
+def write_batch_tables(
+    store: Store,
+    batch: str,
+    parts: Iterable[Part],
+    *,
+    variables: Variables,
+    location: OutputLocation,
+    metadata: Mapping[str, str],
+) -> tuple[dict[str, JsonValue], Tally]:
+    """Writes a batch's tables; returns where they lie and what they add up to, for its record, and the tally.
+
+    Args:
+        store: The store that the output location's bucket belongs to.
+        batch: The batch's id.
+        parts: Its episodes in the order of their indices, some at a time.
+        variables: The values that each environment variable takes in the batch.
+        location: Where the tables go.
+        metadata: For the files' footers and the record; what the rows say of engines and devices is added.
+    """
+    bucket = open_bucket(store, location.s3Bucket or "")
+    written, tally = write_results(bucket, location.s3Prefix, batch, parts, variables=variables, metadata=metadata)
+    counts = tally.counts()
+    why_not: list[JsonValue] = [
+        {"reason": name, "episodes": count, "sample": sample} for name, count, sample in tally.why_not()
+    ]
+    detail: dict[str, JsonValue] = {
+        **written,
+        "metadata": {**metadata, **tally.ran_on()},
+        "episodes": counts.episodes + counts.canceled,
+        "passed": counts.successes,
+        "simulated_s": round(tally.simulated_s, 3),
+        "counts": counts.model_dump(),
+        "failed_inside": sum(count for name, count, _ in tally.why_not() if name == "InternalServiceError"),
+        "why_not": why_not,
+    }
+    return detail, tally

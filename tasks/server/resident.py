@@ -1,0 +1,116 @@
+"""A server that stays: noted in a file as soon as it is launched, so that it is found and ended whatever happens."""
+
+import os
+import signal
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from specs.base import Spec
+from specs.errors import StageFailed
+from tasks.server.health import asked_often, is_healthy
+from tasks.server.process import START_TIMEOUT_S, Server, end, launch, wait_until_healthy
+from tasks.server.start_lock import take_turn
+from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, process_of, this_process
+
+_SILENT_S = 30.0
+# Handles of kept servers that this very process started: it has to reap them when it ends them.
+_started_here: dict[int, subprocess.Popen[bytes]] = {}
+
+
+class _Note(Spec):
+    """The kept server; ``process`` tells it from a later process that was given its number."""
+
+    api_url: str
+    pid: int
+    log: str
+    process: ProcessIdentity
+
+
+def keep(home: Path) -> Server:
+    """Starts a server that stays, or returns the one that is kept already.
+
+    Raises:
+        StageFailed: It does not come up, or the kept one does not answer.
+    """
+    with take_turn(home, START_TIMEOUT_S):
+        kept = kept_server(home)
+        if kept is not None:
+            return kept
+        server, process = launch(home, bound=False)
+        try:
+            _write(home, server)
+            wait_until_healthy(server, process)
+        except BaseException:
+            end(process)
+            _file(home).unlink(missing_ok=True)
+            raise
+        _started_here[server.pid] = process
+        return server
+
+
+def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:
+    """Returns the server that ``keep`` started, or None when it has ended.
+
+    Args:
+        home: Folder of its database.
+        silent_s: How long one that runs may be silent: it is starting, or busy.
+
+    Raises:
+        StageFailed: It runs and stays silent; a second one must not work on its database.
+    """
+    note = _read(home)
+    if note is None or is_known_dead(note.process):
+        return None
+    if not _runs_here(note):
+        return _server(note) if is_healthy(note.api_url) else None
+    if asked_often(lambda: is_healthy(note.api_url) or is_known_dead(note.process), silent_s):
+        return None if is_known_dead(note.process) else _server(note)
+    reason = f"the kept Prefect server, process {note.pid}, is silent; end it with simyard down. Log: {note.log}"
+    raise StageFailed("InternalServiceError", reason)
+
+
+def end_kept(home: Path, timeout_s: float = 20.0) -> Server | None:
+    """Ends the kept server, also one that does not answer, and returns it; None when there is none."""
+    note = _read(home)
+    _file(home).unlink(missing_ok=True)
+    if note is None or not _runs_here(note):
+        return None
+    _signal(note, signal.SIGTERM)
+    if not asked_often(lambda: is_known_dead(note.process), timeout_s, pause_s=0.1):
+        _signal(note, signal.SIGKILL)
+    if note.pid in _started_here:
+        _started_here.pop(note.pid).wait()
+    return _server(note)
+
+
+def _runs_here(note: _Note) -> bool:
+    """Returns whether the server is certainly a live process of this very machine."""
+    return bool(note.process.started) and note.process.host == this_process().host and not is_known_dead(note.process)
+
+
+def _signal(note: _Note, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError):
+        os.kill(note.pid, number)
+
+
+def _server(note: _Note) -> Server:
+    return Server(api_url=note.api_url, pid=note.pid, log=note.log)
+
+
+def _write(home: Path, server: Server) -> None:
+    note = _Note(api_url=server.api_url, pid=server.pid, log=server.log, process=process_of(server.pid))
+    _file(home).write_text(note.model_dump_json())
+
+
+def _read(home: Path) -> _Note | None:
+    try:
+        return _Note.model_validate_json(_file(home).read_bytes())
+    except (FileNotFoundError, ValidationError):
+        return None
+
+
+def _file(home: Path) -> Path:
+    return home / "kept.json"

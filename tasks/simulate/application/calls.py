@@ -1,0 +1,163 @@
+"""The two applications of a chunk as the program calls them, checked before anything is compiled."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from tasks.simulate.application.code import BundleCrash, CrashCode, guarded
+from tasks.simulate.application.contract import (
+    Controller,
+    FloorMap,
+    Joints,
+    Observation,
+    Scenario,
+    State,
+    Truth,
+    Verdict,
+)
+from tasks.simulate.application.sensors import Lidar, Sensors, read_sensors, require_shared, sensors_of
+
+Numbers = Float[jax.Array, "variables"]
+_ROBOT: CrashCode = "RobotApplicationCrash"
+_SCENARIO: CrashCode = "SimulationApplicationCrash"
+_METRIC = re.compile("[a-z][a-z0-9_]{0,62}")
+
+
+@dataclass(frozen=True, eq=False)
+class Applications:
+    """Robot application and scenario of a program.
+
+    Attributes:
+        texts: Environment variables that are no numbers.
+        names: Names of the numeric ones; their values come with each lane.
+        sensors: As the robot application defines them; ``lane_sensors`` has a lane's own.
+    """
+
+    make_controller: Callable[..., object]
+    make_scenario: Callable[..., object]
+    texts: Mapping[str, str]
+    names: tuple[str, ...]
+    sensors: Sensors
+
+    @property
+    def lidar(self) -> Lidar:
+        """Returns the lidar: its rays, range, height and field of view, which all lanes share."""
+        return self.sensors.lidar
+
+    def lane_sensors(self, numbers: Numbers) -> Sensors:
+        """Returns the sensors for one lane's numeric variables; their numbers may be traced."""
+        return sensors_of(self.controller(numbers))
+
+    def require_sensors(self, environment: Mapping[str, object]) -> None:
+        """Checks the sensors of one episode.
+
+        Raises:
+            BundleCrash: They cannot be, or differ from its program's in what must be shared.
+        """
+        require_shared(self.sensors, read_sensors(self.make_controller, environment))
+
+    def controller(self, numbers: Numbers) -> Controller:
+        """Returns the controller for one lane's numeric variables, which may be traced."""
+        return cast("Controller", self.make_controller({**self.texts, **dict(zip(self.names, numbers, strict=True))}))
+
+    def scenario(self, numbers: Numbers) -> Scenario:
+        """Returns the scenario for one lane's numeric variables, which may be traced."""
+        return cast("Scenario", self.make_scenario({**self.texts, **dict(zip(self.names, numbers, strict=True))}))
+
+    def metrics(self, numbers: Numbers, state: State) -> dict[str, Float[jax.Array, ""]]:
+        """Returns what a lane's scenario measures by itself, by name; nothing for a scenario without ``metrics``."""
+        measure = getattr(self.scenario(numbers), "metrics", None)
+        return {} if measure is None else {name: jnp.asarray(value) for name, value in dict(measure(state)).items()}
+
+    def placing_scenario(self, environment: Mapping[str, object]) -> Scenario:
+        """Returns the scenario for one episode's variables, to draw its start and goals.
+
+        Raises:
+            BundleCrash: It cannot be made.
+        """
+        return cast("Scenario", guarded(_SCENARIO, "scenario(environment)", self.make_scenario, environment))
+
+
+def check_robot(
+    applications: Applications,
+    floor: FloorMap,
+    goals_m: jax.Array,
+    numbers: Numbers,
+    nu: int,
+    *,
+    joints: Joints | None = None,
+) -> None:
+    """Traces one lane's controller.
+
+    Raises:
+        BundleCrash: It raises, changes the form of its state, or returns another number of controls.
+    """
+    observation = Observation(
+        time_s=jnp.zeros(()),
+        pose=jnp.zeros(3),
+        velocity=jnp.zeros(3),
+        ranges_m=jnp.zeros(applications.lidar.rays),
+        goal_index=jnp.zeros((), jnp.int32),
+        goal_m=jnp.zeros(2),
+        goal_robot_m=jnp.zeros(2),
+        bumper=jnp.zeros(applications.sensors.bumper.sectors, bool),
+        joints=joints,
+    )
+
+    def begin() -> State:
+        return applications.controller(numbers).init(floor, goals_m)
+
+    def advance(state: State) -> tuple[State, jax.Array]:
+        return applications.controller(numbers).step(state, observation)
+
+    before = guarded(_ROBOT, "controller.init", jax.eval_shape, begin)
+    after, control = guarded(_ROBOT, "controller.step", jax.eval_shape, advance, before)
+    _require_same_form(_ROBOT, "controller", before, after)
+    if getattr(control, "shape", None) != (nu,):
+        raise BundleCrash(_ROBOT, f"controller.step: control of shape {getattr(control, 'shape', None)}, not ({nu},)")
+
+
+def check_scenario(
+    applications: Applications, goals_m: jax.Array, numbers: Numbers, given: tuple[jax.Array, ...]
+) -> None:
+    """Traces one lane's scenario.
+
+    Raises:
+        BundleCrash: It raises, changes the form of its state, or has metrics that are no scalars by name.
+    """
+    zero, no = jnp.zeros(()), jnp.zeros((), bool)
+    truth = Truth(zero, jnp.zeros(3), jnp.zeros(3), zero, zero, no)
+
+    def begin() -> State:
+        return applications.scenario(numbers).init(jnp.zeros(3), goals_m, *given)
+
+    def advance(state: State) -> tuple[State, Verdict]:
+        return applications.scenario(numbers).step(state, truth)
+
+    before = guarded(_SCENARIO, "scenario.init", jax.eval_shape, begin)
+    after, _ = guarded(_SCENARIO, "scenario.step", jax.eval_shape, advance, before)
+    _require_same_form(_SCENARIO, "scenario", before, after)
+    metrics = guarded(_SCENARIO, "scenario.metrics", jax.eval_shape, applications.metrics, numbers, before)
+    for name, value in metrics.items():
+        if not _METRIC.fullmatch(name) or getattr(value, "shape", None) != ():
+            raise BundleCrash(
+                _SCENARIO,
+                f"scenario.metrics: {name!r} of shape {getattr(value, 'shape', None)}: must be scalars with names of "
+                "lower-case letters, digits and underscores",
+            )
+
+
+def _require_same_form(code: CrashCode, name: str, before: State, after: State) -> None:
+    def form(state: State) -> tuple[object, list[tuple[int, ...]]]:
+        return jax.tree.structure(state), [leaf.shape for leaf in jax.tree.leaves(state)]
+
+    if form(before) != form(after):
+        raise BundleCrash(
+            code,
+            f"{name}.step: returns a state of another form than init: {form(after)}, not {form(before)}",
+        )

@@ -1,0 +1,168 @@
+"""What an application's bundle and the engine hand each other (docs/guide/applications.md).
+
+Bundles import nothing from here when they run: what they receive are these tuples, and what they return needs only
+the attributes named here.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int
+
+from specs.data.episode import OutcomeReason
+from specs.data.world import World
+
+# Whatever a bundle keeps from one control step to the next: a pytree of arrays.
+State = Any
+Environment = Mapping[str, "str | Float[jax.Array, '']"]
+
+
+class FloorMap(NamedTuple):
+    """What is free for the robot, on a square grid; ``clearance_m[row, column]`` is at row y, column x.
+
+    Attributes:
+        clearance_m: Distance from each cell's centre to the nearest solid, 0 inside one and outside the apartment.
+        origin_m: Centre (x, y) of the cell (0, 0).
+        cell_m: Side of a cell.
+        bounds_m: The apartment's outer faces: (x min, y min, x max, y max).
+    """
+
+    clearance_m: Float[jax.Array, "rows columns"]
+    origin_m: Float[jax.Array, "2"]
+    cell_m: Float[jax.Array, ""]
+    bounds_m: Float[jax.Array, "4"]
+
+
+class HostMap(NamedTuple):
+    """A FloorMap before it goes to a device, for what is done once an episode; fields as there."""
+
+    clearance_m: Float32[np.ndarray, "rows columns"]
+    origin_m: Float32[np.ndarray, "2"]
+    cell_m: Float32[np.ndarray, ""]
+    bounds_m: Float32[np.ndarray, "4"]
+
+
+class Joints(NamedTuple):
+    """All coordinates and speeds of a robot that is more than a planar base, as MuJoCo orders them (qpos, qvel)."""
+
+    qpos: Float[jax.Array, "coordinates"]
+    qvel: Float[jax.Array, "speeds"]
+
+
+class Observation(NamedTuple):
+    """What the robot senses at a control step.
+
+    Attributes:
+        time_s: Since the episode began.
+        pose: Where the robot is: (x m, y m, yaw rad); where it believes to be when it has odometry.
+        velocity: How it moves: (m/s, m/s, rad/s) along the world's axes, as its yaw has them.
+        ranges_m: Lidar, counter-clockwise; the lidar's range where nothing is seen.
+        goal_index: Which goal it should go to now.
+        goal_m: Where that is: (x, y).
+        goal_robot_m: The same seen from ``pose``: (ahead, to the left).
+        bumper: Which sectors were touched during the last control step, counter-clockwise from straight ahead.
+        joints: All that moves, of a robot with more than a planar base; None for one without.
+    """
+
+    time_s: Float[jax.Array, ""]
+    pose: Float[jax.Array, "3"]
+    velocity: Float[jax.Array, "3"]
+    ranges_m: Float[jax.Array, "rays"]
+    goal_index: Int[jax.Array, ""]
+    goal_m: Float[jax.Array, "2"]
+    goal_robot_m: Float[jax.Array, "2"]
+    bumper: Bool[jax.Array, "sectors"]
+    joints: Joints | None = None
+
+
+class Controller(Protocol):
+    """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
+
+    Beside these functions it may have sensors, as in ``tasks.simulate.application.sensors``: ``lidar``,
+    ``odometry``, ``bumper``.
+    """
+
+    def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:
+        """Returns what the controller keeps, before the first step; the place to plan."""
+        ...
+
+    def step(self, state: State, observation: Observation) -> tuple[State, Float[jax.Array, "actuators"]]:
+        """Returns what it keeps, in the same form, and one number for each of the robot's actuators."""
+        ...
+
+
+class Truth(NamedTuple):
+    """What really happened in a control step, for the scenario to judge.
+
+    Attributes:
+        time_s: At the step's end.
+        pose: At the step's end: (x m, y m, yaw rad).
+        velocity: At the step's end, along the world's axes.
+        clearance_m: From the hull to the nearest solid, below 0 when pressed into it.
+        impulse_ns: What contacts pushed the robot with during the step, newton seconds in the plane.
+        inside: Whether the robot is within the apartment's outer faces.
+    """
+
+    time_s: Float[jax.Array, ""]
+    pose: Float[jax.Array, "3"]
+    velocity: Float[jax.Array, "3"]
+    clearance_m: Float[jax.Array, ""]
+    impulse_ns: Float[jax.Array, ""]
+    inside: Bool[jax.Array, ""]
+
+
+class Verdict(NamedTuple):
+    """What the scenario says after a control step.
+
+    Attributes:
+        goal_index: The goal to go to now; how many were reached.
+        done: Whether the episode is over.
+        reason: Index in ``REASONS``; 0 with ``done`` means that the robot did its task.
+    """
+
+    goal_index: Int[jax.Array, ""]
+    done: Bool[jax.Array, ""]
+    reason: Int[jax.Array, ""]
+
+
+class Placement(NamedTuple):
+    """How an episode begins.
+
+    Attributes:
+        start: (x m, y m, yaw rad).
+        goals_m: Which places the robot shall visit, in order.
+        given: Whatever arrays the scenario's ``init`` needs of the world.
+        arrived_m: How near to a goal is there, the scenario's ``arrived_m``; None where goals are no destinations.
+    """
+
+    start: Float64[np.ndarray, "3"]
+    goals_m: Float64[np.ndarray, "goals 2"]
+    given: tuple[np.ndarray, ...] = ()
+    arrived_m: float | None = 0.0
+
+
+class Scenario(Protocol):
+    """What ``scenario(environment)`` in a simulation application returns.
+
+    ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX. Where episodes have different
+    numbers of goals, ``init`` gets the last one repeated until all have as many: ``given`` can hold the number. It may
+    also have ``arrived_m`` (how near to a goal is there; 0 without it, None for goals that are no destinations) and
+    ``metrics(state)``, a dictionary of scalars.
+    """
+
+    def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:
+        """Returns the start, and at least one goal."""
+        ...
+
+    def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"], *given: jax.Array) -> State:
+        """Returns what the scenario keeps, before the first step; it gets what its ``place`` gave."""
+        ...
+
+    def step(self, state: State, truth: Truth) -> tuple[State, Verdict]:
+        """Returns what it keeps, in the same form, and its verdict on the control step."""
+        ...
+
+
+REASONS: tuple[OutcomeReason, ...] = ("", "collision", "timeout", "stuck", "out of bounds", "crash")

@@ -1,0 +1,195 @@
+"""Parity audit: a sample of a batch's lanes, driven again on C MuJoCo in double precision among all solids.
+
+The engine that made the rows drives the sample again too. That gives the ways to compare, and shows whether the rows
+are what it makes of their requests. Rows that C MuJoCo made are made again and compared with nothing: that an engine
+agrees with itself is no evidence.
+
+Episodes of an audit driven again, with the way that each robot took.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float32
+
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.audit.audit_report import AuditReport, Flip, FlipRate, deviation, judged
+from tasks.simulate.audit.audit_sample import Sampled, row_failed
+from tasks.simulate.chunk.episodes import keep_timing, ran_on, ready_chunk
+from tasks.simulate.devices import device_kind
+from tasks.simulate.lane.result_rows import finished_row
+from tasks.simulate.plan.chunks import plan_chunks
+
+
+class Driven(NamedTuple):
+    """An episode driven again: its row, and its place at the end of each control step."""
+
+    engine: str
+    row: EpisodeResult
+    places_m: Float32[np.ndarray, "steps 2"]
+
+
+def driven(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str,
+) -> dict[int, Driven]:
+    """Returns episodes driven to their ends, by index; without those that could not start.
+
+    Args:
+        requests: Any of a batch.
+        worlds: At least theirs.
+        bundles: Unpacked folders of their applications, by digest.
+        lanes: Of a program.
+        engine: ``auto``, or the engine that must drive them.
+
+    Raises:
+        BundleCrash: An application does not import, or raises when it is traced.
+    """
+    return {
+        each.row.index: each
+        for chunk in plan_chunks(requests, lanes)
+        for each in _driven_chunk(chunk.requests, worlds, bundles, lanes=lanes, engine=engine)
+    }
+
+
+def _driven_chunk(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str,
+) -> list[Driven]:
+    chunk = ready_chunk(requests, worlds, bundles, lanes=lanes, engine=engine)
+    if chunk.run is None:
+        return []
+    state, poses = chunk.run.begin(), list[Float32[np.ndarray, "lanes steps 3"]]()
+    while not np.all(state.done):
+        state, record = chunk.run.advance(state)
+        poses.append(np.asarray(record.pose))
+        chunk.watch.mark()
+    keep_timing(chunk)
+    end, path = jax.device_get(state._replace(controller=None, scenario=None)), np.concatenate(poses, axis=1)
+    return [
+        Driven(
+            engine=chunk.program.engine,
+            row=ran_on(chunk.program.engine, finished_row(lane, position, end, poses)),
+            places_m=path[position, : int(end.step[position]), :2],
+        )
+        for position, lane in enumerate(chunk.lanes)
+    ]
+
+
+REFERENCE = "mujoco"
+# What a row holds besides what the simulation gave it.
+_BESIDES = {"recording", "failure_reason"}
+# All that is promised of a GPU, where the order of additions is not fixed.
+_ENDS = {"status", "failure_code", "outcome", "outcome_reason"}
+
+
+def audit(
+    sample: Sequence[Sampled],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+    drawn: int = 0,
+    progress: Callable[[int], None] = lambda _: None,
+) -> AuditReport:
+    """Returns what driving a sample again shows.
+
+    Args:
+        sample: At least one episode.
+        worlds: At least those of the sample.
+        bundles: Unpacked folders of the applications, by digest.
+        lanes: Lanes of a program: no more than there are episodes, since a program's idle lanes cost as much.
+        engine: What the batch asked for.
+        drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
+        progress: Told how many episodes were driven again, on either engine.
+
+    Raises:
+        BundleCrash: An application that made rows before now fails.
+    """
+    here = [each for each in sample if each.row.device == device_kind()]
+    ours = driven([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)
+    progress(len(here))
+    others = [each.request for each in sample if each.row.engine != REFERENCE]
+    theirs: dict[int, Driven] = {}
+    why = f"the rows were made by {REFERENCE}, the reference itself"
+    if others:
+        try:
+            theirs = driven(others, worlds, bundles, lanes=lanes, engine=REFERENCE)
+        except BundleCrash as crash:
+            why = crash.reason
+    progress(len(here) + len(others))
+    return judged(_report(sample, ours, theirs, max(drawn, len(sample))), why)
+
+
+def _report(
+    sample: Sequence[Sampled], ours: Mapping[int, Driven], theirs: Mapping[int, Driven], drawn: int
+) -> AuditReport:
+    both = [each for each in sample if each.row.index in theirs]
+    flipped = {each.row.index for each in both if _end(each.row) != _end(theirs[each.row.index].row)}
+    here = [each.row for each in sample if each.row.device == device_kind()]
+    ways_m = {
+        each.row.index: _most_apart_m(ours[each.row.index], theirs[each.row.index])
+        for each in both
+        if each.row.index in ours
+    }
+    return AuditReport(
+        verdict="NOT RUN",
+        sentence="",
+        engine=", ".join(sorted({each.row.engine for each in sample if each.row.engine})),
+        reference=REFERENCE,
+        sampled=drawn,
+        lanes=len(sample),
+        compared=len(both),
+        final=deviation([_apart_m(each.row, theirs[each.row.index].row) for each in both]),
+        way=deviation([*ways_m.values()]),
+        unflipped=deviation([apart_m for index, apart_m in ways_m.items() if index not in flipped]),
+        spread=_rate([each.row.index for each in both if each.spread], flipped),
+        failed=_rate([each.row.index for each in both if row_failed(each.row)], flipped),
+        flips=tuple(
+            Flip(index=row.index, row=_end(row), reference=_end(theirs[row.index].row))
+            for row in (each.row for each in both)
+            if row.index in flipped
+        ),
+        unreproduced=tuple(row.index for row in here if not _reproduced(row, ours)),
+        elsewhere=tuple(each.row.index for each in sample if each.row.device != device_kind()),
+    )
+
+
+def _rate(indices: Sequence[int], flipped: set[int]) -> FlipRate:
+    return FlipRate(lanes=len(indices), flips=len(flipped.intersection(indices)))
+
+
+def _end(row: EpisodeResult) -> str:
+    return row.outcome_reason or row.outcome
+
+
+def _apart_m(row: EpisodeResult, other: EpisodeResult) -> float:
+    return float(np.hypot(row.final_x_m - other.final_x_m, row.final_y_m - other.final_y_m))
+
+
+def _most_apart_m(ours: Driven, theirs: Driven) -> float:
+    steps = min(len(ours.places_m), len(theirs.places_m))
+    return float(np.hypot(*(ours.places_m[:steps] - theirs.places_m[:steps]).T).max(initial=0.0))
+
+
+def _reproduced(row: EpisodeResult, ours: Mapping[int, Driven]) -> bool:
+    if row.index not in ours:
+        return False
+    again = ours[row.index].row
+    if device_kind() == "gpu":
+        return row.model_dump(include=_ENDS) == again.model_dump(include=_ENDS)
+    return row.model_dump(exclude=_BESIDES) == again.model_dump(exclude=_BESIDES)

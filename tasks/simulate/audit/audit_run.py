@@ -1,0 +1,109 @@
+"""A batch's audit: after its last chunk, before it ends. What goes wrong in it is data; it never loses a batch.
+
+It depends on the batch alone, so that an audit whose process died is simply made again. One that keeps killing its
+process, for want of memory, is given up: the batch would never end.
+
+This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
+"""
+
+import hashlib
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from pydantic import JsonValue
+
+from specs.base import Spec
+from specs.errors import ObjectNotFound
+from specs.field_types import OutputLocation
+from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.audit.audit_report import AuditReport, not_run
+from tasks.simulate.audit.audit_sample import sampled
+from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.commit import load_worlds, mounts
+from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.devices import prepare_devices
+from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.keys import output_key, result_key
+from tasks.storage.buckets import open_bucket
+
+logger = logging.getLogger(__name__)
+AUDIT_FILE = "audit.json"
+_BEGUN_FILE = "audit-begun.json"
+_MOST_ATTEMPTS = 4
+Progress = Callable[[int], None]
+
+
+class _Begun(Spec):
+    """How often a batch's audit was begun; more than once when the process that made it died."""
+
+    attempts: int
+
+
+def audit_batch(
+    batch: OpenBatch, bundles: Mapping[str, Path], location: OutputLocation, progress: Progress = lambda _: None
+) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its audit.
+
+    That is ``audit``, the report; ``audit_url``, where it lies beside the tables; and its SHA-256 by its file's name in
+    ``sha256s``.
+
+    Args:
+        batch: All its chunks are committed.
+        bundles: Unpacked folders of the applications, by digest.
+        location: The batch's output location.
+        progress: Told how many episodes were driven again, out of two for each lane.
+    """
+    attempts = _begin(batch)
+    if attempts > _MOST_ATTEMPTS:
+        report = not_run(f"its process died {_MOST_ATTEMPTS} times")
+    else:
+        report = _audited(batch, bundles, progress)
+    logger.info("audit: %s: %s", report.verdict, report.sentence)
+    bucket = open_bucket(batch.store, location.s3Bucket or "")
+    key = output_key(location.s3Prefix, f"{batch.id}/{AUDIT_FILE}")
+    body = encoded(report)
+    bucket.put(key, body)
+    digests: dict[str, JsonValue] = {AUDIT_FILE: hashlib.sha256(body).hexdigest()}
+    return {"audit": report.model_dump(mode="json"), "audit_url": f"{bucket.url}/{key}", "sha256s": digests}
+
+
+def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) -> AuditReport:
+    found = sampled(batch.layout, lambda number: committed_chunk(batch.store, batch.id, number) or (), batch.plan.audit)
+    worlds, missing = load_worlds(batch, [each.request for each in found])
+    mounted = mounts(batch)
+    missing |= {f"data of {k}": why for k, each in enumerate(found) if (why := mounted.failure(each.request))}
+    sample = [
+        each._replace(request=mounted.resolved(each.request))
+        for each in found
+        if each.request.world in worlds and not mounted.failure(each.request)
+    ]
+    if not sample:
+        return not_run(next(iter(missing.values()), "no episode was driven to an end"))
+    prepare_devices()
+    from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415 - JAX reads its settings when it is imported
+
+    lanes = min(batch.plan.audit, batch.plan.lanes)
+    try:
+        return audit(
+            sample, worlds, bundles, lanes=lanes, engine=batch.plan.engine, drawn=len(found), progress=progress
+        )
+    except BundleCrash as crash:
+        return not_run(str(crash))
+    except MemoryError as exc:
+        return not_run(f"out of memory: {exc}")
+    except RuntimeError as exc:
+        if "RESOURCE_EXHAUSTED" not in str(exc):  # XLA's status for an allocation that failed
+            raise
+        return not_run(f"out of memory: {exc}")
+
+
+def _begin(batch: OpenBatch) -> int:
+    """Returns how often the audit was begun, this time included."""
+    key = result_key(batch.id, _BEGUN_FILE)
+    try:
+        before = decoded(_Begun, batch.store.get(key), batch.store, key).attempts
+    except ObjectNotFound:
+        before = 0
+    batch.store.put(key, encoded(_Begun(attempts=before + 1)))
+    return before + 1

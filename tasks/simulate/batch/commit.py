@@ -1,0 +1,256 @@
+"""One chunk of a batch: its worlds loaded, its episodes simulated, what came of them committed."""
+
+import functools
+import hashlib
+import itertools
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
+
+from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from specs.data.world import World
+from specs.errors import ObjectNotFound, SimyardError
+from tasks.simulate.batch.chunk_store import begin_chunk, commit, committed_chunk
+from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
+from tasks.simulate.batch.metrics import ChunkWork, work_of
+from tasks.simulate.batch.stop import StopWatch, canceled_row
+from tasks.simulate.chunk.memory_fit import after_deaths, simulate_fitting
+from tasks.simulate.chunk.timings import collected
+from tasks.simulate.data.mounts import Mounts
+from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
+from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.keys import world_key
+from tasks.storage.store_url import open_store
+
+# As many as a chunk of the default size has at most.
+_WORLDS_KEPT = 256
+
+
+class Part(NamedTuple):
+    """What is simulated at a time: a chunk, or what of it fits into memory.
+
+    Attributes:
+        lanes: How many lanes to simulate it with.
+        watch: Says when to stop.
+        recorder: Is given what the lanes do; None if nothing of the batch is recorded.
+        program: What plans know the part's program by, whose variables name no folders of this machine yet.
+    """
+
+    chunk: Chunk
+    worlds: Mapping[str, World]
+    lanes: int
+    watch: StopWatch
+    recorder: Recorder | None
+    program: ProgramKey
+
+
+Simulate = Callable[[Part], list[EpisodeResult]]
+# Writes the recordings of the chunk with that number, over what may be there, and returns the name of their file; an
+# empty name if there are none.
+Record = Callable[[int, Iterable[Columns]], str]
+
+
+class ChunkEnd(NamedTuple):
+    """How a chunk ended.
+
+    Attributes:
+        episodes: How many it has.
+        lanes: How many fitted into memory at a time; more need not be tried again.
+        work: What it took; nothing of one that was committed before.
+    """
+
+    episodes: int
+    lanes: int
+    work: ChunkWork = ChunkWork()
+
+
+def run_chunk(
+    batch: OpenBatch,
+    number: int,
+    simulate: Simulate,
+    record: Record | None = None,
+    *,
+    lanes: int,
+    left_s: float,
+    spent_s: float = 0.0,
+) -> ChunkEnd:
+    """Returns how a chunk ended, once its results are committed; one that was committed before is not run again.
+
+    Args:
+        batch: The batch.
+        number: The chunk's number.
+        simulate: Simulates episodes.
+        record: Writes recordings, before the chunk that names them is committed; None if nothing is recorded.
+        lanes: How many lanes fit into memory, as far as is known.
+        left_s: Wall seconds that the batch has left.
+        spent_s: Wall seconds that were spent on it before.
+    """
+    committed = committed_chunk(batch.store, batch.id, number)
+    if committed is not None:
+        return ChunkEnd(len(committed), lanes)
+    start_s = time.monotonic()
+    start = begin_chunk(batch.store, batch.id, number, spent_s)
+    chunk = batch.layout.chunk(number)
+    worlds, missing = load_worlds(batch, chunk.requests)
+    mounted = mounts(batch)
+    unable = _unable(chunk, missing, mounted)
+    able = _able(chunk, unable, mounted)
+    program = program_key(chunk.requests[0])
+    work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
+    with collected() as timings:
+        rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
+        by_index = _settled(work, [*rows, *work.restarted(lanes)])
+    if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
+        time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
+    if record is not None:
+        by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
+    ordered = [by_index.get(each.index) or _lost(each, unable[each.index]) for each in chunk.requests]
+    rows = commit(batch.store, batch.id, number, ordered)
+    simulated_s = sum(row.simulated_s for row in rows)
+    return ChunkEnd(len(rows), lanes, work_of(timings, simulated_s=simulated_s, wall_s=time.monotonic() - start_s))
+
+
+class _Work:
+    """The episodes of a chunk that can be simulated, simulated part by part."""
+
+    def __init__(
+        self,
+        batch: OpenBatch,
+        chunk: Chunk,
+        worlds: Mapping[str, World],
+        left_s: float,
+        simulate: Simulate,
+        *,
+        program: ProgramKey,
+        recording: bool,
+    ) -> None:
+        self.sound = chunk
+        self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
+        self.recorders: list[Recorder] = []
+        self._samples, self._program = sample_memory(), program
+        self._restarts = restarted_jobs(batch.record())
+        self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
+
+    def part(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
+        """Returns the rows of a part; what it recorded is kept if it comes to its end."""
+        rate_hz = self._batch.plan.recordings.rateHz
+        recorder = Recorder(rate_hz, self._wanted, self._samples) if self._recording else None
+        rows = self._simulate(Part(chunk, self._worlds, lanes, self.watch, recorder, self._program))
+        if recorder is not None:
+            self.recorders.append(recorder)
+        return rows
+
+    def restarted(self, lanes: int) -> list[EpisodeResult]:
+        """Returns the rows of jobs that were restarted since the work began, simulated anew until none was meanwhile.
+
+        They are what they were: a second run leaves no recording, and one that is stopped no row.
+        """
+        rows: list[EpisodeResult] = []
+        while again := self._restarted_since():
+            requests = tuple(request for request in self.sound.requests if request.index in again)
+            chunk = self.sound.model_copy(update={"requests": requests})
+            found = simulate_fitting(chunk, lanes, self._unrecorded, self.watch).rows
+            rows += [row for row in found if row.status != "Canceled"]
+        return rows
+
+    def _unrecorded(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
+        return self._simulate(Part(chunk, self._worlds, lanes, self.watch, None, self._program))
+
+    def _restarted_since(self) -> frozenset[int]:
+        """Returns the jobs that were restarted since this was last asked; none when the work shall end."""
+        record = self._batch.record()
+        self.watch.look(record)
+        now = {} if self.watch() else restarted_jobs(record)
+        new = {index for index, at_s in now.items() if self._restarts.get(index) != at_s}
+        self._restarts |= now
+        return frozenset(new) & frozenset(request.index for request in self.sound.requests)
+
+    def _wanted(self, row: EpisodeResult) -> bool:
+        plan, layout = self._batch.plan, self._batch.layout
+        if row.status == "Canceled" or row.index in self.watch.canceled:
+            return False
+        failed = row.status == "Failed" or row.outcome == "Failed"
+        asked = plan.templates[layout.template_of(row.index)].record
+        return asked or plan.recordings.episodes == "all" or (failed and plan.recordings.episodes == "failed")
+
+
+def _settled(work: _Work, rows: Iterable[EpisodeResult]) -> dict[int, EpisodeResult]:
+    """Returns rows by index, later ones before earlier ones, as they stand after what was cancelled until now."""
+    return {row.index: _canceled(row, work.watch) for row in rows}
+
+
+def _recorded(
+    work: _Work, rows: Mapping[int, EpisodeResult], record: Callable[[Iterable[Columns]], str], lanes: int
+) -> dict[int, EpisodeResult]:
+    """Returns the rows, those of recorded episodes with the name of the file that they are in.
+
+    Writing takes a while, and what is asked meanwhile was promised too: who is restarted runs again, and without who is
+    cancelled the recordings are written anew.
+    """
+    while True:
+        unwanted = work.watch.canceled
+        name = record(itertools.chain.from_iterable(recorder.parts(unwanted) for recorder in work.recorders))
+        recorded = {index for recorder in work.recorders for index in recorder.episodes} - unwanted
+        rows = _settled(work, [*rows.values(), *work.restarted(lanes)])
+        if not recorded & work.watch.canceled:
+            return rows | {index: rows[index].model_copy(update={"recording": name}) for index in sorted(recorded)}
+
+
+def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
+    """Returns a row as it stands after what was cancelled: the batch, or this job alone."""
+    if row.index in watch.canceled:
+        return unfinished(row.index, "Canceled", failure_code="", failure_reason="the job was canceled")
+    if row.status == "Canceled":
+        return canceled_row(row.index, watch.code)
+    return row
+
+
+def _unable(chunk: Chunk, missing: Mapping[str, str], mounted: Mounts) -> dict[int, str]:
+    """Returns why episodes cannot be simulated, as code and reason: their world, or what they read."""
+    why = {each.index: missing.get(each.world) or mounted.failure(each) for each in chunk.requests}
+    return {index: reason for index, reason in why.items() if reason}
+
+
+def _able(chunk: Chunk, unable: Mapping[int, str], mounted: Mounts) -> Chunk:
+    """Returns the episodes that can be simulated, with the folders of their data sources."""
+    able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
+    return chunk.model_copy(update={"requests": tuple(able)})
+
+
+def _lost(request: EpisodeRequest, why: str) -> EpisodeResult:
+    code, _, reason = why.partition(": ")
+    return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
+
+
+def mounts(batch: OpenBatch) -> Mounts:
+    """Returns the data sources of a batch on this machine."""
+    return Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data")
+
+
+def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, str]]:
+    """Returns the episodes' worlds, and of those that cannot be used why, as code and reason."""
+    worlds: dict[str, World] = {}
+    missing: dict[str, str] = {}
+    for reference in dict.fromkeys(request.world for request in requests):
+        try:
+            worlds[reference] = _world(batch.store.url, reference, batch.plan.world_digests[reference])
+        except ObjectNotFound:
+            missing[reference] = f"InvalidS3Resource: world {reference} does not exist"
+        except _WorldChanged:
+            missing[reference] = f"MismatchedEtag: world {reference} is not what it was when the batch was planned"
+    return worlds, missing
+
+
+@functools.lru_cache(maxsize=_WORLDS_KEPT)
+def _world(store_url: str, reference: str, digest: str) -> World:
+    """Returns a world; the last ones are kept, since chunks that follow one another share theirs."""
+    generation, _, name = reference.partition("/")
+    body = open_store(store_url).get(world_key(generation, name)).body
+    if hashlib.sha256(body).hexdigest() != digest:
+        raise _WorldChanged(reference)
+    return World.model_validate_json(body)
+
+
+class _WorldChanged(SimyardError):  # noqa: N818 - a state
+    """A world's document has another digest than the batch's plan says."""

@@ -1,0 +1,170 @@
+"""A batch as a job: opened once, its chunks committed one by one, closed when all are there (semantics 4).
+
+    Pending -> InProgress -> Completing -> Completed | Failed
+               InProgress -> Canceling -> Canceled        somebody cancelled it
+               InProgress -> TimingOut -> TimedOut        its wall time is over
+
+A chunk is committed by creating one immutable object. Killed anywhere, a batch goes on with the chunks that are
+missing, and since a chunk's results depend on the plan alone, an unbroken run would have written the same bytes.
+"""
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
+
+from pydantic import JsonValue
+
+from specs.base import Fault
+from specs.errors import ResourceNotFound
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.layout import Layout
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance, read, submit
+from tasks.storage.store_url import open_store
+
+KIND = "simulation-job-batch"
+STOPPING = frozenset({"Canceling", "TimingOut"})
+GOING = frozenset({"Pending", "InProgress"})
+_LAYOUTS_KEPT = 4
+_CANCELED_JOB = "canceledJob/"
+_RESTARTED_JOB = "restartedJob/"
+
+
+@dataclass(frozen=True)
+class OpenBatch:
+    """A batch that is being worked on.
+
+    Attributes:
+        store: Where its record, worlds and chunks are.
+        id: Its id.
+        layout: Its episodes and chunks.
+    """
+
+    store: Store
+    id: str
+    layout: Layout
+
+    @property
+    def plan(self) -> BatchPlan:
+        """Returns what it runs."""
+        return self.layout.plan
+
+    def record(self) -> JobRecord:
+        """Returns its record as it stands now."""
+        return read(self.store, KIND, self.id)
+
+
+def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], token: str) -> JobRecord:
+    """Returns the batch of the token, in progress unless it is being stopped or has ended.
+
+    Args:
+        store: Where the record is kept.
+        plan: What the batch runs.
+        request: The StartSimulationJobBatch document.
+        token: The client request token.
+
+    Raises:
+        IdempotentParameterMismatch: The token came with another batch before.
+    """
+    record = submit(store, KIND, {"request": request, "plan": plan.model_dump(mode="json")}, token)
+    return advance(store, KIND, record.id, "InProgress", only_from={"Pending"})
+
+
+def opened(store: Store, batch: str) -> OpenBatch:
+    """Returns a batch that was opened before.
+
+    Raises:
+        ResourceNotFound: No such batch.
+    """
+    return OpenBatch(store, batch, _layout(store.url, batch))
+
+
+def plan_of(record: JobRecord) -> BatchPlan:
+    """Returns the plan that a batch was opened with."""
+    return BatchPlan.model_validate(record.request["plan"])
+
+
+def time_out(batch: OpenBatch) -> JobRecord:
+    """Returns the record of a batch that begins no more episodes, because its wall time is over."""
+    return advance(batch.store, KIND, batch.id, "TimingOut", only_from={"InProgress"})
+
+
+def complete(batch: OpenBatch) -> JobRecord:
+    """Returns the record of a batch whose episodes all have their end, one way or another; only tables are missing."""
+    return advance(batch.store, KIND, batch.id, "Completing", only_from={"InProgress"})
+
+
+def ending(record: JobRecord, failed_inside: int) -> tuple[str, str]:
+    """Returns the terminal state that a batch goes to, and why (semantics 4).
+
+    Args:
+        record: As it stood when its last episode ended.
+        failed_inside: How many jobs failed with InternalServiceError: others that Failed do not fail the batch.
+    """
+    if record.status == "Canceling":  # which leads nowhere else, whatever went wrong before
+        return "Canceled", "canceled on request"
+    if failed_inside:
+        return "Failed", f"{failed_inside} jobs could not be simulated; their rows say why"
+    if record.status == "TimingOut":
+        return "TimedOut", f"the batch's {plan_of(record).timeout_s:.0f} s were over"
+    return "Completed", ""
+
+
+def job_of(store: Store, path: str) -> tuple[OpenBatch, int]:
+    """Returns the batch and the index of the job ``<batch>/<index>``.
+
+    Raises:
+        ResourceNotFound: No such batch, or it has no such job.
+    """
+    name, _, number = path.partition("/")
+    batch = opened(store, name)
+    jobs = batch.layout.episodes
+    index = int(number) if number.isdecimal() else -1
+    if not 0 <= index < jobs or number != str(index):
+        allowed = f"{name}/0 to {name}/{jobs - 1}"
+        raise ResourceNotFound([Fault(path="simulation-job", value=repr(path), allowed=allowed)])
+    return batch, index
+
+
+def canceled_job_mark(index: int) -> str:
+    """Returns the key in a batch's detail that says that a job was cancelled by itself, and whether it had begun."""
+    return f"{_CANCELED_JOB}{index}"
+
+
+def canceled_jobs(record: JobRecord) -> frozenset[int]:
+    """Returns the indices of the jobs that were cancelled by themselves."""
+    return frozenset(int(key.removeprefix(_CANCELED_JOB)) for key in record.detail if key.startswith(_CANCELED_JOB))
+
+
+def canceled_before_begun(record: JobRecord) -> frozenset[int]:
+    """Returns the indices of the jobs that were cancelled by themselves before their chunk was begun."""
+    return frozenset(index for index in canceled_jobs(record) if record.detail[canceled_job_mark(index)] is False)
+
+
+def restarted_job_mark(index: int) -> str:
+    """Returns the key in a batch's detail that says when a job was last restarted, in seconds since 1970."""
+    return f"{_RESTARTED_JOB}{index}"
+
+
+def restarted_jobs(record: JobRecord) -> dict[int, float]:
+    """Returns when jobs were last restarted, by index."""
+    return {
+        int(key.removeprefix(_RESTARTED_JOB)): cast("float", at_s)
+        for key, at_s in record.detail.items()
+        if key.startswith(_RESTARTED_JOB)
+    }
+
+
+def close_batch(
+    store: Store, batch: str, status: str, detail: Mapping[str, JsonValue], failure_reason: str = ""
+) -> JobRecord:
+    """Returns the batch's record in its terminal state (semantics 4): jobs that Failed do not fail the batch."""
+    code = "InternalServiceError" if status == "Failed" else ""
+    return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))
+
+
+@functools.lru_cache(maxsize=_LAYOUTS_KEPT)
+def _layout(store_url: str, batch: str) -> Layout:
+    """Returns a batch's layout; kept, because a plan never changes and a large one takes a while to read."""
+    return Layout(plan_of(read(open_store(store_url), KIND, batch)))

@@ -1,0 +1,195 @@
+"""The jobs of one batch, as they stand: which were begun, what came of them, what had been asked of them.
+
+Nothing here needs more memory for a batch with more jobs: what is asked for in order is read chunk by chunk.
+"""
+
+import functools
+from collections.abc import Iterator, Mapping
+from typing import cast
+
+from pydantic import JsonValue
+
+from specs.arn import arn
+from specs.base import Spec
+from specs.data.episode import EpisodeResult
+from specs.robomaker.simulation import SimulationJobRequest
+from specs.robomaker.simulation_descriptions import (
+    DescribeSimulationJobResponse,
+    FailedCreateSimulationJobRequest,
+    SimulationJobSummary,
+)
+from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk
+from tasks.simulate.batch.job import STOPPING, canceled_before_begun, canceled_jobs, opened, restarted_jobs
+from tasks.simulate.batch.result_stream import STOP_CODES
+from tasks.simulate.plan.request import entries, is_single
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import is_terminal
+from tasks.storage.store_url import store_id
+
+_CHUNKS_KEPT = 4
+_Document = dict[str, JsonValue]
+
+
+class JobCounts(Spec):
+    """How many of a batch's jobs were not begun yet, were begun, and never will be."""
+
+    pending: int
+    created: int
+    failed: int
+
+
+class Jobs:
+    """The jobs of a batch, as they stood when this was made."""
+
+    def __init__(self, store: Store, batch: str) -> None:
+        """Reads the batch's record, and which of its chunks were begun.
+
+        Raises:
+            ResourceNotFound: No such batch.
+        """
+        self._batch = opened(store, batch)
+        self.record = self._batch.record()
+        self._ended = is_terminal(self.record)
+        self._store_id = store_id(store)
+        self._chunks = chunk_numbers(store, batch)
+        self._canceled, self._restarted = canceled_jobs(self.record), restarted_jobs(self.record)
+        self._never_begun = canceled_before_begun(self.record)
+        self._entries = entries(self.record)
+        self._rows = functools.lru_cache(maxsize=_CHUNKS_KEPT)(self._read_rows)
+
+    def counts(self) -> JobCounts:
+        """Returns how many jobs stand where."""
+        layout = self._batch.layout
+        created = sum(layout.chunk_size(number) for number in self._chunks.begun)
+        others = layout.episodes - created
+        return JobCounts(pending=0 if self._ended else others, created=created, failed=others if self._ended else 0)
+
+    def created(self, first: int = 0) -> Iterator[SimulationJobSummary]:
+        """Yields a summary of each job that was begun, by index, from the index ``first`` on."""
+        return (self._summary(index) for index in self._indices(first, begun=True))
+
+    def pending(self) -> Iterator[SimulationJobRequest]:
+        """Yields what is asked of each job that is still to be begun; a single job is no entry of a batch."""
+        if not self._ended and not is_single(self.record):
+            for index in self._indices(0, begun=False):
+                yield SimulationJobRequest.model_validate(self._asked(index))
+
+    def failed(self) -> Iterator[FailedCreateSimulationJobRequest]:
+        """Yields what was asked of each job that was not begun before the batch ended, and why it was not."""
+        if self._ended:
+            for index in self._indices(0, begun=False):
+                asked = {} if is_single(self.record) else {"request": self._asked(index)}
+                yield FailedCreateSimulationJobRequest.model_validate(
+                    {**asked, **self._why_not_begun(), "failedAt": self.record.updated_at_s}
+                )
+
+    def described(self, index: int) -> _Document:
+        """Returns a job as DescribeSimulationJob answers."""
+        chunk = self._batch.layout.chunk_of(index)
+        start = chunk_start(self._batch.store, self._batch.id, chunk)
+        asked = {
+            key: value for key, value in self._asked(index).items() if key in DescribeSimulationJobResponse.model_fields
+        }
+        if "dataSources" in asked:
+            asked["dataSources"] = [_read_source(source) for source in cast("list[_Document]", asked["dataSources"])]
+        restarted_s = self._restarted.get(index, 0.0)
+        started: _Document = {"lastStartedAt": max(start.started_at_s, restarted_s)} if start else {}
+        return {"failureBehavior": "Fail", **asked, **self._identity(index), **self._state(index), **started}
+
+    def _summary(self, index: int) -> SimulationJobSummary:
+        request = self._batch.layout.request(index)
+        asked = self._entries[self._batch.layout.template_of(index)]
+        sources = [source["name"] for source in cast("list[_Document]", asked.get("dataSources") or [])]
+        return SimulationJobSummary.model_validate(
+            {
+                **self._identity(index),
+                "status": self._state(index)["status"],
+                "dataSourceNames": sources or None,
+                "computeType": cast("_Document", asked.get("compute") or {}).get("computeType"),
+                "robotApplicationNames": (request.robot.name,),
+                "simulationApplicationNames": (request.scenario.name,),
+            }
+        )
+
+    def _identity(self, index: int) -> _Document:
+        return {
+            "arn": arn("simulation-job", self._store_id, f"{self._batch.id}/{index}"),
+            "name": f"{self._batch.id}-{index}",
+            "lastUpdatedAt": self.record.updated_at_s,
+        }
+
+    def _state(self, index: int) -> _Document:
+        chunk = self._batch.layout.chunk_of(index)
+        row = self._rows(chunk).get(index)
+        if row is not None:
+            return self._state_of(row, index)
+        if self._ended:
+            why = self._why_not_begun()
+            return {**why, "status": "Failed" if why["failureCode"] == "InternalServiceError" else "Canceled"}
+        return {"status": self._active(index, chunk)}
+
+    def _active(self, index: int, chunk: int) -> str:
+        begun = chunk in self._chunks.begun
+        if index in self._canceled:  # its row is still to be written, and says so
+            return "Terminating" if begun and index not in self._never_begun else "Canceled"
+        if self.record.status in STOPPING and begun:
+            return "Terminating"
+        if not begun:
+            return "Pending"
+        return "Restarting" if index in self._restarted else "Running"
+
+    def _state_of(self, row: EpisodeResult, index: int) -> _Document:
+        state: _Document = {"status": row.status, "simulationTimeMillis": round(1000 * row.simulated_s)}
+        if row.failure_reason:
+            state["failureReason"] = row.failure_reason
+        if row.failure_code:
+            state["failureCode"] = row.failure_code
+        # RoboMaker kept a failed job's host for whoever wants to look into it; here the batch keeps it until its end.
+        kept = self._batch.layout.request(index).failure_behavior == "Continue"
+        return {**state, "status": "RunningFailed"} if row.status == "Failed" and kept and not self._ended else state
+
+    def _why_not_begun(self) -> _Document:
+        code = STOP_CODES.get(self.record.status, "InternalServiceError")
+        return {"failureCode": code, "failureReason": self.record.failure_reason}
+
+    def _indices(self, first: int, *, begun: bool) -> Iterator[int]:
+        layout = self._batch.layout
+        if self._chunks.begun == frozenset(range(layout.chunks)) and not begun:
+            return
+        for start in range(first, layout.episodes, layout.plan.lanes):
+            end = min(start + layout.plan.lanes, layout.episodes)
+            chunks = layout.chunks_between(start, end)
+            of_kind = {number for number in chunks if (number in self._chunks.begun) == begun}
+            for index in range(start, end) if of_kind else ():
+                if len(of_kind) == len(chunks) or layout.chunk_of(index) in of_kind:
+                    yield index
+
+    def _read_rows(self, chunk: int) -> dict[int, EpisodeResult]:
+        if chunk not in self._chunks.committed:
+            return {}
+        return {row.index: row for row in committed_chunk(self._batch.store, self._batch.id, chunk) or ()}
+
+    def _asked(self, index: int) -> _Document:
+        """Returns the entry of the batch that the job came from, with its own world and variables."""
+        entry = dict(self._entries[self._batch.layout.template_of(index)])
+        request = self._batch.layout.request(index)
+        for kind, resolved in (("robotApplications", request.robot), ("simulationApplications", request.scenario)):
+            (use,) = cast("list[_Document]", entry[kind])
+            launch = self._launch(cast("_Document", use["launchConfig"]), request.environment)
+            entry[kind] = [{**use, "applicationVersion": resolved.version, "launchConfig": launch}]
+        (scenario,) = cast("list[_Document]", entry["simulationApplications"])
+        world = arn("world", self._store_id, request.world)
+        entry["simulationApplications"] = [{**scenario, "worldConfigs": [{"world": world}]}]
+        return entry
+
+    def _launch(self, config: _Document, environment: Mapping[str, str]) -> _Document:
+        """Returns a launch configuration with the values that its own and the swept variables have in an episode."""
+        own = cast("_Document", config.get("environmentVariables") or {})
+        values: _Document = {name: environment[name] for name in sorted(own.keys() | self._batch.plan.sweep.keys())}
+        return {**config, "environmentVariables": values} if values else config
+
+
+def _read_source(source: _Document) -> _Document:
+    """Returns a data source as the answer has it: keys that may carry an ETag."""
+    keys = cast("list[JsonValue]", source["s3Keys"])
+    return {**source, "s3Keys": [{"s3Key": key} for key in keys]}

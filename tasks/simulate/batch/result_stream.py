@@ -1,0 +1,72 @@
+"""The results of a batch in the order of its jobs, a part at a time, so that a large one fits into memory.
+
+A batch that is being stopped while nobody works on it.
+"""
+
+from collections.abc import Iterator
+
+from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from specs.errors import ObjectNotFound
+from tasks.simulate.batch.chunk_store import chunk_numbers, commit, committed_chunk
+from tasks.simulate.batch.job import OpenBatch, canceled_jobs
+from tasks.simulate.batch.stop import canceled_row
+
+# Some 40 MB if all of them failed and left long trajectories.
+PART_EPISODES = 2048
+# Each part of a shuffled batch is spread over all of its chunks, which are read again for the next one.
+SHUFFLED_PART_EPISODES = 16_384
+STOP_CODES = {
+    "Canceling": "BatchCanceled",
+    "Canceled": "BatchCanceled",
+    "TimingOut": "BatchTimedOut",
+    "TimedOut": "BatchTimedOut",
+}
+
+
+def parts(batch: OpenBatch) -> Iterator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
+    """Yields a batch's episodes by index, some at a time, and a result for each.
+
+    Episodes of a batch that was stopped before they began are Canceled.
+
+    Raises:
+        ObjectNotFound: A chunk of a batch that was not stopped is not committed.
+    """
+    code = STOP_CODES.get(batch.record().status, "")
+    size = SHUFFLED_PART_EPISODES if batch.plan.shuffled else PART_EPISODES
+    for first in range(0, batch.layout.episodes, size):
+        end = min(first + size, batch.layout.episodes)
+        requests = list(batch.layout.requests(first, end))
+        yield requests, _results(batch, first, end, code)
+
+
+def _results(batch: OpenBatch, first: int, end: int, code: str) -> list[EpisodeResult]:
+    found: dict[int, EpisodeResult] = {}
+    for number in batch.layout.chunks_between(first, end):
+        rows = committed_chunk(batch.store, batch.id, number)
+        if rows is None and not code:
+            raise ObjectNotFound(f"{batch.store.url}: chunk {number} of {batch.id} is not committed")
+        found.update((row.index, row) for row in rows or () if first <= row.index < end)
+    return [found.get(index) or canceled_row(index, code) for index in range(first, end)]
+
+
+def give_up(batch: OpenBatch) -> None:
+    """Commits the chunks that were begun and have no end: their episodes are Canceled.
+
+    From then on a process that was only paused, and still simulates one of them, comes too late: a chunk is committed
+    once. What was never begun needs no row, for who looks at the batch's record begins nothing any more.
+
+    Args:
+        batch: In a state that stops it; its claim is held.
+    """
+    record = batch.record()
+    code, alone = STOP_CODES[record.status], canceled_jobs(record)
+    chunks = chunk_numbers(batch.store, batch.id)
+    for number in sorted(chunks.begun - chunks.committed):
+        rows = [_row(request.index, code, alone) for request in batch.layout.chunk(number).requests]
+        commit(batch.store, batch.id, number, rows)
+
+
+def _row(index: int, code: str, alone: frozenset[int]) -> EpisodeResult:
+    if index in alone:
+        return unfinished(index, "Canceled", failure_code="", failure_reason="the job was canceled")
+    return canceled_row(index, code)

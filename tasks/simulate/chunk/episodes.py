@@ -1,0 +1,255 @@
+"""A chunk from requests to rows: applications imported, lanes staged, the program run slice by slice."""
+
+import functools
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32
+
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.calls import Applications, check_robot, check_scenario
+from tasks.simulate.application.code import BundleCrash, load_factory
+from tasks.simulate.application.contract import Placement
+from tasks.simulate.application.robot_mjcf import CONTROL_S, RobotRefused
+from tasks.simulate.application.sensors import read_sensors
+from tasks.simulate.chunk.timings import ChunkWatch, remember
+from tasks.simulate.devices import device_kind
+from tasks.simulate.engine.choice import choose_engine
+from tasks.simulate.engine.load import load_program
+from tasks.simulate.engine.program import SLICE_STEPS, Program, Run
+from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
+from tasks.simulate.lane.recording import Ends, Recorder
+from tasks.simulate.lane.result_rows import canceled_row, failed_row, finished_row
+from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
+from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key, split_environment
+
+logger = logging.getLogger(__name__)
+_PROGRAMS_KEPT = 8
+_NO_WORLD = "InvalidS3Resource"
+
+
+class ReadyChunk(NamedTuple):
+    """Episodes of one program, ready to run.
+
+    Attributes:
+        lanes: The episodes that can run, in the lanes' order.
+        run: None when no episode can run.
+        rows: Of the episodes that cannot.
+        watch: Takes the times.
+        timed_as: Program to remember them for; None means that of the requests.
+    """
+
+    program: Program
+    lanes: list[Lane]
+    run: Run | None
+    rows: list[EpisodeResult]
+    watch: ChunkWatch
+    timed_as: ProgramKey | None = None
+
+
+def run_chunk(
+    chunk: Chunk,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str,
+    should_stop: Callable[[], bool],
+    progress: Callable[[int], None],
+    recorder: Recorder | None = None,
+    timed_as: ProgramKey | None = None,
+) -> list[EpisodeResult]:
+    """Returns a chunk's rows in request order; see ``tasks.simulate.chunk.runner.simulate_chunk``."""
+    present = [request for request in chunk.requests if request.world in worlds]
+    rows = {
+        request.index: failed_row(request, _NO_WORLD, f"world {request.world} does not exist")
+        for request in chunk.requests
+        if request.world not in worlds
+    }
+    try:
+        if present:
+            ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)._replace(timed_as=timed_as)
+            rows.update({row.index: row for row in run_ready(ready, should_stop, progress, recorder)})
+    except BundleCrash as crash:
+        rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
+    return [rows[request.index] for request in chunk.requests]
+
+
+def ready_chunk(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+) -> ReadyChunk:
+    """Returns episodes of one program made ready to run.
+
+    Raises:
+        BundleCrash: The applications do not import, or raise when they are traced; or the engine refuses the robot.
+    """
+    watch = ChunkWatch()
+    program = _program_of(requests[0], bundles, lanes, engine)
+    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
+    stages = stage_worlds(used, program.hull, program.applications.lidar)
+    ready, rows = _place_all(program, requests, used, stages)
+    if not ready:
+        return ReadyChunk(program, ready, None, rows, watch)
+    inputs = stack_lanes(ready, program.applications.names, program.lanes)
+    one = jax.tree.map(lambda array: array[0], inputs)
+    joints = program.body().joints
+    check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.actuators, joints=joints)
+    check_scenario(program.applications, one.goals_m, one.numbers, one.given)
+    run = program.ready(inputs, ready, used)
+    watch.mark()
+    return ReadyChunk(program, ready, run, rows, watch)
+
+
+def run_ready(
+    chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None], recorder: Recorder | None
+) -> list[EpisodeResult]:
+    """Returns the rows of episodes that were made ready, those that cannot run first."""
+    if chunk.run is None:
+        return chunk.rows
+    state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
+    if np.all(state.done):
+        keep_timing(chunk)
+    rows = [
+        _explained(chunk, chunk.run, position, finished_row(lane, position, state, poses))
+        if state.done[position]
+        else canceled_row(lane.request)
+        for position, lane in enumerate(chunk.lanes)
+    ]
+    if recorder is not None:
+        recorder.end(_ends(chunk.lanes, state), rows)
+    return chunk.rows + rows
+
+
+def _ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
+    return Ends(
+        steps=np.asarray(state.step),
+        crashed=np.asarray(state.crash) != NO_CRASH,
+        start=np.stack([lane.placement.start for lane in lanes]),
+        pose=np.asarray(state.body.qpos),
+        velocity=np.asarray(state.body.qvel),
+        goal_index=np.asarray(state.goal_index),
+    )
+
+
+def _explained(chunk: ReadyChunk, run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
+    """Returns a row with what drove it, and the reason of a crash where the run knows more than the lane's state."""
+    known = {"failure_reason": run.crashes[position]} if position in run.crashes else {}
+    return ran_on(chunk.program.engine, row).model_copy(update=known)
+
+
+def keep_timing(chunk: ReadyChunk) -> None:
+    """Remembers what a chunk took that came to its end, for plans to come."""
+    requests = [lane.request for lane in chunk.lanes]
+    timing = chunk.watch.timing(
+        chunk.program.engine,
+        device_kind(),
+        lanes=chunk.program.lanes,
+        episodes=len(requests),
+        most_slices=-(-max(last_step(request) for request in requests) // SLICE_STEPS) - 1,
+    )
+    if timing is not None:
+        took_s = timing.ready_s + timing.first_s + timing.slices_s
+        logger.info("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
+        remember(chunk.timed_as or program_key(requests[0]), timing)
+
+
+def ran_on(engine: str, row: EpisodeResult) -> EpisodeResult:
+    """Returns a row that says what drove its robot."""
+    return row.model_copy(update={"engine": engine, "device": device_kind()})
+
+
+def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
+    numbers, texts = split_environment(request.environment)
+    folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
+    environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
+    return _program((request.robot, request.scenario), folders, environment, lanes, engine)
+
+
+@functools.lru_cache(maxsize=_PROGRAMS_KEPT)
+def _program(
+    launches: tuple[ApplicationLaunch, ApplicationLaunch],
+    folders: tuple[Path, Path],
+    environment: tuple[tuple[str, ...], tuple[tuple[str, str], ...]],
+    lanes: int,
+    engine: str,
+) -> Program:
+    """Returns the program of two applications; kept, so that a batch's chunks share one compilation.
+
+    Raises:
+        BundleCrash: An application does not import, or its robot is refused.
+    """
+    (robot, scenario), (names, texts) = launches, environment
+    make_controller = load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
+    make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
+    sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
+    applications = Applications(make_controller, make_scenario, dict(texts), names, sensors)
+    module = folders[0] / robot.package / f"{robot.launch_file}.py"
+    try:
+        choice = choose_engine(engine, folders[0] / "robot.xml", module, device_kind())
+        return load_program(choice, folders[0] / "robot.xml", applications, lanes)
+    except RobotRefused as refused:
+        raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
+
+
+def _place_all(
+    program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, Stage]
+) -> tuple[list[Lane], list[EpisodeResult]]:
+    """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
+    placed: list[tuple[EpisodeRequest, Stage, Placement]] = []
+    rows: list[EpisodeResult] = []
+    for request in requests:
+        numbers, texts = split_environment(request.environment)
+        environment = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
+        try:
+            program.applications.require_sensors(environment)
+            scenario = program.applications.placing_scenario(environment)
+            stage = stages[request.world]
+            placement = place(scenario, request, worlds[request.world], stage, program.hull)
+            _require_same_shapes(placement, placed)
+        except BundleCrash as crash:
+            rows.append(failed_row(request, crash.code, crash.reason))
+        else:
+            placed.append((request, stage, placement))
+    return with_shortest_paths(placed, program.hull), rows
+
+
+def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:
+    first = placed[0][2] if placed else placement
+    shapes, others = ([(each.shape, each.dtype.name) for each in one.given] for one in (placement, first))
+    if shapes != others:
+        raise BundleCrash(
+            "SimulationApplicationCrash", f"scenario.place: given of {shapes}, where other episodes have {others}"
+        )
+
+
+def _advance_until_done(
+    chunk: ReadyChunk,
+    run: Run,
+    should_stop: Callable[[], bool],
+    progress: Callable[[int], None],
+    recorder: Recorder | None,
+) -> tuple[LaneState, list[Float32[np.ndarray, "lanes steps 3"]]]:
+    """Returns the lanes' last state, without the applications' own, and the poses of each slice."""
+    state = run.begin()
+    if recorder is not None:
+        recorder.begin(len(chunk.lanes), CONTROL_S)
+    poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
+    while not np.all(state.done) and not should_stop():
+        state, record = run.advance(state)
+        poses.append(np.asarray(record.pose))
+        chunk.watch.mark()
+        if recorder is not None:
+            recorder.keep(record, np.asarray(state.step))
+        progress(len(chunk.rows) + int(np.count_nonzero(np.asarray(state.done)[: len(chunk.lanes)])))
+    return jax.device_get(state._replace(controller=None, scenario=None)), poses

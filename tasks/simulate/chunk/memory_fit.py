@@ -1,0 +1,83 @@
+"""A chunk that does not fit into memory is run in parts, half as large each time, until they fit.
+
+A lane's result does not depend on how many lanes run beside it (docs/decisions/0004), so neither the chunk's rows nor
+what is committed changes.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from tasks.simulate.plan.chunks import Chunk
+
+logger = logging.getLogger(__name__)
+# A program's lanes are whole vectors of eight on each device: with fewer it takes no less memory.
+FEWEST_LANES = 8
+Simulate = Callable[[Chunk, int], list[EpisodeResult]]
+
+
+class Fitted(NamedTuple):
+    """A chunk's rows in request order, and how many lanes fitted."""
+
+    rows: list[EpisodeResult]
+    lanes: int
+
+
+def simulate_fitting(chunk: Chunk, lanes: int, simulate: Simulate, stopped: Callable[[], bool]) -> Fitted:
+    """Returns a chunk's rows, simulated with as many lanes at a time as the memory holds.
+
+    Args:
+        chunk: The chunk.
+        lanes: Most lanes to try.
+        simulate: Runs a part of the chunk with so many lanes.
+        stopped: Whether the rest shall not be begun.
+
+    Raises:
+        Exception: Whatever else than a lack of memory goes wrong.
+    """
+    rows: list[EpisodeResult] = []
+    while len(rows) < len(chunk.requests):
+        part = chunk.requests[len(rows) : len(rows) + lanes]
+        if rows and stopped():
+            rows += [unfinished(request.index, "Canceled", failure_code="", failure_reason="") for request in part]
+            continue
+        done, lack = _tried(chunk.model_copy(update={"requests": part}), lanes, simulate)
+        if done is not None:
+            rows += done
+        elif lanes > FEWEST_LANES:
+            lanes = max(FEWEST_LANES, lanes // 2)
+            logger.warning("chunk %d: out of memory, going on with %d lanes: %s", chunk.number, lanes, lack)
+        else:
+            rows += _lacking(part, lack)
+    return Fitted(rows, lanes)
+
+
+def after_deaths(lanes: int, attempts: int) -> int:
+    """Returns how many lanes to begin a chunk with whose process died so often: the kernel may have ended it.
+
+    The first death is taken for an accident.
+    """
+    return max(min(lanes, FEWEST_LANES), lanes >> max(0, attempts - 2))
+
+
+def _tried(chunk: Chunk, lanes: int, simulate: Simulate) -> tuple[list[EpisodeResult] | None, str]:
+    """Returns rows, or None and what the lack of memory was called; what it held is free again then."""
+    try:
+        return simulate(chunk, lanes), ""
+    except MemoryError as exc:
+        return None, str(exc)
+    except RuntimeError as exc:
+        if "RESOURCE_EXHAUSTED" not in str(exc):  # XLA's status for an allocation that failed
+            raise
+        return None, str(exc)
+
+
+def _lacking(requests: Sequence[EpisodeRequest], lack: str) -> list[EpisodeResult]:
+    reason = f"out of memory even with {FEWEST_LANES} lanes: {' '.join(lack.split())[:500]}"
+    return [
+        unfinished(
+            request.index, "Failed", failure_code="InternalServiceError", failure_reason=reason, outcome_reason="crash"
+        )
+        for request in requests
+    ]

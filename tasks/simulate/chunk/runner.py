@@ -1,0 +1,67 @@
+"""The one way into the simulation: a chunk of episodes in, rows out.
+
+This module imports no JAX itself, so that importing it is cheap and JAX's settings can still be made.
+"""
+
+import contextlib
+import io
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from specs.data.episode import EpisodeResult
+from specs.data.world import World
+from tasks.simulate.devices import prepare_devices
+from tasks.simulate.lane.recording import Recorder
+from tasks.simulate.plan.chunks import Chunk, ProgramKey
+
+
+def _nobody(done: int) -> None:
+    """Drops what is told: nobody watches."""
+
+
+def simulate_chunk(
+    chunk: Chunk,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+    should_stop: Callable[[], bool],
+    progress: Callable[[int], None] = _nobody,
+    recorder: Recorder | None = None,
+    timed_as: ProgramKey | None = None,
+) -> list[EpisodeResult]:
+    """Returns the results of a chunk's episodes, in request order.
+
+    Whatever goes wrong inside an episode is its row: applications that do not import, raise or return what is not
+    finite; worlds that are missing; states that blow up. The other rows are the same bits without it.
+
+    Args:
+        chunk: At most ``lanes`` episodes that share a program.
+        worlds: By ``<generation>/<world>``; more than the chunk needs are ignored.
+        bundles: Unpacked folders of the chunk's applications, by digest.
+        lanes: How many lanes every chunk of the batch is padded to.
+        engine: ``auto``, or the engine that must run them (``tasks.simulate.engine.choice``).
+        should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
+        progress: Told as often how many of the chunk's episodes are done.
+        recorder: Given what the lanes do.
+        timed_as: Program to remember the time for, if requests name folders that plans do not know.
+
+    Raises:
+        JaxAlreadyImported: JAX was imported before its settings could be made.
+    """
+    prepare_devices()
+    with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
+        from tasks.simulate.chunk.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
+
+    return run_chunk(
+        chunk,
+        worlds,
+        bundles,
+        lanes=lanes,
+        engine=engine,
+        should_stop=should_stop,
+        progress=progress,
+        recorder=recorder,
+        timed_as=timed_as,
+    )

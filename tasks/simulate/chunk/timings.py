@@ -1,0 +1,137 @@
+"""How long this machine took for chunks, remembered in the user's cache folder, for `simyard plan` to predict by.
+
+Nothing of it is ever part of a result. A folder that cannot be written to, or a file of another version, is as good as
+no memory at all.
+"""
+
+import hashlib
+import logging
+import resource
+import sys
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from specs.base import Spec
+from tasks.simulate.plan.chunks import ProgramKey
+from tasks.storage.base.atomic_file import whole_file
+from tasks.storage.base.cache_folder import cache_folder
+
+logger = logging.getLogger(__name__)
+_KEPT = 12
+# Linux counts in kibibytes, macOS in bytes.
+_PEAK_UNIT = 1 if sys.platform == "darwin" else 1024
+
+
+class ChunkTiming(Spec):
+    """What one chunk took that came to its end.
+
+    Attributes:
+        lanes: Of the program, idle ones included.
+        episodes: How many of them held episodes.
+        ready_s: To load applications and worlds, and to place robots.
+        first_s: For the first slice of control steps: compiling, or loading what was compiled, included.
+        slices: How many slices followed.
+        slices_s: What those took.
+        most_slices: How many would have followed if an episode had taken its full duration.
+        peak_bytes: The most memory that the process held until then.
+    """
+
+    engine: str
+    device: str
+    lanes: int
+    episodes: int
+    ready_s: float
+    first_s: float
+    slices: int
+    slices_s: float
+    most_slices: int
+    peak_bytes: int
+
+
+_TIMINGS = TypeAdapter(list[ChunkTiming])
+_collecting: ContextVar[list[ChunkTiming] | None] = ContextVar("simyard_chunk_timings", default=None)
+
+
+class ChunkWatch:
+    """Takes the times of a chunk."""
+
+    def __init__(self) -> None:
+        """Begins now."""
+        self._marks_s = [time.monotonic()]
+
+    def mark(self) -> None:
+        """Notes the time: when lanes are ready, then at the end of each slice."""
+        self._marks_s.append(time.monotonic())
+
+    def timing(self, engine: str, device: str, *, lanes: int, episodes: int, most_slices: int) -> ChunkTiming | None:
+        """Returns what the chunk took; None of one that was not driven."""
+        if len(self._marks_s) <= 2:
+            return None
+        began_s, ready_s, first_s, *_ = self._marks_s
+        return ChunkTiming(
+            engine=engine,
+            device=device,
+            lanes=lanes,
+            episodes=episodes,
+            ready_s=ready_s - began_s,
+            first_s=first_s - ready_s,
+            slices=len(self._marks_s) - 3,
+            slices_s=self._marks_s[-1] - first_s,
+            most_slices=most_slices,
+            peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _PEAK_UNIT,
+        )
+
+
+@contextmanager
+def collected() -> Generator[list[ChunkTiming], None, None]:
+    """Yields a list that gets each timing which is remembered inside the ``with`` block."""
+    timings: list[ChunkTiming] = []
+    token = _collecting.set(timings)
+    try:
+        yield timings
+    finally:
+        _collecting.reset(token)
+
+
+def remember(program: ProgramKey, timing: ChunkTiming) -> None:
+    """Adds a timing to the last ones of a program, for as long as the cache folder is kept."""
+    collecting = _collecting.get()
+    if collecting is not None:
+        collecting.append(timing)
+    path = _path(program)
+    try:
+        with whole_file(path) as file:
+            file.write(_TIMINGS.dump_json([*_read(path), timing][-_KEPT:]))
+    except OSError as exc:
+        logger.debug("timings are not remembered: %s", exc)
+
+
+def recalled(program: ProgramKey) -> list[ChunkTiming]:
+    """Returns the last timings of a program on this machine, oldest first."""
+    return _read(_path(program))
+
+
+def recalled_of_engine(engine: str, device: str) -> list[ChunkTiming]:
+    """Returns the last timings of all programs that an engine ran on this machine."""
+    found = (timing for path in sorted(_folder().glob("*.json")) for timing in _read(path))
+    return [timing for timing in found if (timing.engine, timing.device) == (engine, device)]
+
+
+def _read(path: Path) -> list[ChunkTiming]:
+    try:
+        return _TIMINGS.validate_json(path.read_bytes())
+    except (OSError, ValidationError):
+        return []
+
+
+def _folder() -> Path:
+    return cache_folder() / "timings"
+
+
+def _path(program: ProgramKey) -> Path:
+    return _folder() / f"{hashlib.sha256(repr(program).encode()).hexdigest()}.json"

@@ -1,0 +1,1 @@
+"""The mjx engine. Only tasks.simulate.engine may import it."""

@@ -1,0 +1,133 @@
+"""The MJX model of one robot with obstacle slots, made once and shared by all lanes and worlds."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float32, Int
+
+from tasks.simulate.application.robot_mjcf import (
+    CONTROL_S,
+    Base,
+    Hull,
+    add_obstacle,
+    base_of,
+    collision_bits,
+    compiled,
+    hull_of,
+    read_robot,
+    rest_position,
+)
+from tasks.simulate.engine.mjx.quiet_mjx import mjx
+from tasks.simulate.engine.mjx.refusals import refuse_what_mjx_lacks
+from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.surroundings.obstacles import PARKING_M
+
+# Against C MuJoCo with all hundred obstacles: median 1.5e-5 m after 10 s of bumping (physics.md).
+BOX_SLOTS = 5
+CYLINDER_SLOTS = 3
+_NEWTON_ITERATIONS = 2
+_LINE_SEARCHES = 4
+_SPECK_M = 0.05
+# Also on a GPU, where MJX may prefer Warp: it keeps forces and contacts elsewhere, and knows no window of obstacles.
+_IMPLEMENTATION = "jax"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A robot as the engine steps it.
+
+    Attributes:
+        model: The robot with its slots parked.
+        data: The state that a step starts from, but for what changes.
+        host: The same model for C MuJoCo.
+        base: How it stands in the world.
+        rest: Its coordinates before it is placed at a start.
+        rest_act: Its actuators' activations then.
+        box_slots: Geom ids of the boxes in ``model``.
+        cylinder_slots: Geom ids of the capsules that stand for cylinders.
+        physics_steps: In one control step.
+    """
+
+    model: mjx.Model
+    data: mjx.Data
+    host: mujoco.MjModel
+    base: Base
+    rest: Float32[np.ndarray, "coordinates"]
+    rest_act: Float32[np.ndarray, "activations"]
+    box_slots: Int[np.ndarray, "boxes"]
+    cylinder_slots: Int[np.ndarray, "cylinders"]
+    hull: Hull
+    physics_steps: int
+
+    @property
+    def actuators(self) -> int:
+        """Returns how many numbers a control has."""
+        return int(self.host.nu)
+
+    @property
+    def only_obstacles_hold(self) -> bool:
+        """Returns whether nothing but obstacles can hold the base: no floor, no limits, no friction of joints."""
+        host = self.host
+        held = host.jnt_limited.any() or host.dof_frictionloss.any() or host.neq or host.ntendon
+        return not (self.base.free or self.base.articulated or held)
+
+
+def load_robot(path: Path) -> RobotModel:
+    """Returns the model of a ``robot.xml``.
+
+    Raises:
+        RobotRefused: The robot cannot be represented; says which element, and the remedy.
+    """
+    spec = read_robot(path)
+    alone = compiled(spec)
+    base, hull = base_of(alone), hull_of(alone)
+    refuse_what_mjx_lacks(alone)
+    boxes, cylinders = _add_slots(spec)
+    _tune(spec, alone, base)
+    host = compiled(spec)
+    try:
+        model = mjx.put_model(host, impl=_IMPLEMENTATION)
+        data = mjx.make_data(model)
+    except NotImplementedError as exc:
+        raise RobotRefused(f"robot.xml: MJX refuses: {exc}: set engine: mujoco") from exc
+    return RobotModel(
+        model=model,
+        data=data,
+        host=host,
+        base=base,
+        rest=rest_position(host).astype(np.float32),
+        rest_act=np.array(host.key_act[0] if host.nkey else np.zeros(host.na), np.float32),
+        box_slots=np.array([host.geom(name).id for name in boxes]),
+        cylinder_slots=np.array([host.geom(name).id for name in cylinders]),
+        hull=hull,
+        physics_steps=round(CONTROL_S / host.opt.timestep),
+    )
+
+
+def _add_slots(spec: mujoco.MjSpec) -> tuple[list[str], list[str]]:
+    """Adds parked slots; cylinders are capsules, since MJX's cylinders are slow, and equal beside their caps."""
+    bits = collision_bits(spec)
+    boxes = [f"box-slot-{k}" for k in range(BOX_SLOTS)]
+    cylinders = [f"cylinder-slot-{k}" for k in range(CYLINDER_SLOTS)]
+    for k, name in enumerate(boxes + cylinders):
+        kind = mujoco.mjtGeom.mjGEOM_BOX if name in boxes else mujoco.mjtGeom.mjGEOM_CAPSULE
+        geom = add_obstacle(spec, name, kind, bits)
+        geom.pos = [PARKING_M + k, PARKING_M, 0.0]
+        geom.size = [_SPECK_M] * 3
+    return boxes, cylinders
+
+
+def _tune(spec: mujoco.MjSpec, alone: mujoco.MjModel, base: Base) -> None:
+    """Sets the solver as measured: two Newton iterations hold for a hull among eight obstacles.
+
+    All of MuJoCo's solvers look for the same forces; Newton's is the one that MJX is fastest with.
+    """
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    if not (base.free or base.articulated):
+        spec.option.iterations = _NEWTON_ITERATIONS
+        spec.option.ls_iterations = _LINE_SEARCHES
+    if not alone.dof_damping.any():
+        # There is nothing to damp implicitly, and MJX need not factor a matrix for it.
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)

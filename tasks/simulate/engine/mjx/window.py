@@ -1,0 +1,52 @@
+"""The obstacle window: the few solids near the robot, written into the slots of one MJX model.
+
+MJX pays for every geom pair at every step, near or far. Of an apartment's hundred solids only those within reach of
+the next control step can matter, so each lane's model holds slots for those, refilled at each control step.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from tasks.simulate.engine.mjx.model import RobotModel
+from tasks.simulate.engine.mjx.quiet_mjx import mjx
+from tasks.simulate.surroundings.lidar import Boxes, Cylinders
+from tasks.simulate.surroundings.obstacle_distance import distance_of_all_m, to_boxes_m, to_cylinders_m
+
+
+class Window(NamedTuple):
+    """The nearest obstacles of one lane, and the distance of the nearest of all to the robot's centre."""
+
+    boxes: Boxes
+    cylinders: Cylinders
+    distance_m: Float[jax.Array, ""]
+
+
+def nearest_obstacles(
+    boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], box_count: int, cylinder_count: int
+) -> Window:
+    """Returns the boxes and cylinders nearest to a point, seen from above."""
+    to_boxes, to_cylinders = to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)
+    near_boxes, box_index = jax.lax.top_k(-to_boxes, box_count)
+    near_cylinders, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
+    return Window(boxes[box_index], cylinders[cylinder_index], -jnp.maximum(near_boxes[0], near_cylinders[0]))
+
+
+def distance_m(window: Window, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
+    """Returns how far a point is from the window's nearest obstacle; at most 0 inside one."""
+    return distance_of_all_m(window.boxes, window.cylinders, center_m)
+
+
+def with_window(robot: RobotModel, window: Window) -> mjx.Model:
+    """Returns the robot's model with the window's obstacles in its slots."""
+    base, box, cylinder = robot.model, robot.box_slots, robot.cylinder_slots
+    half_yaw = jnp.arctan2(window.boxes[:, 7], window.boxes[:, 6]) / 2
+    flat = jnp.zeros_like(half_yaw)
+    turn = jnp.stack([jnp.cos(half_yaw), flat, flat, jnp.sin(half_yaw)], axis=-1)
+    return base.replace(
+        geom_pos=base.geom_pos.at[box].set(window.boxes[:, :3]).at[cylinder].set(window.cylinders[:, :3]),
+        geom_quat=base.geom_quat.at[box].set(turn),
+        geom_size=base.geom_size.at[box].set(window.boxes[:, 3:6]).at[cylinder, :2].set(window.cylinders[:, 3:5]),
+    )

@@ -1,0 +1,1 @@
+"""The planar engine, in plain JAX. Only tasks.simulate.engine may import it."""

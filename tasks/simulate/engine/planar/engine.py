@@ -1,0 +1,175 @@
+"""The planar engine: mobile bases among upright boxes and cylinders, stepped as C MuJoCo would, in plain JAX.
+
+It runs the robots that ``planar_model.planar_robot`` accepts. A robot in the plane has three degrees of freedom and its
+contacts are those of discs, so a step is a few hundred operations on scalars; mapped over lanes, each is one vector
+operation.
+"""
+
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from tasks.simulate.engine.planar.algebra import Moving, Planar, Scalar, Symmetric, plus, plus_square, solved, times
+from tasks.simulate.engine.planar.contact import Bearing, Contact, bearing, contact, touch
+from tasks.simulate.engine.planar.model import planar_robot
+from tasks.simulate.engine.planar.motors import Push, push
+from tasks.simulate.engine.planar.parts import PlanarRobot
+from tasks.simulate.engine.planar.solver import contact_force, minimizer
+from tasks.simulate.engine.planar.window import Boxes, Cylinders, Obstacle, distance_m, window
+from tasks.simulate.lane.lane_state import Body, LaneInputs, Motion, Work
+from tasks.simulate.lane.step import Mechanics
+
+# Obstacles that a robot may touch in one control step. They are those nearest to its axis: around it three were always
+# enough, but an arm's length from it six (heavy contact in dense clutter, against C among all obstacles).
+_AROUND_ONE_DISC = 6
+_AROUND_MORE = 8
+
+
+class _Surroundings(NamedTuple):
+    """What does not change during a control step: where it began, the obstacles, and how each disc lies to each."""
+
+    origin: Planar
+    obstacles: list[Obstacle]
+    bearings: list[list[Bearing]]
+    controls: list[Scalar]
+
+
+class _Robot(NamedTuple):
+    """The robot's state; its place is relative to where the control step began, so that small steps count exactly."""
+
+    moved: Planar
+    rate: Planar
+    activations: list[Scalar]
+    acceleration: Planar
+
+
+class _Spent(NamedTuple):
+    """What is summed up over a control step; fields as in Work."""
+
+    impulse_ns: Scalar
+    push_x_ns: Scalar
+    push_y_ns: Scalar
+    energy_j: Scalar
+
+
+def planar_mechanics(path: Path) -> Mechanics:
+    """Returns the robot of a ``robot.xml`` on this engine.
+
+    Raises:
+        RobotRefused: The engine cannot represent it; names every culprit, and the remedy.
+    """
+    robot = planar_robot(path)
+    return Mechanics(
+        engine="planar",
+        hull=robot.hull,
+        actuators=robot.actuators,
+        first_body=functools.partial(first_body, robot),
+        drive=functools.partial(drive, robot),
+    )
+
+
+def first_body(robot: PlanarRobot, start: Float[jax.Array, "3"]) -> Body:
+    """Returns a robot at rest at its start."""
+    still = jnp.zeros_like(start)
+    return Body(start, still, jnp.asarray(robot.rest_activations, start.dtype), still)
+
+
+def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax.Array, "actuators"]) -> Motion:
+    """Returns what a control step's physics does to a robot."""
+    return drive_among(robot, inputs.boxes, inputs.cylinders, body, control)
+
+
+def drive_among(
+    robot: PlanarRobot, boxes: Boxes, cylinders: Cylinders, body: Body, control: Float[jax.Array, "actuators"]
+) -> Motion:
+    """Returns what a control step's physics does to a robot among obstacles."""
+    origin = Planar(*body.qpos)
+    obstacles = window(boxes, cylinders, body.qpos[:2], _window_size(robot))
+    bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
+    around = _Surroundings(origin, obstacles, bearings, list(control))
+    nil = jnp.zeros_like(origin.x)
+    begin = _Robot(Planar(nil, nil, nil), Planar(*body.qvel), list(body.act), Planar(*body.warmstart))
+
+    def physics_step(carry: tuple[_Robot, _Spent], _: None) -> tuple[tuple[_Robot, _Spent], None]:
+        return _physics_step(robot, around, *carry), None
+
+    nothing = _Spent(nil, nil, nil, nil)
+    (end, spent), _ = jax.lax.scan(physics_step, (begin, nothing), None, length=robot.physics_steps)
+    place = jnp.stack([start + moved for start, moved in zip(origin, end.moved, strict=True)])
+    activations = jnp.stack(end.activations) if end.activations else body.act
+    after = Body(place, jnp.stack(end.rate), activations, jnp.stack(end.acceleration))
+    work = Work(spent.impulse_ns, jnp.stack([spent.push_x_ns, spent.push_y_ns]), spent.energy_j)
+    return Motion(after, work, distance_m(obstacles, end.moved.x, end.moved.y) - robot.hull.radius_m)
+
+
+def _window_size(robot: PlanarRobot) -> int:
+    central = len(robot.discs) == 1 and not (robot.discs[0].forward_m or robot.discs[0].left_m)
+    return _AROUND_ONE_DISC if central else _AROUND_MORE
+
+
+def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spent: _Spent) -> tuple[_Robot, _Spent]:
+    place = plus(around.origin, before.moved)
+    moving = Moving(place, jnp.cos(place.yaw), jnp.sin(place.yaw), before.rate)
+    pushed = push(robot, around.controls, before.activations, moving)
+    mass, acting = _mass(robot, moving), _acting(robot, pushed, moving)
+    contacts = _contacts(robot, around, before.moved, moving)
+    targets = [-friction.damping * before.rate[friction.axis] for friction in robot.dry_frictions]
+    dry = list(zip(robot.dry_frictions, targets, strict=True))
+    acceleration = minimizer(mass, acting, contacts, dry, before.acceleration)
+    rate = plus(before.rate, _integrated(robot, mass, pushed, acceleration), robot.step_s)
+    after = _Robot(plus(before.moved, rate, robot.step_s), rate, pushed.activations, acceleration)
+    return after, _spent(robot, spent, pushed.power_w, contact_force(contacts, acceleration))
+
+
+def _spent(robot: PlanarRobot, before: _Spent, power_w: Scalar, contact_n: tuple[Scalar, Scalar]) -> _Spent:
+    x_n, y_n = contact_n
+    return _Spent(
+        before.impulse_ns + robot.step_s * jnp.sqrt(x_n**2 + y_n**2),
+        before.push_x_ns + robot.step_s * x_n,
+        before.push_y_ns + robot.step_s * y_n,
+        before.energy_j + robot.step_s * power_w,
+    )
+
+
+def _mass(robot: PlanarRobot, moving: Moving) -> Symmetric:
+    """Returns the mass matrix; an offset centre of mass turns with the base."""
+    x, y, w = (jnp.full_like(moving.cos, mass) for mass in robot.masses)
+    lever_x, lever_y = moving.turned(*robot.lever)
+    return Symmetric(x, jnp.zeros_like(x), -lever_y, y, lever_x, w)
+
+
+def _acting(robot: PlanarRobot, pushed: Push, moving: Moving) -> Planar:
+    """Returns the forces besides constraints: motors, joint damping, and the pull of an offset centre of mass."""
+    lever_x, lever_y = moving.turned(*robot.lever)
+    swing = moving.rate.yaw**2
+    damped = [force - loss * rate for force, loss, rate in zip(pushed.force, robot.damping, moving.rate, strict=True)]
+    return Planar(damped[0] + swing * lever_x, damped[1] + swing * lever_y, damped[2])
+
+
+def _contacts(robot: PlanarRobot, around: _Surroundings, moved: Planar, moving: Moving) -> list[Contact]:
+    found: list[Contact] = []
+    for disc, bearings in zip(robot.discs, around.bearings, strict=True):
+        arm = moving.turned(disc.forward_m, disc.left_m) if disc.forward_m or disc.left_m else None
+        x, y = (moved.x, moved.y) if arm is None else (moved.x + arm[0], moved.y + arm[1])
+        for obstacle, how in zip(around.obstacles, bearings, strict=True):
+            found.append(contact(disc, touch(disc, obstacle, how, x, y), arm, moving.rate))
+    return found
+
+
+def _integrated(robot: PlanarRobot, mass: Symmetric, pushed: Push, acceleration: Planar) -> Planar:
+    """Returns the acceleration that the integrator uses (MuJoCo documentation, "Numerical integration")."""
+    if not (robot.implicit_damping or robot.implicit_motors):
+        return acceleration
+    heavier = mass
+    if robot.implicit_damping:
+        x, y, w = (robot.step_s * loss for loss in robot.damping)
+        heavier = heavier._replace(xx=heavier.xx + x, yy=heavier.yy + y, ww=heavier.ww + w)
+    for moment, slope in pushed.slopes:
+        heavier = plus_square(heavier, moment, -robot.step_s * slope)
+    if robot.uncoupled:
+        heavier = heavier._replace(xy=mass.xy, xw=mass.xw, yw=mass.yw)
+    return solved(heavier, times(mass, acceleration))

@@ -1,0 +1,188 @@
+"""What a batch would need, said before it runs: counted and not listed, and in general without importing JAX."""
+
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from specs.base import Spec
+from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from tasks.simulate.chunk.timings import recalled, recalled_of_engine
+from tasks.simulate.devices import DeviceKind, device_count, device_kind
+from tasks.simulate.engine.choice import EngineChoice
+from tasks.simulate.forecast.cost import (
+    Span,
+    Speed,
+    compiling_s,
+    driving_s,
+    memory_bytes,
+    probed_speed,
+    remembered_speed,
+)
+from tasks.simulate.forecast.remembered_engine import remembered_choice
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.chunks import program_key
+from tasks.simulate.plan.layout import Layout
+from tasks.storage.base.cache_folder import cache_folder
+
+Basis = Literal["this very program", "other programs", "nothing"]
+# From what is known best.
+_BASES: Sequence[Basis] = ("this very program", "other programs", "nothing")
+_STEPS_A_SECOND = 200
+# Importing JAX and Prefect, the server's start, and for each episode its row in chunk and tables.
+_START_S = Span(low=4.0, high=20.0)
+_ROW_S = Span(low=0.2e-3, high=1e-3)
+_REFERENCE = "mujoco"
+
+
+class RobotPlan(Spec):
+    """What is going to drive a robot application.
+
+    Attributes:
+        robot: The application's name.
+        choice: Its engine and why; None if none takes the robot.
+        refusal: Why none does, with the remedies; or empty.
+    """
+
+    robot: str
+    choice: EngineChoice | None
+    refusal: str = ""
+
+
+class EnginePlan(Spec):
+    """How a batch is going to be simulated.
+
+    Attributes:
+        episodes: How many there are.
+        robots: What drives each robot application.
+        device: The kind of device that JAX will run on.
+        devices: Host devices that share the lanes.
+        lanes: Lanes of a chunk.
+        chunks: Runs of compiled programs.
+        compilations: Different programs; worlds, seeds and numeric variables add none.
+        audited: Episodes that are driven again at the end.
+        lane_steps_at_most: Physics steps of all lanes, if every episode took its full duration.
+        wall_s: From the command to the batch's tables and audit.
+        memory_bytes: The most that the process holds.
+        known_from: What on this machine the two were told from, of the program that is known least.
+    """
+
+    episodes: int
+    robots: tuple[RobotPlan, ...]
+    device: DeviceKind
+    devices: int
+    lanes: int
+    chunks: int
+    compilations: int
+    audited: int
+    lane_steps_at_most: int
+    wall_s: Span
+    memory_bytes: Span
+    known_from: Basis
+
+
+def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
+    """Returns how a batch would be simulated.
+
+    Args:
+        plan: The batch.
+        folders: Unpacked folders of its applications, by digest.
+    """
+    layout, kind = Layout(plan), device_kind()
+    choices = {launch: _robot(plan.engine, launch, folders, kind) for launch in _robots(plan)}
+    programs = [
+        _Program(request, episodes, choice.engine, kind, plan.lanes)
+        for request, episodes in layout.programs()
+        if (choice := choices[request.robot].choice)
+    ]
+    longest_s = max((template.duration_s for template in plan.templates), default=0.0)
+    audited = min(plan.audit, layout.episodes) if programs else 0
+    return EnginePlan(
+        episodes=layout.episodes,
+        robots=tuple(choices.values()),
+        device=kind,
+        devices=device_count(),
+        lanes=plan.lanes,
+        chunks=layout.chunks,
+        compilations=len(layout.programs()),
+        audited=audited,
+        lane_steps_at_most=_lane_steps(plan),
+        wall_s=_wall_s(programs, layout.episodes, plan.lanes, longest_s, audited),
+        memory_bytes=_most(programs, plan.lanes, audited),
+        known_from=_BASES[max((_BASES.index(each.basis) for each in programs), default=-1)],
+    )
+
+
+class _Program:
+    """A program of a batch, and what is known of its speed."""
+
+    def __init__(self, request: EpisodeRequest, episodes: int, engine: str, device: DeviceKind, lanes: int) -> None:
+        self.device: DeviceKind = device
+        self.request, self.episodes, self.engine = request, episodes, engine
+        self.speed: Speed
+        self.basis: Basis
+        self.speed, self.basis = _speed(request, engine, device, lanes)
+
+    def reference(self, lanes: int) -> "_Program":
+        """Returns the program that audits it."""
+        return _Program(self.request, self.episodes, _REFERENCE, self.device, lanes)
+
+    def wall_s(self, episodes: int, lanes: int, longest_s: float) -> Span:
+        """Returns what some of its episodes take, with so many lanes."""
+        chunks = -(-episodes // lanes)
+        drive = driving_s(self.engine, self.speed, episodes=episodes, lanes=lanes, chunks=chunks, duration_s=longest_s)
+        return drive.plus(compiling_s(self.engine, self.speed))
+
+
+def _speed(request: EpisodeRequest, engine: str, device: DeviceKind, lanes: int) -> tuple[Speed, Basis]:
+    own = [each for each in recalled(program_key(request)) if (each.engine, each.device) == (engine, device)]
+    if (speed := remembered_speed(own, lanes, same_program=True)) is not None:
+        return speed, "this very program"
+    speed = _speed_of_engine(engine, device, lanes, cache_folder())
+    return (speed, "other programs") if speed is not None else (probed_speed(device_count()), "nothing")
+
+
+@functools.cache
+def _speed_of_engine(engine: str, device: DeviceKind, lanes: int, _cache: Path) -> Speed | None:
+    """Returns what programs of an engine took; read once for each cache folder, however many programs a batch has."""
+    return remembered_speed(recalled_of_engine(engine, device), lanes, same_program=False)
+
+
+def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
+    return list(dict.fromkeys(template.robot for template in plan.templates))
+
+
+def _robot(asked: str, launch: ApplicationLaunch, folders: Mapping[str, Path], kind: DeviceKind) -> RobotPlan:
+    folder = folders[launch.digest]
+    module = folder / launch.package / f"{launch.launch_file}.py"
+    answer = remembered_choice(asked, launch.digest, folder / "robot.xml", module, kind)
+    return RobotPlan(robot=launch.name, choice=answer.choice, refusal=answer.refusal)
+
+
+def _lane_steps(plan: BatchPlan) -> int:
+    settings = 1
+    for values in plan.sweep.values():
+        settings *= len(values)
+    each = settings * len(plan.seeds) * _STEPS_A_SECOND
+    return round(sum(len(plan.worlds_of(template)) * template.duration_s * each for template in plan.templates))
+
+
+def _wall_s(programs: Sequence[_Program], episodes: int, lanes: int, longest_s: float, audited: int) -> Span:
+    wall = _START_S.plus(_ROW_S.times(episodes))
+    for program in programs:
+        wall = wall.plus(program.wall_s(program.episodes, lanes, longest_s))
+    if audited:  # as if they were all of the first program
+        program = programs[0]
+        for each in (program, program.reference(min(audited, lanes))):
+            wall = wall.plus(each.wall_s(audited, min(audited, lanes), longest_s))
+    return wall
+
+
+def _most(programs: Sequence[_Program], lanes: int, audited: int) -> Span:
+    """Returns the most memory: programs follow one another in one process, which keeps what the largest took."""
+    spans = [memory_bytes(each.engine, each.speed, lanes) for each in programs]
+    if audited:
+        reference = programs[0].reference(min(audited, lanes))
+        spans.append(memory_bytes(reference.engine, reference.speed, min(audited, lanes)))
+    low, high = max((span.low for span in spans), default=0.0), max((span.high for span in spans), default=0.0)
+    return Span(low=low, high=high)

@@ -1,0 +1,233 @@
+"""What lanes did, sampled while they run, and given away for those episodes that are kept.
+
+A sample is the state at the beginning of a control step and what happened in it: where the robot was and how it moved,
+the scan it saw then, the control that was decided on it, and what contacts pushed the robot with until the next sample.
+The last sample of an episode is the state in which it ended.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from specs.data.episode import EpisodeResult
+from tasks.simulate.lane.overflow import Kept, Overflow
+
+Columns = Mapping[str, np.ndarray]
+# Samples of a usual chunk stay in memory, whatever parts it is run in; those of long episodes lie in a file that nobody
+# sees.
+_MEMORY_BYTES = 256 << 20
+_PART_BYTES = 32 << 20
+# Of the control rate; at less, an episode of two weeks would have two samples.
+_LEAST_RATE = 1e-8
+
+
+class Steps(Protocol):
+    """What is recorded of a slice of control steps, (lanes, steps) first; as ``lane_state.Record``."""
+
+    @property
+    def pose(self) -> object:
+        """Returns poses at the steps' ends."""
+        ...
+
+    @property
+    def velocity(self) -> object:
+        """Returns velocities at the steps' ends."""
+        ...
+
+    @property
+    def goal_index(self) -> object:
+        """Returns goals to go to at the steps' ends."""
+        ...
+
+    @property
+    def control(self) -> object:
+        """Returns controls during the steps."""
+        ...
+
+    @property
+    def ranges_m(self) -> object:
+        """Returns scans at the steps' beginnings."""
+        ...
+
+    @property
+    def impulse_ns(self) -> object:
+        """Returns contact impulses during the steps."""
+        ...
+
+
+class Ends(NamedTuple):
+    """How the lanes ended, for lanes in their order.
+
+    Attributes:
+        steps: Control steps that were done.
+        crashed: Whether a step after those was begun, and went wrong.
+    """
+
+    steps: Int[np.ndarray, "lanes"]
+    crashed: Bool[np.ndarray, "lanes"]
+    start: Float[np.ndarray, "lanes 3"]
+    pose: Float[np.ndarray, "lanes 3"]
+    velocity: Float[np.ndarray, "lanes 3"]
+    goal_index: Int[np.ndarray, "lanes"]
+
+
+def sample_memory() -> Overflow:
+    """Returns what holds the samples of a chunk; recorders that share it stay within its size together."""
+    return Overflow(_MEMORY_BYTES)
+
+
+class Recorder:
+    """The samples of one run of a program's lanes."""
+
+    def __init__(self, rate_hz: float, wanted: Callable[[EpisodeResult], bool], memory: Overflow | None = None) -> None:
+        """Begins without samples.
+
+        Args:
+            rate_hz: Samples in a simulated second; made a whole fraction of the control rate.
+            wanted: Whether an episode with such a result is kept.
+            memory: Holds the samples; by default what no other recorder shares.
+        """
+        self._rate_hz = rate_hz
+        self._wanted = wanted
+        self._lanes = 0
+        self._stride = 1
+        self._control_s = 0.0
+        self._steps = 0
+        self._blocks: dict[str, list[Kept]] = {}
+        self._last: dict[str, np.ndarray] = {}
+        self._overflow = memory or sample_memory()
+        self._kept: list[tuple[int, int]] = []
+        self._ends: Ends | None = None
+
+    def begin(self, lanes: int, control_s: float) -> None:
+        """Prepares for lanes.
+
+        Args:
+            lanes: How many hold episodes.
+            control_s: Length of a control step.
+        """
+        self._lanes, self._control_s = lanes, control_s
+        self._stride = max(1, round(1.0 / max(self._rate_hz * control_s, _LEAST_RATE)))
+        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
+        self._blocks = {name: [] for name in names}
+
+    def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
+        """Keeps the samples of a slice.
+
+        Args:
+            slice_: Its control steps.
+            steps: How many control steps each lane has done by its end.
+        """
+        impulse = np.asarray(slice_.impulse_ns)[: self._lanes]
+        length = impulse.shape[1]
+        numbers = np.arange(self._steps, self._steps + length)
+        begun = np.flatnonzero(numbers % self._stride == 0)
+        ended = np.flatnonzero((numbers + 1) % self._stride == 0)
+        self._add("impulse_ns", impulse.astype(np.float32))
+        for name in ("pose", "velocity", "goal_index"):
+            self._add(name, np.asarray(getattr(slice_, name))[: self._lanes, ended])
+        # Where a lane came to its end, wherever in the slice: what it had decided when it crashed.
+        last = np.clip(steps[: self._lanes] - self._steps, 0, length - 1)
+        for name in ("control", "ranges_m"):
+            whole = np.asarray(getattr(slice_, name))[: self._lanes]
+            self._add(name, whole[:, begun])
+            self._note_last(name, whole[np.arange(self._lanes), last], steps)
+        self._steps += length
+
+    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+        """Says how the lanes ended.
+
+        Args:
+            ends: Of all lanes.
+            rows: The lanes' results, in their order.
+        """
+        self._ends = ends
+        self._kept = [(lane, row.index) for lane, row in enumerate(rows) if self._wanted(row)]
+
+    @property
+    def episodes(self) -> list[int]:
+        """Returns the indices of the episodes that are kept."""
+        return [index for _, index in self._kept]
+
+    def parts(self, unwanted: Collection[int] = ()) -> Iterator[Columns]:
+        """Yields the samples of the kept episodes, some episodes at a time, as columns of equal length.
+
+        Those of the indices ``unwanted`` are left out. The columns are ``index``, ``t_s``, ``pose``, ``velocity``,
+        ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``.
+        """
+        wanted = [(lane, index) for lane, index in self._kept if index not in unwanted]
+        if not wanted or self._ends is None:
+            return
+        each = 1 + sum(kept.row_bytes for blocks in self._blocks.values() for kept in blocks)
+        at_once = max(1, _PART_BYTES // each)
+        for first in range(0, len(wanted), at_once):
+            group = wanted[first : first + at_once]
+            lanes = np.array([lane for lane, _ in group])
+            yield self._columns(lanes, np.array([index for _, index in group]), self._ends)
+
+    def _note_last(self, name: str, found: np.ndarray, steps: Int[np.ndarray, "lanes"]) -> None:
+        """Keeps what was last of each lane; of a lane that had ended before this slice, what was noted then."""
+        if name not in self._last:
+            self._last[name] = found.copy()
+            return
+        moving = steps[: self._lanes] >= self._steps
+        self._last[name][moving] = found[moving]
+
+    def _add(self, name: str, block: np.ndarray) -> None:
+        self._blocks[name].append(self._overflow.keep(block))
+
+    def _of(self, name: str, lanes: np.ndarray) -> list[np.ndarray]:
+        """Returns what was added under a name, of some lanes."""
+        return [self._overflow.get(kept)[lanes] for kept in self._blocks[name]]
+
+    def _columns(self, lanes: np.ndarray, indices: np.ndarray, ends: Ends) -> Columns:
+        """Returns the samples of some lanes. Slot j of a lane is its step j times the stride; behind them its end."""
+        steps = ends.steps[lanes]
+        # A longer stride than any episode gives the same samples, and needs no room.
+        stride = min(self._stride, max(1, int(steps.max())))
+        final = -(-steps // stride)
+        slots = np.arange(int(final.max()) + 1)
+        number = np.minimum(slots * stride, steps[:, None])
+        there = slots <= final[:, None]
+        at_end = slots == final[:, None]
+        acted = np.where(at_end, ends.crashed[lanes][:, None], there)
+        states = {name: self._states(name, lanes, ends, at_end) for name in ("pose", "velocity", "goal_index")}
+        actions = {name: self._actions(name, lanes, at_end) for name in ("control", "ranges_m")}
+        columns = {
+            "index": np.broadcast_to(indices[:, None], there.shape),
+            "t_s": np.round(number * self._control_s, 6),
+            **states,
+            "acted": acted,
+            **actions,
+            "impulse_ns": self._impulses(lanes, steps, len(slots), stride),
+        }
+        return {name: values[there] for name, values in columns.items()}
+
+    def _states(self, name: str, lanes: np.ndarray, ends: Ends, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
+        final = getattr(ends, name)[lanes]
+        first = ends.start[lanes].astype(final.dtype) if name == "pose" else np.zeros_like(final)
+        slots = _fitted([first[:, None], *self._of(name, lanes)], at_end.shape[1])
+        slots[at_end] = final
+        return slots
+
+    def _actions(self, name: str, lanes: np.ndarray, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
+        slots = _fitted(self._of(name, lanes), at_end.shape[1])
+        slots[at_end] = self._last[name][lanes]
+        return slots
+
+    def _impulses(
+        self, lanes: np.ndarray, steps: Int[np.ndarray, "lanes"], slots: int, stride: int
+    ) -> Float32[np.ndarray, "lanes slots"]:
+        """Returns what contacts pushed with from each sample to the next."""
+        every = _fitted(self._of("impulse_ns", lanes), slots * stride)
+        every[np.arange(every.shape[1]) >= steps[:, None]] = 0.0
+        return every.reshape(len(lanes), slots, stride).sum(2, dtype=np.float32)
+
+
+def _fitted(blocks: Sequence[np.ndarray], slots: int) -> np.ndarray:
+    """Returns blocks side by side in the second axis, cut or filled up with zeros to so many slots."""
+    together = np.concatenate(blocks, axis=1)[:, :slots]
+    missing = slots - together.shape[1]
+    return np.pad(together, [(0, 0), (0, missing), *[(0, 0)] * (together.ndim - 2)]) if missing else together

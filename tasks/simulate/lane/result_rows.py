@@ -1,0 +1,105 @@
+"""Lanes as result rows."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float32
+
+from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from tasks.simulate.application.code import CrashCode
+from tasks.simulate.application.contract import REASONS
+from tasks.simulate.application.robot_mjcf import CONTROL_S
+from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, LaneState
+from tasks.simulate.lane.staging import Lane
+
+# One pose in half a simulated second is kept of a failed episode.
+POSE_STEPS = 10
+_CRASHES: dict[int, tuple[CrashCode, str]] = {
+    ROBOT_CRASH: ("RobotApplicationCrash", "controller.step: returned a control that is not finite"),
+    ROBOT_CRASH + 1: ("SimulationApplicationCrash", "the robot's position or velocity is not finite, or beyond 1e10"),
+}
+
+
+def failed_row(request: EpisodeRequest, code: str, reason: str) -> EpisodeResult:
+    """Returns the row of an episode that could not start."""
+    return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
+
+
+def canceled_row(request: EpisodeRequest) -> EpisodeResult:
+    """Returns the row of an episode that was stopped before its end; what it had done by then is not kept."""
+    return unfinished(request.index, "Canceled", failure_code="", failure_reason="stopped before its end")
+
+
+def finished_row(
+    lane: Lane, position: int, state: LaneState, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
+) -> EpisodeResult:
+    """Returns the row of a lane that is done.
+
+    Args:
+        lane: The episode.
+        position: The lane's position in the chunk.
+        state: All lanes' states, on the host.
+        poses: The slices' poses at the ends of their control steps.
+    """
+    reason = REASONS[int(state.reason[position])]
+    crash = int(state.crash[position])
+    code, why = _CRASHES[crash] if crash != NO_CRASH else ("", "")
+    passed = reason == ""
+    steps, tally, pose = int(state.step[position]), state.tally, state.body.qpos[position]
+    driven = float(tally.path_length_m[position])
+    return EpisodeResult(
+        index=lane.request.index,
+        status="Failed" if code else "Completed",
+        failure_code=code,
+        failure_reason=why,
+        outcome="Passed" if passed else "Failed",
+        outcome_reason=reason,
+        simulated_s=round(steps * CONTROL_S, 6),
+        goals_reached=int(state.goal_index[position]),
+        goals_total=len(lane.placement.goals_m),
+        path_length_m=driven,
+        goal_times_s=tuple(round(int(step) * CONTROL_S, 6) for step in state.goal_steps[position] if step > 0),
+        shortest_path_m=lane.shortest_path_m,
+        spl=_spl(lane.shortest_path_m, driven, passed=passed),
+        collisions=int(tally.collisions[position]),
+        impulse_ns=float(tally.impulse_ns[position]),
+        max_impulse_ns=float(tally.max_impulse_ns[position]),
+        min_clearance_m=_finite(float(tally.min_clearance_m[position])),
+        energy_j=float(tally.energy_j[position]),
+        final_x_m=float(pose[0]),
+        final_y_m=float(pose[1]),
+        final_yaw_rad=float(pose[2]),
+        odometry_error_m=_odometry_error_m(state, position),
+        metrics={name: float(each[position]) for name, each in state.metrics.items() if np.isfinite(each[position])},
+        trajectory=() if passed else _trajectory(lane, position, steps, poses),
+    )
+
+
+def _trajectory(
+    lane: Lane, position: int, steps: int, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
+) -> tuple[tuple[float, float, float, float], ...]:
+    """Returns the poses from the start, every half second, to the last."""
+    start = lane.placement.start.astype(np.float32)[None]
+    driven = np.concatenate([start, *(each[position] for each in poses)])[: steps + 1]
+    kept = sorted({*range(0, len(driven), POSE_STEPS), len(driven) - 1})
+    return tuple((round(k * CONTROL_S, 6), float(driven[k, 0]), float(driven[k, 1]), float(driven[k, 2])) for k in kept)
+
+
+def _spl(shortest_m: float | None, driven_m: float, *, passed: bool) -> float | None:
+    """Returns success weighted by path length (Anderson et al. 2018); None where no shortest way is known."""
+    if shortest_m is None:
+        return None
+    if not passed:
+        return 0.0
+    return shortest_m / max(driven_m, shortest_m) if shortest_m > 0.0 else 1.0
+
+
+def _odometry_error_m(state: LaneState, position: int) -> float | None:
+    """Returns how far the robot's believed place is from its true one; None for a robot without odometry."""
+    if state.sensed.pose is None:
+        return None
+    return float(np.hypot(*(state.sensed.pose[position] - state.body.qpos[position])[:2]))
+
+
+def _finite(value: float) -> float:
+    return value if np.isfinite(value) else 0.0

@@ -1,0 +1,114 @@
+"""What a control step came to: the scenario's verdict, sums, and whether the lane is done."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from tasks.simulate.application.calls import Applications
+from tasks.simulate.application.contract import Truth
+from tasks.simulate.application.robot_mjcf import CONTROL_S
+from tasks.simulate.lane.lane_state import (
+    NO_CRASH,
+    ROBOT_CRASH,
+    SIMULATION_CRASH,
+    Body,
+    Decision,
+    LaneInputs,
+    LaneState,
+    Motion,
+    Record,
+    Tally,
+    Work,
+)
+from tasks.simulate.lane.sense import feel
+
+# What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.
+_MOST = 1e10
+TIMEOUT = 2  # index in contract.REASONS
+CRASH = 5
+
+
+def settle(
+    applications: Applications,
+    inputs: LaneInputs,
+    state: LaneState,
+    decided: Decision,
+    motion: Motion,
+) -> tuple[LaneState, Record]:
+    """Returns a lane after a control step that a controller decided and an engine drove.
+
+    A lane that is done stays as it is, bit for bit.
+    """
+    body, work, clearance_m = motion
+    finite_control = jnp.isfinite(decided.control).all()
+    sound_body = jnp.stack([(jnp.abs(each) < _MOST).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
+    step = state.step + 1
+    truth = _truth(inputs, body, work, clearance_m, step)
+    scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
+    crash = jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~sound_body, SIMULATION_CRASH, NO_CRASH))
+    timeout = ~verdict.done & (step >= inputs.last_step)
+    reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, verdict.reason))
+    moved = LaneState(
+        body=body,
+        sensed=feel(applications, inputs, state, motion),
+        controller=decided.controller,
+        scenario=scenario_state,
+        metrics=applications.metrics(inputs.numbers, scenario_state),
+        tally=_tally(state, body, work, clearance_m),
+        step=step,
+        goal_index=verdict.goal_index,
+        goal_steps=_goal_steps(state, verdict.goal_index, step),
+        done=verdict.done | timeout,
+        reason=reason,
+        crash=crash,
+    )
+    # A lane that crashes keeps its last sound state, and says only that it crashed.
+    crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
+    chosen = _select(crash > 0, crashed, moved)
+    final = _select(state.done, state, chosen)
+    record = Record(
+        pose=final.body.qpos,
+        velocity=final.body.qvel,
+        goal_index=final.goal_index,
+        control=decided.control,
+        ranges_m=decided.ranges_m,
+        impulse_ns=work.impulse_ns,
+    )
+    return final, record
+
+
+def _truth(
+    inputs: LaneInputs, body: Body, work: Work, clearance_m: Float[jax.Array, ""], step: Int[jax.Array, ""]
+) -> Truth:
+    bounds, place = inputs.floor.bounds_m, body.qpos[:2]
+    inside = jnp.all((place >= bounds[:2]) & (place <= bounds[2:]))
+    return Truth(step * CONTROL_S, body.qpos, body.qvel, clearance_m, work.impulse_ns, inside)
+
+
+def _tally(state: LaneState, body: Body, work: Work, clearance_m: Float[jax.Array, ""]) -> Tally:
+    tally, touching = state.tally, work.impulse_ns > 0.0
+    way = body.qpos[:2] - state.body.qpos[:2]
+    return Tally(
+        path_length_m=tally.path_length_m + jnp.sqrt(jnp.sum(way**2)),
+        collisions=tally.collisions + (touching & ~tally.touching),
+        touching=touching,
+        impulse_ns=tally.impulse_ns + work.impulse_ns,
+        max_impulse_ns=jnp.maximum(tally.max_impulse_ns, work.impulse_ns),
+        min_clearance_m=jnp.minimum(tally.min_clearance_m, clearance_m),
+        energy_j=tally.energy_j + work.energy_j,
+    )
+
+
+def _goal_steps(state: LaneState, reached: Int[jax.Array, ""], step: Int[jax.Array, ""]) -> Int[jax.Array, "goals"]:
+    """Returns after how many steps each goal was reached, those reached in this step filled in."""
+    goals = jnp.arange(state.goal_steps.shape[0])
+    return jnp.where((goals < reached) & (state.goal_steps == 0), step, state.goal_steps)
+
+
+def _select(choose: Bool[jax.Array, ""], yes: LaneState, no: LaneState) -> LaneState:
+    """Returns one of two states; what is the same array in both, such as a plan, is not touched at all."""
+
+    def pick(a: jax.Array, b: jax.Array) -> jax.Array:
+        return a if a is b else jnp.where(choose, a, jnp.asarray(b).astype(jnp.asarray(a).dtype))
+
+    return jax.tree.map(pick, yes, no)

@@ -1,0 +1,146 @@
+"""Episodes made ready on the host: worlds as arrays, starts and goals drawn, everything stacked lane by lane."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from specs.data.episode import EpisodeRequest
+from specs.data.world import World
+from tasks.simulate.application.code import BundleCrash, guarded
+from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Scenario
+from tasks.simulate.application.robot_mjcf import CONTROL_S, Hull
+from tasks.simulate.application.sensors import Lidar
+from tasks.simulate.lane.lane_state import LaneInputs
+from tasks.simulate.lane.noise import seed_words
+from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.surroundings.floor_map import floor_maps
+from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, padded
+from tasks.simulate.surroundings.shortest_path import shortest_paths_m
+from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, padded_silhouettes, silhouettes
+
+_SEEN_M = 1e-3  # half the thickness of the lidar's plane
+
+
+class Stage(NamedTuple):
+    """One world as arrays: what is touched, what is seen, and the map."""
+
+    touched: Obstacles
+    seen: HostSilhouettes
+    floor: HostMap
+
+
+class Lane(NamedTuple):
+    """An episode that can run."""
+
+    request: EpisodeRequest
+    stage: Stage
+    placement: Placement
+    shortest_path_m: float | None
+
+
+def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[str, Stage]:
+    """Returns the worlds as arrays, all of the same shapes."""
+    touched = [obstacles(world, hull.low_m, hull.high_m) for world in worlds.values()]
+    seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
+    floors = floor_maps(list(worlds.values()), touched)
+    stages = map(Stage, padded(touched), padded_silhouettes(map(silhouettes, seen)), floors)
+    return dict(zip(worlds, stages, strict=True))
+
+
+def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stage, hull: Hull) -> Placement:
+    """Returns where an episode starts and which goals it has, drawn by its seed.
+
+    Raises:
+        BundleCrash: The scenario raises, or returns no finite start, or no goal, or no distance to arrive at.
+    """
+    code = "SimulationApplicationCrash"
+    rng = np.random.default_rng(request.seed)
+    drawn = guarded(code, "scenario.place", scenario.place, world, stage.floor, hull.radius_m, rng)
+    start = guarded(code, "scenario.place", np.asarray, drawn.start, np.float64)
+    goals = guarded(code, "scenario.place", np.asarray, drawn.goals_m, np.float64)
+    given = guarded(code, "scenario.place", lambda: tuple(np.asarray(each) for each in getattr(drawn, "given", ())))
+    if start.shape != (3,) or goals.ndim != 2 or goals.shape[1] != 2 or not len(goals):
+        raise BundleCrash(code, f"scenario.place: start {start.shape} and goals {goals.shape}, not (3,) and (1+, 2)")
+    if not (np.isfinite(start).all() and np.isfinite(goals).all()):
+        raise BundleCrash(code, "scenario.place: start or goals are not finite")
+    return Placement(start, goals, given, _arrived_m(scenario))
+
+
+def _arrived_m(scenario: Scenario) -> float | None:
+    arrived = getattr(scenario, "arrived_m", 0.0)
+    if arrived is None:
+        return None
+    code = "SimulationApplicationCrash"
+    arrived_m = guarded(code, "scenario.arrived_m", float, arrived)
+    if not (np.isfinite(arrived_m) and arrived_m >= 0.0):
+        raise BundleCrash(code, f"scenario.arrived_m: {arrived_m}: must be a distance of at least 0, or None")
+    return arrived_m
+
+
+def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]], hull: Hull) -> list[Lane]:
+    """Returns the episodes with the length of their shortest ways, None where there is none; equal tasks count once."""
+    tasks: dict[bytes, tuple[Stage, Placement]] = {}
+    keys = [_task_key(request.world, placement) for request, _, placement in placed]
+    for key, (_, stage, placement) in zip(keys, placed, strict=True):
+        if placement.arrived_m is not None:
+            tasks.setdefault(key, (stage, placement))
+    placements = [placement for _, placement in tasks.values()]
+    arrived_m = [placement.arrived_m or 0.0 for placement in placements]
+    found_m = shortest_paths_m([stage.touched for stage, _ in tasks.values()], placements, hull.radius_m, arrived_m)
+    shortest_m = {key: float(length) for key, length in zip(tasks, found_m, strict=True) if np.isfinite(length)}
+    return [Lane(*each, shortest_m.get(key)) for each, key in zip(placed, keys, strict=True)]
+
+
+def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> LaneInputs:
+    """Returns the inputs of ``count`` lanes, lanes first; those beyond the episodes repeat the first, and rest.
+
+    Args:
+        lanes: The episodes, at least one and at most ``count``.
+        names: The numeric environment variables, in the program's order.
+        count: The program's lanes.
+    """
+    filled = [*lanes, *[lanes[0]] * (count - len(lanes))]
+    floors = [lane.stage.floor for lane in filled]
+    most_goals = max(len(lane.placement.goals_m) for lane in filled)
+    numbers = [[split_environment(lane.request.environment)[0][name] for name in names] for lane in filled]
+    return LaneInputs(
+        boxes=_stacked([lane.stage.touched.boxes for lane in filled]),
+        cylinders=_stacked([lane.stage.touched.cylinders for lane in filled]),
+        seen=Silhouettes(
+            *(jnp.asarray(np.stack(each)) for each in zip(*(lane.stage.seen for lane in filled), strict=True))
+        ),
+        floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
+        start=_stacked([lane.placement.start for lane in filled]),
+        goals_m=_stacked([_filled_up(lane.placement.goals_m, most_goals) for lane in filled]),
+        given=tuple(
+            jnp.asarray(np.stack(arrays)) for arrays in zip(*(lane.placement.given for lane in filled), strict=True)
+        ),
+        seed=jnp.asarray(np.stack([seed_words(lane.request.seed) for lane in filled])),
+        numbers=jnp.asarray(numbers, jnp.float32).reshape(count, len(names)),
+        last_step=jnp.asarray([last_step(lane.request) for lane in filled], jnp.int32),
+        alive=jnp.arange(count) < len(lanes),
+    )
+
+
+def last_step(request: EpisodeRequest) -> int:
+    """Returns how many control steps fit an episode's duration; at least 1."""
+    return max(1, round(request.duration_s / CONTROL_S))
+
+
+def _stacked(arrays: Sequence[np.ndarray]) -> Float32[jnp.ndarray, "lanes ..."]:
+    return jnp.asarray(np.stack(arrays), jnp.float32)
+
+
+def _filled_up(goals_m: Float64[np.ndarray, "goals 2"], count: int) -> Float64[np.ndarray, "count 2"]:
+    """Returns the goals, the last one repeated until there are as many as in the lane that has most."""
+    return np.concatenate([goals_m, np.repeat(goals_m[-1:], count - len(goals_m), axis=0)])
+
+
+def _task_key(world: str, placement: Placement) -> bytes:
+    digest = hashlib.sha256(world.encode())
+    digest.update(placement.start.tobytes() + placement.goals_m.tobytes() + repr(placement.arrived_m).encode())
+    return digest.digest()

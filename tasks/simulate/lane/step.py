@@ -1,0 +1,43 @@
+"""One control step of one lane: sense and decide, drive, settle. The program maps it over lanes.
+
+``Mechanics`` is the socket that an engine fits in which is a JAX function.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+from jaxtyping import Float
+
+from tasks.simulate.application.calls import Applications
+from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Motion, Record
+from tasks.simulate.lane.sense import decide
+from tasks.simulate.lane.settle import settle
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanics:
+    """A robot as an engine steps it, for one lane; the program maps it over lanes.
+
+    Attributes:
+        engine: The engine's name.
+        actuators: How many numbers a control has.
+        first_body: Returns the robot at rest at a start (x m, y m, yaw rad).
+        drive: Returns what a control step's physics does to it.
+    """
+
+    engine: str
+    hull: Hull
+    actuators: int
+    first_body: Callable[[Float[jax.Array, "3"]], Body]
+    drive: Callable[[LaneInputs, Body, Float[jax.Array, "actuators"]], Motion]
+
+
+def advance_lane(
+    mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
+) -> tuple[LaneState, Record]:
+    """Returns a lane one control step later."""
+    decided = decide(applications, inputs, state)
+    motion = mechanics.drive(inputs, state.body, decided.control)
+    return settle(applications, inputs, state, decided, motion)

@@ -1,0 +1,113 @@
+"""What a batch is going to run: its job templates multiplied by worlds, seeds and parameters."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.data.episode import ApplicationLaunch
+from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
+from tasks.simulate.data.sources import PinnedSource
+
+# A CPU gains nothing from more lanes (physics.md: flat from 256 on), and a chunk that is lost costs what it took.
+DEFAULT_LANES = 256
+MOST_LANES = 4096
+_LANE_STEP = 16
+
+
+class JobTemplate(Spec):
+    """One of a batch's createSimulationJobRequests, with everything it refers to resolved.
+
+    Attributes:
+        environment: The launch configurations' variables; the robot's win over the scenario's. Those of data sources
+            are ``data:<digest>`` (``tasks.simulate.data.sources``), and folders only where an episode is simulated.
+        duration_s: Simulated seconds at most.
+        worlds: ``<generation>/<world>`` of the request's own world; empty for the matrix's worlds.
+        record: Whether its episodes are recorded whatever comes of them.
+    """
+
+    robot: ApplicationLaunch
+    scenario: ApplicationLaunch
+    environment: dict[str, str]
+    duration_s: float
+    failure_behavior: Literal["Fail", "Continue"]
+    worlds: tuple[str, ...] = ()
+    record: bool = False
+
+
+class BatchPlan(Spec):
+    """A batch, resolved: the same plan always gives the same rows.
+
+    It grows with the requests, worlds, seeds and values of a document, never with their product: what is multiplied
+    out is computed by ``tasks.simulate.plan.layout``.
+
+    Attributes:
+        worlds: ``<generation>/<world>`` of each world of the matrix.
+        seeds: One episode for each, world and parameter set.
+        sweep: Environment variables by name, each with the values to try.
+        lanes: Episodes in one chunk, at most.
+        timeout_s: Wall seconds of work after which what is left is cancelled.
+        world_digests: SHA-256 of each world's document.
+        engine: The engine asked for.
+        data_sources: What episodes read from buckets, by digest.
+        recordings: Which episodes are recorded besides those whose request says so, and at which rate.
+        audit: Episodes that are driven again on C MuJoCo at the end; 0 for none.
+        shuffled: Whether chunks take their episodes from all over the batch, so that it may be ended after any of them.
+    """
+
+    templates: tuple[JobTemplate, ...]
+    worlds: tuple[str, ...]
+    seeds: tuple[int, ...]
+    sweep: dict[str, tuple[str, ...]]
+    lanes: int
+    timeout_s: float
+    world_digests: dict[str, str]
+    engine: str
+    data_sources: dict[str, PinnedSource] = Field(default_factory=dict[str, PinnedSource])
+    recordings: Recordings = Recordings()
+    audit: int = AUDITED_LANES
+    shuffled: bool = False
+
+    def digests(self) -> tuple[str, ...]:
+        """Returns the digests of the application bundles that the batch runs, each once."""
+        launches = (launch for template in self.templates for launch in (template.robot, template.scenario))
+        return tuple(dict.fromkeys(launch.digest for launch in launches))
+
+    def records(self) -> bool:
+        """Returns whether any of its episodes may be recorded."""
+        return self.recordings.episodes != "none" or any(template.record for template in self.templates)
+
+    def worlds_of(self, template: JobTemplate) -> tuple[str, ...]:
+        """Returns the worlds that a request is multiplied by."""
+        return template.worlds or self.worlds
+
+    def worlds_used(self) -> dict[str, str]:
+        """Returns the SHA-256 of each world that an episode runs in, by ``<generation>/<world>``.
+
+        Raises:
+            KeyError: The digest of one is not known.
+        """
+        used = dict.fromkeys(world for template in self.templates for world in self.worlds_of(template))
+        return {world: self.world_digests[world] for world in used}
+
+    def variables(self) -> dict[str, tuple[str | None, ...]]:
+        """Returns the values that each environment variable takes, in order; None where an episode does not set it."""
+        names = sorted({name for template in self.templates for name in template.environment} | self.sweep.keys())
+        return {name: self.sweep.get(name) or self._own_values(name) for name in names}
+
+    def _own_values(self, name: str) -> tuple[str | None, ...]:
+        return tuple(dict.fromkeys(template.environment.get(name) for template in self.templates))
+
+
+def lane_count(max_concurrency: int | None, episodes_in_all: int) -> int:
+    """Returns how many lanes a chunk has.
+
+    It depends on the document alone and never on the machine, so that chunks, and with them results, are the same
+    everywhere; a machine that has too little memory for so many runs a chunk in parts
+    (`tasks.simulate.chunk.memory_fit`).
+    ``maxConcurrency`` is the number, as it was the number of RoboMaker's active jobs; a small batch is rounded up to a
+    multiple of 16 so that it shares its compilation with others.
+    """
+    most = min(max_concurrency or DEFAULT_LANES, MOST_LANES)
+    rounded = -(-episodes_in_all // _LANE_STEP) * _LANE_STEP
+    return max(1, min(most, rounded))

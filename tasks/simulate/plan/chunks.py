@@ -1,0 +1,118 @@
+"""Episodes grouped into chunks: what runs as the lanes of one compiled program.
+
+A chunk is the unit of work, of resume and of progress. How requests fall into chunks depends on the requests and the
+lane count alone, so that a resumed batch has the chunks of the unbroken one.
+
+The order in which a batch that may be ended early takes its episodes: any beginning of it stands for the whole.
+
+It follows from the batch's plan alone and from no library's release: a batch that is continued elsewhere has the chunks
+that it had.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from specs.base import Spec
+from specs.data.episode import ApplicationLaunch, EpisodeRequest
+
+ProgramKey = tuple[str, ...]
+
+
+class Chunk(Spec):
+    """The lanes of one run of a compiled program.
+
+    Attributes:
+        number: Position among the batch's chunks, from 0.
+        requests: At most as many as there are lanes, all with the same program key.
+    """
+
+    number: int
+    requests: tuple[EpisodeRequest, ...]
+
+
+def plan_chunks(requests: Sequence[EpisodeRequest], lanes: int) -> list[Chunk]:
+    """Returns the chunks of a batch, in order of their first request.
+
+    Args:
+        requests: All episodes of the batch.
+        lanes: Most episodes in a chunk, at least 1.
+
+    Raises:
+        ValueError: ``lanes`` is below 1.
+    """
+    if lanes < 1:
+        raise ValueError(f"lanes: {lanes}: at least 1")
+    groups: dict[ProgramKey, list[EpisodeRequest]] = {}
+    for request in requests:
+        groups.setdefault(program_key(request), []).append(request)
+    parts = [group[start : start + lanes] for group in groups.values() for start in range(0, len(group), lanes)]
+    return [Chunk(number=number, requests=tuple(part)) for number, part in enumerate(parts)]
+
+
+def program_key(request: EpisodeRequest) -> ProgramKey:
+    """Returns what makes two episodes share a program: the applications, the variables' names, and their texts.
+
+    Numeric variables enter the program as values, so a sweep over them is one program.
+    """
+    numbers, texts = split_environment(request.environment)
+    pairs = tuple(part for name in sorted(texts) for part in (name, texts[name]))
+    return (*_launch_key(request.robot), *_launch_key(request.scenario), "|", *sorted(numbers), "|", *pairs)
+
+
+def split_environment(environment: Mapping[str, str]) -> tuple[dict[str, float], dict[str, str]]:
+    """Returns the variables whose value is a finite decimal number, and the others."""
+    numbers: dict[str, float] = {}
+    texts: dict[str, str] = {}
+    for name, text in environment.items():
+        number = _number(text)
+        if number is None:
+            texts[name] = text
+        else:
+            numbers[name] = number
+    return numbers, texts
+
+
+def _launch_key(launch: ApplicationLaunch) -> ProgramKey:
+    return (launch.digest, launch.package, launch.launch_file)
+
+
+def _number(text: str) -> float | None:
+    """Returns the number, or None; words such as ``nan`` and ``infinity``, and ``1_000``, stay texts."""
+    if not set(text) <= set("0123456789+-.eE"):
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if abs(number) != float("inf") else None
+
+
+@dataclass(frozen=True, eq=False)
+class Shuffle:
+    """A drawn order of some positions.
+
+    Attributes:
+        size: How many positions there are, from 0.
+        seed: What the order follows from.
+    """
+
+    size: int
+    seed: str
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """The positions, in their drawn order."""
+        return tuple(sorted(range(self.size), key=self._drawn))
+
+    @cached_property
+    def turn(self) -> tuple[int, ...]:
+        """For each position, when its turn is."""
+        turns = [0] * self.size
+        for turn, position in enumerate(self.order):
+            turns[position] = turn
+        return tuple(turns)
+
+    def _drawn(self, position: int) -> bytes:
+        return hashlib.sha256(f"{self.seed}/{position}".encode()).digest()

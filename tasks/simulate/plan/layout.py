@@ -1,0 +1,250 @@
+"""Which episode a batch's plan has where: computed for any place in it, so that a large batch is never written out.
+
+Episodes are numbered by request, world, parameter set and seed. Those that share a program form a group, in the order
+of their numbers, and a group is cut into chunks of as many as there are lanes
+(``tasks.simulate.plan.chunks.plan_chunks``
+says the same of a list). A batch that may be ended early is shuffled before it is cut; numbers stay what they are.
+"""
+
+import bisect
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from specs.data.episode import EpisodeRequest
+from specs.digest import digest
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.chunks import Chunk, ProgramKey, Shuffle, program_key, split_environment
+
+
+@dataclass(frozen=True)
+class _Block:
+    """The episodes of one template that share a program: all its worlds and seeds, with some of the settings."""
+
+    template: int
+    settings: Sequence[int]
+    size: int
+
+
+@dataclass(frozen=True)
+class _Group:
+    """All episodes that share a program: blocks, the position at which each begins, and the number of its chunk 0."""
+
+    blocks: tuple[_Block, ...]
+    starts: tuple[int, ...]
+    size: int
+    first_chunk: int
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The episodes of a plan and the chunks that they fall into."""
+
+    plan: BatchPlan
+
+    @cached_property
+    def episodes(self) -> int:
+        """How many episodes there are."""
+        return self._offsets[-1]
+
+    @cached_property
+    def chunks(self) -> int:
+        """How many chunks there are."""
+        return sum(_chunks_in(group.size, self.plan.lanes) for group in self._groups)
+
+    def request(self, index: int) -> EpisodeRequest:
+        """Returns one episode.
+
+        Raises:
+            IndexError: There are fewer.
+        """
+        self._require(index, self.episodes, "episode")
+        template = bisect.bisect_right(self._offsets, index) - 1
+        rest, seed = divmod(index - self._offsets[template], len(self.plan.seeds))
+        world, setting = divmod(rest, self._settings)
+        return self._made(index, template, world, setting, seed)
+
+    def requests(self, first: int = 0, end: int | None = None) -> Iterator[EpisodeRequest]:
+        """Yields the episodes from ``first`` to before ``end``, or to the last."""
+        yield from map(self.request, range(first, self.episodes if end is None else end))
+
+    def programs(self) -> list[tuple[EpisodeRequest, int]]:
+        """Returns an episode of each program, and how many episodes share it, in the order of their chunks."""
+        return [(self._at(group, 0), group.size) for group in self._groups]
+
+    def template_of(self, index: int) -> int:
+        """Returns the position of the request that an episode came from."""
+        return bisect.bisect_right(self._offsets, index) - 1
+
+    def chunk(self, number: int) -> Chunk:
+        """Returns one chunk, its episodes in the order of their numbers.
+
+        Raises:
+            IndexError: There are fewer.
+        """
+        self._require(number, self.chunks, "chunk")
+        group = self._groups[bisect.bisect_right(self._first_chunks, number) - 1]
+        start = (number - group.first_chunk) * self.plan.lanes
+        positions: Sequence[int] = range(start, min(start + self.plan.lanes, group.size))
+        if self.plan.shuffled:
+            positions = sorted(self._shuffle(group).order[start : start + self.plan.lanes])
+        return Chunk(number=number, requests=tuple(self._at(group, position) for position in positions))
+
+    def chunk_size(self, number: int) -> int:
+        """Returns how many episodes a chunk has.
+
+        Raises:
+            IndexError: There are fewer chunks.
+        """
+        self._require(number, self.chunks, "chunk")
+        group = self._groups[bisect.bisect_right(self._first_chunks, number) - 1]
+        return min(self.plan.lanes, group.size - (number - group.first_chunk) * self.plan.lanes)
+
+    def chunk_of(self, index: int) -> int:
+        """Returns the number of the chunk that holds an episode.
+
+        Raises:
+            IndexError: There are fewer episodes.
+        """
+        self._require(index, self.episodes, "episode")
+        return self.chunks_between(index, index + 1)[0]
+
+    def chunks_between(self, first: int, end: int) -> list[int]:
+        """Returns the numbers of the chunks that hold episodes from ``first`` to before ``end``."""
+        found: list[int] = []
+        for group in self._groups:
+            low, high = self._position(group, first), self._position(group, end)
+            lanes = self.plan.lanes
+            if low < high and self.plan.shuffled:
+                turns = self._shuffle(group).turn[low:high]
+                found += sorted({group.first_chunk + turn // lanes for turn in turns})
+            elif low < high:
+                found += range(group.first_chunk + low // lanes, group.first_chunk + (high - 1) // lanes + 1)
+        return found
+
+    def _shuffle(self, group: _Group) -> Shuffle:
+        return self._shuffles[self._first_chunks.index(group.first_chunk)]
+
+    @cached_property
+    def _shuffles(self) -> list[Shuffle]:
+        seed = digest(self.plan)
+        return [Shuffle(group.size, f"{seed}/{group.first_chunk}") for group in self._groups]
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(sorted(self.plan.sweep))
+
+    @cached_property
+    def _settings(self) -> int:
+        return math.prod(len(self.plan.sweep[name]) for name in self._names)
+
+    @cached_property
+    def _offsets(self) -> list[int]:
+        """Returns the number of each template's first episode, and at the end the number of all."""
+        each = self._settings * len(self.plan.seeds)
+        sizes = (len(self.plan.worlds_of(template)) * each for template in self.plan.templates)
+        return list(itertools.accumulate(sizes, initial=0))
+
+    @cached_property
+    def _groups(self) -> tuple[_Group, ...]:
+        blocks: dict[ProgramKey, list[_Block]] = {}
+        kinds = self._kinds_of_settings()
+        for number, template in enumerate(self.plan.templates):
+            worlds = len(self.plan.worlds_of(template))
+            if worlds == 0:
+                continue
+            for settings in kinds:
+                request = self._made(0, number, 0, settings[0], 0)
+                size = worlds * len(settings) * len(self.plan.seeds)
+                blocks.setdefault(program_key(request), []).append(_Block(number, settings, size))
+        ordered = sorted(blocks.values(), key=lambda group: self._first_index(group[0]))
+        return tuple(self._numbered(ordered))
+
+    def _numbered(self, ordered: Sequence[Sequence[_Block]]) -> "list[_Group]":
+        groups: list[_Group] = []
+        chunk = 0
+        for blocks in ordered:
+            *starts, size = itertools.accumulate((block.size for block in blocks), initial=0)
+            groups.append(_Group(tuple(blocks), tuple(starts), size, chunk))
+            chunk += _chunks_in(size, self.plan.lanes)
+        return groups
+
+    @cached_property
+    def _first_chunks(self) -> list[int]:
+        return [group.first_chunk for group in self._groups]
+
+    def _kinds_of_settings(self) -> list[Sequence[int]]:
+        """Returns the settings' numbers, those together that differ in numbers alone and so share a program."""
+        kinds = {name: [_kind(name, value) for value in self.plan.sweep[name]] for name in self._names}
+        if all(kind is None for each in kinds.values() for kind in each):
+            return [range(self._settings)]
+        found: dict[tuple[str | None, ...], list[int]] = {}
+        for number, kind in enumerate(itertools.product(*kinds.values())):
+            found.setdefault(kind, []).append(number)
+        return list(found.values())
+
+    def _first_index(self, block: _Block) -> int:
+        return self._offsets[block.template] + block.settings[0] * len(self.plan.seeds)
+
+    def _at(self, group: _Group, position: int) -> EpisodeRequest:
+        number = bisect.bisect_right(group.starts, position) - 1
+        block = group.blocks[number]
+        rest, seed = divmod(position - group.starts[number], len(self.plan.seeds))
+        world, turn = divmod(rest, len(block.settings))
+        setting = block.settings[turn]
+        index = self._offsets[block.template] + (world * self._settings + setting) * len(self.plan.seeds) + seed
+        return self._made(index, block.template, world, setting, seed)
+
+    def _position(self, group: _Group, index: int) -> int:
+        """Returns how many episodes of a group have a lower number."""
+        found = 0
+        for block in group.blocks:
+            below = index - self._offsets[block.template]
+            if below <= 0:
+                break
+            found += min(self._below(block, below), block.size)
+        return found
+
+    def _below(self, block: _Block, below: int) -> int:
+        seeds = len(self.plan.seeds)
+        rest, seed = divmod(below, seeds)
+        world, setting = divmod(rest, self._settings)
+        turn = bisect.bisect_left(block.settings, setting)
+        own = seed if turn < len(block.settings) and block.settings[turn] == setting else 0
+        return (world * len(block.settings) + turn) * seeds + own
+
+    def _made(self, index: int, template: int, world: int, setting: int, seed: int) -> EpisodeRequest:
+        asked = self.plan.templates[template]
+        return EpisodeRequest(
+            index=index,
+            world=self.plan.worlds_of(asked)[world],
+            seed=self.plan.seeds[seed],
+            robot=asked.robot,
+            scenario=asked.scenario,
+            environment={**asked.environment, **self._values(setting)},
+            duration_s=asked.duration_s,
+            failure_behavior=asked.failure_behavior,
+        )
+
+    def _values(self, setting: int) -> dict[str, str]:
+        values: dict[str, str] = {}
+        for name in reversed(self._names):  # the last name varies fastest
+            setting, choice = divmod(setting, len(self.plan.sweep[name]))
+            values[name] = self.plan.sweep[name][choice]
+        return values
+
+    @staticmethod
+    def _require(number: int, count: int, what: str) -> None:
+        if not 0 <= number < count:
+            raise IndexError(f"{what} {number}: there are {count}")
+
+
+def _chunks_in(size: int, lanes: int) -> int:
+    return -(-size // lanes)
+
+
+def _kind(name: str, value: str) -> str | None:
+    """Returns what of a value decides the program: a text itself, of a number nothing."""
+    return split_environment({name: value})[1].get(name)

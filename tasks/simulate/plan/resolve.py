@@ -1,0 +1,188 @@
+"""A document's simulation section with everything it refers to resolved: the batch's plan."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.data.episode import ApplicationLaunch
+from specs.errors import DocumentError
+from specs.field_types import OutputLocation
+from specs.pipeline.simulation_section import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
+from specs.pipeline.simulation_section import PipelineSimulationApplication as ScenarioUse
+from specs.robomaker.bundle import ApplicationKind, Version
+from specs.robomaker.simulation import DataSourceConfig
+from tasks.simulate.data.sources import DATA_PREFIX, PinnedSource, data_variable, unpinned, within_limits
+from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate, lane_count
+from tasks.simulate.plan.layout import Layout
+
+FindVersion = Callable[[ApplicationKind, str, str | None], Version]
+FindData = Callable[[DataSourceConfig], PinnedSource]
+_REQUESTS = "simulationBatch.createSimulationJobRequests"
+DEFAULT_TIMEOUT_S = 86_400.0
+DEFAULT_OUTPUT = OutputLocation(s3Bucket="results")
+
+
+def plan_batch(
+    section: SimulationBatch,
+    worlds: Sequence[str],
+    world_digests: Mapping[str, str],
+    find_version: FindVersion,
+    find_data: FindData = unpinned,
+) -> BatchPlan:
+    """Returns the plan of a batch.
+
+    Args:
+        section: The document's section.
+        worlds: ``<generation>/<world>`` of each world of the matrix.
+        world_digests: SHA-256 of each world's document, for all worlds that the batch uses.
+        find_version: Gives the version that an application reference means.
+        find_data: Gives a data source with the content that it has now.
+
+    Raises:
+        DocumentError: A request lacks an application or a launch configuration; tells of all requests at once.
+    """
+    faults = [
+        fault
+        for number, request in enumerate(section.createSimulationJobRequests)
+        for fault in _faults(number, request)
+    ]
+    if faults:
+        raise DocumentError(faults)
+    data = [
+        within_limits(tuple(map(find_data, request.dataSources or ())))
+        for request in section.createSimulationJobRequests
+    ]
+    templates = tuple(
+        _template(f"{_REQUESTS}[{number}]", request, find_version, data[number])
+        for number, request in enumerate(section.createSimulationJobRequests)
+    )
+    policy = section.batchPolicy
+    plan = BatchPlan(
+        templates=templates,
+        worlds=tuple(worlds),
+        seeds=seed_list(section),
+        sweep={name: tuple(values) for name, values in section.matrix.environmentVariables.items()},
+        lanes=1,
+        timeout_s=float((policy and policy.timeoutInSeconds) or DEFAULT_TIMEOUT_S),
+        world_digests=dict(world_digests),
+        engine=section.engine,
+        data_sources={source.digest: source for sources in data for source in sources},
+        recordings=section.recordings,
+        audit=section.audit.lanes,
+    )
+    return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes)})
+
+
+def seed_list(section: SimulationBatch) -> tuple[int, ...]:
+    """Returns the matrix's seeds: those listed, or 0 to n-1."""
+    seeds = section.matrix.seeds
+    return tuple(range(seeds)) if isinstance(seeds, int) else tuple(seeds)
+
+
+def matrix_worlds(section: SimulationBatch, worlds: Sequence[str]) -> list[str]:
+    """Returns ``<generation>/<world>`` of each world of the matrix; ``worlds`` are those that ``all`` means."""
+    chosen = worlds if section.matrix.worlds == "all" else section.matrix.worlds
+    return list(dict.fromkeys(parse_reference(world).path for world in chosen))
+
+
+def requested_worlds(section: SimulationBatch) -> list[str]:
+    """Returns ``<generation>/<world>`` of each world that a request brings for itself alone."""
+    own = [world for request in section.createSimulationJobRequests for world in _own_worlds(request)]
+    return list(dict.fromkeys(parse_reference(world).path for world in own))
+
+
+def output_location(section: SimulationBatch) -> OutputLocation:
+    """Returns where the batch's tables go: the section's place, else the one that its requests agree on.
+
+    RoboMaker has the location in each request; a batch here has one table, so they must be the same.
+
+    Raises:
+        DocumentError: The requests name different places, and the section none.
+    """
+    if section.outputLocation is not None:
+        return section.outputLocation
+    asked = [request.outputLocation for request in section.createSimulationJobRequests if request.outputLocation]
+    places = {f"{place.s3Bucket}/{place.s3Prefix or ''}": place for place in asked}
+    if len(places) > 1:
+        path = "simulationBatch.createSimulationJobRequests[*].outputLocation"
+        allowed = "one place for the whole batch, as simulationBatch.outputLocation"
+        raise DocumentError([Fault(path=path, value=", ".join(sorted(places)), allowed=allowed)])
+    return next(iter(places.values()), DEFAULT_OUTPUT)
+
+
+def _template(
+    where: str, request: PipelineJobRequest, find_version: FindVersion, data: Sequence[PinnedSource]
+) -> JobTemplate:
+    robot = next(iter(request.robotApplications or ()))
+    scenario = next(iter(request.simulationApplications or ()))
+    return JobTemplate(
+        robot=_launch(f"{where}.robotApplications[0]", "robot-application", robot, find_version),
+        scenario=_launch(f"{where}.simulationApplications[0]", "simulation-application", scenario, find_version),
+        environment={
+            **(scenario.launchConfig.environmentVariables or {}),
+            **(robot.launchConfig.environmentVariables or {}),
+            **{data_variable(source.name): f"{DATA_PREFIX}{source.digest}" for source in data},
+        },
+        duration_s=float(request.maxJobDurationInSeconds),
+        failure_behavior=request.failureBehavior or "Fail",
+        worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
+        record=bool(request.loggingConfig and request.loggingConfig.recordAllRosTopics),
+    )
+
+
+def _launch(
+    where: str, kind: ApplicationKind, use: PipelineRobotApplication | ScenarioUse, find_version: FindVersion
+) -> ApplicationLaunch:
+    try:
+        version = find_version(kind, use.application, use.applicationVersion)
+        _require_simulated_build(version)
+    except DocumentError as exc:
+        placed = [fault.model_copy(update={"path": f"{where}.{fault.path}"}) for fault in exc.faults]
+        raise type(exc)(placed, exc.source) from exc
+    return ApplicationLaunch(
+        name=version.name,
+        version=str(version.number),
+        digest=version.digest,
+        package=use.launchConfig.packageName or "",
+        launch_file=(use.launchConfig.launchFile or "").removesuffix(".py").removesuffix(".launch"),
+    )
+
+
+def _require_simulated_build(version: Version) -> None:
+    """Does nothing for a version that can be simulated: what is simulated is the build for X86_64 (semantics 3)."""
+    if version.builds and "X86_64" not in version.digests:
+        value = f"{version.name} version {version.number}, for {', '.join(version.digests)}"
+        raise DocumentError([Fault(path="applicationVersion", value=value, allowed="a version with an X86_64 source")])
+
+
+def _own_worlds(request: PipelineJobRequest) -> list[str]:
+    scenarios = request.simulationApplications or ()
+    return [config.world for scenario in scenarios for config in scenario.worldConfigs or () if config.world]
+
+
+def _faults(number: int, request: PipelineJobRequest) -> list[Fault]:
+    where = f"{_REQUESTS}[{number}]"
+    faults: list[Fault] = []
+    for field, uses in (
+        ("robotApplications", request.robotApplications),
+        ("simulationApplications", request.simulationApplications),
+    ):
+        if not uses:
+            faults.append(
+                Fault(path=f"{where}.{field}", value="none", allowed="one: an episode needs a robot and a scenario")
+            )
+            continue
+        launch = uses[0].launchConfig
+        faults += [
+            Fault(path=f"{where}.{field}[0].launchConfig.{name}", value="none", allowed=f"the {what} to launch")
+            for name, value, what in (
+                ("packageName", launch.packageName, "folder in the bundle"),
+                ("launchFile", launch.launchFile, "module in that folder"),
+            )
+            if not value
+        ]
+    variables = [data_variable(source.name) for source in request.dataSources or ()]
+    if len(set(variables)) < len(variables):
+        allowed = "names that stay different in capital letters with _ for -, as variables have them"
+        faults.append(Fault(path=f"{where}.dataSources", value=", ".join(variables), allowed=allowed))
+    return faults

@@ -1,0 +1,1 @@
+"""An episode simulated once more, and made smaller. Flows may import it."""

@@ -1,0 +1,69 @@
+"""An episode of a batch that has ended, simulated once more from nothing but its batch's record.
+
+This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
+"""
+
+import contextlib
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from specs.base import Fault
+from specs.data.episode import EpisodeRequest
+from specs.data.world import World
+from specs.errors import ResourceNotFound
+from tasks.simulate.batch.commit import load_worlds, mounts
+from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.devices import prepare_devices
+
+if TYPE_CHECKING:
+    from tasks.simulate.replay.replay_drive import DrivenAgain
+
+
+class Replay(NamedTuple):
+    """An episode simulated once more.
+
+    Attributes:
+        request: What it was asked for.
+        world: Where.
+        driven: What came of it this time.
+    """
+
+    request: EpisodeRequest
+    world: World
+    driven: "DrivenAgain"
+
+
+def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine: str = "") -> Replay:
+    """Returns an episode simulated once more: as its batch did it, with its lanes, world, seed and bundles.
+
+    Args:
+        batch: The batch.
+        index: Which of its episodes.
+        bundles: Unpacked folders of its applications, by digest.
+        engine: What drove it, where that is known; else what the batch asked for.
+
+    Raises:
+        ResourceNotFound: Its world or its data are gone, or not what they were.
+        JaxAlreadyImported: JAX was imported before its settings could be made.
+    """
+    request = batch.layout.request(index)
+    worlds, missing = load_worlds(batch, [request])
+    mounted = mounts(batch)
+    if why := missing.get(request.world) or mounted.failure(request):
+        fault = Fault(path="simulation-job", value=f"{batch.id}/{index}", allowed=f"one that can be replayed: {why}")
+        raise ResourceNotFound([fault], source="simyard")
+    prepare_devices()
+    with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
+        from tasks.simulate.replay.replay_drive import drive_again  # noqa: PLC0415 - JAX reads its settings when imported
+
+    driven = drive_again(
+        mounted.resolved(request),
+        worlds,
+        bundles,
+        lanes=batch.plan.lanes,
+        engine=engine or batch.plan.engine,
+        rate_hz=batch.plan.recordings.rateHz,
+    )
+    return Replay(request, worlds[request.world], driven)

@@ -1,0 +1,133 @@
+"""One episode driven again, with what a picture of it needs besides its row."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int
+
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.application.robot_mjcf import CONTROL_S
+from tasks.simulate.application.sensors import ray_angles, read_sensors
+from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
+from tasks.simulate.lane.recording import Columns, Ends, Recorder, Steps
+from tasks.simulate.lane.result_rows import failed_row
+from tasks.simulate.plan.chunks import split_environment
+
+_EVERY_STEP_HZ = 1.0 / CONTROL_S
+
+
+class Setting(NamedTuple):
+    """What does not change while an episode runs.
+
+    Attributes:
+        goals_m: Where the robot should go, in order.
+        arrived_m: How near counts as reached; None where goals are no destinations.
+        radius_m: Of the robot's hull about its yaw axis.
+        heights_m: Where the hull begins and ends above the floor.
+        mount: Of the lidar on the robot: (x m, y m, yaw rad).
+        lidar_height_m: Of the lidar's plane.
+        range_m: What the lidar reports where nothing is nearer.
+        angles_rad: The rays' directions in the lidar's frame.
+    """
+
+    goals_m: Float64[np.ndarray, "goals 2"]
+    arrived_m: float | None
+    radius_m: float
+    heights_m: tuple[float, float]
+    mount: tuple[float, float, float]
+    lidar_height_m: float
+    range_m: float
+    angles_rad: Float32[np.ndarray, "rays"]
+
+
+class DrivenAgain(NamedTuple):
+    """An episode driven again.
+
+    Attributes:
+        row: What came of it.
+        setting: None for an episode that could not start.
+        steps: A sample for each control step, as ``tasks.simulate.lane.recording`` has them; none without a setting.
+        samples: The same at the rate of its batch's recordings.
+    """
+
+    row: EpisodeResult
+    setting: Setting | None = None
+    steps: Columns | None = None
+    samples: Columns | None = None
+
+
+class _AlsoAt(Recorder):
+    """A recorder that tells another one, with a rate of its own, all that it is told."""
+
+    def __init__(self, rate_hz: float, other: Recorder) -> None:
+        super().__init__(rate_hz, lambda _: True)
+        self._other = other
+
+    def begin(self, lanes: int, control_s: float) -> None:
+        super().begin(lanes, control_s)
+        self._other.begin(lanes, control_s)
+
+    def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
+        super().keep(slice_, steps)
+        self._other.keep(slice_, steps)
+
+    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+        super().end(ends, rows)
+        self._other.end(ends, rows)
+
+
+def drive_again(
+    request: EpisodeRequest,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str,
+    rate_hz: float,
+) -> DrivenAgain:
+    """Returns an episode driven to its end, alone in a program of its batch's layout.
+
+    Args:
+        request: The episode.
+        worlds: At least its own.
+        bundles: Unpacked folders of its applications, by digest.
+        lanes: Of the batch's chunks.
+        engine: What drove it.
+        rate_hz: Of the batch's recordings.
+    """
+    try:
+        ready = ready_chunk([request], worlds, bundles, lanes=lanes, engine=engine)
+    except BundleCrash as crash:
+        return DrivenAgain(failed_row(request, crash.code, crash.reason))
+    samples = Recorder(rate_hz, lambda _: True)
+    steps = _AlsoAt(_EVERY_STEP_HZ, samples)
+    (row,) = run_ready(ready, lambda: False, lambda _: None, steps)
+    if not ready.lanes:
+        return DrivenAgain(row)
+    return DrivenAgain(row, _setting(ready), _only(steps), _only(samples))
+
+
+def _only(recorder: Recorder) -> Columns:
+    (part,) = recorder.parts()
+    return part
+
+
+def _setting(ready: ReadyChunk) -> Setting:
+    (lane,) = ready.lanes
+    numbers, texts = split_environment(lane.request.environment)
+    lidar = read_sensors(ready.program.applications.make_controller, {**texts, **numbers}).lidar
+    hull = ready.program.hull
+    return Setting(
+        goals_m=lane.placement.goals_m,
+        arrived_m=lane.placement.arrived_m,
+        radius_m=hull.radius_m,
+        heights_m=(hull.low_m, hull.high_m),
+        mount=(float(lidar.x_m), float(lidar.y_m), float(lidar.yaw_rad)),
+        lidar_height_m=lidar.height_m,
+        range_m=lidar.range_m,
+        angles_rad=ray_angles(lidar),
+    )

@@ -1,0 +1,1 @@
+"""A world as a robot meets it: obstacles, lidar, floor map, shortest paths. Lanes and engines may import it."""

@@ -1,0 +1,105 @@
+"""All ways that a shortest one can take around a world's solids: straight from corner to corner.
+
+A shortest way of a disc among solids is made of straight lines that touch the rounded corners of the solids, grown by
+the disc's radius, and of arcs around these corners (T. Lozano-Perez and M. Wesley, 1979; the reduced visibility graph
+of J.-C. Latombe, Robot Motion Planning, 1991, chapter 4). Each arc is replaced by the corners of a polygon.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int
+from scipy.sparse import coo_array, csr_array
+
+from tasks.simulate.surroundings.visibility import Points, Solids, clearance_m, is_free
+
+# A turn by this much is one corner of the polygon.
+_TURN_RAD = np.pi / 8
+# Around a box's corner the polygon is drawn this much smaller than around the arc, so that it is as long as the arc.
+_SHRINK = (_TURN_RAD / 2) / np.tan(_TURN_RAD / 2)
+_CORNER = 1.0 / np.cos(_TURN_RAD / 2)
+_TOLERANCE_M = 1e-4
+_TOUCHING = np.sin(_TURN_RAD / 2) + 1e-6
+
+
+class TangentGraph(NamedTuple):
+    """Corners that ways bend at, and the straight ways between them.
+
+    Attributes:
+        solids: What the ways keep clear of.
+        radius_m: By how much: the disc's, or a hair less, as arcs are shrunk to polygons.
+        corners_m: Where ways bend.
+        outward: Unit vectors away from the solid at each corner.
+        starts, ends: Corners that a straight way joins, each pair once.
+        lengths_m: How long it is.
+    """
+
+    solids: Solids
+    radius_m: float
+    corners_m: Points
+    outward: Points
+    starts: Int[np.ndarray, "ways"]
+    ends: Int[np.ndarray, "ways"]
+    lengths_m: Float64[np.ndarray, "ways"]
+
+
+def tangent_graph(solids: Solids, radius_m: float) -> TangentGraph:
+    """Returns the ways of a disc around solids."""
+    corners, outward = _corners(solids, radius_m)
+    kept_m = radius_m * _SHRINK - _TOLERANCE_M
+    free = clearance_m(solids, corners) >= kept_m
+    corners, outward = corners[free], outward[free]
+    # Entry (i, j): how far corner j lies outwards of corner i.
+    outwards_m = outward @ corners.T - np.sum(outward * corners, axis=1)[:, None]
+    apart_m = np.hypot(*(corners[None, :, axis] - corners[:, None, axis] for axis in (0, 1)))
+    touches = np.abs(outwards_m) <= _TOUCHING * apart_m
+    starts, ends = np.nonzero(np.triu(touches & touches.T, 1))
+    open_ways = is_free(solids, corners[starts], corners[ends], kept_m)
+    starts, ends = starts[open_ways], ends[open_ways]
+    return TangentGraph(solids, kept_m, corners, outward, starts, ends, apart_m[starts, ends])
+
+
+def ways_from(graph: TangentGraph, points: Points) -> tuple[Int[np.ndarray, "ways"], Int[np.ndarray, "ways"]]:
+    """Returns which points have a straight way to which corners, as pairs of indices."""
+    outwards_m = points @ graph.outward.T - np.sum(graph.outward * graph.corners_m, axis=1)
+    apart_m = np.hypot(*(points[:, None, axis] - graph.corners_m[None, :, axis] for axis in (0, 1)))
+    point, corner = np.nonzero(np.abs(outwards_m) <= _TOUCHING * apart_m)
+    open_ways = is_free(graph.solids, points[point], graph.corners_m[corner], graph.radius_m)
+    return point[open_ways], corner[open_ways]
+
+
+def is_free_place(graph: TangentGraph, points: Points) -> Bool[np.ndarray, "points"]:
+    """Returns where the disc can stand."""
+    return clearance_m(graph.solids, points) >= graph.radius_m
+
+
+def joined(
+    graph: TangentGraph, points: Points, pairs: tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]
+) -> csr_array:
+    """Returns lengths between all corners and, after them, points; straight between points only for the given pairs."""
+    corners = len(graph.corners_m)
+    point, corner = ways_from(graph, points)
+    one, other = pairs
+    straight = is_free(graph.solids, points[one], points[other], graph.radius_m)
+    one, other = one[straight], other[straight]
+    starts = np.concatenate([graph.starts, corners + point, corners + one])
+    ends = np.concatenate([graph.ends, corner, corners + other])
+    to_corners, to_points = points[point] - graph.corners_m[corner], points[one] - points[other]
+    lengths = np.concatenate([graph.lengths_m, np.hypot(*to_corners.T), np.hypot(*to_points.T)])
+    size = corners + len(points)
+    # A length of 0 would be no way at all to SciPy.
+    return coo_array((np.maximum(lengths, 1e-12), (starts, ends)), shape=(size, size)).tocsr()
+
+
+def _corners(solids: Solids, radius_m: float) -> tuple[Points, Points]:
+    """Returns the corners of polygons around all solids grown by the radius, and which way is out there."""
+    turns = _TURN_RAD * (np.arange(round(2 * np.pi / _TURN_RAD)) + 0.5)
+    cos, sin = np.cos(turns), np.sin(turns)
+    # In the solid's own axes: the box's corner of that quadrant, then away from it.
+    local = np.stack([np.sign(cos), np.sign(sin)], axis=-1) * solids.half_m[:, None, :]
+    grown = (solids.rim_m + radius_m * _SHRINK) * _CORNER
+    x, y = (local[..., axis] + grown[:, None] * each for axis, each in enumerate((cos, sin)))
+    axis_x, axis_y = solids.axis[:, :1], solids.axis[:, 1:]
+    corners = np.stack([axis_x * x - axis_y * y, axis_y * x + axis_x * y], axis=-1) + solids.center_m[:, None, :]
+    outward = np.stack([axis_x * cos - axis_y * sin, axis_y * cos + axis_x * sin], axis=-1)
+    return corners.reshape(-1, 2), outward.reshape(-1, 2)

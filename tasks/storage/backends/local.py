@@ -1,0 +1,296 @@
+"""A store in a folder of this machine, or of a disk that several machines share.
+
+What the plain file calls do not give (fleet.md, traps 1 and 8) comes from links and locks: a creation is a link, which
+the kernel refuses when the name is taken; an overwrite is a rename; a compare-and-swap compares under a lock that the
+kernel frees when its holder dies.
+"""
+
+import errno
+import fcntl
+import hashlib
+import os
+import shutil
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from specs.errors import (
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ObjectTooBig,
+    StoreDamaged,
+    StoreUnreachable,
+    StoreUnsafe,
+)
+from tasks.storage.backends.local_objects import (
+    NOTHING_THERE,
+    disk_now_s,
+    explained_error,
+    file_mark,
+    listed,
+    shown_files,
+    unfinished_files,
+)
+from tasks.storage.base.atomic_file import HIDDEN, hidden_file, make_folder, settle, settle_names, whole_file
+from tasks.storage.base.disk_space import room_in
+from tasks.storage.base.keys import checked_key
+from tasks.storage.base.store import UNBOUNDED, Entry, Stored
+
+_LOCKS = ".locks"
+_LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
+
+
+class LocalStore:
+    """Objects as files under ``root``; see ``tasks.storage.base.store.Store`` for what the methods promise."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.url = root.as_uri()
+
+    def create(self, key: str, body: bytes) -> str:
+        """Returns the etag of a new object, or raises ObjectExists."""
+        path = self._path(key)
+        with self._explained(key):
+            if path.exists():  # spares the loser the writing; the link decides
+                raise ObjectExists(f"{self.url}: {key} exists already")
+            with hidden_file(path.parent) as (file, hidden):
+                file.write(body)
+                settle(file)
+                self._link(hidden, path, key)
+            settle_names(path.parent)
+        return _etag(body)
+
+    def replace(self, key: str, body: bytes, etag: str) -> str:
+        """Returns the new etag, or raises ObjectConflict when the object is not the one with ``etag``."""
+        path = self._path(key)
+        with self._explained(key):
+            self._compare(path, key, etag)  # spares the loser the writing; the comparison under the lock decides
+            with hidden_file(path.parent) as (file, hidden):
+                file.write(body)
+                settle(file)
+                with self._locked(key):
+                    self._compare(path, key, etag)
+                    hidden.replace(path)
+            settle_names(path.parent)
+        return _etag(body)
+
+    def put(self, key: str, body: bytes) -> str:
+        """Returns the etag of the object written over whatever was there."""
+        path = self._path(key)
+        with self._explained(key):
+            with hidden_file(path.parent) as (file, hidden):
+                file.write(body)
+                settle(file)
+                # Under the lock too, or it could land between another's comparison and its rename, and be lost.
+                with self._locked(key):
+                    hidden.replace(path)
+            settle_names(path.parent)
+        return _etag(body)
+
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+        """Returns the object, or raises ObjectNotFound, or ObjectTooBig."""
+        path = self._path(key)
+        with self._explained(key, reading=True), path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size > most_bytes:
+                raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
+            body = file.read()
+        return Stored(body, _etag(body))
+
+    def size(self, key: str) -> int:
+        """Returns how many bytes the object has, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True), path.open("rb") as file:
+            return os.fstat(file.fileno()).st_size
+
+    def etag(self, key: str) -> str:
+        """Returns the object's etag, or raises ObjectNotFound; all of it is read."""
+        hashed = hashlib.blake2b(digest_size=16)
+        for block in self.blocks(key):
+            hashed.update(block)
+        return hashed.hexdigest()
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        """Yields the object's bytes from one of them on, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            file = path.open("rb")
+        with file:
+            file.seek(first_byte)
+            while block := self._block(file, key):
+                yield block
+
+    def exists(self, key: str) -> bool:
+        """Returns whether there is an object under the key."""
+        path = self._path(key)
+        with self._explained(key):
+            return path.is_file()
+
+    def mark(self, key: str) -> str:
+        """Returns the file's identity, size and time of its last change, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            found = path.stat()
+        if not path.is_file():
+            raise ObjectNotFound(f"{self.url}: no object {key}")
+        return file_mark(found)
+
+    def keys(self, prefix: str) -> list[str]:
+        """Returns the keys in the folder and below, sorted, without hidden files."""
+        with self._explained(prefix):
+            return sorted(shown_files(self.root, self._top(prefix)))
+
+    def entries(self, prefix: str) -> list[Entry]:
+        """Returns the keys in the folder and below, sorted, each with its size and age."""
+        with self._explained(prefix):
+            found = (listed(key, self.root / key) for key in self.keys(prefix))
+            return [entry for entry in found if entry]
+
+    def entry(self, key: str) -> Entry:
+        """Returns one object with its size and age, or raises ObjectNotFound."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            found = listed(key, path) if path.is_file() else None
+        if found is None:
+            raise ObjectNotFound(f"{self.url}: no object {key}")
+        return found
+
+    def now_s(self) -> float:
+        """Returns the time by the clock of the disk."""
+        with self._explained(_LOCKS):
+            return disk_now_s(self.root / _LOCKS)
+
+    def delete_unchanged(self, entry: Entry) -> bool:
+        """Removes the object unless it was written since, in one step; returns whether it is gone now."""
+        path = self._path(entry.key)
+        with self._explained(entry.key), self._locked(entry.key):
+            found = listed(entry.key, path)
+            if found is not None and found.mark != entry.mark:
+                return False
+            path.unlink(missing_ok=True)
+            return True
+
+    def unfinished(self, prefix: str) -> list[Entry]:
+        """Returns the hidden files in the folder and below that writers have left, or are writing."""
+        with self._explained(prefix):
+            return sorted(unfinished_files(self.root, self._top(prefix)), key=lambda entry: entry.key)
+
+    def discard(self, write: Entry) -> None:
+        """Removes a hidden file that a writer has left."""
+        with self._explained(write.key):
+            (self.root / write.key).unlink(missing_ok=True)
+
+    def delete(self, key: str) -> None:
+        """Removes the object if it is there."""
+        path = self._path(key)
+        with self._explained(key):
+            if not path.is_file():
+                return
+            with self._locked(key):
+                path.unlink(missing_ok=True)
+                settle_names(path.parent)
+
+    def upload(self, key: str, source: Path) -> None:
+        """Copies the file under the key; readers see the old object or the whole new one."""
+        path = self._path(key)
+        with source.open("rb") as reader, self._explained(key), hidden_file(path.parent, _mark(key)) as (file, hidden):
+            shutil.copyfileobj(reader, file, 1 << 20)
+            settle(file)
+            if hidden.stat().st_size != reader.tell():
+                raise StoreDamaged(f"{self.url}: {key}: what was written is not what was to be")
+            with self._locked(key):
+                hidden.replace(path)
+            settle_names(path.parent)
+
+    def sweep(self, key: str) -> None:
+        """Removes what uploads of the key that were killed have left."""
+        path = self._path(key)
+        with self._explained(key):
+            for left in path.parent.glob(f"{HIDDEN}{_mark(key)}*"):
+                left.unlink(missing_ok=True)
+
+    def download(self, key: str, target: Path) -> None:
+        """Copies the object to the file, which appears whole or not at all."""
+        path = self._path(key)
+        with self._explained(key, reading=True):
+            reader = path.open("rb")
+        with reader, room_in(target.parent), whole_file(target) as file:
+            shutil.copyfileobj(reader, file, 1 << 20)
+
+    def _block(self, file: BinaryIO, key: str) -> bytes:
+        with self._explained(key):
+            return file.read(1 << 18)
+
+    def _top(self, prefix: str) -> Path:
+        return self._path(prefix.rstrip("/")) if prefix else self.root
+
+    def _path(self, key: str) -> Path:
+        return self.root / checked_key(key)
+
+    def _link(self, hidden: Path, path: Path, key: str) -> None:
+        try:
+            path.hardlink_to(hidden)
+        except FileExistsError as exc:
+            raise ObjectExists(f"{self.url}: {key} exists already") from exc
+        except OSError as exc:
+            if exc.errno in _NO_LINKS:
+                raise StoreUnsafe(f"{self.url}: its disk has no hard links; use a folder on another disk") from exc
+            raise
+
+    def _compare(self, path: Path, key: str, etag: str) -> None:
+        try:
+            current = _etag(path.read_bytes())
+        except FileNotFoundError as exc:
+            raise ObjectConflict(f"{self.url}: {key} is gone") from exc
+        if current != etag:
+            raise ObjectConflict(f"{self.url}: {key} has changed since it was read")
+
+    @contextmanager
+    def _locked(self, key: str) -> Generator[None]:
+        # A few shared lock files instead of one beside every object; nothing takes two, so nothing deadlocks. Nobody
+        # waits for a disk while it has one, so that hardly anybody is paused with it.
+        make_folder(self.root / _LOCKS)
+        path = self.root / _LOCKS / hashlib.blake2b(key.encode(), digest_size=1).hexdigest()
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            self._lock(descriptor, key)
+            yield
+        finally:
+            # Closing alone would leave the lock with a child that was forked meanwhile.
+            fcntl.flock(descriptor, fcntl.LOCK_UN)
+            os.close(descriptor)
+
+    def _lock(self, descriptor: int, key: str) -> None:
+        until_s = time.monotonic() + _LONGEST_WAIT_S
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as exc:
+                if time.monotonic() > until_s:
+                    raise StoreUnreachable(
+                        f"{self.url}: {key}: a process that is paused, or hangs, has the lock"
+                    ) from exc
+                time.sleep(_LOCK_POLL_S)
+            else:
+                return
+
+    @contextmanager
+    def _explained(self, key: str, *, reading: bool = False) -> Generator[None]:
+        try:
+            yield
+        except OSError as exc:
+            if reading and exc.errno in NOTHING_THERE:
+                raise ObjectNotFound(f"{self.url}: no object {key}") from exc
+            raise explained_error(exc, self.url, self.root, key) from exc
+
+
+def _mark(key: str) -> str:
+    """Returns what the hidden names of a key's uploads have in common."""
+    return f"{hashlib.blake2b(key.encode(), digest_size=8).hexdigest()}-"
+
+
+def _etag(body: bytes) -> str:
+    return hashlib.blake2b(body, digest_size=16).hexdigest()

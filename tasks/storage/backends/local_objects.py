@@ -1,0 +1,77 @@
+"""What lies in a store's folder, and since when by the clock of its disk.
+
+What went wrong with a store's folder, in Simyard's words.
+"""
+
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from specs.errors import StoreAccessDenied, StoreError, StoreFull, StoreUnreachable
+from tasks.storage.base.atomic_file import HIDDEN, hidden_file, settle
+from tasks.storage.base.disk_space import NO_ROOM, told_full
+from tasks.storage.base.store import Entry
+
+NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
+_REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
+
+
+def explained_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
+    """Returns the store's error for what the disk said while the key was worked on."""
+    if exc.errno in _REFUSED:
+        return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
+    if exc.errno in (*NOTHING_THERE, errno.EEXIST):
+        return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
+    if exc.errno in NO_ROOM:
+        return StoreFull(f"{url}: {key}: {told_full(exc, root)}")
+    return StoreError(f"{url}: {key}: {exc.strerror}")
+
+
+def shown_files(root: Path, top: Path) -> Iterator[str]:
+    """Yields the keys of the objects at ``top`` and below, in no order; hidden files are none."""
+    for base, names in _walked(top):
+        folder = base.relative_to(root)
+        yield from ((folder / name).as_posix() for name in names if not name.startswith("."))
+
+
+def listed(key: str, path: Path) -> Entry | None:
+    """Returns a file as a listing shows it, or None if it is gone."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    return Entry(key, found.st_size, found.st_mtime, file_mark(found))
+
+
+def file_mark(found: os.stat_result) -> str:
+    """Returns what changes whenever an object is written: its file's identity, size and time of the last change."""
+    return f"{found.st_ino}-{found.st_size}-{found.st_mtime_ns}"
+
+
+def unfinished_files(root: Path, top: Path) -> Iterator[Entry]:
+    """Yields the files whose writers have not given them their names, or died before."""
+    for base, names in _walked(top):
+        for name in names:
+            path = base / name
+            if name.startswith(HIDDEN) and (entry := listed(path.relative_to(root).as_posix(), path)):
+                yield entry
+
+
+def disk_now_s(folder: Path) -> float:
+    """Returns the time by the clock of the disk, which is another machine's if that exports the folder."""
+    with hidden_file(folder) as (file, path):
+        file.write(b"now")
+        settle(file)
+        return path.stat().st_mtime
+
+
+def _walked(top: Path) -> Iterator[tuple[Path, list[str]]]:
+    for folder, folders, files in os.walk(top, onerror=_raise_unless_missing):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        yield Path(folder), files
+
+
+def _raise_unless_missing(exc: OSError) -> None:
+    if exc.errno not in NOTHING_THERE:
+        raise exc

@@ -1,0 +1,131 @@
+"""A store to try things on: reads go through, writes stay in memory and are gone with it.
+
+`simyard plan` publishes bundles and checks them exactly as `run` will, and leaves no trace.
+"""
+
+import hashlib
+from collections.abc import Generator
+from pathlib import Path
+
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig
+from tasks.storage.base.atomic_file import whole_file
+from tasks.storage.base.store import UNBOUNDED, Entry, Store, Stored
+
+
+class OverlayStore:
+    """Writes in memory above a store that is only read; for one process, and for small objects."""
+
+    def __init__(self, below: Store) -> None:
+        self.url = below.url
+        self._below = below
+        self._written: dict[str, bytes | None] = {}  # None: deleted here
+
+    def create(self, key: str, body: bytes) -> str:
+        """Returns the new object's ETag; see Store."""
+        if self.exists(key):
+            raise ObjectExists(f"{self.url}: {key} is taken")
+        return self.put(key, body)
+
+    def replace(self, key: str, body: bytes, etag: str) -> str:
+        """Returns the ETag of what replaces exactly what was read; see Store."""
+        if not self.exists(key) or self.get(key).etag != etag:
+            raise ObjectConflict(f"{self.url}: {key} is not what it was when it was read")
+        return self.put(key, body)
+
+    def put(self, key: str, body: bytes) -> str:
+        """Returns the ETag of what was written; see Store."""
+        self._written[key] = body
+        return _etag(body)
+
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+        """Returns an object from memory, else from below; see Store."""
+        if key not in self._written:
+            return self._below.get(key, most_bytes)
+        body = self._written[key]
+        if body is None:
+            raise ObjectNotFound(f"{self.url}: there is no {key}")
+        if len(body) > most_bytes:
+            raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
+        return Stored(body=body, etag=_etag(body))
+
+    def size(self, key: str) -> int:
+        """Returns an object's size; see Store."""
+        return len(self.get(key).body) if key in self._written else self._below.size(key)
+
+    def etag(self, key: str) -> str:
+        """Returns an object's ETag; see Store."""
+        return self.get(key).etag if key in self._written else self._below.etag(key)
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        """Yields an object's bytes; see Store."""
+        if key in self._written:
+            yield self.get(key).body[first_byte:]
+        else:
+            yield from self._below.blocks(key, first_byte)
+
+    def exists(self, key: str) -> bool:
+        """Returns whether there is an object; see Store."""
+        return self._written[key] is not None if key in self._written else self._below.exists(key)
+
+    def mark(self, key: str) -> str:
+        """Returns what changes whenever the object is written; see Store."""
+        return self.get(key).etag if key in self._written else self._below.mark(key)
+
+    def keys(self, prefix: str) -> list[str]:
+        """Returns the keys below a folder; see Store."""
+        folder = f"{prefix.rstrip('/')}/" if prefix else ""
+        own = {key for key in self._written if key.startswith(folder)}
+        return sorted(key for key in own.union(self._below.keys(prefix)) if self.exists(key))
+
+    def entries(self, prefix: str) -> list[Entry]:
+        """Returns the objects below a folder; what was written here was written right now; see Store."""
+        below = {entry.key: entry for entry in self._below.entries(prefix)}
+        return [self.entry(key) if key in self._written else below[key] for key in self.keys(prefix)]
+
+    def entry(self, key: str) -> Entry:
+        """Returns one object as a listing shows it; see Store."""
+        if key not in self._written:
+            return self._below.entry(key)
+        return Entry(key, self.size(key), self.now_s(), self.mark(key))
+
+    def now_s(self) -> float:
+        """Returns the time by the clock of the store below; see Store."""
+        return self._below.now_s()
+
+    def delete_unchanged(self, entry: Entry) -> bool:
+        """Hides an object unless it was written since; see Store."""
+        if self.exists(entry.key) and self.entry(entry.key).mark != entry.mark:
+            return False
+        self.delete(entry.key)
+        return True
+
+    def unfinished(self, prefix: str) -> list[Entry]:
+        """Returns the unfinished writes of the store below; see Store."""
+        return self._below.unfinished(prefix)
+
+    def discard(self, write: Entry) -> None:
+        """Removes nothing: what is below stays as it is; see Store."""
+
+    def delete(self, key: str) -> None:
+        """Hides an object; see Store."""
+        self._written[key] = None
+
+    def upload(self, key: str, source: Path) -> None:
+        """Takes a file into memory; see Store."""
+        self.put(key, source.read_bytes())
+
+    def sweep(self, key: str) -> None:
+        """Removes nothing: what is below stays as it is; see Store."""
+
+    def download(self, key: str, target: Path) -> None:
+        """Writes an object to a file; see Store."""
+        if key not in self._written:
+            self._below.download(key, target)
+            return
+        body = self.get(key).body
+        with whole_file(target) as file:
+            file.write(body)
+
+
+def _etag(body: bytes) -> str:
+    return hashlib.md5(body, usedforsecurity=False).hexdigest()

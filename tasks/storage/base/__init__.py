@@ -1,0 +1,1 @@
+"""What every store is and how its objects are named and written. Anyone may import it."""

@@ -1,0 +1,245 @@
+"""Job records and client request tokens: the same request twice is one job, and an ended job stays as it ended.
+
+The token is recorded before the job, and the job's id is made from kind and token, so that a process that dies between
+the two leaves nothing that the next one does not complete.
+"""
+
+import hashlib
+import json
+import time
+from collections.abc import Collection, Mapping
+from typing import Literal
+
+from pydantic import JsonValue
+
+from specs.arn import arn
+from specs.base import Fault, Spec
+from specs.errors import (
+    IdempotentParameterMismatch,
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ResourceNotFound,
+    StoreError,
+)
+from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.keys import job_key, jobs_prefix, token_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.transitions import Transition, tell
+from tasks.storage.store_url import store_id
+
+JobKind = Literal["world-generation-job", "world-export-job", "simulation-job-batch", "deployment-job", "pipeline-run"]
+TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
+_STATUSES = TERMINAL | {"Pending", "Preparing", "Running", "InProgress", "Completing", "Canceling", "TimingOut"}
+_PREFIXES: Mapping[JobKind, str] = {
+    "world-generation-job": "wgj",
+    "world-export-job": "wej",
+    "simulation-job-batch": "simb",
+    "deployment-job": "dep",
+    "pipeline-run": "run",
+}
+_ATTEMPTS = 1000
+_LONGEST_PAUSE_S = 0.05
+_LONGEST_REASON = 1024
+_EPOCH = "epoch"
+
+
+class JobRecord(Spec):
+    """What is known of a job.
+
+    Attributes:
+        token: The clientRequestToken it was submitted with.
+        request_digest: SHA-256 of the request's canonical JSON.
+        status: RoboMaker's status for this kind of job.
+        failure_code: RoboMaker's failure code, or empty.
+        failure_reason: What happened, for a person, or empty.
+        created_at_s: Seconds since 1970, by the clock of the machine that submitted it.
+        updated_at_s: Seconds since 1970, of the last advance.
+        detail: What this kind of job has beyond the rest, such as the worlds it made.
+    """
+
+    kind: JobKind
+    id: str
+    arn: str
+    token: str
+    request_digest: str
+    request: dict[str, JsonValue]
+    status: str
+    failure_code: str
+    failure_reason: str
+    created_at_s: float
+    updated_at_s: float
+    detail: dict[str, JsonValue]
+
+
+class _Token(Spec):
+    token: str
+    request_digest: str
+    id: str
+
+
+def request_digest(request: Mapping[str, JsonValue]) -> str:
+    """Returns the SHA-256, in hex, of the request as JSON with sorted keys and no spaces."""
+    text = json.dumps(request, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def job_id(kind: JobKind, token: str) -> str:
+    """Returns the id of the job that the token makes, such as ``wgj-0123456789abcdef``."""
+    return f"{_PREFIXES[kind]}-{hashlib.sha256(f'{kind}|{token}'.encode()).hexdigest()[:16]}"
+
+
+def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: str) -> JobRecord:
+    """Returns the job of the token: a new one, Pending, or the one that an equal request made before.
+
+    Raises:
+        IdempotentParameterMismatch: The token came with another request before (RoboMaker semantics 2).
+    """
+    digest = request_digest(request)
+    new = _Token(token=token, request_digest=digest, id=job_id(kind, token))
+    _record_token(store, kind, new)
+    now_s = time.time()
+    record = JobRecord(
+        kind=kind,
+        id=new.id,
+        arn=_job_arn(kind, store_id(store), new.id),
+        token=token,
+        request_digest=digest,
+        request=request,
+        status="Pending",
+        failure_code="",
+        failure_reason="",
+        created_at_s=now_s,
+        updated_at_s=now_s,
+        detail={},
+    )
+    try:
+        store.create(job_key(kind, new.id), encoded(record))
+    except ObjectExists:
+        return read(store, kind, new.id)
+    return record
+
+
+def advance(
+    store: Store,
+    kind: JobKind,
+    id: str,  # noqa: A002 - the word every caller and record uses
+    status: str,
+    *,
+    failure_code: str = "",
+    failure_reason: str = "",
+    detail: Mapping[str, JsonValue] | None = None,
+    only_from: Collection[str] = _STATUSES,
+    epoch: int = 0,
+) -> JobRecord:
+    """Returns the record after the change, written over exactly what was read; an ended job stays as it is.
+
+    The status is one of RoboMaker's; the detail is merged into the record's, key by key. A job whose status is none of
+    ``only_from`` stays as it is, too: one that is being cancelled does not go on because its next step begins. The
+    epoch is that of the writer's claim; the record keeps it, and who comes with an older one was replaced.
+
+    Raises:
+        ResourceNotFound: No such job.
+        StoreError: The record was written under a later epoch.
+        ObjectConflict: Others wrote the record faster, a thousand times in a row.
+        ValueError: The status is none of RoboMaker's.
+    """
+    if status not in _STATUSES:
+        raise ValueError(f"{status!r} is no job status; they are {', '.join(sorted(_STATUSES))}")
+    added = dict(detail or {}) | ({_EPOCH: epoch} if epoch else {})
+    change = {"status": status, "failure_code": failure_code, "failure_reason": _one_line(failure_reason)}
+    for attempt in range(_ATTEMPTS):
+        before, etag = _read(store, kind, id)
+        if is_terminal(before) or before.status not in only_from:
+            return before
+        if epoch and epoch < _epoch(before):
+            raise StoreError(
+                f"{store.url}: {id} is another process's since epoch {_epoch(before)}; this one had {epoch}"
+            )
+        after = before.model_copy(
+            update={**change, "updated_at_s": max(time.time(), before.updated_at_s), "detail": before.detail | added}
+        )
+        try:
+            store.replace(job_key(kind, id), encoded(after), etag)
+        except ObjectConflict:
+            time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
+        else:
+            _tell(before, after)
+            return after
+    raise ObjectConflict(f"{store.url}: {job_key(kind, id)} changed {_ATTEMPTS} times while it was being advanced")
+
+
+def read(store: Store, kind: JobKind, id: str) -> JobRecord:  # noqa: A002 - the word every caller and record uses
+    """Returns the record of a job.
+
+    Raises:
+        ResourceNotFound: No such job.
+    """
+    return _read(store, kind, id)[0]
+
+
+def records(store: Store, kind: JobKind) -> list[JobRecord]:
+    """Returns all jobs of a kind, oldest first, for showing to people (a listing may be late)."""
+    found: list[JobRecord] = []
+    for key in store.keys(jobs_prefix(kind)):
+        try:
+            found.append(decoded(JobRecord, store.get(key), store, key))
+        except ObjectNotFound:  # removed since it was listed
+            continue
+    return sorted(found, key=lambda record: (record.created_at_s, record.id))
+
+
+def is_terminal(record: JobRecord) -> bool:
+    """Returns whether the job has ended, and so will never change."""
+    return record.status in TERMINAL
+
+
+def _tell(before: JobRecord, after: JobRecord) -> None:
+    if before.status != after.status:
+        code, reason = after.failure_code, after.failure_reason
+        tell(Transition(after.kind, after.arn, before.status, after.status, code, reason))
+
+
+def _epoch(record: JobRecord) -> int:
+    found = record.detail.get(_EPOCH)
+    return found if isinstance(found, int) else 0
+
+
+def _one_line(reason: str) -> str:
+    # RoboMaker's reasons are one line of at most 1024 characters; ours may be a document's many faults.
+    return " ".join(reason.split())[:_LONGEST_REASON]
+
+
+def _record_token(store: Store, kind: JobKind, new: _Token) -> None:
+    key = token_key(kind, new.token)
+    try:
+        store.create(key, encoded(new))
+    except ObjectExists:
+        old = decoded(_Token, store.get(key), store, key)
+        if old.request_digest != new.request_digest:
+            raise _mismatch(kind, old, new) from None
+
+
+def _mismatch(kind: JobKind, old: _Token, new: _Token) -> IdempotentParameterMismatch:
+    fault = Fault(
+        path="clientRequestToken",
+        value=repr(new.token),
+        allowed=f"came before with request {old.request_digest} ({old.id}), now with {new.request_digest}; "
+        "send the same request, or another token",
+    )
+    return IdempotentParameterMismatch([fault], source=kind)
+
+
+def _job_arn(kind: JobKind, store: str, path: str) -> str:
+    # A run of the whole pipeline is Simyard's own and no kind of RoboMaker's resources.
+    return f"arn:simyard:{kind}:{store}:{path}" if kind == "pipeline-run" else arn(kind, store, path)
+
+
+def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
+    key = job_key(kind, wanted)
+    try:
+        stored = store.get(key)
+    except ObjectNotFound as exc:
+        fault = Fault(path=kind, value=repr(wanted), allowed=f"a job of this kind in {store.url}; see simyard list")
+        raise ResourceNotFound([fault], source="store") from exc
+    return decoded(JobRecord, stored, store, key), stored.etag

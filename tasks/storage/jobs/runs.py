@@ -1,0 +1,119 @@
+"""A run of a flow: a document's identity and a number (docs/decisions/0003).
+
+The same document run again after a crash continues the run that did not end; run again after an end, it begins the
+next.
+"""
+
+import re
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+
+from pydantic import JsonValue
+
+from specs.errors import ResourceNotFound
+from tasks.storage.base.keys import claim_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import ClaimRecord, claimed
+from tasks.storage.jobs.records import JobKind, JobRecord, is_terminal, job_id, read, request_digest, submit
+
+KIND: JobKind = "pipeline-run"
+# The flow of a stage, its section in the document of a whole pipeline, what its token ends in there, and its job.
+_STAGES: tuple[tuple[str, str, str, JobKind], ...] = (
+    ("world-generation", "worldGeneration", "worlds", "world-generation-job"),
+    ("world-export", "worldExport", "export", "world-export-job"),
+    ("simulation-batch", "simulationBatch", "batch", "simulation-job-batch"),
+    ("deployment-sync", "deployment", "deployment", "deployment-job"),
+)
+_STAGE_TOKEN = re.compile(r"(run-[0-9a-f]{16})-.+")
+Waiting = Callable[[JobRecord, ClaimRecord], None]
+
+
+def _nobody(_run: JobRecord, _holder: ClaimRecord) -> None:
+    """Drops what is told: nobody watches."""
+
+
+@contextmanager
+def begun(store: Store, identity: dict[str, JsonValue], waiting: Waiting = _nobody) -> Generator[JobRecord, None, None]:
+    """Yields the run of a document, which no other live process works on inside the ``with`` block.
+
+    Waits while another process works on it; the yielded record is terminal when that one ended it, and then there is
+    nothing left to do but to tell its result.
+
+    Args:
+        store: Where runs are recorded.
+        identity: All that decides the outcome: the flow's name, the document, digests of what it refers to.
+        waiting: Told several times a second of the run and who works on it, for as long as another process does.
+    """
+    digest = request_digest(identity)[:32]
+    record = submit(store, KIND, identity, _open_run(store, digest))
+    with claimed(store, claim_key(KIND, record.id), waiting=lambda holder: waiting(record, holder)):
+        yield read(store, KIND, record.id)
+
+
+def stage_token(run: JobRecord, stage: str) -> str:
+    """Returns the client request token of one of a run's stages."""
+    return f"{run.id}-{stage}"
+
+
+def run_of(token: str) -> str:
+    """Returns the id of the run that a stage's token was made for; empty for a token of a document's own."""
+    found = _STAGE_TOKEN.fullmatch(token)
+    return found[1] if found else ""
+
+
+def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
+    """Yields kind and id of each job that a run has begun or may begin, in the order of its stages."""
+    spec = run.request.get("spec")
+    sections = spec if isinstance(spec, dict) else {}
+    for flow, section, stage, kind in _STAGES:
+        if run.request.get("flow") == "pipeline" and section in sections:
+            yield kind, job_id(kind, _own_token(sections[section]) or stage_token(run, stage))
+        elif run.request.get("flow") == flow:
+            yield kind, job_id(kind, _own_token(spec) or stage_token(run, flow))
+
+
+def _own_token(section: JsonValue) -> str:
+    token = section.get("clientRequestToken") if isinstance(section, dict) else None
+    return token if isinstance(token, str) else ""
+
+
+def _open_run(store: Store, digest: str) -> str:
+    """Returns the token of the newest run if it is still open, else of the one after it."""
+    newest = _newest(store, digest)
+    if newest and not is_terminal(read(store, KIND, _id(digest, newest))):
+        return _token(digest, newest)
+    return _token(digest, newest + 1)
+
+
+def _newest(store: Store, digest: str) -> int:
+    """Returns the number of the newest run, 0 for none.
+
+    Runs are numbered without gaps, so doubling and halving finds the last of a thousand nights in twenty requests, and
+    no listing has to be believed.
+    """
+    known, unknown = 0, 1
+    while _exists(store, digest, unknown):
+        known, unknown = unknown, unknown * 2
+    while unknown - known > 1:
+        middle = (known + unknown) // 2
+        if _exists(store, digest, middle):
+            known = middle
+        else:
+            unknown = middle
+    return known
+
+
+def _exists(store: Store, digest: str, number: int) -> bool:
+    try:
+        read(store, KIND, _id(digest, number))
+    except ResourceNotFound:
+        return False
+    return True
+
+
+def _id(digest: str, number: int) -> str:
+    return job_id(KIND, _token(digest, number))
+
+
+def _token(digest: str, number: int) -> str:
+    return f"{digest}-{number}"

@@ -1,0 +1,1 @@
+"""What a finished world guarantees, and what became of each wish. Generation may import it."""

@@ -1,0 +1,164 @@
+"""What a world guarantees, measured on its finished geometry."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from specs.data.world import Certificate, Door, Furniture, Passage, Room, RoomFigures, Solid
+from tasks.worlds.brief import Brief
+from tasks.worlds.certificate.wishes import weigh_wishes
+from tasks.worlds.floorplan.doors import LEAF_PLAY_M, LEAF_THICKNESS_M, opened
+from tasks.worlds.floorplan.scoring import WALL_M
+from tasks.worlds.geometry.boxes import Box, around, rounded
+from tasks.worlds.geometry.clearance import HEADROOM_M, Clearance, connected_share, measure_clearance, reaches_room
+from tasks.worlds.geometry.overlaps import count_overlaps
+
+START_RADIUS_M = 1.0
+_RADIUS_STEP_M = 0.01
+_RADIUS_MAX_M = 1.0
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Where a robot can drive.
+
+    Attributes:
+        opened: With all doors fully open.
+        as_set: With the doors as they stand.
+    """
+
+    opened: Clearance
+    as_set: Clearance
+
+
+def survey(
+    rooms: Sequence[Room],
+    passages: Sequence[Passage],
+    walls: Sequence[Solid],
+    furniture: Sequence[Furniture],
+    doors: Sequence[Door] = (),
+) -> Survey:
+    """Returns the clearances of a finished world."""
+    fixed = [*walls, *(solid for piece in furniture for solid in piece.solids)]
+    area = around([_box(room) for room in rooms]).grown(WALL_M)
+    as_set = measure_clearance(area, [*fixed, *(door.leaf for door in doors)])
+    if all(door.open_percent == 100.0 for door in doors):
+        return Survey(as_set, as_set)
+    return Survey(measure_clearance(area, [*fixed, *opened(doors, passages)]), as_set)
+
+
+def certify(
+    brief: Brief,
+    rooms: Sequence[Room],
+    passages: Sequence[Passage],
+    *,
+    walls: Sequence[Solid],
+    furniture: Sequence[Furniture],
+    doors: Sequence[Door] = (),
+    surveyed: Survey | None = None,
+) -> Certificate:
+    """Returns a world's certificate.
+
+    Args:
+        brief: What the template asks for.
+        rooms: The rooms, in the brief's order.
+        passages: The ways between them.
+        walls: All walls.
+        furniture: All furniture.
+        doors: All doors.
+        surveyed: The clearances, where they are known already.
+    """
+    clear = surveyed or survey(rooms, passages, walls, furniture, doors)
+    floors = [_box(room) for room in rooms]
+    figures = tuple(_figures(brief, clear.opened, rooms))
+    outline = around(floors).grown(WALL_M)
+    errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
+    in_the_way = [*walls, *(door.leaf for door in doors), *(solid for piece in furniture for solid in piece.solids)]
+    reachable = reachable_radius(clear.opened, floors)
+    same = clear.as_set is clear.opened
+    return Certificate(
+        origin_clear_radius_m=rounded(distance_to_origin(in_the_way)),
+        guaranteed_robot_radius_m=rounded(brief.robot_radius_m),
+        reachable_robot_radius_m=rounded(reachable),
+        doors_as_set_robot_radius_m=rounded(reachable if same else reachable_radius(clear.as_set, floors)),
+        narrowest_passage_m=rounded(narrowest_passage(passages, doors)),
+        free_floor_share=rounded(_free_share(clear.opened, floors)),
+        area_error_mean=rounded(float(np.mean(errors))),
+        overlaps=count_overlaps(furniture, walls, [door.leaf for door in doors]),
+        rooms=figures,
+        wishes=weigh_wishes(
+            brief, rooms, passages, furniture, doors, figures=figures, outline_m=(outline.width, outline.height)
+        ),
+    )
+
+
+def narrowest_passage(passages: Sequence[Passage], doors: Sequence[Door]) -> float:
+    """Returns the clear width of the narrowest passage with all doors fully open (metres), 0 for no passage.
+
+    An open leaf stands in its doorway's width with its thickness, a hinge's play away from the jamb.
+    """
+    hung = {door.passage for door in doors}
+    leaf = LEAF_THICKNESS_M + LEAF_PLAY_M
+    widths = (passage.width_m - (leaf if number in hung else 0.0) for number, passage in enumerate(passages))
+    return min(widths, default=0.0)
+
+
+def _figures(brief: Brief, clear: Clearance, rooms: Sequence[Room]) -> Iterator[RoomFigures]:
+    reached = clear.reached(brief.robot_radius_m)
+    for room in rooms:
+        floor = _box(room)
+        yield RoomFigures(
+            room=room.name,
+            area_m2=rounded(floor.area),
+            free_floor_share=rounded(_free_share(clear, [floor])),
+            reached_share=rounded(connected_share(reached, clear, floor, brief.robot_radius_m)),
+        )
+
+
+def distance_to_origin(solids: Sequence[Solid]) -> float:
+    """Returns the distance on the floor from (0, 0) to the nearest solid that is not above head height (metres)."""
+    low = [solid for solid in solids if solid.center_m[2] - solid.half_extents_m[2] < HEADROOM_M]
+    x, y = np.array([solid.center_m[:2] for solid in low]).T
+    half_x, half_y = np.array([solid.half_extents_m[:2] for solid in low]).T
+    yaw = np.array([solid.yaw_rad for solid in low])
+    ahead = np.maximum(np.abs(np.cos(yaw) * x + np.sin(yaw) * y) - half_x, 0.0)
+    aside = np.maximum(np.abs(np.cos(yaw) * y - np.sin(yaw) * x) - half_y, 0.0)
+    round_ones = np.array([solid.shape == "cylinder" for solid in low])
+    distances = np.where(round_ones, np.sqrt(x * x + y * y) - half_x, np.sqrt(ahead * ahead + aside * aside))
+    return max(float(distances.min()), 0.0)
+
+
+def reachable_radius(clearance: Clearance, floors: Sequence[Box]) -> float:
+    """Returns the largest radius (whole centimetres) with which every room is reached, by bisection; 0 for none."""
+    low, high = 0, round(_RADIUS_MAX_M / _RADIUS_STEP_M) + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        radius = middle * _RADIUS_STEP_M
+        reached = clearance.reached(radius)
+        holds = all(reaches_room(reached, clearance, floor, radius) for floor in floors)
+        low, high = (middle, high) if holds else (low, middle)
+    return low * _RADIUS_STEP_M
+
+
+def broken_guarantees(certificate: Certificate) -> tuple[str, ...]:
+    """Returns what a world promises and does not keep, one sentence each; none for a good world."""
+    found: list[str] = []
+    if certificate.origin_clear_radius_m < START_RADIUS_M:
+        found.append(f"only {certificate.origin_clear_radius_m} m around the start are clear, not {START_RADIUS_M}")
+    asked, radius = certificate.guaranteed_robot_radius_m, certificate.reachable_robot_radius_m
+    if radius < asked:
+        found.append(f"a robot of {asked} m radius does not reach every room, only one of {radius} m")
+    if certificate.overlaps:
+        found.append(f"{certificate.overlaps} pairs of things overlap")
+    return tuple(found)
+
+
+def _free_share(clearance: Clearance, floors: Sequence[Box]) -> float:
+    covered = [clearance.covered[clearance.cells(floor)] for floor in floors]
+    return 1.0 - sum(int(cells.sum()) for cells in covered) / sum(cells.size for cells in covered)
+
+
+def _box(room: Room) -> Box:
+    floor = room.floor
+    return Box(floor.x_min_m, floor.y_min_m, floor.x_max_m, floor.y_max_m)

@@ -1,0 +1,4 @@
+"""A floor plan: slicing, search, refinement, passages, walls, doors, windows.
+
+Furnishing and the certificate may import it.
+"""

@@ -1,0 +1,189 @@
+"""Ways between rooms: the wished ones first, then doorways until every room is reachable."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from specs.data.world import RoomType
+from tasks.worlds.brief import Brief, ConnectionWish, PassageKind
+from tasks.worlds.floorplan.scoring import JAMB_M, OPENING_MIN_M, PRIVATE, WALL_M, doorway_width
+from tasks.worlds.geometry.boxes import EPSILON_M, Box
+
+HUBS: dict[RoomType, int] = {
+    "Hallway": 0,
+    "Living": 1,
+    "Dining": 2,
+    "Kitchen": 3,
+    "Bedroom": 5,
+    "Closet": 8,
+    "Bathroom": 9,
+}
+"""How unlike people's homes it is that doorways lead to a type; the cheapest spanning tree is built."""
+_OPENING_MAX_M = 4.0
+_OPENING_SHARE = 0.85
+# Where a doorway may lie in its stretch of wall: at either end, and so many places between.
+_BETWEEN = 4
+# What counts against a place: metres from the room's corner (furniture wants long walls, a leaf wants a wall to lean
+# on), as far as that matters; leaves that meet; metres to the room's other ways, because paths cut rooms up.
+_FROM_CORNER, _CORNER_MAX_M = 1.0, 1.2
+_LEAVES_MEET, _PATH, _TASTE = 1.5, 0.1, 0.8
+_HALLWAY_SHARE = 0.25  # hallways hold little furniture
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A passage as geometry: rooms by index (lower first), where it lies, and the axis its wall runs along."""
+
+    rooms: tuple[int, int]
+    kind: PassageKind
+    center: tuple[float, float]
+    width: float
+    along: Literal["x", "y"]
+    desired: bool
+
+    def box(self, depth_m: float, extra_m: float = 0.0) -> Box:
+        """Returns the floor of the passage, reaching that deep to both sides of the wall's centre line."""
+        half = self.width / 2 + extra_m
+        half_x, half_y = (half, depth_m) if self.along == "x" else (depth_m, half)
+        x, y = self.center
+        return Box(x - half_x, y - half_y, x + half_x, y + half_y)
+
+    def shifted(self, dx_m: float, dy_m: float) -> "Gap":
+        """Returns the passage moved, in whole millimetres."""
+        return replace(self, center=(round(self.center[0] + dx_m, 3), round(self.center[1] + dy_m, 3)))
+
+
+@dataclass(frozen=True)
+class SharedWall:
+    """What two cells share: the axis it runs along, where it lies, and from where to where both rooms face it."""
+
+    along: Literal["x", "y"]
+    at: float
+    start: float
+    end: float
+
+    @property
+    def length(self) -> float:
+        """Extent along the wall (metres)."""
+        return self.end - self.start
+
+    def gap(self, rooms: tuple[int, int], kind: PassageKind, start: float, width: float, *, desired: bool) -> Gap:
+        """Returns a gap in the wall that begins at a place along it."""
+        middle = round(start + width / 2, 3)
+        center = (middle, self.at) if self.along == "x" else (self.at, middle)
+        return Gap(rooms, kind, center, round(width, 2), self.along, desired)
+
+
+def shared_wall(a: Box, b: Box) -> SharedWall | None:
+    """Returns the wall between two cells, None where they do not touch; its length can be negative at a corner."""
+    if abs(a.x_max - b.x_min) < EPSILON_M or abs(b.x_max - a.x_min) < EPSILON_M:
+        at = a.x_max if abs(a.x_max - b.x_min) < EPSILON_M else a.x_min
+        return SharedWall("y", at, max(a.y_min, b.y_min) + WALL_M / 2, min(a.y_max, b.y_max) - WALL_M / 2)
+    if abs(a.y_max - b.y_min) < EPSILON_M or abs(b.y_max - a.y_min) < EPSILON_M:
+        at = a.y_max if abs(a.y_max - b.y_min) < EPSILON_M else a.y_min
+        return SharedWall("x", at, max(a.x_min, b.x_min) + WALL_M / 2, min(a.x_max, b.x_max) - WALL_M / 2)
+    return None
+
+
+def place_passages(rng: np.random.Generator, brief: Brief, cells: Sequence[Box]) -> tuple[Gap, ...]:
+    """Returns the passages of a plan; a wished one that its walls cannot hold is narrower, or left out."""
+    builder = _Builder(rng, brief, cells)
+    for wish, count in Counter(brief.connections).items():
+        builder.add_wished(wish, count)
+    builder.join()
+    return tuple(builder.gaps)
+
+
+class _Builder:
+    """Breaks gaps into walls, one after the other."""
+
+    def __init__(self, rng: np.random.Generator, brief: Brief, cells: Sequence[Box]) -> None:
+        self.gaps: list[Gap] = []
+        self._rng, self._brief = rng, brief
+        self._floors = [cell.grown(-WALL_M / 2) for cell in cells]
+        self._width = doorway_width(brief)
+        self._opening = max(OPENING_MIN_M, self._width)
+        pairs = ((a, b) for a in range(len(cells)) for b in range(a + 1, len(cells)))
+        walls = ((pair, shared_wall(cells[pair[0]], cells[pair[1]])) for pair in pairs)
+        least = self._width + 2 * JAMB_M - EPSILON_M
+        self._walls = {pair: wall for pair, wall in walls if wall and wall.length >= least}
+
+    def add_wished(self, wish: ConnectionWish, count: int) -> None:
+        """Adds an opening, or as many doorways side by side as the wall holds."""
+        wall = self._walls.get(wish.rooms)
+        if wall is None:
+            return
+        if wish.kind == "Opening" and wall.length >= self._opening + 2 * JAMB_M - EPSILON_M:
+            width = round(min(max(_OPENING_SHARE * wall.length, self._opening), _OPENING_MAX_M), 2)
+            spare = wall.length - width - 2 * JAMB_M
+            start = wall.start + JAMB_M + spare * (0.25 + 0.5 * float(self._rng.random()))
+            self.gaps.append(wall.gap(wish.rooms, "Opening", round(start, 2), width, desired=True))
+            return
+        fitting = min(count, int((wall.length - JAMB_M + EPSILON_M) / (self._width + JAMB_M)))
+        slot = (wall.length - JAMB_M) / fitting
+        for n in range(fitting):
+            start = wall.start + JAMB_M + n * slot
+            self._add_doorway(wish.rooms, wall, start, start + slot - JAMB_M, desired=True)
+
+    def join(self) -> None:
+        """Adds the cheapest doorways that join all rooms (Kruskal), given those that are there.
+
+        Those between rooms that people walk through come first: a bathroom or closet hangs at the end of a way
+        unless the template says otherwise or no other wall is long enough.
+        """
+        group = list(range(len(self._floors)))
+        for gap in self.gaps:
+            _unite(group, gap.rooms)
+        for pair in sorted(self._walls, key=self._unlikeness):
+            if group[pair[0]] != group[pair[1]]:
+                _unite(group, pair)
+                wall = self._walls[pair]
+                self._add_doorway(pair, wall, wall.start + JAMB_M, wall.end - JAMB_M, desired=False)
+
+    def _unlikeness(self, pair: tuple[int, int]) -> tuple[int, float]:
+        rooms = [self._brief.rooms[room] for room in pair]
+        product = (HUBS[rooms[0].type] + 1) * (HUBS[rooms[1].type] + 1)
+        return sum(room.type in PRIVATE for room in rooms), product * (1.0 + 0.2 * float(self._rng.random()))
+
+    def _add_doorway(
+        self, rooms: tuple[int, int], wall: SharedWall, start: float, end: float, *, desired: bool
+    ) -> None:
+        """Adds a doorway at the best place of a stretch of wall, as its rooms see it, with some taste."""
+        spare = max(end - start - self._width, 0.0)
+        shares = [0.0, 1.0, *self._rng.random(_BETWEEN).tolist()]
+        taste = self._rng.random(len(shares)).tolist()
+        ways = [
+            wall.gap(rooms, "Doorway", round(start + share * spare, 2), self._width, desired=desired)
+            for share in shares
+        ]
+        costs = [self._awkwardness(way) + _TASTE * chance for way, chance in zip(ways, taste, strict=True)]
+        self.gaps.append(ways[costs.index(min(costs))])
+
+    def _awkwardness(self, way: Gap) -> float:
+        cost = 0.0
+        for room in way.rooms:
+            others = [gap for gap in self.gaps if room in gap.rooms]
+            share = _HALLWAY_SHARE if self._brief.rooms[room].type == "Hallway" else 1.0
+            cost += _FROM_CORNER * share * min(_from_corner(way, self._floors[room]), _CORNER_MAX_M)
+            cost += sum(_PATH * share * _apart(way, gap) for gap in others)
+            if self._brief.doors is not None:
+                swing = way.box(self._width)
+                cost += _LEAVES_MEET * sum(swing.meets(gap.box(self._width)) for gap in others)
+        return cost
+
+
+def _from_corner(gap: Gap, floor: Box) -> float:
+    axis = 0 if gap.along == "x" else 1
+    return min(gap.center[axis] - floor[axis], floor[axis + 2] - gap.center[axis]) - gap.width / 2
+
+
+def _apart(one: Gap, other: Gap) -> float:
+    return abs(one.center[0] - other.center[0]) + abs(one.center[1] - other.center[1])
+
+
+def _unite(group: list[int], pair: tuple[int, int]) -> None:
+    kept, gone = group[pair[0]], group[pair[1]]
+    group[:] = [kept if each == gone else each for each in group]

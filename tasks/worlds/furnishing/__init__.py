@@ -1,0 +1,1 @@
+"""Rooms are furnished: programme, groups, spots, placement. Generation may import it."""

@@ -1,0 +1,1 @@
+"""Pieces that stand together, in one frame. Furnishing may import it."""

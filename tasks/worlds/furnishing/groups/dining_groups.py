@@ -1,0 +1,113 @@
+"""Tables with chairs pushed under them."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from tasks.worlds.furnishing.groups.group import Group, Member, Taste, Zone
+from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furniture.primitives import Size
+from tasks.worlds.geometry.boxes import Box
+
+_CHAIR: Size = (0.45, 0.5, 0.9)
+_TUCK_M = 0.22
+_LEGS_M = 0.09
+_SEAT_M = 0.6  # Neufert: of table edge for each diner
+_END_SEAT_M = 1.55
+_RISE_M = 0.75
+_MOST = 6
+_SMALL_ROOM_M2 = 16.0
+
+
+def table_groups(setting: Setting) -> Iterator[Group]:
+    """Yields tables to try: in the room with chairs all around, then with one end or side at a wall, then alone."""
+    sizes = setting.sizes("DiningTables")
+    turns = _long_way(setting)
+    for size in sizes:
+        yield _free_standing(setting, size, turns)
+    for size in sizes[-2:]:
+        yield _at_wall(setting, size, end=True)
+        yield _at_wall(setting, size, end=False)
+    small = setting.smallest("DiningTables")
+    yield _at_wall(setting, small, end=False)
+    if setting.listed is not None:
+        yield Group((Member("DiningTables", small),), ())
+
+
+def _long_way(setting: Setting) -> tuple[int, ...]:
+    """Returns the ways to turn a table so that it lies along the room, or any in a square one."""
+    floor = setting.scene.floor
+    if max(floor.width, floor.height) < 1.15 * min(floor.width, floor.height):
+        return (0, 1)
+    return (0,) if floor.width > floor.height else (1,)
+
+
+def _free_standing(setting: Setting, size: Size, turns: tuple[int, ...]) -> Group:
+    x, y = size[0] / 2, size[1] / 2
+    chairs = _long_side(setting, size, -1) + _long_side(setting, size, 1)
+    if size[0] >= _END_SEAT_M or size[0] == size[1]:
+        chairs += [_chair(setting, size, (side * x, 0.0), side % 4) for side in (-1, 1)]
+    most = 4 if setting.area_m2 < _SMALL_ROOM_M2 else _MOST
+    around = max(_RISE_M, setting.scene.way_m)
+    zone = Zone(Box(-x - around, -y - around, x + around, y + around))
+    # The first table of a room takes its middle.
+    middle = 1.2 if setting.scene.count("DiningTables") == 0 else 0.0
+    return Group(
+        (Member("DiningTables", size), *_allowed(setting, chairs[:most])),
+        (zone,),
+        "center",
+        Taste(middle=middle, away=0.3, chance=0.4),
+        turns,
+    )
+
+
+def _at_wall(setting: Setting, size: Size, *, end: bool) -> Group:
+    """Returns a table with an end, or a long side, at a wall, and chairs on the other sides."""
+    rise = max(_RISE_M, setting.scene.way_m)
+    if not end:
+        x, y = size[0] / 2, size[1] / 2
+        chairs = _long_side(setting, size, 1)
+        zone = Zone(Box(-x, y, x, y + rise))
+        table = Member("DiningTables", size)
+        return Group((table, *_allowed(setting, chairs)), (zone,), taste=Taste(window=0.6, corner=0.2))
+    x, y = size[1] / 2, size[0] / 2  # a quarter turned: the long side runs into the room
+    chairs = [_turned(chair) for side in (-1, 1) for chair in _long_side(setting, size, side)]
+    zone = Zone(Box(-x - rise, -y, x + rise, y))
+    front = Zone(Box(-x, y, x, y + setting.scene.way_m))
+    table = Member("DiningTables", size, quarter=1)
+    return Group((table, *_allowed(setting, chairs)), (zone, front), taste=Taste(window=0.4, middle=0.4))
+
+
+def _long_side(setting: Setting, size: Size, side: int) -> list[Member]:
+    """Returns the chairs along one long side (-1 at the back, 1 in front), as many as have 0.6 m each."""
+    usable = size[0] - 2 * _LEGS_M
+    if size[0] == size[1]:
+        usable = min(usable, _SEAT_M)
+    count = min(max(1, int((usable + 0.04) / _SEAT_M)), 3)
+    pitch = usable / count
+    return [
+        _chair(setting, size, (round(-usable / 2 + (n + 0.5) * pitch, 3), side * size[1] / 2), 0 if side < 0 else 2)
+        for n in range(count)
+    ]
+
+
+def _chair(setting: Setting, table: Size, edge: tuple[float, float], quarter: int) -> Member:
+    """Returns a chair that faces a table from a point of its edge, and is pushed under it more or less."""
+    tuck = round(_TUCK_M - 0.04 * int(3 * float(setting.rng.random())), 2)
+    if table[0] == table[1]:
+        tuck = min(tuck, round(table[0] / 2 - _CHAIR[0] / 2 - 0.02, 3))  # or diners at the corner would touch
+    out = round(_CHAIR[1] / 2 - tuck, 3)
+    # Facings 0 to 3 look along +y, -x, -y, +x; the chair stands out of the table the other way.
+    dx, dy = ((0.0, -out), (out, 0.0), (0.0, out), (-out, 0.0))[quarter]
+    return Member("DiningChairs", _CHAIR, (edge[0] + dx, edge[1] + dy), quarter, needed=False, worth=0.5, under=tuck)
+
+
+def _turned(chair: Member) -> Member:
+    x, y = chair.at
+    return replace(chair, at=(-y, x), quarter=(chair.quarter + 1) % 4)
+
+
+def _allowed(setting: Setting, chairs: list[Member]) -> list[Member]:
+    """Returns the chairs that a list leaves; a table without any would be a poor one, so the first is needed."""
+    if not setting.allows("DiningChairs"):
+        return []
+    return [replace(chairs[0], needed=True), *chairs[1:]]

@@ -1,0 +1,150 @@
+"""Groups: pieces that are placed together, in one frame, because people use them together.
+
+The frame is that of the first member: x along its back, y to its front, its middle at (0, 0).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tasks.worlds.furniture.catalogue import Anchor, ModelType
+from tasks.worlds.furniture.primitives import Size
+from tasks.worlds.geometry.boxes import Box
+
+# Where each side of a box comes from, and its sign, after 0 to 3 quarter turns counter-clockwise.
+_SIDES = np.array([[0, 1, 2, 3], [3, 0, 1, 2], [2, 3, 0, 1], [1, 2, 3, 0]])
+_SIGNS = np.array([[1.0, 1, 1, 1], [-1, 1, -1, 1], [-1, -1, -1, -1], [1, -1, 1, -1]])
+
+
+@dataclass(frozen=True)
+class Member:
+    """One piece of a group.
+
+    Attributes:
+        at: Its middle in the group's frame.
+        quarter: Which way it faces there, in quarter turns from +y, counter-clockwise.
+        askew: How far it is turned beyond that (radians).
+        needed: Whether the group is no group without it.
+        worth: How much a place that has room for it is better than one that has not.
+        under: How far its front is pushed under something of its group (metres).
+    """
+
+    kind: ModelType
+    size: Size
+    at: tuple[float, float] = (0.0, 0.0)
+    quarter: int = 0
+    askew: float = 0.0
+    needed: bool = True
+    worth: float = 1.0
+    under: float = 0.0
+
+    @property
+    def covers(self) -> float:
+        """Floor that it covers and nothing else of its group does (square metres)."""
+        return self.size[0] * (self.size[1] - self.under)
+
+    @property
+    def body(self) -> Box:
+        """The box around it in the group's frame."""
+        half_x, half_y = self.size[0] / 2, self.size[1] / 2
+        if self.askew:
+            cos, sin = abs(math.cos(self.askew)), abs(math.sin(self.askew))
+            half_x, half_y = half_x * cos + half_y * sin, half_x * sin + half_y * cos
+        if self.quarter % 2:
+            half_x, half_y = half_y, half_x
+        return Box(self.at[0] - half_x, self.at[1] - half_y, self.at[0] + half_x, self.at[1] + half_y)
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Floor that is kept free of other groups for using one; ``member`` is the one that it belongs to."""
+
+    box: Box
+    member: int = 0
+
+
+@dataclass(frozen=True)
+class Taste:
+    """Where a group likes to stand, among the places where it can; each figure is what missing it costs.
+
+    Attributes:
+        corner: In a corner, or flush beside something.
+        middle: In the middle of its wall, or of the room.
+        window: Below a window.
+        away: Away from passages.
+        chance: How much is left to chance.
+        near: Close to pieces of these types.
+        facing: Across from a piece of this type.
+        apart: Away from others of its own type.
+    """
+
+    corner: float = 0.0
+    middle: float = 0.0
+    window: float = 0.0
+    away: float = 0.0
+    chance: float = 0.3
+    near: tuple[ModelType, ...] = ()
+    facing: ModelType = ""
+    apart: bool = False
+
+
+@dataclass(frozen=True)
+class Group:
+    """Pieces and the floor that their use needs.
+
+    Attributes:
+        members: The first stands where the anchor says; the others stand as they lie in its frame.
+        anchor: Where it stands; a corner is behind and on the left of the first member.
+        quarters: Which ways the first member may face in the room.
+        flush: Whether it touches what stands beside it, or keeps a hand's breadth away.
+        walls_only: Whether it stays away from the lines in the middle of large rooms.
+    """
+
+    members: tuple[Member, ...]
+    zones: tuple[Zone, ...]
+    anchor: Anchor = "wall"
+    taste: Taste = field(default_factory=Taste)
+    quarters: tuple[int, ...] = (0, 1, 2, 3)
+    flush: bool = False
+    walls_only: bool = False
+
+    @property
+    def area(self) -> float:
+        """Floor that the members it needs cover (square metres)."""
+        return sum(member.covers for member in self.members if member.needed)
+
+    @cached_property
+    def boxes(self) -> Float[np.ndarray, "4 quarters boxes"]:
+        """The members' boxes about the group's middle, then the zones', for each way that it may face."""
+        sides = np.array([*(member.body for member in self.members), *(zone.box for zone in self.zones)]).T
+        return sides[_SIDES.T] * _SIGNS.T[..., None]
+
+    @cached_property
+    def reach(self) -> tuple[Box, Box]:
+        """The boxes around the members that it needs, and around all."""
+        bodies = [member.body for member in self.members]
+        needed = [body for body, member in zip(bodies, self.members, strict=True) if member.needed]
+        return around(needed), around(bodies)
+
+    @cached_property
+    def needed(self) -> list[int]:
+        """Which members it cannot do without."""
+        return [number for number, member in enumerate(self.members) if member.needed]
+
+
+def around(boxes: Sequence[Box]) -> Box:
+    """Returns the box around boxes."""
+    if len(boxes) == 1:
+        return boxes[0]
+    x_min, y_min, x_max, y_max = zip(*boxes, strict=True)
+    return Box(min(x_min), min(y_min), max(x_max), max(y_max))
+
+
+def front_zone(size: Size, depth_m: float, aside_m: float = 0.0) -> Zone:
+    """Returns the floor before a first member, as wide as it is or wider on both sides."""
+    x = size[0] / 2 + aside_m
+    return Zone(Box(-x, size[1] / 2, x, size[1] / 2 + depth_m))

@@ -1,0 +1,89 @@
+"""Kitchen units in a row under one worktop, and the island before it."""
+
+from collections.abc import Iterator
+
+from tasks.worlds.furnishing.groups.group import Group, Member, Taste, Zone, front_zone
+from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furniture.catalogue import CATALOGUE, ModelType
+from tasks.worlds.furniture.primitives import Size
+from tasks.worlds.geometry.boxes import Box
+
+ROW = ("Fridges", "DishWashers", "Ovens", "WashingMachinesAndDryers")
+"""What stands in a row, from its tall end on."""
+_AISLE_M = 1.1
+_LARDER: Size = (0.6, 0.6, 2.0)
+
+
+def row_groups(setting: Setting) -> Iterator[Group]:
+    """Yields rows of all units that the room may hold and has not: wide, narrow, without the laundry, single."""
+    kinds = [kind for kind in ROW if setting.allows(kind) and _wanted(setting, kind)]
+    mirrored = setting.chance(0.5)
+    if len(kinds) > 1:
+        yield _row(setting, kinds, ("DishWashers", "Ovens", "Storage"), mirrored=mirrored)
+        yield _row(setting, kinds, ("DishWashers",), mirrored=mirrored)
+        yield _row(setting, kinds, (), mirrored=mirrored)
+    if len(kinds) > 2:
+        yield _row(setting, kinds[:-1], (), mirrored=mirrored)
+        yield _row(setting, kinds[1:], (), mirrored=mirrored)
+
+
+def _wanted(setting: Setting, kind: ModelType) -> bool:
+    count = setting.scene.count(kind)
+    if kind == "WashingMachinesAndDryers":
+        return count == 0 and (setting.listed is not None or (setting.area_m2 > 11.0 and setting.chance(0.3)))
+    return count == 0 or setting.scene.count("Ovens") > 0
+
+
+def _row(setting: Setting, kinds: list[ModelType], wide: tuple[ModelType, ...], *, mirrored: bool) -> Group:
+    """Returns a row of one unit of each type; those that are wide have drawers or the sink beside the machine."""
+    units = [
+        (kind, setting.size(kind, CATALOGUE[kind].variants[-1]) if kind in wide else setting.smallest(kind))
+        for kind in kinds
+    ]
+    units = [(kind, (w, d, 0.85) if kind == "WashingMachinesAndDryers" else (w, d, h)) for kind, (w, d, h) in units]
+    roomy = setting.room == "Kitchen" and "Storage" in wide
+    if roomy and setting.area_m2 > 15.0 and setting.allows("Storage"):
+        units.insert(0, ("Storage", _LARDER))
+    if mirrored:
+        units.reverse()
+    first = units[0][1]
+    members: list[Member] = []
+    along = -first[0] / 2
+    for kind, size in units:
+        at = (round(along + size[0] / 2, 3), round((size[1] - first[1]) / 2, 3))
+        members.append(Member(kind, size, at))
+        along += size[0]
+    deepest = max(size[1] for _, size in units) - first[1] / 2
+    start = -first[0] / 2
+    way = setting.front_m("Ovens")
+    zones = [Zone(Box(start, deepest, round(along, 3), deepest + way))]
+    if roomy and setting.area_m2 > 14.0 and setting.allows("KitchenIslandsAndCarts"):
+        members.append(_island(setting, (start, along), deepest))
+        zones.append(_island_zone(setting, members[-1], len(members) - 1))
+    return Group(tuple(members), tuple(zones), taste=Taste(corner=0.6, window=0.0), flush=True)
+
+
+def _island(setting: Setting, run: tuple[float, float], front: float) -> Member:
+    size = setting.size("KitchenIslandsAndCarts", CATALOGUE["KitchenIslandsAndCarts"].variants[-1])
+    aisle = max(_AISLE_M, setting.scene.way_m)
+    middle = (round((run[0] + run[1]) / 2, 3), round(front + aisle + size[1] / 2, 3))
+    return Member("KitchenIslandsAndCarts", size, middle, needed=False, worth=1.2)
+
+
+def _island_zone(setting: Setting, island: Member, number: int) -> Zone:
+    way = setting.scene.way_m
+    body = island.body
+    return Zone(Box(body.x_min - way, body.y_min, body.x_max + way, body.y_max + way), number)
+
+
+def unit_groups(setting: Setting, kind: ModelType) -> Iterator[Group]:
+    """Yields rows that begin with a unit, then that unit alone, beside others where it can."""
+    if setting.scene.count(kind) == 0 or setting.chance(0.5):
+        yield from row_groups(setting)
+    for size in setting.sizes(kind):
+        yield Group(
+            (Member(kind, size),),
+            (front_zone(size, setting.front_m(kind)),),
+            taste=Taste(corner=0.5, near=ROW),
+            flush=True,
+        )

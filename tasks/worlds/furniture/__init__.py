@@ -1,0 +1,1 @@
+"""The furniture types: size, shape, place. Furnishing may import it."""

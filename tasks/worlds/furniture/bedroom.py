@@ -1,0 +1,70 @@
+"""What beds and floor lamps are made of."""
+
+from tasks.worlds.furniture.primitives import (
+    CUSHION,
+    DARK,
+    FABRIC,
+    LINEN,
+    WHITE,
+    WOOD,
+    Part,
+    Size,
+    Style,
+    block,
+    legs,
+    post,
+    shaded,
+)
+
+_FRAME_M = 0.05
+_HEAD_M = 0.06
+_BASE_M = 0.16
+_SLATS_M = 0.3
+_MATTRESS_TOP_M = 0.5  # Neufert: beds are 0.4 to 0.55 m high
+
+
+def bed(size: Size, style: Style) -> tuple[Part, ...]:
+    """Returns a bed: headboard, legs or base, frame, mattress, blanket, and a pillow for each sleeper."""
+    width, depth, height = size
+    x, y = width / 2, depth / 2
+    back = -y + _HEAD_M
+    side = x - _FRAME_M
+    blanket = back + 0.6
+    return (
+        block("headboard", (-x, x), (-y, back), (0.0, height), WOOD),
+        *_carried(width, depth, style),
+        block("frame", (-x, x), (back, y), (_BASE_M, _SLATS_M), WOOD),
+        block("mattress", (-side, side), (back, y - 0.04), (_SLATS_M, _MATTRESS_TOP_M), LINEN),
+        block("blanket", (-side, side), (blanket, y - 0.04), (_MATTRESS_TOP_M, _MATTRESS_TOP_M + 0.05), CUSHION),
+        block("throw", (-side, side), (y - 0.6, y - 0.2), (_MATTRESS_TOP_M + 0.05, _MATTRESS_TOP_M + 0.07), FABRIC),
+        *_pillows(side, back),
+    )  # fmt: skip
+
+
+def _carried(width: float, depth: float, style: Style) -> tuple[Part, ...]:
+    dark = shaded(WOOD, 0.7)
+    if style.raised:
+        return legs((width, depth - 2 * _HEAD_M), _BASE_M, 0.06, dark, 0.03)
+    x, y = width / 2, depth / 2
+    return (block("base", (-x + 0.08, x - 0.08), (-y + _HEAD_M, y - 0.1), (0.0, _BASE_M), dark),)
+
+
+def _pillows(side: float, back: float) -> tuple[Part, ...]:
+    """Returns one pillow on a narrow bed, else two."""
+    y, z = (back + 0.04, back + 0.5), (_MATTRESS_TOP_M, _MATTRESS_TOP_M + 0.12)
+    if side < 0.6:
+        return (block("pillow", (-side + 0.1, side - 0.1), y, z, WHITE),)
+    return (
+        block("pillow_left", (-side + 0.06, -0.04), y, z, WHITE),
+        block("pillow_right", (0.04, side - 0.06), y, z, WHITE),
+    )
+
+
+def floor_lamp(size: Size, style: Style) -> tuple[Part, ...]:
+    """Returns a standing lamp: foot, pole, and a shade at its top."""
+    radius, height = min(size[0], size[1]) / 2, size[2]
+    return (
+        post("foot", (0.0, 0.0), 0.75 * radius, (0.0, 0.03), DARK),
+        post("pole", (0.0, 0.0), 0.015, (0.03, height - 0.28), DARK),
+        post("shade", (0.0, 0.0), radius, (height - 0.28, height), shaded(LINEN, 1.02) if style.round else CUSHION),
+    )

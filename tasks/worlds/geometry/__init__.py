@@ -1,0 +1,1 @@
+"""Boxes, overlaps, clearance: geometry of the floor. All of tasks.worlds may import it."""

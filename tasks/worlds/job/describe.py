@@ -1,0 +1,203 @@
+"""What RoboMaker's calls answer about generation jobs and worlds.
+
+What a store holds of templates and worlds, in RoboMaker's words.
+"""
+
+from pathlib import PurePosixPath
+
+from pydantic import JsonValue, TypeAdapter
+
+from specs.arn import arn
+from specs.base import Fault, Spec
+from specs.data.world import World
+from specs.digest import canonical_json
+from specs.errors import ObjectNotFound, ResourceNotFound
+from specs.robomaker.world_descriptions import (
+    DescribeWorldGenerationJobResponse,
+    DescribeWorldResponse,
+    DescribeWorldTemplateResponse,
+    TemplateSummary,
+    WorldGenerationJobSummary,
+    WorldSummary,
+    world_description,
+)
+from specs.template.body import TemplateBody
+from tasks.storage.base.keys import template_key, world_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobKind, JobRecord, read, records
+from tasks.storage.store_url import store_id
+from tasks.storage.worlds import decode_world
+
+_SUMMARISED = ("template", "worldCount")
+_DESCRIBED = (*_SUMMARISED, "tags", "worldTags")
+
+
+class _Failure(Spec):
+    """How often worlds of a job failed with one code, and why one of them did."""
+
+    count: int
+    sample_reason: str
+
+
+_WORLDS = TypeAdapter(list[str])
+_FAILURES = TypeAdapter(dict[str, _Failure])
+
+
+def describe_generation_job(record: JobRecord) -> DescribeWorldGenerationJobResponse:
+    """Returns the answer of DescribeWorldGenerationJob; what is empty is left out."""
+    fields: dict[str, JsonValue] = {
+        **_state(record),
+        **_from_request(record, _DESCRIBED),
+        "clientRequestToken": record.token,
+        "finishedWorldsSummary": _finished(record),
+    }
+    if record.failure_code:
+        fields |= {"failureCode": record.failure_code, "failureReason": record.failure_reason}
+    return DescribeWorldGenerationJobResponse.model_validate(fields)
+
+
+def summarise_generation_job(record: JobRecord) -> WorldGenerationJobSummary:
+    """Returns the job's line in ListWorldGenerationJobs."""
+    counts: dict[str, JsonValue] = {
+        "succeededWorldCount": len(_worlds(record)),
+        "failedWorldCount": sum(failure.count for failure in _failures(record).values()),
+    }
+    fields = {**_state(record), **_from_request(record, _SUMMARISED), **counts}
+    return WorldGenerationJobSummary.model_validate(fields)
+
+
+def describe_world(world: World, record: JobRecord | None, store: str) -> DescribeWorldResponse:
+    """Returns the answer of DescribeWorld; what is empty is left out.
+
+    The description body is left out for a world without doors, as it is for templates of version 1.
+
+    Args:
+        world: The world.
+        record: The job that generated it; None for one that somebody added.
+        store: Id of the store.
+    """
+    fields = _identity(f"{world.generation}/{world.name}", record, store)
+    if record and "worldTags" in record.request:
+        fields["tags"] = record.request["worldTags"]
+    if world.doors:
+        fields["worldDescriptionBody"] = canonical_json(world_description(world)).decode()
+    return DescribeWorldResponse.model_validate(fields)
+
+
+def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:
+    """Returns the lines of a job's worlds in ListWorlds."""
+    store = _store(record)
+    return tuple(WorldSummary.model_validate(_identity(reference, record, store)) for reference in _worlds(record))
+
+
+def summarise_added_world(reference: str, store: str) -> WorldSummary:
+    """Returns the line in ListWorlds of a world that no job generated."""
+    return WorldSummary.model_validate(_identity(reference, None, store))
+
+
+def _identity(reference: str, record: JobRecord | None, store: str) -> dict[str, JsonValue]:
+    own: dict[str, JsonValue] = {"arn": arn("world", store, reference)}
+    if record is None:
+        return own
+    return own | {
+        "generationJob": record.arn,
+        "template": record.request["template"],
+        "createdAt": record.created_at_s,
+    }
+
+
+def _state(record: JobRecord) -> dict[str, JsonValue]:
+    return {"arn": record.arn, "status": record.status, "createdAt": record.created_at_s}
+
+
+def _from_request(record: JobRecord, names: tuple[str, ...]) -> dict[str, JsonValue]:
+    return {name: record.request[name] for name in names if name in record.request}
+
+
+def _finished(record: JobRecord) -> dict[str, JsonValue]:
+    """Returns the finishedWorldsSummary: finished are those that succeeded and those that failed (semantics 5)."""
+    worlds, failures = _worlds(record), _failures(record)
+    failed = sum(failure.count for failure in failures.values())
+    summary: dict[str, JsonValue] = {"finishedCount": len(worlds) + failed}
+    if worlds:
+        summary["succeededWorlds"] = [arn("world", _store(record), reference) for reference in worlds]
+    if failures:
+        listed: list[JsonValue] = [
+            {"failureCode": code, "sampleFailureReason": failure.sample_reason, "failureCount": failure.count}
+            for code, failure in failures.items()
+        ]
+        summary["failureSummary"] = {"totalFailureCount": failed, "failures": listed}
+    return summary
+
+
+def _worlds(record: JobRecord) -> list[str]:
+    return _WORLDS.validate_python(record.detail.get("worlds", []))
+
+
+def _failures(record: JobRecord) -> dict[str, _Failure]:
+    return _FAILURES.validate_python(record.detail.get("failures", {}))
+
+
+def _store(record: JobRecord) -> str:
+    return record.arn.split(":")[3]
+
+
+# Not from the job itself, which imports what makes worlds.
+_KIND: JobKind = "world-generation-job"
+
+
+def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
+    """Returns a world, by ``<generation>/<world>``; of one that somebody added no job is told.
+
+    Raises:
+        ResourceNotFound: There is no such world.
+        DocumentError: The path is no world's.
+    """
+    generation, _, name = path.partition("/")
+    body = _found(store, world_key(generation, name), "world", path)
+    try:
+        record = read(store, _KIND, generation)
+    except ResourceNotFound:
+        record = None
+    return describe_world(decode_world(body), record, store_id(store))
+
+
+def list_worlds(store: Store) -> list[WorldSummary]:
+    """Returns the worlds of all generation jobs, oldest job first, and then those that somebody added, by name."""
+    jobs = records(store, _KIND)
+    generations = {record.id for record in jobs}
+    names = [PurePosixPath(key) for key in store.keys("worlds") if key.endswith(".json")]
+    added = [f"{each.parent.name}/{each.stem}" for each in names if each.parent.name not in generations]
+    return [
+        *(summary for record in jobs for summary in summarise_worlds(record)),
+        *(summarise_added_world(reference, store_id(store)) for reference in added),
+    ]
+
+
+def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
+    """Returns a template, by its name in the store: the digest of its body.
+
+    Raises:
+        ResourceNotFound: There is no such template.
+        DocumentError: The name is none.
+    """
+    body = TemplateBody.model_validate_json(_found(store, template_key(name), "world-template", name))
+    return DescribeWorldTemplateResponse(arn=_arn(store, name), name=name, version=body.Version)
+
+
+def list_templates(store: Store) -> list[TemplateSummary]:
+    """Returns the templates that worlds were made from, by name."""
+    names = [PurePosixPath(key).stem for key in store.keys("templates")]
+    found = [describe_template(store, name) for name in names]
+    return [TemplateSummary(arn=template.arn, name=template.name, version=template.version) for template in found]
+
+
+def _arn(store: Store, name: str) -> str:
+    return arn("world-template", store_id(store), name)
+
+
+def _found(store: Store, key: str, kind: str, path: str) -> bytes:
+    try:
+        return store.get(key).body
+    except ObjectNotFound as exc:
+        raise ResourceNotFound([Fault(path=kind, value=repr(path), allowed=f"a {kind} in {store.url}")]) from exc

@@ -1,0 +1,81 @@
+"""A kit serves a fleet: it names no robot, holds no secret, and replaces an older one but nothing else."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from specs.errors import DocumentError
+from tasks.deploy.kit.kit_files import write_kit
+from tasks.deploy.kit.wheel import wheel_name
+from tests.deploy.kit.robot_image import command, install
+
+URL = "file:///srv/store"
+
+
+def test_it_holds_the_agent_the_installer_the_unit_the_store_and_the_root_of_trust(tmp_path: Path) -> None:
+    written = write_kit(tmp_path / "kit", store_url=URL, root_of_trust=b"{}")
+
+    assert {path.name for path in written} == {
+        wheel_name(),
+        "install.sh",
+        "simyard-agent@.service",
+        "agent.env",
+        "root.json",
+    }
+    assert (tmp_path / "kit/root.json").read_bytes() == b"{}"
+    assert f"SIMYARD_STORE={URL}\n" in (tmp_path / "kit/agent.env").read_text()
+
+
+def test_an_older_kit_gives_way_and_its_root_of_trust_with_it(tmp_path: Path) -> None:
+    write_kit(tmp_path, store_url=URL, root_of_trust=b"{}")
+    (tmp_path / "simyard_agent-0.0.1-py3-none-any.whl").write_bytes(b"older")
+
+    write_kit(tmp_path, store_url=URL, root_of_trust=None)
+
+    assert not (tmp_path / "root.json").exists()
+    assert [path.name for path in tmp_path.glob("*.whl")] == [wheel_name()]
+    settings = (tmp_path / "agent.env").read_text()
+    assert "--unsigned" in settings
+    assert "UNSIGNED" in settings
+
+
+@pytest.mark.parametrize("name", ["thesis.pdf", "simyard_agent-notes.txt"])
+def test_a_folder_with_something_else_in_it_is_refused_and_left_alone(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("mine")
+
+    with pytest.raises(DocumentError, match="older kit"):
+        write_kit(tmp_path, store_url=URL, root_of_trust=None)
+
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_installing_again_keeps_the_robots_settings(tmp_path: Path) -> None:
+    kit, image = tmp_path / "kit", tmp_path / "image"
+    write_kit(kit, store_url=URL, root_of_trust=None)
+    install(kit, image, "r1")
+    (image / "etc/simyard/agent.env").write_text('SIMYARD_STORE=file:///elsewhere\nSIMYARD_TRUST="--unsigned"\n')
+
+    install(kit, image, "r1")
+
+    assert "--store file:///elsewhere --unsigned" in " ".join(command(image, "r1"))
+
+
+def test_the_installer_wants_a_robot(tmp_path: Path) -> None:
+    write_kit(tmp_path / "kit", store_url=URL, root_of_trust=None)
+
+    done = subprocess.run([str(tmp_path / "kit/install.sh")], check=False, capture_output=True, text=True)
+
+    assert (done.returncode, "ROBOT" in done.stderr) == (2, True)
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+def test_systemd_understands_the_unit(tmp_path: Path) -> None:
+    write_kit(tmp_path, store_url=URL, root_of_trust=None)
+    unit = tmp_path / "simyard-agent@.service"
+    unit.write_text(unit.read_text().replace("/opt/simyard-agent/bin/simyard-agent", "/bin/true"))
+
+    done = subprocess.run(["systemd-analyze", "verify", str(unit)], check=False, capture_output=True, text=True)
+
+    assert (done.returncode, done.stderr) == (0, "")

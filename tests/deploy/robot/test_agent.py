@@ -1,0 +1,267 @@
+"""The agent as a process of its own: killed, told to end, and what it needs."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from specs.errors import DocumentError
+from specs.robomaker.bundle import Version
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.agent import Poll, _alone, main
+from tasks.deploy.robot.disk import Disk
+from tasks.deploy.robot.shutdown import Stop, StopRequested
+from tasks.deploy.rollout.robot_requests import ask
+from tasks.storage.base.keys import desired_key
+from tasks.storage.base.store import Store
+from tests.deploy.one_robot import desired
+from tests.deploy.trust.signed_fleet import Owner
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, marked_by, programs_of, wait_for_report
+from tests.servers.faulty_proxy import faulty_proxy
+from tests.servers.seaweed import Seaweed
+
+pytestmark = pytest.mark.integration
+SLOW = '#!/bin/sh\necho "$0" >> "$HOME/runs"\nsleep 0.15\n'
+STEPS = ("DownloadingExtracting", "ExecutingPreLaunch", "Launching", "ExecutingPostLaunch")
+
+
+@pytest.fixture
+def agents(yard: Yard) -> Iterator[list[subprocess.Popen[bytes]]]:
+    started: list[subprocess.Popen[bytes]] = []
+    yield started
+    for agent in started:
+        kill(agent)
+
+
+def _ask(yard: Yard, version: Version, deployment: str) -> Desired:
+    launch = DeploymentLaunchConfig(
+        packageName="courier", preLaunchFile="before.sh", launchFile="run.sh", postLaunchFile="after.sh"
+    )
+    return ask(
+        yard.store,
+        Desired(
+            robot="r1",
+            deployment=deployment,
+            sequence=1,
+            epoch=1,
+            application="courier",
+            version=version.number,
+            digest=version.digest,
+            launch=launch,
+            environment={},
+            timeout_s=60.0,
+            issued_at_s=0.0,
+        ),
+    )
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_an_agent_that_is_killed_in_a_step_finishes_after_its_next_start(
+    step: str, yard: Yard, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    old = yard.publish({"run.sh": STAYS_UP, "before.sh": SLOW, "after.sh": SLOW})
+    new = yard.publish({"run.sh": STAYS_UP + "# new\n", "before.sh": SLOW, "after.sh": SLOW}, padding_bytes=40 << 20)
+    agents.append(yard.start_agent("r1"))
+    _ask(yard, old, "dep-old")
+    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+
+    _ask(yard, new, "dep-new")
+    wait_for_report(yard, "r1", lambda reported: reported.deployment == "dep-new" and reported.step == step)
+    kill(agents[0])
+    assert yard.current("r1") in {old.digest, new.digest}
+
+    agents.append(yard.start_agent("r1"))
+    done = wait_for_report(
+        yard, "r1", lambda reported: reported.deployment == "dep-new" and reported.status != "Deploying"
+    )
+    assert (done.status, done.failure_reason, done.sequence) == ("InSync", "", 2)
+    assert yard.current("r1") == new.digest
+    assert programs_of(yard.root("r1")) == ["sleep 1000"]
+    assert sorted(path.name for path in (yard.root("r1") / "versions").iterdir()) == sorted([old.digest, new.digest])
+
+
+def test_an_agent_that_is_killed_again_and_again_never_breaks_its_version(
+    yard: Yard, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    scripts = {"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"}
+    versions = [yard.publish({**scripts, "run.sh": f"{STAYS_UP}# {number}\n"}) for number in range(4)]
+    for number, version in enumerate(versions):
+        _ask(yard, version, f"dep-{number}")
+        for kills in range(3):
+            agent = yard.start_agent("r1")
+            agents.append(agent)
+            pause = 0.25 + 0.13 * kills + 0.05 * number  # spread over start-up, installation and launch
+            try:
+                agent.wait(pause)
+            except subprocess.TimeoutExpired:
+                kill(agent)
+            yard.current("r1")
+
+    agents.append(yard.start_agent("r1"))
+    done = wait_for_report(
+        yard, "r1", lambda reported: reported.deployment == "dep-3" and reported.status != "Deploying"
+    )
+    assert (done.status, yard.current("r1")) == ("InSync", versions[-1].digest)
+    assert programs_of(yard.root("r1")) == ["sleep 1000"]
+
+
+def test_an_agent_that_is_told_to_end_ends_its_application_and_exits_with_0(
+    yard: Yard, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    version = yard.publish({"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"})
+    agents.append(yard.start_agent("r1"))
+    _ask(yard, version, "dep-1")
+    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+
+    agents[0].send_signal(signal.SIGTERM)
+
+    assert agents[0].wait() == 0
+    assert programs_of(yard.root("r1")) == []
+
+
+def test_a_second_agent_on_a_folder_waits_until_the_first_is_gone(
+    yard: Yard, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    version = yard.publish({"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"})
+    agents.append(yard.start_agent("r1"))
+    _ask(yard, version, "dep-1")
+    first = wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+    agents.append(yard.start_agent("r1"))
+
+    kill(agents[0])
+
+    wait_for_report(yard, "r1", lambda reported: reported == first)
+    eventually(lambda: programs_of(yard.root("r1")) == ["sleep 1000"])
+    assert agents[1].poll() is None
+
+
+class _StopAfterOneWait(Stop):
+    def sleep(self, seconds: float) -> None:
+        self.request()
+        super().sleep(seconds)
+
+
+def test_a_folder_belongs_to_one_agent_until_it_lets_go(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    with _alone(disk, Stop()), pytest.raises(StopRequested), _alone(disk, _StopAfterOneWait()):
+        pass
+
+    with _alone(disk, _StopAfterOneWait()):
+        pass
+
+
+@pytest.mark.parametrize("robot", ["..", "a/b", ""])
+def test_an_agent_with_a_name_that_is_none_does_not_start(robot: str, tmp_path: Path) -> None:
+    with pytest.raises(DocumentError):
+        main([f"--robot={robot}", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}", "--unsigned"])
+
+
+def test_an_agent_waits_longer_while_nothing_happens_and_never_in_step() -> None:
+    poll = Poll(1.0, 8.0, Random(7))  # noqa: S311 - jitter
+    idle = [poll.next_s(busy=False) for _ in range(20)]
+
+    assert idle[-1] > 4 * idle[0]
+    assert len(set(idle[-5:])) == 5
+    assert max(idle) <= 8.0 * 1.25
+    assert poll.next_s(busy=True) <= 1.25
+
+
+HEAVY = [
+    "jax",
+    "jaxlib",
+    "prefect",
+    "mujoco",
+    "pyarrow",
+    "numpy",
+    "scipy",
+    "typer",
+    "rich",
+    "s3fs",
+    "fsspec",
+    "aiohttp",
+    "aiobotocore",
+    "httpx",
+    "boto3",
+    "asyncio",
+]
+
+
+@pytest.mark.parametrize(
+    "module", ["tasks.deploy.robot.agent", "tasks.storage.backends.s3", "tasks.deploy.trust.verification"]
+)
+def test_an_agent_needs_none_of_the_heavy_packages(module: str) -> None:
+    code = f"import sys, {module}; print([name for name in {HEAVY} if name in sys.modules])"
+
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+
+    assert loaded.strip() == "[]"
+
+
+def test_an_agent_that_verifies_takes_less_than_80_megabytes(
+    store: Store, tmp_path: Path, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    create_fleet(store, FLEET)
+    yard = Yard(store, tmp_path)
+    owner = Owner(store, tmp_path / "keys")
+    version = yard.publish({"run.sh": STAYS_UP}, padding_bytes=40 << 20)
+    agents.append(yard.start_agent("r1", f"--root-of-trust={owner.folder / 'root.json'}"))
+    owner.signer.admit(version.digest)
+    ask(store, desired(version, 1, timeout_s=60.0), owner.signer.sign)
+
+    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+
+    assert _peak_mb(agents[0]) < 80
+
+
+def _peak_mb(agent: subprocess.Popen[bytes]) -> float:
+    """The most memory that a process has had resident."""
+    lines = Path(f"/proc/{agent.pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024 / 1e6
+
+
+def test_an_agent_outlives_garbage_and_takes_what_comes_after_it(
+    yard: Yard, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    log = yard.root("r1") / "agent.log"
+    yard.store.put(desired_key("r1"), b"{")
+    agents.append(yard.start_agent("r1"))
+    eventually(lambda: log.exists() and "r1 is without news" in log.read_text())
+    time.sleep(1.0)  # ten looks
+    _ask(yard, yard.publish({"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"}), "dep-1")
+
+    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+
+    assert log.read_text().count("without news") == 1
+    assert "UNSIGNED: r1 runs whatever anybody writes" in log.read_text()
+
+
+def test_an_agent_waits_quietly_for_a_store_that_is_away_and_keeps_its_application_up(
+    s3_store: Store, seaweed: Seaweed, tmp_path: Path, agents: list[subprocess.Popen[bytes]]
+) -> None:
+    create_fleet(s3_store, FLEET)
+    yard, log = Yard(s3_store, tmp_path), tmp_path / "robots" / "r1" / "agent.log"
+    scripts = {"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"}
+    with faulty_proxy(seaweed.endpoint) as proxy:
+        agents.append(yard.start_agent("r1", "--unsigned", AWS_ENDPOINT_URL_S3=proxy.endpoint))
+        _ask(yard, yard.publish(scripts), "dep-1")
+        wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
+        (running,) = marked_by(yard.root("r1"))
+        proxy.refuse()
+        eventually(lambda: "cannot learn what is desired" in log.read_text())
+        os.kill(running, signal.SIGKILL)
+        eventually(lambda: marked_by(yard.root("r1")) not in ([], [running]))
+        _ask(yard, yard.publish({**scripts, "run.sh": STAYS_UP + "# new\n"}), "dep-2")
+        proxy.accept()
+
+        wait_for_report(yard, "r1", lambda reported: (reported.deployment, reported.status) == ("dep-2", "InSync"))
+
+    assert log.read_text().count("cannot learn") == 1
+    assert log.read_text().count("can learn what is desired again") == 1

@@ -1,0 +1,112 @@
+from pathlib import Path
+
+import pytest
+
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.disk import Disk, RobotState
+
+
+def _desired(digest: str) -> Desired:
+    return Desired(
+        robot="r1",
+        deployment="dep-1",
+        sequence=3,
+        epoch=1,
+        application="courier",
+        version=1,
+        digest=digest * 64,
+        launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
+        environment={"A": "1"},
+        timeout_s=60.0,
+        issued_at_s=1.0,
+    )
+
+
+def test_a_new_robot_remembers_nothing(tmp_path: Path) -> None:
+    assert Disk(tmp_path / "robot").load() == RobotState()
+
+
+def test_what_is_saved_is_what_is_loaded(tmp_path: Path) -> None:
+    state = RobotState(sequence=3, target=_desired("a"), running=_desired("b"))
+    Disk(tmp_path).save(state)
+
+    assert Disk(tmp_path).load() == state
+
+
+def test_a_state_that_cannot_be_read_is_set_aside(tmp_path: Path) -> None:
+    (tmp_path / "state.json").write_text('{"sequence": 3, "written by": "another version"}')
+
+    assert Disk(tmp_path).load() == RobotState()
+    assert (tmp_path / "state.unreadable").is_file()
+
+
+def test_the_link_shows_the_version_it_was_switched_to_last(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    for digest in ("a", "b"):
+        disk.version(digest).mkdir()
+        disk.switch(digest)
+
+    assert disk.current.resolve() == disk.version("b").resolve()
+    disk.switch(None)
+    disk.switch(None)
+    assert not disk.current.is_symlink()
+
+
+def test_tidying_keeps_what_runs_what_comes_and_what_ran_before(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    for name in [letter * 64 for letter in "abcd"] + ["e" * 64 + ".1234.tmp"]:
+        (disk.versions / name).mkdir()
+    (disk.downloads / "half").write_bytes(b"x")
+
+    disk.tidy(RobotState(target=_desired("a"), running=_desired("b"), previous=_desired("c")))
+
+    assert sorted(path.name[0] for path in disk.versions.iterdir()) == ["a", "b", "c"]
+    assert list(disk.downloads.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "left", [None, b"", b"{", b'{"sequence": "x"}', b"\xff\xfe", b'{"sequence": 9, "written by": "x"}']
+)
+def test_the_sequence_outlives_the_state(left: bytes | None, tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.save(RobotState(sequence=7))
+    disk.save(RobotState(sequence=8, running=_desired("b")))
+    if left is None:
+        (tmp_path / "state.json").unlink()
+    else:
+        (tmp_path / "state.json").write_bytes(left)
+
+    assert Disk(tmp_path).load() == RobotState(sequence=7)  # so that the eighth is taken once more
+
+
+@pytest.mark.parametrize("left", [b"", b"x", b"-"])
+def test_a_sequence_that_cannot_be_read_harms_no_state_that_can(left: bytes, tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.save(RobotState(sequence=7))
+    (tmp_path / "sequence").write_bytes(left)
+
+    assert Disk(tmp_path).load() == RobotState(sequence=7)
+    disk.save(RobotState(sequence=7))
+    assert (tmp_path / "sequence").read_bytes() == b"7"
+
+
+def test_of_downloads_only_what_has_arrived_of_one_bundle_is_kept(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.download("a" * 64).write_bytes(b"half")
+    disk.tidy(RobotState())
+    assert disk.download("a" * 64).read_bytes() == b"half"
+
+    disk.download("b" * 64).write_bytes(b"half")
+
+    assert [path.name[0] for path in disk.downloads.iterdir()] == ["b"]
+
+
+def test_a_link_that_is_right_is_left_alone(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.version("a" * 64).mkdir()
+    disk.switch("a" * 64)
+    before = disk.current.lstat().st_ino
+    disk.switch("a" * 64)
+
+    assert disk.current.lstat().st_ino == before

@@ -1,0 +1,273 @@
+"""One robot: what it accepts, refuses, survives and takes up again."""
+
+from collections.abc import Callable, Generator, Mapping
+from pathlib import Path
+
+import pytest
+
+from specs.errors import StoreUnreachable
+from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.robot.disk import Disk, RobotState
+from tasks.deploy.robot.launch import Place
+from tasks.deploy.robot.reported_state import Reporter
+from tasks.deploy.robot.shutdown import Stop, StopRequested
+from tasks.deploy.robot.update import Robot
+from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.store import Store
+from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
+from tests.deploy.yard import STAYS_UP, Yard, eventually
+
+
+def test_a_lower_sequence_is_refused_also_after_a_restart(one: OneRobot) -> None:
+    newer, older = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# older\n"})
+    one.deploy(newer, 7)
+
+    assert one.deploy(older, 6).deployment == "dep-7"
+    one.robot.end()
+    one.restarted().recover()
+    assert one.deploy(older, 6).deployment == "dep-7"
+    assert one.yard.current(NAME) == newer.digest
+
+
+def test_a_controller_that_was_replaced_is_refused_also_after_a_restart(one: OneRobot) -> None:
+    newer, older = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# older\n"})
+    one.deploy(newer, 1, deployment="dep", epoch=2)
+
+    assert one.deploy(older, 2, deployment="dep", epoch=1).sequence == 1
+    one.robot.end()
+    one.restarted().recover()
+    assert one.deploy(older, 2, deployment="dep", epoch=1).sequence == 1
+    assert one.yard.current(NAME) == newer.digest
+    assert one.deploy(older, 2, deployment="another", epoch=1).sequence == 2
+
+
+def test_the_same_sequence_again_launches_nothing_again(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1)
+    eventually((one.root / "launches").exists)
+
+    one.deploy(version, 1)
+
+    assert (one.root / "launches").read_text() == "up\n"
+
+
+def test_what_is_meant_for_another_robot_is_refused(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+
+    one.robot.accept(desired(version, 1, robot="r2"))
+
+    assert read_reported(one.yard.store, NAME) is None
+    assert one.programs == []
+
+
+@pytest.mark.parametrize(
+    ("scripts", "launch", "code", "step"),
+    [
+        (
+            {**GOOD, "x.sh": "#!/bin/sh\nexit 9\n"},
+            {"preLaunchFile": "x.sh"},
+            "PreLaunchFileFailure",
+            "ExecutingPreLaunch",
+        ),
+        (
+            {**GOOD, "x.sh": "#!/bin/sh\nexit 9\n"},
+            {"postLaunchFile": "x.sh"},
+            "PostLaunchFileFailure",
+            "ExecutingPostLaunch",
+        ),
+        (GOOD, {"preLaunchFile": "none.sh"}, "PreLaunchFileFailure", "ExecutingPreLaunch"),
+        (GOOD, {"launchFile": "none.sh"}, "MissingRobotDeploymentResource", "Launching"),
+        (GOOD, {"launchFile": ".."}, "MissingRobotDeploymentResource", "Validating"),
+        ({"run.sh": "#!/bin/sh\nexit 0\n"}, {}, "EnvironmentSetupError", "Launching"),
+        ({"run.sh": "no program"}, {}, "BadPermissionError", "Launching"),
+    ],
+)
+def test_a_failing_step_is_reported_and_the_version_before_runs_on(
+    scripts: Mapping[str, str], launch: Mapping[str, str], code: str, step: str, one: OneRobot
+) -> None:
+    good = one.yard.publish({"run.sh": STAYS_UP + "# good\n"})
+    one.deploy(good, 1)
+
+    reported = one.deploy(one.yard.publish(scripts), 2, launch=scripted(**launch))
+
+    assert (reported.status, reported.failure_code, reported.step) == ("Failed", code, step)
+    assert reported.failure_reason
+    assert one.yard.current(NAME) == good.digest
+    eventually(lambda: one.programs == ["sleep 1000"])  # a moment ago it was still the shell
+
+
+def test_a_first_version_that_fails_leaves_nothing_running(one: OneRobot) -> None:
+    reported = one.deploy(one.yard.publish({"run.sh": "#!/bin/sh\nexit 1\n"}), 1)
+
+    assert reported.status == "Failed"
+    assert (one.yard.current(NAME), one.programs) == ("", [])
+
+
+def test_a_bundle_that_is_not_in_the_store_fails_the_robot(one: OneRobot) -> None:
+    reported = one.deploy(one.yard.publish(GOOD), 1, digest="0" * 64)
+
+    assert (reported.failure_code, reported.step) == ("MissingRobotDeploymentResource", "DownloadingExtracting")
+
+
+class AwayStore:
+    """A store that is away for a number of downloads and reports."""
+
+    def __init__(self, store: Store, failures: int) -> None:
+        self._store = store
+        self.failures = failures
+
+    def __getattr__(self, name: str) -> Callable[..., object]:
+        def call(*arguments: object) -> object:
+            if self.failures:
+                self.failures -= 1
+                raise StoreUnreachable("away")
+            return getattr(self._store, name)(*arguments)
+
+        return call
+
+
+def test_a_store_that_is_away_for_a_while_delays_and_loses_nothing(yard: Yard) -> None:
+    version = yard.publish(GOOD)
+    away = AwayStore(yard.store, failures=4)
+    place = Place(robot=NAME, disk=Disk(yard.root(NAME)), stop=Stop(), grace_s=0.05)
+    robot = Robot(away, place, Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - forwards every method
+    try:
+        robot.accept(desired(version, 1))
+        away.failures = 1
+        robot.accept(desired(version, 2))
+        robot.supervise()
+
+        reported = read_reported(yard.store, NAME)
+        assert reported is not None
+        assert (reported.status, reported.sequence) == ("InSync", 2)
+    finally:
+        robot.end()
+
+
+def test_a_store_that_stays_away_fails_the_deployment_at_its_timeout(yard: Yard) -> None:
+    version = yard.publish(GOOD)
+    away = AwayStore(yard.store, failures=10**9)
+    disk = Disk(yard.root(NAME))
+    robot = Robot(away, Place(NAME, disk, Stop(), 0.05), Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - same
+
+    robot.accept(desired(version, 1, timeout_s=0.3))
+
+    outcome = disk.load().outcome
+    assert outcome is not None
+    assert outcome.failure_code == "RobotAgentConnectionTimeout"
+
+
+def test_a_robot_that_is_stopped_in_a_script_takes_the_deployment_up_at_its_next_start(one: OneRobot) -> None:
+    script = '#!/bin/sh\ntest -e "$HOME/second" && exit 0\ntouch "$HOME/second"\nsleep 2000\n'
+    version = one.yard.publish({**GOOD, "slow.sh": script})
+
+    one.stop = _StopWhen(one.root / "second")
+    one.restarted()
+    with pytest.raises(StopRequested):
+        one.robot.accept(desired(version, 1, launch=scripted(preLaunchFile="slow.sh")))
+    one.robot.end()
+    assert one.programs == []
+
+    one.stop = Stop()
+    one.restarted().recover()
+
+    reported = read_reported(one.yard.store, NAME)
+    assert reported is not None
+    assert (reported.status, reported.sequence) == ("InSync", 1)
+
+
+class _StopWhen(Stop):
+    """Requested as soon as a file appears."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+
+    def sleep(self, seconds: float) -> None:
+        if self._path.exists():
+            self.request()
+        super().sleep(seconds)
+
+
+def test_a_robot_whose_state_was_set_aside_takes_its_latest_again_and_nothing_older(one: OneRobot) -> None:
+    older, newer = one.yard.publish({"run.sh": STAYS_UP + "# older\n"}), one.yard.publish(GOOD)
+    one.deploy(older, 6)
+    one.deploy(newer, 7)
+    one.robot.end()
+    (one.root / "state.json").write_text("{")
+    one.yard.store.delete(bundle_key(newer.digest))  # it is here already
+
+    one.restarted().recover()
+
+    assert one.yard.current(NAME) == newer.digest
+    assert one.deploy(older, 6).sequence == 7
+    assert one.programs == []
+    reported = one.deploy(newer, 7)
+    assert (reported.status, reported.sequence) == ("InSync", 7)
+    eventually(lambda: one.programs == ["sleep 1000"])
+
+
+def test_a_download_goes_on_after_a_restart(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD, padding_bytes=3 << 20)
+    body = one.yard.store.get(bundle_key(version.digest)).body
+    one.robot.accept(desired(version, 1, timeout_s=0.0, digest="0" * 64))
+    state = RobotState(sequence=2, target=desired(version, 2))
+    one.robot.end()
+    Disk(one.root).save(state)
+    Disk(one.root).download(version.digest).write_bytes(body[: 2 << 20])
+    one.store = CountingStore(one.yard.store)
+
+    one.restarted().recover()
+
+    reported = read_reported(one.yard.store, NAME)
+    assert reported is not None
+    assert (reported.status, one.yard.current(NAME)) == ("InSync", version.digest)
+    assert one.store.first_bytes == [2 << 20]
+    assert list((one.root / "downloads").iterdir()) == []
+
+
+def test_an_application_that_crashes_during_a_download_is_started_again(one: OneRobot) -> None:
+    crashing = {"run.sh": '#!/bin/sh\necho up >> "$HOME/launches"\nsleep 0.3\n'}
+    one.deploy(one.yard.publish(crashing), 1)
+    one.store = WaitingStore(one.yard.store, lambda: (one.root / "launches").read_text().count("up") >= 3)
+    one.robot.end()
+    (one.root / "launches").unlink()
+    one.restarted().recover()
+
+    assert one.deploy(one.yard.publish(GOOD), 2, timeout_s=60.0).status == "InSync"
+    assert one.store.waited
+
+
+class _Forwarding:
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def __getattr__(self, name: str) -> Callable[..., object]:
+        return getattr(self._store, name)
+
+
+class CountingStore(_Forwarding):
+    """A store that notes from which byte on bundles are read."""
+
+    def __init__(self, store: Store) -> None:
+        super().__init__(store)
+        self.first_bytes: list[int] = []
+
+    def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
+        self.first_bytes.append(first_byte)
+        return self._store.blocks(key, first_byte)
+
+
+class WaitingStore(_Forwarding):
+    """A store that is away for downloads until something has happened."""
+
+    def __init__(self, store: Store, happened: Callable[[], bool]) -> None:
+        super().__init__(store)
+        self.waited = 0
+        self._happened = happened
+
+    def size(self, key: str) -> int:
+        if not self._happened():
+            self.waited += 1
+            raise StoreUnreachable("away")
+        return self._store.size(key)

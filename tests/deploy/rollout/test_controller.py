@@ -1,0 +1,232 @@
+"""Roll-outs with robots that are silent, controllers that die, and agents that outlive them."""
+
+import contextlib
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import cast
+
+import pytest
+
+from specs.errors import StageFailed, StoreUnreachable
+from specs.pipeline.simulation_section import RollOutRules
+from specs.robomaker.deployment import DeploymentConfig
+from tasks.deploy.fleet.robots import create_robot, read_desired, read_reported, register_robot
+from tasks.deploy.rollout.controller import Pace
+from tasks.deploy.rollout.observation import recorded_progress
+from tasks.storage.base.keys import reported_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import job_id, records
+from tests.deploy.puppets import CountingStore, FailingStore, PuppetRobots, run
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill
+
+KIND = "deployment-job"
+CONTROLLER = """
+import sys
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.deploy.rollout.job import run_deployment_job
+from tasks.storage.store_url import open_store
+request = CreateDeploymentJobRequest.model_validate_json(sys.argv[2])
+run_deployment_job(open_store(sys.argv[1]), request, digest=sys.argv[3], token=sys.argv[4],
+                   progress=lambda ended, robots: print(ended, flush=True))
+"""
+
+
+def test_a_robot_that_never_answers_counts_as_failed_after_its_timeout(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 5, step_s=10_000.0)
+    robots.silent = {"r1"}
+    version = yard.publish({"run.sh": STAYS_UP})
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert record.status == "Succeeded"
+    silent = recorded_progress(record)["r1"]
+    assert (silent.status, silent.failure_code) == ("NoResponse", "RobotDeploymentNoResponse")
+
+
+def test_a_silent_fleet_stops_the_roll_out(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 5, step_s=10_000.0)
+    robots.silent = set(robots.names)
+    version = yard.publish({"run.sh": STAYS_UP})
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
+    assert len(robots.asked()) == 2
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_a_controller_that_fails_at_any_request_is_continued_and_nobody_is_asked_twice(
+    after: bool,  # noqa: FBT001 - a parameter of the test
+    yard: Yard,
+) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    robots = PuppetRobots(yard.store, 3)
+    nth = 0
+    failing = FailingStore(yard.store, 0, after=after)
+    while failing.left <= 0:  # until a whole deployment makes fewer requests
+        nth += 1
+        failing = FailingStore(yard.store, nth, after=after)
+        request = yard.request(version, f"run-{nth}")
+        with contextlib.suppress(StoreUnreachable):
+            run(replace(yard, store=cast("Store", failing)), robots, request, version.digest)
+        record = run(yard, robots, request, version.digest)
+
+        assert (record.status, len(recorded_progress(record))) == ("Succeeded", 3)
+        assert {(desired.sequence, desired.deployment) for desired in robots.asked()} == {(nth, record.id)}
+
+    assert nth > 30, "every request of a whole deployment was tried"
+    assert len(records(yard.store, KIND)) == nth
+
+
+def test_a_robot_that_has_ended_is_not_asked_about_again(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    robots = PuppetRobots(yard.store, 8)
+    counting = CountingStore(yard.store)
+
+    run(replace(yard, store=cast("Store", counting)), robots, yard.request(version, "one"), version.digest)
+
+    # Once when it is asked, for the sequence that it has seen, and then until it has ended.
+    assert {counting.reads[reported_key(name)] for name in robots.names} <= {2, 3}
+
+
+def test_a_robot_whose_application_crashes_after_it_was_in_sync_has_failed(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 5)
+    robots.crashing = {"r0"}
+    version = yard.publish({"run.sh": STAYS_UP})
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert record.status == "Succeeded"
+    assert recorded_progress(record)["r0"].status == "Failed"
+
+
+def test_robots_that_crash_later_stop_the_roll_out_like_those_that_fail(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 25, step_s=6.0)
+    robots.crashing = set(robots.names)
+    version = yard.publish({"run.sh": STAYS_UP})
+    request = yard.request(version, "one")
+    modest = DeploymentConfig(concurrentDeploymentPercentage=4, failureThresholdPercentage=8)
+
+    record = run(yard, robots, request.model_copy(update={"deploymentConfig": modest}), version.digest)
+
+    assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
+    assert len(robots.asked()) < 10
+
+
+def test_a_canary_that_crashes_later_stops_the_roll_out(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 20, step_s=12.0)
+    robots.crashing = {"r0"}
+    version = yard.publish({"run.sh": STAYS_UP})
+    request = yard.request(version, "one")
+    modest = DeploymentConfig(concurrentDeploymentPercentage=5, failureThresholdPercentage=100)
+    rules = RollOutRules(canaryRobots=1)
+
+    record = run(yard, robots, request.model_copy(update={"deploymentConfig": modest}), version.digest, rules=rules)
+
+    assert record.failure_reason.startswith("a canary failed; 1 of 20 robots failed (r0: PreLaunchFileFailure)")
+    assert len(robots.asked()) < 5
+
+
+def test_robots_in_sync_are_looked_at_again_ever_less_often(yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 8, step_s=10.0)
+    robots.silent = {"r7"}
+    version = yard.publish({"run.sh": STAYS_UP})
+    counting = CountingStore(yard.store)
+    request = yard.request(version, "one")
+    patient = DeploymentConfig(concurrentDeploymentPercentage=100, robotDeploymentTimeoutInSeconds=2000)
+
+    run(
+        replace(yard, store=cast("Store", counting)),
+        robots,
+        request.model_copy(update={"deploymentConfig": patient}),
+        version.digest,
+    )
+
+    assert counting.reads[reported_key("r7")] > 200
+    assert counting.reads[reported_key("r0")] < 15
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_a_controller_waits_for_a_store_that_is_away(
+    after: bool,  # noqa: FBT001 - a parameter of the test
+    yard: Yard,
+) -> None:
+    version, robots = yard.publish({"run.sh": STAYS_UP}), PuppetRobots(yard.store, 3)
+    waited = 0
+    for nth in range(1, 40):
+        failing = FailingStore(yard.store, nth, after=after)
+        request = yard.request(version, f"run-{nth}")
+        try:
+            record = run(replace(yard, store=cast("Store", failing)), robots, request, version.digest)
+        except StoreUnreachable:  # before the roll-out whoever asked for it is told at once
+            known = [each for each in records(yard.store, KIND) if each.id == job_id(KIND, f"run-{nth}")]
+            assert all("progress" not in each.detail for each in known)
+            record = run(yard, robots, request, version.digest)
+        else:
+            waited += failing.left < 0
+        assert record.status == "Succeeded"
+        assert {desired.deployment for desired in robots.asked()} == {record.id}
+
+    assert waited > 15
+
+
+def test_robots_that_join_while_a_deployment_is_interrupted_are_not_part_of_it(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    robots = PuppetRobots(yard.store, 4)
+    robots.dies_after = 1
+    with pytest.raises(StageFailed):
+        run(yard, robots, yard.request(version, "one"), version.digest)
+    create_robot(yard.store, "late")
+    register_robot(yard.store, FLEET, "late")
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    assert sorted(recorded_progress(record)) == robots.names
+
+
+def test_a_controller_s_clock_goes_on_when_the_machine_s_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    right, ticks = time.time, time.monotonic
+    pace = Pace()
+    before_s = pace.now_s()
+    for set_by_s in (86_400.0, -86_400.0):
+        monkeypatch.setattr(time, "time", lambda set_by_s=set_by_s: right() + set_by_s)
+        monkeypatch.setattr(time, "monotonic", lambda: ticks() + 1000.0)
+        assert pace.now_s() == pytest.approx(before_s + 1000.0, abs=100.0)
+        monkeypatch.undo()
+
+
+@pytest.fixture
+def agents(yard: Yard) -> Iterator[list[str]]:
+    names = [f"r{number}" for number in range(3)]
+    for name in names:
+        create_robot(yard.store, name)
+        register_robot(yard.store, FLEET, name)
+    started = [yard.start_agent(name) for name in names]
+    yield names
+    for agent in started:
+        kill(agent)
+
+
+@pytest.mark.integration
+def test_a_controller_process_that_is_killed_is_continued_and_every_robot_launches_once(
+    yard: Yard, agents: list[str]
+) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    request = yard.request(version, "one")
+    argv = [sys.executable, "-c", CONTROLLER, yard.store.url, request.model_dump_json(), version.digest, "one"]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE) as controller:
+        assert controller.stdout
+        controller.stdout.readline()
+        kill(controller)
+    assert any(read_reported(yard.store, name) for name in agents)
+
+    record = yard.deploy(version, "one")
+
+    assert record.status == "Succeeded"
+    for name in agents:
+        eventually((yard.root(name) / "launches").exists)
+    assert [(yard.root(name) / "launches").read_text() for name in agents] == ["up\n"] * 3
+    assert [desired.sequence for name in agents if (desired := read_desired(yard.store, name)[0])] == [1] * 3

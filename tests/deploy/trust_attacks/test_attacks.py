@@ -1,0 +1,185 @@
+"""What somebody tries who can write to the store, with none of the keys or a stolen one: the robot runs what it ran."""
+
+from pathlib import Path
+
+import pytest
+
+from specs.robomaker.bundle import Version
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.states import Desired
+from tasks.storage.base.encoding import encoded
+from tasks.storage.base.keys import bundle_key, desired_key
+from tests.deploy.one_robot import NAME, desired
+from tests.deploy.trust.signed_fleet import NEWER, OLDER, CarefulRobot, Owner, asked, refused
+from tests.deploy.yard import Yard
+
+CHANGES: dict[str, dict[str, object]] = {
+    "another bundle": {"digest": "0" * 64},
+    "another launch": {"launch": DeploymentLaunchConfig(packageName="courier", launchFile="evil.sh")},
+    "a variable": {"environment": {"MAX_SPEED": "100"}},
+    "a higher sequence": {"sequence": 99},
+    "a later expiry": {"expires_at_s": 9e9},
+    "a condition": {"condition": {"bucket": "evil", "key": "script"}},
+    "no timeout": {"timeout_s": float("inf")},
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_a_desired_state_that_was_changed_is_refused(
+    change: dict[str, object], yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    wanted = asked(owner, yard.publish(NEWER), "next")
+    yard.store.put(desired_key(NAME), encoded(Desired.model_validate({**wanted.model_dump(), **change})))
+
+    refused(careful, installed, careful.look(), "it ")
+
+
+def test_a_desired_state_without_a_signature_is_refused(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    wanted = asked(owner, yard.publish(NEWER), "next")
+    yard.store.put(desired_key(NAME), encoded(wanted.model_copy(update={"signature": None})))
+
+    refused(careful, installed, careful.look(), "not signed; deploy with the keys")
+
+
+def test_a_desired_state_of_an_unsigned_deployment_is_refused(
+    yard: Yard, careful: CarefulRobot, installed: Version
+) -> None:
+    refused(careful, installed, careful.look(desired(yard.publish(NEWER), 2)), "not signed")
+
+
+def test_an_old_desired_state_does_not_come_back(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    old = yard.store.get(desired_key(NAME)).body
+    newer = yard.publish(NEWER)
+    assert careful.look(asked(owner, newer, "next")).status == "InSync"
+    yard.store.put(desired_key(NAME), old)
+
+    careful.look()
+
+    assert careful.runs == (newer.digest, 1)
+
+
+def test_an_old_sequence_with_a_new_number_is_refused(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    old, _ = read_desired(yard.store, NAME)
+    assert old is not None
+
+    refused(careful, installed, careful.look(old.model_copy(update={"sequence": 2})), "it was changed after")
+
+
+def test_what_another_robot_is_asked_is_not_for_this_one(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    others = owner.signed(yard.publish(NEWER), 2, robot="r2")
+
+    careful.look(others)
+    assert careful.runs == (installed.digest, 1)
+    refused(careful, installed, careful.look(others.model_copy(update={"robot": NAME})), "it was changed after")
+
+
+def test_a_bundle_that_was_changed_is_refused(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    newer = yard.publish(NEWER)
+    wanted = asked(owner, newer, "next")
+    body = yard.store.get(bundle_key(newer.digest)).body
+    yard.store.put(bundle_key(newer.digest), body.replace(b"sleep", b"steal"))
+
+    reported = careful.look(wanted)
+
+    assert (reported.status, reported.failure_code) == ("Failed", "EtagMismatch")
+    assert careful.runs == (installed.digest, 1)
+
+
+def test_a_bundle_that_is_not_on_the_signed_list_is_refused(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    older = yard.publish(OLDER)
+    signer = owner.signer
+
+    refused(careful, installed, careful.look(signer.sign(desired(older, 2))), "not on the deployer's signed list")
+
+
+def test_a_condition_that_was_changed_after_the_signature_is_refused(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    condition = {"bucket": "mine", "key": "condition.sh"}
+    yard.store.put("buckets/mine/condition.sh", b"#!/bin/sh\nexit 0\n")
+    newer = yard.publish(NEWER)
+    wanted = owner.signed(newer, 2, condition=condition)
+    yard.store.put("buckets/mine/condition.sh", b"#!/bin/sh\ntouch $HOME/evil\n")
+
+    reported = careful.look(wanted)
+
+    assert (reported.failure_code, reported.step) == ("EtagMismatch", "ExecutingDownloadCondition")
+    assert not (careful.folder / "evil").exists()
+    assert careful.runs == (installed.digest, 1)
+
+
+def test_a_desired_state_that_expired_is_refused(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    newer = yard.publish(NEWER)
+    owner.signer.admit(newer.digest)
+    owner.clock.days = -31
+    wanted = owner.signer.sign(desired(newer, 2))
+
+    refused(careful, installed, careful.look(wanted), "deploy again")
+
+
+def test_other_keys_are_not_these_keys(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version, tmp_path: Path
+) -> None:
+    thief = Owner(yard.store, tmp_path / "others")
+    newer = yard.publish(NEWER)
+    owner.signer.admit(newer.digest)
+
+    refused(careful, installed, careful.look(thief.signed(newer, 2)), "deploy again with the keys that this robot")
+
+
+def test_a_stolen_deployers_key_is_worth_nothing_once_it_was_replaced(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    newer = yard.publish(NEWER)
+    stolen = owner.signer
+    stolen.admit(newer.digest)
+    evil = stolen.sign(desired(newer, 2))
+    list_of_the_thief = owner.metadata()
+
+    owner.rotate("deployer", "snapshot", "timestamp")
+
+    refused(careful, installed, careful.look(evil), "not the deployer's key any more")
+    owner.restore({key: body for key, body in list_of_the_thief.items() if "timestamp" in key})
+    refused(careful, installed, careful.look(evil), "find out who writes to the store")
+
+
+def test_what_a_thief_put_on_the_list_is_gone_with_the_stolen_key(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    evil = yard.publish(NEWER)
+    owner.signer.admit(evil.digest)
+
+    owner.rotate("deployer")
+
+    wanted = owner.signer.sign(desired(evil, 2))
+    refused(careful, installed, careful.look(wanted), "not on the deployer's signed list")
+
+
+@pytest.mark.parametrize("attack", ["delete", "put back"])
+def test_a_desired_state_that_is_taken_away_does_not_make_the_robot_deaf(
+    attack: str, yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    first = yard.store.get(desired_key(NAME)).body
+    newer, older = yard.publish(NEWER), yard.publish(OLDER)
+    assert careful.look(asked(owner, newer, "next")).status == "InSync"
+    yard.store.delete(desired_key(NAME))
+    if attack == "put back":
+        yard.store.put(desired_key(NAME), first)
+
+    assert careful.look(asked(owner, older, "third")).status == "InSync"
+    assert careful.runs == (older.digest, 1)

@@ -1,0 +1,65 @@
+"""docs/guide/gate.md says what the code does: the document in it is one, its tables and its figures are right."""
+
+import re
+
+import yaml
+
+from benchmarks.results.gate import ALPHA, BAR, EPISODES, saving, table
+from benchmarks.tables import markdown, with_tables
+from specs.pipeline.gate_section import MEASURES, RULES, Gate
+from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
+from tasks.results.statistics.episodes_needed import episodes_needed, episodes_needed_for_quantile, pairs_needed
+from tasks.results.statistics.intervals import quantile_ranks
+from tests.repository import ROOT
+
+DOCUMENT = (ROOT / "docs/guide/gate.md").read_text()
+TEXT = " ".join(DOCUMENT.split())
+
+BLOCKS = re.findall(r"```yaml\n(.*?)```", DOCUMENT, re.DOTALL)
+
+
+def first_cells(heading: str) -> list[str]:
+    rows = DOCUMENT.split(f"| {heading} |")[1].split("\n\n", maxsplit=1)[0]
+    return re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE)
+
+
+def test_the_document_is_one_and_has_all_rules():
+    block, _ = BLOCKS
+    gate = Gate.model_validate(yaml.safe_load(block)["gate"])
+    assert gate.model_fields_set == set(Gate.model_fields)
+    assert gate.noWorseThan
+    assert gate.noWorseThan.confidence == 0.95
+
+
+def test_every_rule_is_explained():
+    assert first_cells("rule | about | interval") == list(RULES)
+
+
+def test_every_field_of_the_evidence_is_explained():
+    assert first_cells("field | says") == list(Evidence.model_fields)
+    assert f"| `version` | Of this list: {EVIDENCE_VERSION}. |" in DOCUMENT
+
+
+def test_every_column_of_a_quantile_is_named():
+    named = re.findall(r"`(\w+)`", TEXT.split("`column` is one of")[1].split(", or `metrics.`")[0])
+    assert tuple(named) == MEASURES
+
+
+def test_rules_need_as_many_episodes_as_it_says():
+    needed = [episodes_needed(0.9, 0.95, rate) for rate in (1.0, 0.98, 0.95)]
+    assert "{} episodes if all of them pass, {} if 98 % do, and {} if 95 % do".format(*needed) in TEXT
+    assert f"need {pairs_needed(0.02, 0.95, 0.02)} of them for a margin of 2 points" in TEXT
+    least = episodes_needed_for_quantile(0.05, 0.95, 0.0, at_least=True) or 0
+    assert f"The 0.05 quantile has a lower bound from {least} episodes on" in TEXT
+    assert quantile_ranks(least, 0.05, 0.95)[0] == 1
+
+
+def test_the_savings_are_what_the_benchmark_finds():
+    assert with_tables(DOCUMENT, "saving", markdown(table())) == DOCUMENT
+    assert f"For a bar of {100 * BAR:g} % and {EPISODES} episodes" in TEXT
+
+
+def test_it_errs_as_seldom_as_it_says():
+    _, passed, failed = saving(BAR, 16)
+    assert passed + failed <= ALPHA
+    assert f"the figures below are {100 * (passed + failed):.1f} %" in TEXT

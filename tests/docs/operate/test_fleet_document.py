@@ -1,0 +1,120 @@
+"""docs/operate/fleet.md: its commands run in their order; its rules are the program's; its figures are there."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from specs.pipeline.simulation_section import RollOutRules
+from specs.robomaker.deployment import DeploymentConfig, DeploymentJobErrorCode
+from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.robot.processes import end_all
+from tasks.storage.jobs.records import read
+from tasks.storage.store_url import open_store
+from tests.deploy.yard import eventually
+from tests.repository import ROOT
+
+DOCUMENT = (ROOT / "docs/operate/fleet.md").read_text()
+BASH = ["bash", "-euo", "pipefail", "-c"]
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", DOCUMENT, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def robots_ended(tmp_path: Path) -> Iterator[None]:
+    yield
+    for name in ("r1", "r2"):
+        if (tmp_path / name).is_dir():
+            end_all(tmp_path / name)
+
+
+@pytest.mark.integration
+@pytest.mark.timeout(280)
+@pytest.mark.usefixtures("robots_ended")
+def test_what_it_says_one_types_rolls_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SIMYARD_KEYS", raising=False)
+    monkeypatch.chdir(tmp_path)
+    url = (tmp_path / "store").as_uri()
+    monkeypatch.setenv("SIMYARD_STORE", url)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    (document,), (make,), (agent,) = blocks("yaml"), blocks("sh"), blocks("robot")
+    (deploy,), (during,), (after,) = blocks("deploy"), blocks("during"), blocks("after")
+    (tmp_path / "wave-by-wave.yaml").write_text(document)
+
+    subprocess.run([*BASH, make], check=True)
+    with ExitStack() as running:
+        run = running.enter_context(subprocess.Popen([*BASH, deploy], stdout=subprocess.PIPE, stderr=subprocess.STDOUT))
+        running.callback(run.kill)
+        eventually(lambda: _is_under_way(url))
+        steered = subprocess.run([*BASH, during], check=False, capture_output=True, text=True)
+        assert steered.returncode == 0, steered.stderr
+        for name in ("r1", "r2"):
+            started = running.enter_context(subprocess.Popen([*BASH, f"exec {agent.replace('r1', name)}"]))
+            running.callback(started.terminate)
+        told, _ = run.communicate()
+        assert run.returncode == 0, told.decode()
+        done = subprocess.run([*BASH, after], check=False, capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stderr
+    assert "no robot of couriers failed" in done.stdout
+    assert "all robots of couriers are in sync" in done.stdout
+    reports = [read_reported(open_store(url), name) for name in ("r1", "r2")]
+    assert [each and each.status for each in reports] == ["InSync", "InSync"]
+
+
+def _is_under_way(url: str) -> bool:
+    time.sleep(0.2)
+    store = open_store(url)
+    job = read_fleet(store, "couriers")[0].deployment
+    return bool(job) and read(store, "deployment-job", job).status == "InProgress"
+
+
+def test_its_rules_are_the_programs() -> None:
+    table = DOCUMENT.split("| rule |")[1].split("\n\n")[0]
+    rules = re.findall(r"^\| `([^`]+)`", table, flags=re.MULTILINE)
+
+    known = {*DeploymentConfig.model_fields, *(f"rollOut.{name}" for name in RollOutRules.model_fields)}
+    assert set(rules) == known
+
+
+def test_every_failure_code_that_a_robot_or_a_deployment_can_have_is_explained() -> None:
+    sources = (path.read_text() for path in sorted((ROOT / "tasks/deploy").rglob("*.py")))
+    used = {code for text in sources for code in re.findall(r'"([A-Za-z]+)"', text)} & set(
+        get_args(DeploymentJobErrorCode)
+    )
+    tables = "".join(re.findall(r"^\| (`[A-Z].*?) \|", DOCUMENT.split("### Failure codes")[1], flags=re.MULTILINE))
+
+    assert set(re.findall(r"`([A-Z][A-Za-z]+)`", tables)) == used
+
+
+def test_every_command_that_it_names_is_one() -> None:
+    named = {tuple(each.split()) for each in re.findall(r"simyard ((?:fleet )?[a-z-]+)", DOCUMENT)}
+    from flows.cli.shell import app  # noqa: PLC0415 - the command line alone needs it
+
+    commands = {(command.name or "",) for command in app.registered_commands}
+    commands |= {(getattr(command.callback, "__name__", ""),) for command in app.registered_commands}
+    for group in app.registered_groups:
+        inner = group.typer_instance
+        assert inner is not None
+        names = {command.name or getattr(command.callback, "__name__", "") for command in inner.registered_commands}
+        names |= {each.name or "" for each in inner.registered_groups}
+        commands |= {(group.name or "", name) for name in names}
+    assert not named - commands
+
+
+def test_every_promise_has_a_test_and_figures() -> None:
+    promised = re.findall(r"^(\d)\. \*\*", DOCUMENT, flags=re.MULTILINE)
+    modules = {path.name[5] for path in (ROOT / "tests/deploy/promises").glob("test_[0-9]*.py")}
+    assert set(promised) == modules
+    figures = DOCUMENT.split("<!-- promises -->")[1].split("<!-- end of promises -->")[0]
+    assert set(re.findall(r"^\| (\d) ", figures, flags=re.MULTILINE)) == modules

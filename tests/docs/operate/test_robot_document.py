@@ -1,0 +1,87 @@
+"""docs/operate/robot.md: what it tells one to type, typed; the robot is a folder, its agent what the unit starts."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.states import Reported
+from tasks.deploy.robot.disk import Disk
+from tasks.deploy.robot.processes import end_all
+from tasks.storage.store_url import open_store
+from tests.deploy.kit.robot_image import command, environment, install
+from tests.repository import ROOT
+
+DOCUMENT = (ROOT / "docs/operate/robot.md").read_text()
+STATE = "image/var/lib/simyard/r1"
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", DOCUMENT, flags=re.MULTILINE | re.DOTALL)
+
+
+class Owner:
+    """Somebody who types, in one terminal after the other."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.url = (folder / "store").as_uri()
+        self.variables = {
+            **os.environ,
+            "SIMYARD_STORE": self.url,
+            "SIMYARD_KEYS": "keys",
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        }
+
+    def types(self, block: str) -> int:
+        shell = ["bash", "-euo", "pipefail", "-c", block]
+        return subprocess.run(shell, check=False, cwd=self.folder, env=self.variables).returncode
+
+    def robot(self) -> Reported:
+        reported = read_reported(open_store(self.url), "r1")
+        assert reported is not None
+        return reported
+
+
+@pytest.fixture
+def owner(tmp_path: Path) -> Iterator[Owner]:
+    yield Owner(tmp_path)
+    if (tmp_path / STATE).is_dir():
+        end_all(tmp_path / STATE)
+
+
+@pytest.mark.integration
+@pytest.mark.timeout(280)
+def test_a_robots_owner_installs_deploys_breaks_sees_it_go_back_repairs_and_syncs(owner: Owner) -> None:
+    (document,), (set_up, bundle, deploy, spoil, repair), (failing,) = blocks("yaml"), blocks("sh"), blocks("fails")
+    (owner.folder / "guide.yaml").write_text(document)
+    assert owner.types(set_up) == 0
+    install(owner.folder / "kit", owner.folder / "image", "r1")
+    assert blocks("robot") == ["cd kit\nsudo ./install.sh r1\n"]
+
+    with subprocess.Popen(command(owner.folder / "image", "r1"), env=environment(owner.folder / "image")) as agent:
+        assert owner.types(bundle + deploy) == 0
+        first = owner.robot()
+        assert owner.types(spoil) == 0
+        assert owner.types(failing) == 1
+        broken = owner.robot()
+        assert owner.types(repair) == 0
+        repaired = owner.robot()
+        modules = Path(f"/proc/{agent.pid}/maps").read_text()
+        agent.terminate()
+
+    assert (first.status, broken.status, repaired.status) == ("InSync", "Failed", "InSync")
+    assert broken.running_digest == first.running_digest != repaired.running_digest
+    assert not re.search(r"jaxlib|numpy|mujoco", modules)
+
+
+def test_the_table_of_its_disk_names_what_is_there(tmp_path: Path) -> None:
+    there = Disk(tmp_path)
+    listed = set(re.findall(r"^\| `([\w.]+)/?` \|", DOCUMENT, flags=re.MULTILINE))
+
+    assert {there.versions.name, there.logs.name, there.current.name} <= listed

@@ -1,0 +1,88 @@
+"""docs/reference/results-schema.md says what the code does: every column, and queries that run."""
+
+import html
+import re
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from tasks.results.tables.columns import FAILURES, RESULTS, SCHEMA_VERSION
+from tasks.results.tables.parquet import write_parquet
+from tasks.results.tables.recordings import recording_table
+from tasks.results.tables.tables import failures_table, results_table
+from tests.factories.episodes import batch, request
+from tests.repository import ROOT
+
+DOCUMENT = (ROOT / "docs/reference/results-schema.md").read_text()
+QUERIES = re.findall(r"```sql\n(.*?)```", DOCUMENT, re.DOTALL)
+RECORDINGS = (ROOT / "docs/reference/recordings-schema.md").read_text()
+RECORDING_QUERIES = re.findall(r"```sql\n(.*?)```", RECORDINGS, re.DOTALL)
+
+
+def documented(heading: str, document: str = DOCUMENT) -> list[list[str]]:
+    section = document.split(f"\n## {heading}\n")[1].split("\n## ", maxsplit=1)[0]
+    rows = [line for line in section.split("\n") if line.startswith("| `")]
+    return [[html.unescape(cell.strip()) for cell in row.strip("|").split("|")] for row in rows]
+
+
+def described(field: pa.Field) -> list[str]:
+    metadata = field.metadata or {}
+    null = ", null" if field.nullable else ""
+    return [
+        f"`{field.name}`",
+        f"{field.type}{null}",
+        metadata[b"unit"].decode() or "-",
+        metadata[b"description"].decode(),
+    ]
+
+
+def test_every_column_of_the_results_is_documented():
+    assert documented("results.parquet") == [described(field) for field in RESULTS]
+
+
+def test_every_further_column_of_the_failures_is_documented():
+    further = [field for field in FAILURES if field.name not in RESULTS.names]
+    assert documented("failures.parquet") == [described(field) for field in further]
+
+
+def test_the_version_is_documented():
+    assert f"version {SCHEMA_VERSION} of their schema" in DOCUMENT
+
+
+@pytest.mark.parametrize(
+    ("sql", "place"), [*((sql, "simb-1") for sql in QUERIES), *((sql, ".") for sql in RECORDING_QUERIES)]
+)
+def test_the_queries_of_the_documents_run(sql: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    requests = [request(index, environment={"MAX_SPEED": "0.3"}) for index in range(6)]
+    for folder in ("simb-1", "recordings/simb-1"):
+        (tmp_path / folder).mkdir(parents=True)
+    write_parquet(results_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "simb-1/results.parquet")
+    write_parquet(failures_table("simb-1", requests, batch(3, 2, 1)), tmp_path / "simb-1/failures.parquet")
+    write_parquet(recording_table(_collision(3)), tmp_path / "recordings/simb-1/000000.parquet")
+    monkeypatch.chdir(tmp_path / place)
+    with duckdb.connect() as connection:
+        assert connection.execute(sql).fetchall()
+
+
+def test_there_are_queries():
+    assert (len(QUERIES), len(RECORDING_QUERIES)) == (5, 3)
+
+
+def _collision(index: int) -> dict[str, np.ndarray]:
+    """Returns two samples of an episode, half a second before its end and there."""
+    (result,) = (each for each in batch(3, 2, 1) if each.index == index)
+    once = np.zeros((2, 3), np.float32)
+    return {
+        "index": np.array([index, index]),
+        "t_s": np.array([result.simulated_s - 0.5, result.simulated_s]),
+        "pose": once,
+        "velocity": once,
+        "goal_index": np.array([0, 0]),
+        "acted": np.array([True, False]),
+        "control": once,
+        "ranges_m": once + 0.5,
+        "impulse_ns": np.array([2.0, 0.0], np.float32),
+    }

@@ -1,0 +1,223 @@
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import JsonValue
+
+from specs.base import Spec
+from specs.errors import DocumentError
+from specs.pipeline.document import PipelineSpec
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from specs.template.body import TemplateBody
+from tasks.documents.parse import parse
+from tests.factories.strategies import pipelines
+
+GENERATION = {"template": "two-rooms", "worldCount": {}}
+
+
+def faults(data: dict[str, Any] | list[Any], model: type[Spec] = PipelineSpec) -> dict[str, tuple[str, str]]:
+    """What is wrong, by place: what stands there, what may."""
+    with pytest.raises(DocumentError) as caught:
+        parse(model, data, "a.yaml")
+    found = {fault.path: (fault.value, fault.allowed) for fault in caught.value.faults}
+    assert len(found) == len(caught.value.faults)
+    return found
+
+
+def pipeline(**sections: object) -> dict[str, object]:
+    return {"name": "nightly", "worldGeneration": GENERATION, **sections}
+
+
+@given(pipelines())
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_a_good_document_is_parsed(document: dict[str, Any]):
+    assert parse(PipelineSpec, document) == PipelineSpec.model_validate(document)
+
+
+def test_an_unknown_key_is_told_with_the_known_one_that_is_meant():
+    assert faults(pipeline(worldgeneration={})) == {
+        "worldgeneration": (
+            "unknown key",
+            'did you mean "worldGeneration"? known keys are name, applications, worldGeneration, worldExport, '
+            "simulationBatch, gate, deployment",
+        )
+    }
+
+
+def test_the_value_of_an_unknown_key_is_not_repeated():
+    assert "hunter2" not in str(faults(pipeline(awsSecretAccessKey="hunter2")))
+
+
+def test_an_unknown_key_in_a_member_of_a_union_is_told_with_that_members_keys():
+    deployment = {"fleet": {"name": "couriers", "agents": 5}, "deploymentApplicationConfigs": []}
+
+    assert faults(pipeline(deployment=deployment)) == {
+        "deployment.fleet.agents": (
+            "unknown key",
+            'did you mean "localAgents"? known keys are name, localAgents',
+        ),
+        "deployment.deploymentApplicationConfigs": ("[]", "at least 1 items"),
+    }
+
+
+def test_a_wrong_word_is_told_with_the_words_that_may_stand_there():
+    room = {"Type": "Bedrom", "Name": "A"}
+    body = {"Buildings": [{"Floors": [{"Floorplan": {"Rooms": [room]}}]}]}
+
+    assert faults(pipeline(worldGeneration={**GENERATION, "template": body})) == {
+        "worldGeneration.template.Buildings[0].Floors[0].Floorplan.Rooms[0].Type": (
+            '"Bedrom"',
+            'did you mean "Bedroom"? one of Bedroom, Bathroom, Living, Dining, Kitchen, Hallway, Closet',
+        )
+    }
+
+
+def test_a_number_out_of_bounds_is_told_with_both_bounds():
+    request = {
+        "clientRequestToken": "t",
+        "fleet": "arn:f",
+        "deploymentConfig": {"concurrentDeploymentPercentage": 500, "failureThresholdPercentage": 0},
+        "deploymentApplicationConfigs": [
+            {"application": "arn:a", "applicationVersion": "1", "launchConfig": {"packageName": "a", "launchFile": "b"}}
+        ],
+    }
+
+    assert faults(request, CreateDeploymentJobRequest) == {
+        "deploymentConfig.concurrentDeploymentPercentage": ("500", "from 1 to 100"),
+        "deploymentConfig.failureThresholdPercentage": ("0", "from 1 to 100"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("value", "allowed"),
+    [(1, 'text; write "1" in quotes'), (True, "text"), (["1"], "text"), (1.5, 'text; write "1.5" in quotes')],
+)
+def test_a_number_where_text_belongs_is_told_to_be_quoted(value: object, allowed: str):
+    job = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [{"application": "a", "applicationVersion": value, "launchConfig": {}}],
+    }
+
+    ((_, found),) = faults(pipeline(simulationBatch={"createSimulationJobRequests": [job]})).values()
+
+    assert found == allowed
+
+
+def test_version_1_without_quotes_is_told_to_be_quoted():
+    assert faults({"Version": 1}, TemplateBody) == {"Version": ("1", 'text; write "1" in quotes')}
+
+
+@pytest.mark.parametrize("value", ["60", True, 60.5])
+def test_what_is_no_whole_number_is_refused_and_not_converted(value: object):
+    batch = {"createSimulationJobRequests": [{"maxJobDurationInSeconds": value}]}
+
+    ((path, (_, allowed)),) = faults(pipeline(simulationBatch=batch)).items()
+
+    assert path == "simulationBatch.createSimulationJobRequests[0].maxJobDurationInSeconds"
+    assert allowed == "a whole number"
+
+
+def test_an_empty_section_does_not_pass_for_a_section_left_out():
+    assert faults(pipeline(gate=None)) == {"gate": ("nothing", "a value; or leave the key out")}
+
+
+def test_a_missing_key_is_told_by_its_own_path():
+    assert faults({"name": "nightly", "worldGeneration": {"worldCount": {}}}) == {
+        "worldGeneration.template": ("missing", "required")
+    }
+
+
+def test_a_document_that_is_no_object_is_refused():
+    allowed = "an object with keys name, applications, worldGeneration, worldExport, simulationBatch, gate, deployment"
+
+    assert faults([1]) == {"document": ("[1]", allowed)}
+
+
+def test_all_faults_of_a_document_are_told_at_once():
+    connections = [
+        {"Location": ["A", "B"], "ConnectionType": "Opening"},
+        {"Location": ["B", "A"], "ConnectionType": "Doorway"},
+    ]
+    rooms = [{"Type": "Sauna", "Name": "A"}, {"Type": "Living", "Name": "B"}]
+    template = {"Buildings": [{"Floors": [{"Floorplan": {"Rooms": rooms, "DesiredConnections": connections}}]}]}
+    plan = "worldGeneration.template.Buildings[0].Floors[0].Floorplan"
+
+    found = faults(
+        {
+            "name": "my nights",
+            "worldGeneration": {"template": template, "worldCount": {"floorplanCount": 300}, "sead": 1},
+            "worldExport": {"formats": ["mjfc"], "outputLocation": {"s3Bucket": "B"}},
+            "gate": {"successRate": {"atLeast": 2}},
+        }
+    )
+
+    assert sorted(found) == sorted(
+        [
+            "name",
+            f"{plan}.Rooms[0].Type",
+            f"{plan}.DesiredConnections[1].ConnectionType",
+            "worldGeneration.worldCount",
+            "worldGeneration.sead",
+            "worldExport.formats[0]",
+            "worldExport.outputLocation.s3Bucket",
+            "gate.successRate.atLeast",
+            "gate",
+        ]
+    )
+
+
+def test_faults_in_a_wrapped_body_have_the_wrappers_path():
+    wrapped = {"name": "Flat", "templateBody": {"Buildings": [{"Flors": []}]}}
+
+    assert faults(wrapped, TemplateBody) == {
+        "templateBody.Buildings[0].Flors": ("unknown key", 'did you mean "Floors"? known keys are Floors')
+    }
+
+
+def test_long_values_are_shortened_and_control_characters_escaped():
+    ((value, _),) = faults(pipeline(name="\x1b[31m" + "x" * 200)).values()
+
+    assert len(value) <= 60
+    assert value.isprintable()
+
+
+def test_more_faults_than_a_person_reads_are_counted():
+    data = pipeline(simulationBatch={"createSimulationJobRequests": [{"x": 1}] * 300})
+
+    assert faults(data)["document"] == ("500 faults more", "correct these first")
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.text(max_size=5),
+        lambda below: (
+            st.lists(below, max_size=3)
+            | st.dictionaries(
+                st.sampled_from(
+                    [
+                        "name",
+                        "worldGeneration",
+                        "template",
+                        "templateBody",
+                        "Buildings",
+                        "matrix",
+                        "simulationBatch",
+                        "worlds",
+                        "x",
+                    ]
+                ),
+                below,
+                max_size=4,
+            )
+        ),
+        max_leaves=12,
+    )
+)
+@settings(deadline=None)
+def test_any_data_is_parsed_or_refused_with_faults(data: JsonValue):
+    for model in (PipelineSpec, TemplateBody):
+        try:
+            parse(model, data)
+        except DocumentError as exc:
+            assert exc.faults  # noqa: PT017 - either outcome is right, a crash is not

@@ -1,0 +1,64 @@
+import json
+from pathlib import Path
+
+import pytest
+from pydantic import JsonValue
+
+from specs.errors import DocumentError, ResourceNotFound
+from specs.template.body import TemplateBody, template_body
+from tasks.documents.template_source import find_template
+from tasks.storage.base.keys import template_key
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+
+BODY: JsonValue = {"Buildings": [{"Floors": [{"Floorplan": {"Ceiling": {"Height": 3.5}}}]}]}
+EXPECTED = template_body(BODY)
+
+
+def test_a_body_is_its_own_template(file_store: Store, tmp_path: Path):
+    assert find_template(EXPECTED, file_store, tmp_path) is EXPECTED
+
+
+@pytest.mark.parametrize("wrapped", [BODY, {"name": "Flat", "templateBody": BODY}])
+def test_a_path_is_found_from_the_documents_folder(file_store: Store, tmp_path: Path, wrapped: object):
+    (tmp_path / "flat.json").write_text(json.dumps(wrapped))
+
+    assert find_template("flat.json", file_store, tmp_path) == EXPECTED
+
+
+@pytest.mark.parametrize("reference", ["flat", "arn:simyard:world-template:any:flat"])
+def test_a_name_or_an_arn_is_found_in_the_store(file_store: Store, tmp_path: Path, reference: str):
+    file_store.create(template_key("flat"), json.dumps(BODY).encode())
+
+    assert find_template(reference, file_store, tmp_path) == EXPECTED
+
+
+def test_a_url_is_found_in_its_bucket(file_store: Store, tmp_path: Path):
+    open_bucket(file_store, "shapes").put("flats/flat.json", json.dumps(BODY).encode())
+
+    assert find_template("s3://shapes/flats/flat.json", file_store, tmp_path) == EXPECTED
+
+
+@pytest.mark.parametrize(
+    "reference", ["flat", "flat.json", "s3://shapes/flat.json", "arn:simyard:world-template:any:flat"]
+)
+def test_a_template_that_is_nowhere_is_told_by_its_place_in_the_document(
+    file_store: Store, tmp_path: Path, reference: str
+):
+    with pytest.raises(ResourceNotFound) as caught:
+        find_template(reference, file_store, tmp_path)
+
+    assert [fault.path for fault in caught.value.faults] == ["worldGeneration.template"]
+
+
+def test_a_file_that_is_no_template_is_refused(file_store: Store, tmp_path: Path):
+    (tmp_path / "flat.yaml").write_text("Version: 1")
+
+    with pytest.raises(DocumentError, match="in quotes"):
+        find_template("flat.yaml", file_store, tmp_path)
+
+
+def test_a_template_of_version_2_is_told_from_one_of_version_1(file_store: Store, tmp_path: Path):
+    (tmp_path / "flat.yaml").write_text('Version: "2"')
+
+    assert find_template("flat.yaml", file_store, tmp_path) == TemplateBody(Version="2")

@@ -1,0 +1,172 @@
+"""The floor plan is valid, complete, to scale and the right way up."""
+
+import math
+import re
+from collections.abc import Iterator
+from xml.etree import ElementTree as ET
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from specs.data.world import World
+from tasks.export.drawing.floor_plan import floor_plan_svg
+from tasks.export.drawing.plan_page import Box, text_width
+from tests.export.variants import HINGE_M, LEAF_LENGTH_M, LEAF_THICKNESS_M, with_door, with_windows
+from tests.factories.worlds import apartment, apartments
+
+SVG = "{http://www.w3.org/2000/svg}"
+ARC = r"M([\d.]+) ([\d.]+)A[\d.]+ [\d.]+ 0 0 ([01]) ([\d.]+) ([\d.]+)L"
+
+
+def drawn(world: World) -> ET.Element:
+    return ET.fromstring(floor_plan_svg(world))  # noqa: S314 - our own document
+
+
+def group(root: ET.Element, name: str) -> ET.Element:
+    return next(found for found in root.iter(f"{SVG}g") if found.get("class") == name)
+
+
+def number(found: ET.Element, attribute: str) -> float:
+    return float(found.get(attribute, "nan"))
+
+
+def texts(root: ET.Element) -> str:
+    return "\n".join(found.text or "" for found in root.iter() if found.tag != f"{SVG}style")
+
+
+def placed(parent: ET.Element) -> Iterator[Box]:
+    """Yields about what each text of a group covers: its letters, without the space above and below them."""
+    for holder in parent.iter():
+        for text in holder.findall(f"{SVG}text"):
+            size, x, y = number(text, "font-size"), number(text, "x"), number(text, "y")
+            half = 0.45 * text_width(text.text or "", size)
+            x -= half if text.get("text-anchor") == "end" else 0.0
+            box = Box(x - half, y - 0.7 * size, x + half, y)
+            turn = re.match(r"rotate\(-90 (\S+) (\S+)\)", text.get("transform") or holder.get("transform") or "")
+            yield upright(box, float(turn[1]), float(turn[2])) if turn else box
+
+
+def upright(box: Box, x: float, y: float) -> Box:
+    """Returns a box turned by a quarter about a point, against the clock."""
+    return Box(x + box.top - y, y - (box.right - x), x + box.bottom - y, y - (box.left - x))
+
+
+@given(apartments())
+def test_the_plan_is_well_formed_whatever_the_names(world: World):
+    assert drawn(world).tag == f"{SVG}svg"
+
+
+def test_a_name_with_markup_is_shown_and_not_obeyed():
+    root = drawn(apartment(room_names=("</svg><script>alert(1)</script>", "A & B")))
+    assert not list(root.iter(f"{SVG}script"))
+    assert "A & B" in texts(root)
+
+
+def test_every_room_is_named_with_its_area():
+    shown = texts(drawn(apartment()))
+    for wanted in ("Living room", "20.0 m²", "Kitchen", "16.0 m²"):
+        assert wanted in shown.split("\n")
+
+
+def test_every_piece_of_furniture_has_its_name_as_tooltip():
+    titles = [found.findtext(f"{SVG}title") for found in group(drawn(apartment()), "pieces")]
+    assert sorted(title.split(":")[0] for title in titles if title) == ["lamp-1", "sofa-1", "table-1"]
+
+
+def test_the_start_circle_has_one_metre_radius_at_the_scale_of_the_plan():
+    root = drawn(apartment())
+    footprint = next(found for found in root.iter(f"{SVG}rect") if found.get("class") == "threshold")
+    circle = next(found for found in root.iter(f"{SVG}circle") if found.get("class") == "clear")
+    assert number(circle, "r") == pytest.approx(number(footprint, "width") / 9.3, abs=0.01)
+
+
+def test_y_is_up():
+    root = drawn(apartment())
+    lamp_circle = next(group(root, "pieces").iter(f"{SVG}circle"))  # the lamp stands at y = 1.6 m, west of the start
+    start = next(found for found in root.iter(f"{SVG}circle") if found.get("class") == "clear")
+    assert number(lamp_circle, "cy") < number(start, "cy")
+    assert number(lamp_circle, "cx") < number(start, "cx")
+
+
+def test_a_turn_against_the_clock_is_drawn_against_the_clock():
+    turns = [found.get("transform") for found in group(drawn(apartment()), "pieces").iter(f"{SVG}rect")]
+    assert any(turn and turn.startswith("rotate(-22.918") for turn in turns)
+
+
+def test_a_lintel_does_not_close_its_doorway():
+    classes = [found.get("class") for found in group(drawn(apartment()), "walls")]
+    assert classes.count("lintel") == 1
+    assert classes.count("wall") == 6
+
+
+@given(apartments(), st.sampled_from([0.0, 30.0, 100.0]))
+def test_no_text_covers_another_in_the_rooms(world: World, percent: float):
+    root = drawn(with_door(percent, with_windows(world)))
+    boxes = [box for name in ("start", "labels", "piece-labels") for box in placed(group(root, name))]
+    for number, box in enumerate(boxes):
+        assert not any(box.overlap(other) > 1.0 for other in boxes[:number])
+
+
+@pytest.mark.parametrize(("percent", "tip"), [(0.0, (0.0, -1.0)), (100.0, (1.0, 0.0))])
+def test_a_door_is_drawn_from_its_hinge_to_where_its_leaf_points(percent: float, tip: tuple[float, float]):
+    root = drawn(with_door(percent))
+    scale, origin = (
+        float(root.get("data-units-per-m", "")),
+        [float(root.get(f"data-origin-{axis}", "")) for axis in "xy"],
+    )
+    leaf = next(found for found in group(root, "doors").iter(f"{SVG}rect") if found.get("class") == "leaf")
+    middle = number(leaf, "x") + number(leaf, "width") / 2, number(leaf, "y") + number(leaf, "height") / 2
+    hinge = origin[0] + HINGE_M[0] * scale, origin[1] - HINGE_M[1] * scale
+    wanted = [at + LEAF_LENGTH_M / 2 * scale * step for at, step in zip(hinge, tip, strict=True)]
+    assert middle == pytest.approx(wanted, abs=LEAF_THICKNESS_M * scale)
+
+
+@pytest.mark.parametrize(("open_yaw_rad", "across", "clockwise"), [(0.0, 1.0, "1"), (math.pi, -1.0, "0")])
+def test_a_door_shows_the_arc_of_its_swing(open_yaw_rad: float, across: float, clockwise: str):
+    world = with_door(30.0)
+    door = world.doors[0].model_copy(update={"open_yaw_rad": open_yaw_rad})
+    root = drawn(world.model_copy(update={"doors": (door,)}))
+    swing = next(group(root, "doors").iter(f"{SVG}path"))
+    arc = re.match(ARC, swing.get("d", ""))
+    assert arc is not None
+    length = LEAF_LENGTH_M * float(root.get("data-units-per-m", ""))
+    # Shut it points north, open east or west: the quarter of a circle between.
+    moved = float(arc[4]) - float(arc[1]), float(arc[5]) - float(arc[2])
+    assert moved == pytest.approx((across * length, length), abs=0.1)
+    assert arc[3] == clockwise
+
+
+def test_every_window_is_drawn_in_its_wall():
+    root = drawn(with_windows())
+    panes = list(group(root, "windows").iter(f"{SVG}rect"))
+    scale = float(root.get("data-units-per-m", ""))
+    sizes = sorted((number(pane, "width") / scale, number(pane, "height") / scale) for pane in panes)
+    assert sizes == [pytest.approx((0.1, 1.2), abs=1e-3), pytest.approx((1.6, 0.1), abs=1e-3)]
+
+
+def test_a_flooring_is_divided_to_scale():
+    root = drawn(apartment())
+    scale = float(root.get("data-units-per-m", ""))
+    sizes = {
+        (round(number(each, "width") / scale, 2), round(number(each, "height") / scale, 2))
+        for each in root.iter(f"{SVG}pattern")
+    }
+    assert sizes == {(0.4, 0.8), (0.4, 0.2)}  # four rows of planks, one tile
+
+
+def test_the_floorings_are_named_beside_the_scale():
+    assert {"Floorboards", "Tiles"} <= set(texts(drawn(apartment())).split("\n"))
+
+
+@given(apartments())
+def test_everything_lies_on_the_page(world: World):
+    root = drawn(world)
+    _, _, width, height = (float(part) for part in root.get("viewBox", "").split())
+    for found in root.iter(f"{SVG}text"):
+        assert 0 <= number(found, "x") <= width
+        assert 0 <= number(found, "y") <= height
+
+
+def test_the_same_world_gives_the_same_text():
+    assert floor_plan_svg(apartment()) == floor_plan_svg(apartment())

@@ -1,0 +1,31 @@
+"""A playback made by hand: along +x for a second, turning beyond half a turn, bumping into something on the way."""
+
+import numpy as np
+
+from tasks.results.playback.playback import Playback, Sight
+
+SAMPLES, RAYS = 21, 4
+
+
+def playback(samples: int = SAMPLES, rays: int = RAYS) -> Playback:
+    """Returns an episode of so many samples at 20 Hz; a goal is reached and something is touched in the middle."""
+    number = np.arange(samples)
+    last = samples - 1
+    pose = np.stack([number / 20, np.full(samples, 0.5), (2 * np.pi - 0.2 + number / 20) % (2 * np.pi) - np.pi], 1)
+    return Playback(
+        job="simb-1/3",
+        ending="collision",
+        goals_m=np.array([[0.5, 0.5], [3.0, 1.0]]),
+        arrived_m=0.3,
+        radius_m=0.2,
+        heights_m=(0.0, 0.3),
+        sight=Sight((0.1, 0.0, 0.0), 0.2, 6.0, (2 * np.pi * np.arange(rays) / max(rays, 1)).astype(np.float32)),
+        t_s=np.round(number / 20, 6),
+        pose=pose.astype(np.float32),
+        velocity=np.ones((samples, 3), np.float32),
+        goal_index=(number > last // 2).astype(np.int32),
+        acted=number < last,
+        control=np.tile(number[:, None], 2).astype(np.float32),
+        ranges_m=np.full((samples, rays), 1.5, np.float32),
+        impulse_ns=np.where((number == last // 2) | (number == last // 2 + 1), 0.25, 0.0).astype(np.float32),
+    )

@@ -1,0 +1,148 @@
+"""Worlds and requests for the simulation's tests, drawn by hand so that no generator is needed."""
+
+import numpy as np
+
+from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from specs.data.world import Furniture, Rectangle, Solid, World
+from tests.factories.worlds import apartment
+from tests.repository import ROOT
+
+REPOSITORY = ROOT
+BUNDLES = ROOT / "tests" / "simulate" / "bundles"
+COURIER, DELIVERY, FAULTY, DRIFT, PLAIN = ("c" * 64, "d" * 64, "f" * 64, "e" * 64, "a" * 64)
+FOLDERS = {
+    COURIER: REPOSITORY / "applications" / "courier",
+    DELIVERY: REPOSITORY / "applications" / "delivery",
+    FAULTY: BUNDLES / "faulty",
+    DRIFT: BUNDLES / "drift",
+    PLAIN: BUNDLES / "plain",
+}
+ROBOT = ApplicationLaunch(name="courier", version="1", digest=COURIER, package="courier", launch_file="go_to_goal")
+SCENARIO = ApplicationLaunch(name="delivery", version="1", digest=DELIVERY, package="delivery", launch_file="rooms")
+PUSHER = ApplicationLaunch(name="faulty", version="1", digest=FAULTY, package="faulty", launch_file="pushing")
+ENDLESS = ApplicationLaunch(name="drift", version="1", digest=DRIFT, package="drift", launch_file="endless")
+
+
+def delivery(index: int, *, world: str, seed: int = 0, speed: str = "0.6", duration_s: float = 60.0) -> EpisodeRequest:
+    """Returns an episode of the shipped applications."""
+    return EpisodeRequest(
+        index=index,
+        world=world,
+        seed=seed,
+        robot=ROBOT,
+        scenario=SCENARIO,
+        environment={"MAX_SPEED": speed},
+        duration_s=duration_s,
+    )
+
+
+def pushing(
+    index: int, *, world: str, seed: int = 0, fault: str = "0", duration_s: float = 3.0, launch: str = "pushing"
+) -> EpisodeRequest:
+    """Returns an episode of the test's own applications."""
+    return EpisodeRequest(
+        index=index,
+        world=world,
+        seed=seed,
+        robot=PUSHER.model_copy(update={"launch_file": launch}),
+        scenario=ENDLESS,
+        environment={"FAULT": fault},
+        duration_s=duration_s,
+    )
+
+
+def cluttered(seed: int) -> World:
+    """Returns the hand-drawn apartment with ten more pieces strewn about, the metre around the origin left free."""
+    rng = np.random.default_rng(seed)
+    base = apartment(name=f"cluttered-{seed}")
+    pieces = [_piece(base, number, rng) for number in range(10)]
+    return base.model_copy(update={"furniture": (*base.furniture, *pieces)})
+
+
+def pen(side_m: float, seed: int) -> World:
+    """Returns one square room full of posts and turned blocks: a place to bump into things."""
+    rng = np.random.default_rng(seed)
+    half = side_m / 2
+    walls = tuple(
+        _box(f"wall-{number}", (x, y), (hx, hy), 0.0)
+        for number, (x, y, hx, hy) in enumerate(
+            [(half, 0, 0.05, half), (-half, 0, 0.05, half), (0, half, half, 0.05), (0, -half, half, 0.05)]
+        )
+    )
+    floor = Rectangle(x_min_m=-half, y_min_m=-half, x_max_m=half, y_max_m=half)
+    base = apartment(name=f"pen-{seed}")
+    room = base.rooms[0].model_copy(update={"floor": floor})
+    world = base.model_copy(
+        update={
+            "name": f"pen-{seed}",
+            "walls": walls,
+            "rooms": (room,),
+            "passages": (),
+            "furniture": (),
+            "footprint": floor,
+        }
+    )
+    return world.model_copy(update={"furniture": tuple(_piece(world, number, rng) for number in range(14))})
+
+
+def hall(half_width_m: float) -> World:
+    """Returns two bare rooms in a row along x, of 5 m each, with no wall between them."""
+    base = apartment(name="hall")
+    west, east = -2.5, 7.5
+    walls = tuple(
+        _box(f"wall-{number}", (x, y), (hx, hy), 0.0)
+        for number, (x, y, hx, hy) in enumerate(
+            [
+                (west, 0, 0.05, half_width_m),
+                (east, 0, 0.05, half_width_m),
+                (2.5, half_width_m, 5.0, 0.05),
+                (2.5, -half_width_m, 5.0, 0.05),
+            ]
+        )
+    )
+    spans = ((west, 2.5), (2.5, east))
+    rooms = tuple(
+        room.model_copy(
+            update={"floor": Rectangle(x_min_m=low, x_max_m=high, y_min_m=-half_width_m, y_max_m=half_width_m)}
+        )
+        for room, (low, high) in zip(base.rooms[:2], spans, strict=True)
+    )
+    outer = Rectangle(x_min_m=west, x_max_m=east, y_min_m=-half_width_m, y_max_m=half_width_m)
+    return base.model_copy(update={"walls": walls, "rooms": rooms, "passages": (), "furniture": (), "footprint": outer})
+
+
+def _piece(world: World, number: int, rng: np.random.Generator) -> Furniture:
+    while True:
+        room = world.rooms[int(rng.integers(len(world.rooms)))].floor
+        x = float(rng.uniform(room.x_min_m + 0.4, room.x_max_m - 0.4))
+        y = float(rng.uniform(room.y_min_m + 0.4, room.y_max_m - 0.4))
+        # The doorway of the hand-drawn apartment is at (2.55, 0.5).
+        if np.hypot(x, y) > 1.3 and np.hypot(x - 2.55, y - 0.5) > 1.2:
+            break
+    name = f"piece-{number}"
+    if number % 2:
+        solid = _box(name, (x, y), (rng.uniform(0.05, 0.25), rng.uniform(0.05, 0.25)), float(rng.uniform(-1.5, 1.5)))
+    else:
+        radius = float(rng.uniform(0.05, 0.2))
+        solid = Solid(
+            name=name,
+            shape="cylinder",
+            center_m=(x, y, 0.5),
+            half_extents_m=(radius, radius, 0.5),
+            yaw_rad=0.0,
+            color=(0.5, 0.5, 0.5),
+        )
+    return Furniture(
+        name=name, model_type="Storage", room=world.rooms[0].name, center_m=(x, y), yaw_rad=0.0, solids=(solid,)
+    )
+
+
+def _box(name: str, center: tuple[float, float], half: tuple[float, float], yaw_rad: float) -> Solid:
+    return Solid(
+        name=name,
+        shape="box",
+        center_m=(*center, 0.5),
+        half_extents_m=(*half, 0.5),
+        yaw_rad=yaw_rad,
+        color=(0.5, 0.5, 0.5),
+    )

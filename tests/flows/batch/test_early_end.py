@@ -1,0 +1,119 @@
+"""A batch is ended when its gate is certain: after the same episodes wherever it was killed, with the same answer."""
+
+from typing import cast
+
+import pytest
+from pydantic import JsonValue
+
+from flows.batch.batch_end import close_with_tables
+from flows.batch.early_end import EarlyEnd, endable
+from flows.gate.judge import material
+from flows.run.stage_summary import batch_report
+from specs.data.episode import EpisodeResult
+from specs.pipeline.gate_section import Gate
+from tasks.results.gate.gate import judge
+from tasks.simulate.batch.cancel_restart import cancel_job
+from tasks.simulate.batch.commit import Part, Simulate, run_chunk
+from tasks.simulate.batch.job import OpenBatch, complete
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance
+from tests.factories.episodes import collided, passed
+from tests.factories.planned_batches import all_pass, begun, plan, template
+from tests.factories.simulations import PUSHER
+
+GATE = Gate.model_validate({"successRate": {"atLeast": 0.9}, "stopEarly": True})
+
+
+def started(store: Store, gate: Gate = GATE, name: str = "tok") -> OpenBatch:
+    """Returns a batch of 2 worlds and 80 seeds in chunks of 16."""
+    return begun(store, endable(plan(store, seeds=tuple(range(80)), lanes=16), gate), name)
+
+
+def driven(batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = GATE, most: int = 99) -> dict[str, JsonValue]:
+    """Drives a batch's chunks as its flow does, until so many were simulated; returns what ended it."""
+    early = EarlyEnd(batch, gate)
+    for number in range(batch.layout.chunks):
+        if early.reached(number):
+            return cast("dict[str, JsonValue]", early.detail["stopped_early"])
+        if number == most:
+            raise KeyboardInterrupt
+        run_chunk(batch, number, simulate, lanes=16, left_s=99.0)
+    return {}
+
+
+def closed(batch: OpenBatch, ended: dict[str, JsonValue]) -> JobRecord:
+    record = complete(batch)
+    if ended:
+        advance(batch.store, "simulation-job-batch", batch.id, record.status, detail={"stopped_early": ended})
+    return close_with_tables(batch)
+
+
+def every_other_collides(part: Part) -> list[EpisodeResult]:
+    return [(collided if each.index % 2 else passed)(each.index) for each in part.chunk.requests]
+
+
+def test_a_batch_that_goes_well_ends_when_that_is_certain_and_the_rest_is_canceled(file_store: Store):
+    batch = started(file_store)
+    ended = driven(batch)
+    record = closed(batch, ended)
+    assert record.status == "Completed"
+    assert record.detail["counts"] == {"episodes": 48, "successes": 48, "failed_jobs": 0, "canceled": 112}
+    assert ended["sentence"] == "the gate was certain of PASS after 48 episodes, so that 112 were left out"
+    summary = batch_report(record, 1.0).summary
+    assert summary.startswith("48 of 48 episodes passed")
+    assert summary.endswith(str(ended["sentence"]))
+
+
+def test_the_gate_answers_what_ended_the_batch(file_store: Store):
+    for name, simulate, answer in (("good", all_pass, "PASS"), ("bad", every_other_collides, "FAIL")):
+        batch = started(file_store, name=name)
+        ended = driven(batch, simulate)
+        verdict = judge(GATE, material(GATE, closed(batch, ended), file_store, None))
+        assert (ended["verdict"], verdict.verdict) == (answer, answer)
+        assert f"{ended['left_out']} not needed any more" in verdict.sentence
+
+
+def test_another_gate_than_the_one_that_ended_the_batch_takes_what_is_left_out_as_canceled(file_store: Store):
+    batch = started(file_store)
+    record = closed(batch, driven(batch))
+    other = Gate.model_validate({"successRate": {"atLeast": 0.5}, "stopEarly": True})
+    assert judge(other, material(other, record, file_store, None)).verdict == "INCONCLUSIVE"
+
+
+@pytest.mark.parametrize("killed_after", [0, 1, 2, 3])
+def test_killed_anywhere_it_ends_after_the_same_episodes(file_store: Store, killed_after: int):
+    unbroken, broken = started(file_store, name="unbroken"), started(file_store, name="broken")
+    expected = driven(unbroken)
+    try:
+        driven(broken, most=killed_after)
+    except KeyboardInterrupt:
+        broken = started(file_store, name="broken")
+    assert driven(broken) == expected
+    assert closed(broken, expected).detail["counts"] == closed(unbroken, expected).detail["counts"]
+
+
+def test_a_job_that_somebody_cancelled_keeps_a_good_batch_going_to_its_end(file_store: Store):
+    batch = started(file_store)
+    first = batch.layout.chunk(0).requests[0].index
+    cancel_job(file_store, f"{batch.id}/{first}")
+    assert driven(batch) == {}
+    verdict = judge(GATE, material(GATE, closed(batch, {}), file_store, None))
+    assert verdict.sentence.endswith("; 1 canceled")
+    assert verdict.verdict == "INCONCLUSIVE"
+
+
+def test_without_stop_early_a_batch_is_neither_shuffled_nor_ended(file_store: Store):
+    plain = Gate.model_validate({"successRate": {"atLeast": 0.9}})
+    batch = started(file_store, plain)
+    assert not batch.plan.shuffled
+    assert driven(batch, gate=plain) == {}
+    assert endable(batch.plan, None) == batch.plan
+
+
+def test_a_batch_of_several_programs_runs_to_its_end_and_is_judged_as_one_that_does(file_store: Store):
+    two = plan(file_store, templates=(template(), template(robot=PUSHER)), seeds=tuple(range(40)), lanes=16)
+    assert endable(two, GATE) == two
+    batch = begun(file_store, endable(two, GATE))
+    assert driven(batch) == {}
+    found = material(GATE, closed(batch, {}), file_store, None)
+    assert not found.lacks.sequential

@@ -1,0 +1,200 @@
+"""A replay is what was recorded, to the last bit; and says so, and why, where it is not."""
+
+import io
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import av
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from flows.batch import replay_episode
+from flows.batch.replay_episode import Replayed, replayed
+from flows.batch.replay_files import Wanted, wanted_files, write_files
+from flows.cli.batch_text import replay_answer, show_replay
+from flows.cli.shell import app
+from specs.errors import DocumentError, ResourceNotFound
+from tasks.results.playback import replay_formats
+from tasks.results.tables.columns import REQUESTED
+from tasks.results.tables.stored_rows import stored_rows
+from tasks.simulate.batch import commit
+from tasks.simulate.batch.job import KIND, OpenBatch
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.keys import output_key, world_key
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+from tasks.storage.store_url import open_store
+from tests.factories.batches import closed_batch, pushing_plan
+from tests.factories.planned_batches import begun
+from tests.factories.simulations import pen
+
+
+@pytest.fixture(scope="module")
+def batch(tmp_path_factory: pytest.TempPathFactory) -> OpenBatch:
+    """A batch of 32 episodes in two chunks, all recorded."""
+    store = open_store((tmp_path_factory.mktemp("replay") / "store").as_uri())
+    return closed_batch(store, pushing_plan(store))
+
+
+@pytest.fixture(scope="module")
+def again(batch: OpenBatch) -> Replayed:
+    return replayed(batch.store, f"{batch.id}/4")
+
+
+def test_twenty_random_episodes_deviate_by_nothing(batch: OpenBatch):
+    drawn = np.random.default_rng(7).choice(batch.layout.episodes, 20, replace=False)
+    for index in drawn.tolist():
+        found = replayed(batch.store, f"{batch.id}/{index}")
+        assert found.same, replay_answer(found)
+        assert {each.most for each in found.deviations} == {0.0}
+
+
+def test_the_row_its_way_and_its_recording_are_compared(again: Replayed):
+    columns = {each.column for each in again.deviations}
+    assert {"simulated_s", "final_x_m", "energy_j", "goal_times_s", "outcome_reason", "environment"} <= columns
+    assert {"trajectory_x_m", "failure_reason", "recording.ranges_m", "recording.impulse_ns"} <= columns
+
+
+def test_a_job_is_named_by_its_arn_too(batch: OpenBatch, again: Replayed):
+    assert replayed(batch.store, f"arn:simyard:simulation-job:0:{batch.id}/4").deviations == again.deviations
+
+
+def test_the_answer_is_zero_in_every_column(again: Replayed):
+    columns = len(again.deviations)
+    assert replay_answer(again) == [
+        f"{again.job}: collision; deviation 0 in all {columns} columns, {len(REQUESTED)} of its request not shown"
+    ]
+
+
+def test_columns_that_are_not_shown_are_those_left_out_of_the_table(again: Replayed):
+    out = io.StringIO()
+    show_replay(again, Console(file=out, width=200))
+    lines = out.getvalue().splitlines()
+    assert len(lines) == 1 + len(again.deviations) - len(REQUESTED) + 1  # a heading, the columns, the answer
+
+
+def test_extras_are_named_in_the_help():
+    told = CliRunner().invoke(app, ["replay", "--help"]).output
+    assert ("simyard[mcap]" in told, "simyard[video]" in told) == (True, True)
+
+
+Tamper = Callable[[str, str, object], None]
+
+
+@pytest.fixture
+def tampered(batch: OpenBatch) -> Iterator[Tamper]:
+    """Returns a function that changes what was recorded of episode 4: (table, column, value)."""
+    location = recorded_location(batch.record())
+    bucket = open_bucket(batch.store, location.s3Bucket or "")
+    before: dict[str, bytes] = {}
+
+    def change(name: str, column: str, value: object) -> None:
+        key = output_key(location.s3Prefix, f"{batch.id}/{name}")
+        before[key] = bucket.get(key).body
+        table = pq.read_table(pa.BufferReader(before[key]))
+        values = [
+            value if index == 4 else old
+            for index, old in zip(table.column("index").to_pylist(), table.column(column).to_pylist(), strict=True)
+        ]
+        field = table.schema.field(column)
+        sink = pa.BufferOutputStream()
+        pq.write_table(table.set_column(table.column_names.index(column), field, pa.array(values, field.type)), sink)
+        bucket.put(key, sink.getvalue().to_pybytes())
+
+    yield change
+    for key, body in before.items():
+        bucket.put(key, body)
+
+
+def test_a_number_that_is_off_in_its_last_bit_is_found(batch: OpenBatch, tampered: Tamper):
+    location = recorded_location(batch.record())
+    x_m = stored_rows(batch.store, location, batch.id, "failures.parquet", index=4).column("final_x_m")[0].as_py()
+    tampered("failures.parquet", "final_x_m", float(np.nextafter(x_m, 9.0)))
+    found = replayed(batch.store, f"{batch.id}/4")
+    (deviation,) = [each for each in found.deviations if not each.same]
+    assert deviation.column == "final_x_m"
+    assert 0.0 < deviation.most < 1e-12
+
+
+def test_a_word_that_differs_is_told_with_what_may_be_why(
+    batch: OpenBatch, tampered: Tamper, monkeypatch: pytest.MonkeyPatch
+):
+    tampered("failures.parquet", "outcome_reason", "stuck")
+
+    def elsewhere(lanes: int) -> Mapping[str, str]:
+        return {"lanes": str(lanes), "jax": "9.9"}
+
+    monkeypatch.setattr(replay_episode, "batch_metadata", elsewhere)
+    monkeypatch.setattr(replay_episode, "this_machine", lambda: "abacus")
+    told = replay_answer(replayed(batch.store, f"{batch.id}/4"))
+    assert told[0].endswith("columns deviate: outcome_reason differs")
+    assert told[1].startswith("may be why: jax was ")
+    assert told[1].endswith(", and is 9.9")
+    assert told[2].startswith("may be why: it ran on ")
+    assert told[2].endswith(", and this is abacus")
+
+
+def test_a_job_without_an_end_is_refused(file_store: Store):
+    batch = begun(file_store)
+    with pytest.raises(DocumentError, match="a job of a batch that has its tables; this one is InProgress"):
+        replayed(file_store, f"{batch.id}/0")
+
+
+def test_a_job_that_was_cancelled_has_nothing_to_compare(batch: OpenBatch, tampered: Tamper):
+    tampered("results.parquet", "success", None)
+    with pytest.raises(DocumentError, match="this one was canceled"):
+        replayed(batch.store, f"{batch.id}/4")
+
+
+def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
+    key = world_key("hand", "pen-1")
+    before = batch.store.get(key).body
+    batch.store.put(key, pen(4.5, 9).model_dump_json().encode())
+    commit._world.cache_clear()
+    with pytest.raises(ResourceNotFound, match="world hand/pen-1 is not what it was"):
+        replayed(batch.store, f"{batch.id}/31")
+    batch.store.put(key, before)
+
+
+def test_an_arn_of_something_else_is_refused(batch: OpenBatch):
+    with pytest.raises(DocumentError, match="an ARN of a simulation-job"):
+        replayed(batch.store, f"arn:simyard:{KIND}:0:{batch.id}")
+
+
+def test_the_command_ends_with_0_for_the_same_bits_and_with_1_for_others(
+    batch: OpenBatch, tampered: Tamper, tmp_path: Path
+):
+    command = ["replay", f"{batch.id}/4", "--store", batch.store.url, "--no-mcap", "--output", str(tmp_path)]
+    sound = CliRunner().invoke(app, command)
+    assert (sound.exit_code, "deviation 0 in all" in sound.output) == (0, True)
+    tampered("failures.parquet", "simulated_s", 1.0)
+    wrong = CliRunner().invoke(app, command)
+    assert (wrong.exit_code, "columns deviate: simulated_s" in wrong.output) == (1, True)
+    assert (tmp_path / "replay.svg").is_file()
+
+
+def test_drawing_and_mcap_are_written(again: Replayed, tmp_path: Path):
+    files = write_files(again, tmp_path / "new" / "folder", Wanted(mcap=True, video=False))
+    assert [path.name for path in files] == ["replay.svg", "replay.mcap"]
+    assert all(path.stat().st_size > 1000 for path in files)
+
+
+def test_without_a_gl_the_film_is_from_above(again: Replayed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+    assert again.playback
+    *_, film = write_files(again, tmp_path, Wanted(mcap=False, video=True))
+    with av.open(str(film)) as opened:
+        assert opened.streams.video[0].frames == len(again.playback.t_s)
+
+
+def test_what_is_not_installed_is_left_out_or_refused_with_the_remedy(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(replay_formats, "find_spec", lambda _: None)
+    assert wanted_files(mcap=None, video=False) == Wanted(mcap=False, video=False)
+    with pytest.raises(DocumentError, match=r"--mcap: .*pip install 'simyard\[mcap\]'"):
+        wanted_files(mcap=True, video=False)
+    with pytest.raises(DocumentError, match=r"--video: .*pip install 'simyard\[video\]'"):
+        wanted_files(mcap=None, video=True)

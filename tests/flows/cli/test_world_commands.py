@@ -1,0 +1,184 @@
+"""Looking at worlds from the command line: files come, and what is missing is said in one line."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from flows.cli.shell import app
+from flows.preview import world_preview
+from specs.data.world import World
+from specs.errors import DocumentError, ResourceNotFound
+from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
+from specs.template.body import TemplateBody
+from tasks.documents.template_source import find_template
+from tasks.export.picture.render import NO_GL, rendering
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, submit
+from tasks.storage.store_url import open_store
+from tasks.worlds.job.job import KIND, run_generation_job
+from tasks.worlds.rejection import WorldRejected
+from tests.export.png_reader import SIGNATURE
+from tests.factories.worlds import apartment
+from tests.repository import ROOT
+
+TEMPLATE = ROOT / "examples" / "templates" / "two-rooms.json"
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs each command in a folder of its own, without GL: pictures take seconds."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SIMYARD_STORE", raising=False)
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+
+
+def world(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["world", *arguments], catch_exceptions=False)
+
+
+def plans(file: Path) -> list[str]:
+    """Returns the names of the worlds on a sheet."""
+    root = ET.fromstring(file.read_text())  # noqa: S314 - our own document
+    svg = "{http://www.w3.org/2000/svg}"
+    return [found.findtext(f"{svg}title", "") for found in root.iter(f"{svg}g") if found.get("class") == "plan"]
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> JobRecord:
+    """Returns a job that made three worlds, in the default store."""
+    store = open_store((tmp_path / ".simyard").as_uri())
+    template = find_template(str(TEMPLATE), store, tmp_path)
+    counts = {"floorplanCount": 3, "interiorCountPerFloorplan": 1}
+    reference = "arn:simyard:world-template:0123456789ab:any"
+    request = CreateWorldGenerationJobRequest.model_validate({"template": reference, "worldCount": counts})
+    return run_generation_job(store, request, template, seed=3, token="t", progress=lambda *_: None)  # noqa: S106
+
+
+def test_a_preview_draws_the_plan_where_one_says_and_says_where():
+    done = world("preview", str(TEMPLATE), "--seed", "4", "--output", "plan.svg")
+    assert done.stdout.split() == ["plan.svg"]
+    assert "seed 4" in Path("plan.svg").read_text()
+
+
+def test_without_gl_a_preview_says_in_one_line_how_to_get_the_picture():
+    done = world("preview", str(TEMPLATE))
+    assert done.stderr == f"{NO_GL}\n"
+    assert "libosmesa6" in done.stderr
+    assert list(Path().glob("world-preview.*")) == [Path("world-preview.svg")]
+
+
+def test_where_gl_is_there_the_picture_lies_beside_the_plan(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("MUJOCO_GL")
+    for side in ("_WIDTH", "_HEIGHT"):
+        monkeypatch.setattr(f"flows.cli.world_commands.{side}", 64)
+    with rendering(16, 16, 1) as render:
+        if render is None:
+            pytest.skip("no GL is there: neither EGL nor OSMesa works on this machine")
+    done = world("preview", str(TEMPLATE), "--output", "plan.svg")
+    assert done.stdout.split() == ["plan.svg", "plan.png"]
+    assert Path("plan.png").read_bytes().startswith(SIGNATURE)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "argument"),
+    [
+        ("--seed", "9", ("seed", 9)),
+        ("--floorplan", "3", ("floorplan_index", 3)),
+        ("--interior", "2", ("interior_index", 2)),
+        ("--robot-radius", "0.3", ("robot_radius_m", 0.3)),
+    ],
+)
+def test_each_option_decides_about_the_world(
+    option: str, value: str, argument: tuple[str, float], monkeypatch: pytest.MonkeyPatch
+):
+    asked: dict[str, object] = {}
+
+    def recorded(template: TemplateBody, **arguments: object) -> World:
+        del template
+        asked.update(arguments)
+        return apartment()
+
+    monkeypatch.setattr(world_preview, "generate_world", recorded)
+    world("preview", str(TEMPLATE), option, value)
+    usual = {"seed": 0, "generation": "preview", "floorplan_index": 1, "interior_index": 1, "robot_radius_m": 0.25}
+    assert asked == {**usual, argument[0]: argument[1]}
+
+
+def test_interiors_share_their_floor_plan():
+    for interior in ("1", "2"):
+        world("preview", str(TEMPLATE), "--interior", interior, "--output", f"{interior}.svg")
+    first, second = (Path(f"{interior}.svg").read_text() for interior in ("1", "2"))
+    assert first.split('class="dimension"')[1].split("</g>")[0] == second.split('class="dimension"')[1].split("</g>")[0]
+
+
+def test_a_png_as_output_is_refused_for_the_picture_would_overwrite_the_plan():
+    with pytest.raises(DocumentError, match="an SVG file"):
+        world("preview", str(TEMPLATE), "--output", "plan.png")
+    assert list(Path().glob("plan*")) == []
+
+
+def test_a_sheet_of_a_template_shows_its_first_floor_plans():
+    done = world("sheet", str(TEMPLATE), "--count", "3", "--seed", "2", "--output", "sheet.svg")
+    assert done.stdout.split() == ["sheet.svg"]
+    assert plans(Path("sheet.svg")) == ["world-1-1", "world-2-1", "world-3-1"]
+
+
+def test_a_sheet_of_a_job_shows_its_worlds_and_tells_how_many_there_are(job: JobRecord):
+    for reference in (job.id, job.arn):
+        world("sheet", reference, "--count", "2", "--output", "sheet.svg")
+        assert plans(Path("sheet.svg")) == ["world-1-1", "world-2-1"]
+        assert "the first 2 of 3 worlds" in Path("sheet.svg").read_text()
+
+
+def test_a_sheet_writes_no_picture_unless_asked_for_one():
+    assert world("sheet", str(TEMPLATE), "--count", "1").stderr == ""
+    assert world("sheet", str(TEMPLATE), "--count", "1", "--png").stderr == f"{NO_GL}\n"
+
+
+def test_a_job_that_is_not_there_is_refused():
+    with pytest.raises(ResourceNotFound, match="wgj-0000000000000000"):
+        world("sheet", "wgj-0000000000000000")
+
+
+def test_a_job_that_made_nothing_is_refused(file_store: Store):
+    empty = submit(file_store, KIND, {}, "t")
+    with pytest.raises(DocumentError, match="a job that has made worlds"):
+        world("sheet", empty.id, "--store", file_store.url)
+
+
+def test_worlds_that_cannot_be_made_are_named_and_the_others_drawn(monkeypatch: pytest.MonkeyPatch):
+    def second_fails(template: TemplateBody, *, floorplan_index: int, **_: object) -> World:
+        del template
+        if floorplan_index == 2:
+            raise WorldRejected("InternalServiceError", "no luck")
+        return apartment(name=f"world-{floorplan_index}-1")
+
+    monkeypatch.setattr(world_preview, "generate_world", second_fails)
+    done = world("sheet", str(TEMPLATE), "--count", "3", "--output", "sheet.svg")
+    assert done.stderr == "InternalServiceError: no luck\n"
+    assert plans(Path("sheet.svg")) == ["world-1-1", "world-3-1"]
+
+
+def test_a_template_that_gives_no_world_is_told_why(monkeypatch: pytest.MonkeyPatch):
+    def fails(template: TemplateBody, **_: object) -> World:
+        raise WorldRejected("InvalidInput", "too small")
+
+    monkeypatch.setattr(world_preview, "generate_world", fails)
+    with pytest.raises(WorldRejected, match="too small"):
+        world("sheet", str(TEMPLATE), "--count", "2")
+
+
+def test_looking_at_worlds_loads_neither_jax_nor_prefect_nor_mujoco():
+    check = (
+        "import sys; from typer.testing import CliRunner; from flows.cli.shell import app; "
+        f"done = CliRunner().invoke(app, ['world', 'preview', {json.dumps(str(TEMPLATE))}]); "
+        "assert done.exit_code == 0, done.output; "
+        "sys.exit(str(sorted({'jax', 'prefect', 'mujoco'} & set(sys.modules))))"
+    )
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=False)
+    assert done.stderr.strip().endswith("[]")

@@ -1,0 +1,272 @@
+"""What a document refers to: found before anything runs, and the same thing in every stage."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.document import references
+from flows.document.references import batch_plan, deployed_version, finder, numbered_finder, pins, tested_bundles
+from flows.preview.plan import planned
+from specs.digest import canonical_document, canonical_json
+from specs.errors import DocumentError, ResourceNotFound
+from specs.pipeline.document import PipelineSpec
+from specs.robomaker.applications import SourceConfig
+from specs.robomaker.bundle import ApplicationKind, Version
+from tasks.applications.bucket_sources import create_application, create_version
+from tasks.applications.pack import pack
+from tasks.applications.registry import applications, publish, resolve
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.simulate.plan.layout import Layout
+from tasks.simulate.plan.resolve import output_location
+from tasks.storage.base.keys import world_key
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+from tests.factories.worlds import apartment
+from tests.repository import ROOT
+
+ROBOT = "robot-application"
+
+
+def _put_world(store: Store, name: str) -> str:
+    world = apartment(generation="hand", name=name)
+    store.create(world_key(world.generation, world.name), canonical_json(canonical_document(world)))
+    return f"hand/{name}"
+
+
+def _launch(package: str, file: str, application: str, **more: object) -> dict[str, Any]:
+    return {"application": application, "launchConfig": {"packageName": package, "launchFile": file}, **more}
+
+
+def _request(robot: str = "courier", **scenario: object) -> dict[str, Any]:
+    return {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [_launch("courier", "go_to_goal", robot)],
+        "simulationApplications": [_launch("delivery", "rooms", "delivery", **scenario)],
+    }
+
+
+def _spec(**sections: object) -> PipelineSpec:
+    return PipelineSpec.model_validate({"name": "resolved", **sections})
+
+
+def _generated(*requests: dict[str, Any], **sections: object) -> PipelineSpec:
+    generation = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}}
+    return _spec(worldGeneration=generation, simulationBatch={"createSimulationJobRequests": requests}, **sections)
+
+
+@pytest.fixture
+def bundle(tmp_path: Path) -> Path:
+    """Returns a copy of the courier that may be changed."""
+    shutil.copytree(ROOT / "applications/courier", tmp_path / "mine")
+    return tmp_path / "mine"
+
+
+def _with_own(bundle: Path, **sections: object) -> PipelineSpec:
+    source = {"name": "mine", "source": bundle.name}
+    return _generated(_request("mine"), applications=[source], **sections)
+
+
+def _deployment(application: str, **more: object) -> dict[str, Any]:
+    return {
+        "fleet": {"name": "team", "localAgents": 1},
+        "deploymentApplicationConfigs": [_launch("courier", "run.sh", application, **more)],
+    }
+
+
+def test_a_bundle_that_was_changed_back_is_what_is_tested_and_shipped(file_store: Store, bundle: Path):
+    spec = _with_own(bundle, deployment=_deployment("mine"))
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+    before = publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").write_text("changed")
+    publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").unlink()
+    found, own = pins(spec, file_store, bundle.parent)
+    assert own[f"{ROBOT}/mine"] == before
+    assert found["deployment"] == before.digest
+    find = numbered_finder(file_store, {f"{ROBOT}/mine": str(before.number)})
+    assert spec.simulationBatch is not None
+    assert tested_bundles(batch_plan(spec.simulationBatch, (), file_store, find), "") == {"mine": before.digest}
+
+
+def test_a_plan_publishes_nothing(file_store: Store, bundle: Path):
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+    lines = list(planned(_with_own(bundle, deployment=_deployment("mine")), bundle.parent, file_store))
+    assert any("deployment" in line for line in lines)
+    assert applications(file_store, ROBOT) == []
+    assert file_store.keys("bundles") == []
+
+
+def test_a_request_with_its_own_world_keeps_it_to_itself(file_store: Store):
+    mine, theirs = _put_world(file_store, "a"), _put_world(file_store, "b")
+    batch = {
+        "matrix": {"worlds": [mine]},
+        "createSimulationJobRequests": [_request(), _request(worldConfigs=[{"world": theirs}])],
+    }
+    spec = _spec(simulationBatch=batch)
+    assert spec.simulationBatch is not None
+    plan = batch_plan(spec.simulationBatch, (), file_store, finder(file_store, {}))
+    assert [request.world for request in Layout(plan).requests()] == [mine, theirs]
+    assert set(plan.world_digests) == {mine, theirs}
+
+
+def test_a_bundle_that_no_batch_tests_is_not_shipped(file_store: Store, bundle: Path):
+    publish(file_store, ROBOT, "other", bundle)
+    (bundle / "note.txt").write_text("another bundle")
+    publish(file_store, ROBOT, "other", bundle)
+    spec = _generated(_request(), deployment=_deployment("other"))
+    with pytest.raises(DocumentError, match=r"other version 2 .* the bundle that simulationBatch tests; .*: courier"):
+        pins(spec, file_store, ROOT / "examples")
+
+
+@pytest.mark.parametrize("named", [{}, {"applicationVersion": "2"}])
+def test_the_version_that_the_gate_compares_with_is_tested_and_not_shipped(
+    file_store: Store, bundle: Path, named: dict[str, str]
+):
+    publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").write_text("newer")
+    newer = publish(file_store, ROBOT, "mine", bundle)
+    requests = [_request("mine"), _request("mine")]
+    for request, version in zip(requests, ("2", "1"), strict=True):
+        request["robotApplications"][0]["applicationVersion"] = version
+    gate = {"noWorseThan": {"applicationVersion": "1", "margin": 0.02}}
+    spec = _generated(*requests, gate=gate, deployment=_deployment("mine", **named))
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+    found, _ = pins(spec, file_store, bundle.parent)
+    assert found["deployment"] == newer.digest
+
+
+def test_a_version_to_compare_with_that_does_not_exist_is_told_before_anything_runs(file_store: Store):
+    spec = _generated(_request(), gate={"noWorseThan": {"applicationVersion": "7", "margin": 0.02}})
+    with pytest.raises(DocumentError, match=r"gate\.noWorseThan\.applicationVersion: '?7'?: a version of courier: 1"):
+        pins(spec, file_store, ROOT / "examples")
+
+
+def test_the_tested_version_is_shipped_when_the_deployment_names_none(file_store: Store, bundle: Path):
+    old = publish(file_store, ROBOT, "mine", bundle)
+    (bundle / "note.txt").write_text("newer")
+    publish(file_store, ROBOT, "mine", bundle)
+    spec = _spec(deployment=_deployment("mine"))
+    assert spec.deployment is not None
+    find = finder(file_store, {})
+    assert deployed_version(spec.deployment, file_store, find, {"mine": old.digest}) == old
+    assert deployed_version(spec.deployment, file_store, find, None).number == 2
+
+
+def test_all_that_is_missing_is_told_at_once(file_store: Store):
+    spec = _spec(
+        worldGeneration={"template": "nowhere", "worldCount": {"floorplanCount": 1}},
+        worldExport={"worlds": ["none/none"], "outputLocation": {"s3Bucket": "out"}},
+        simulationBatch={"createSimulationJobRequests": [_request("nobody")]},
+    )
+    with pytest.raises(DocumentError) as refused:
+        pins(spec, file_store, ROOT / "examples")
+    told = [fault.value for fault in refused.value.faults]
+    assert told == ["'nowhere'", "'none/none'", "'nobody'"]
+
+
+def test_tables_go_where_the_requests_agree(file_store: Store):
+    here, there = {"s3Bucket": "mybucket", "s3Prefix": "x"}, {"s3Bucket": "other"}
+    agreed = _generated({**_request(), "outputLocation": here}, _request()).simulationBatch
+    torn = _generated({**_request(), "outputLocation": here}, {**_request(), "outputLocation": there}).simulationBatch
+    assert agreed is not None
+    assert torn is not None
+    assert output_location(agreed).s3Bucket == "mybucket"
+    with pytest.raises(DocumentError, match="mybucket/x, other/"):
+        output_location(torn)
+
+
+def test_a_world_that_is_not_there_is_a_fault_of_the_document(file_store: Store):
+    spec = _spec(simulationBatch={"matrix": {"worlds": ["g/w"]}, "createSimulationJobRequests": [_request()]})
+    assert spec.simulationBatch is not None
+    with pytest.raises(ResourceNotFound, match="g/w"):
+        batch_plan(spec.simulationBatch, (), file_store, finder(file_store, {}))
+
+
+def test_a_launch_file_that_no_bundle_holds_is_told_before_anything_runs(file_store: Store):
+    request = _request()
+    request["robotApplications"][0]["launchConfig"]["launchFile"] = "go_to_gaol"
+    with pytest.raises(DocumentError, match=r"'go_to_gaol'.*courier/go_to_gaol"):
+        pins(_generated(request), file_store, ROOT / "examples")
+    deployment = _deployment("courier")
+    deployment["deploymentApplicationConfigs"][0]["launchConfig"]["launchFile"] = "nope.sh"
+    with pytest.raises(DocumentError, match=r"nope\.sh"):
+        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+
+
+def test_a_fleet_that_nobody_made_is_told_before_anything_runs(file_store: Store):
+    deployment = {**_deployment("courier"), "fleet": "strangers"}
+    with pytest.raises(DocumentError, match=r"deployment\.fleet.*strangers"):
+        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+
+
+def test_robots_elsewhere_need_keys_or_a_word_that_there_are_none(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("SIMYARD_KEYS", raising=False)
+    create_fleet(file_store, "strangers")
+    register_robot(file_store, "strangers", create_robot(file_store, "r1").name)
+    deployment = {**_deployment("courier"), "fleet": "strangers"}
+    with pytest.raises(DocumentError, match=r"deployment\.trust.*simyard fleet keys init.*or trust: unsigned"):
+        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+    unsigned = {**deployment, "trust": "unsigned"}
+    pins(_generated(_request(), deployment=unsigned), file_store, ROOT / "examples")
+
+
+def test_a_missing_application_is_told_with_its_place_in_the_document(file_store: Store):
+    place = r"createSimulationJobRequests\[1\]\.robotApplications\[0\]\.application"
+    with pytest.raises(DocumentError, match=place):
+        pins(_generated(_request(), _request("nobody")), file_store, ROOT / "examples")
+
+
+def test_a_thousand_requests_look_up_each_application_once(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    asked: list[str] = []
+
+    def counted(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Version:
+        asked.append(reference)
+        return resolve(store, kind, reference, version)
+
+    monkeypatch.setattr(references, "resolve", counted)
+    world = _put_world(file_store, "apartment")
+    requests = [_request(worldConfigs=[{"world": world}]) for _ in range(1000)]
+    section = _spec(simulationBatch={"createSimulationJobRequests": requests}).simulationBatch
+    assert section
+    plan = batch_plan(section, (), file_store, finder(file_store, {}))
+    assert (len(plan.templates), Layout(plan).chunks) == (1000, 4)
+    assert asked == ["courier", "delivery"]
+
+
+def test_a_format_that_cannot_be_written_here_is_refused_before_anything_runs(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("tasks.export.format.availability.find_spec", lambda _: None)
+    world = _put_world(file_store, "world-1-1")
+    export = {"worlds": [world], "formats": ["usd", "svg", "glb"], "outputLocation": {"s3Bucket": "worlds"}}
+    with pytest.raises(DocumentError) as caught:
+        pins(_spec(worldExport=export), file_store, tmp_path)
+    assert [(fault.path, fault.value) for fault in caught.value.faults] == [
+        ("worldExport.formats", "glb"),
+        ("worldExport.formats", "usd"),
+    ]
+
+
+def test_a_version_whose_source_was_changed_is_not_used(file_store: Store, bundle: Path) -> None:
+    bucket = open_bucket(file_store, "builds")
+    bucket.put("a.tar", pack(bundle))
+    create_application(file_store, ROBOT, "mine", [SourceConfig(s3Bucket="builds", s3Key="a.tar")])
+    version = create_version(file_store, ROBOT, "mine")
+    assert finder(file_store, {})(ROBOT, "mine", None) == version
+    (bundle / "more").write_text("more")
+    bucket.put("a.tar", pack(bundle))
+
+    with pytest.raises(DocumentError, match="RobotApplicationVersionMismatchedEtag"):
+        finder(file_store, {})(ROBOT, "mine", "1")
+
+
+def test_what_has_no_build_for_x86_is_not_simulated(file_store: Store, bundle: Path) -> None:
+    publish(file_store, ROBOT, "mine", {"ARM64": bundle})
+    section = _generated(_request("mine")).simulationBatch
+    assert section is not None
+
+    with pytest.raises(DocumentError, match=r"mine version 1, for ARM64: a version with an X86_64 source"):
+        batch_plan(section, (), file_store, finder(file_store, {}))

@@ -1,0 +1,100 @@
+"""`simyard plan` tells engine and reason, chunks, a range of time and memory, audit and recordings."""
+
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from flows.preview.plan import planned
+from tasks.applications.registry import publish
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.documents.pipeline_file import read_pipeline
+from tasks.storage.base.store import Store
+from tests.deploy.puppets import PuppetRobots
+from tests.deploy.yard import FLEET, STAYS_UP, Yard
+from tests.repository import ROOT
+
+Tell = Callable[..., str]
+
+
+@pytest.fixture
+def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Tell:
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+
+    def tell(**batch: object) -> str:
+        spec = read_pipeline(ROOT / "examples/quickstart.yaml")
+        assert spec.simulationBatch
+        section = type(spec.simulationBatch).model_validate(
+            {**spec.simulationBatch.model_dump(mode="json", exclude_none=True), **batch}
+        )
+        changed = spec.model_copy(update={"simulationBatch": section})
+        return "\n".join(planned(changed, ROOT / "examples", file_store))
+
+    return tell
+
+
+def test_the_quickstart_is_told_before_it_runs(lines: Tell):
+    told = lines()
+    assert "384 episodes of at most 60 simulated seconds" in told
+    assert "courier: engine planar, the fastest of all" in told
+    assert re.search(r"2 chunks of 192 lanes on \d+ cpu devices?, 1 compiled program,", told)
+    assert re.search(r"about \S+ to \S+ (s|min|h) and \S+ to \S+ GB of memory; a guess", told)
+    assert "recordings of failed episodes at 10 Hz; 16 episodes audited on C MuJoCo" in told
+
+
+def test_what_is_turned_off_is_said(lines: Tell):
+    told = lines(recordings={"episodes": "none"}, audit={"lanes": 0}, engine="mujoco")
+    assert "courier: engine mujoco, asked for" in told
+    assert "no recordings; no audit" in told
+
+
+def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
+    told = lines(matrix={"seeds": 10_000}, engine="mujoco")
+    assert "80,000 episodes" in told
+    assert re.search(r"about \S+ to \S+ h and", told)
+    assert "417 chunks of 192 lanes" in told
+
+
+def test_the_gates_page_is_planned_with_the_tested_versions_episodes(file_store: Store, tmp_path: Path):
+    for number in range(4):
+        robot = tmp_path / f"courier-{number}"
+        shutil.copytree(ROOT / "applications/courier", robot, ignore=shutil.ignore_patterns("__pycache__"))
+        (robot / "CHANGES").write_text(str(number))
+        publish(file_store, "robot-application", "courier", robot)
+    publish(file_store, "simulation-application", "delivery", ROOT / "applications/delivery")
+    page = (ROOT / "docs/guide/gate.md").read_text()
+    block = re.findall(r"```yaml\n(simulationBatch:.*?)```", page, re.DOTALL)[0]
+    template = ROOT / "examples/templates/two-rooms.json"
+    worlds = f"worldGeneration: {{template: {template}, worldCount: {{floorplanCount: 8}}}}"
+    document = tmp_path / "gate.yaml"
+    document.write_text(f"name: gate\n{worlds}\n{block}")
+    told = "\n".join(planned(read_pipeline(document), ROOT / "examples", file_store))
+    assert "8 x 24 = 192 pairs then, and 384 episodes" in " ".join(page.split())
+    assert "384 episodes" in told
+    assert "if equal, and 0 % end otherwise, 189 driven by both are needed: 192 are enough" in told
+
+
+def test_a_deployment_is_told_with_its_waves_its_threshold_and_a_robots_time(file_store: Store, tmp_path: Path):
+    create_fleet(file_store, FLEET)
+    PuppetRobots(file_store, 5)
+    yard = Yard(file_store, tmp_path)
+    for script in (STAYS_UP, f"{STAYS_UP}# better"):
+        yard.publish({"run.sh": script})
+    document = tmp_path / "deploy.yaml"
+    document.write_text(
+        f"""name: courier
+deployment:
+  fleet: {FLEET}
+  trust: unsigned
+  deploymentConfig: {{concurrentDeploymentPercentage: 40, failureThresholdPercentage: 50}}
+  rollOut: {{canaryRobots: 1, leastExecutedRobots: 2}}
+  deploymentApplicationConfigs:
+    - {{application: courier, launchConfig: {{packageName: courier, launchFile: run.sh}}}}
+"""
+    )
+    told = "\n".join(planned(read_pipeline(document), tmp_path, file_store))
+    assert f"courier (newest version, 2) to fleet {FLEET}, bundle" in told
+    assert "5 robots, the first 1 of them canaries, at most 2 at once: at least 3 waves" in told
+    assert "failures that stop it: 3 once 2 have ended, one of a canary at once; a robot has 18,000 s" in told

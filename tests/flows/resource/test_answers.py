@@ -1,0 +1,78 @@
+"""`simyard cancel` knows what can be cancelled, and `simyard describe` several jobs at once."""
+
+import pytest
+
+from flows.resource.answers import described, described_together, listed
+from flows.resource.cancel import cancel
+from specs.errors import DocumentError, ResourceNotFound
+from specs.robomaker.simulation_descriptions import BatchDescribeSimulationJobResponse
+from tasks.storage.base.keys import claim_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.records import JobKind, read, submit
+from tasks.storage.store_url import store_id
+from tests.factories.batches import put_worlds
+from tests.factories.planned_batches import begun
+from tests.factories.worlds import apartment
+
+
+@pytest.mark.parametrize(
+    "text", ["arn:simyard:world:0:g/w", "arn:simyard:robot:0:r2", "simb-1", "arn:simyard:planet:0:mars", "nonsense"]
+)
+def test_what_is_never_cancelled_is_refused(file_store: Store, text: str):
+    with pytest.raises(DocumentError, match="arn"):
+        cancel(file_store, text)
+
+
+def test_a_batch_that_does_not_exist_is_not_cancelled(file_store: Store):
+    with pytest.raises(ResourceNotFound):
+        cancel(file_store, "arn:simyard:simulation-job-batch:0:simb-0")
+
+
+def test_an_old_arn_of_robomaker_means_the_batch_of_that_name(file_store: Store):
+    batch = begun(file_store)
+    with claimed(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=1.5):
+        cancel(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch.id}")
+    assert batch.record().status == "Canceling"
+
+
+def test_several_jobs_are_described_at_once_and_those_that_are_not_there_are_named(file_store: Store):
+    job = begun(file_store).record().arn.replace("simulation-job-batch", "simulation-job")
+    asked = [f"{job}/5", f"{job}/6", f"{job}/0"]
+    answer = described_together(file_store, asked)
+    assert isinstance(answer, BatchDescribeSimulationJobResponse)
+    assert [each.arn for each in answer.jobs or ()] == [asked[0], asked[2]]
+    assert answer.unprocessedJobs == (asked[1],)
+
+
+@pytest.mark.parametrize("arns", [["arn:x"] * 101, ["arn:x", "job"]])
+def test_a_hundred_arns_are_described_at_once_at_most(file_store: Store, arns: list[str]):
+    with pytest.raises(DocumentError, match="jobs"):
+        described_together(file_store, arns)
+
+
+@pytest.mark.parametrize("kind", ["world-generation-job", "world-export-job"])
+def test_a_job_that_makes_or_writes_worlds_is_cancelled(file_store: Store, kind: JobKind):
+    record = submit(file_store, kind, {}, "one")
+    cancel(file_store, record.arn)
+    assert read(file_store, kind, record.id).status == "Canceled"
+
+
+def test_a_deployment_is_cancelled(file_store: Store):
+    record = submit(file_store, "deployment-job", {}, "one")
+    cancel(file_store, record.arn)
+    assert read(file_store, "deployment-job", record.id).status == "Canceled"
+
+
+def test_a_world_that_somebody_added_is_listed_and_described_without_a_job(file_store: Store):
+    put_worlds(file_store, {"shrunk/small": apartment()})
+    arn = f"arn:simyard:world:{store_id(file_store)}:shrunk/small"
+    file_store.put("worlds/shrunk/contact-sheet.svg", b"<svg/>")
+    assert [each.model_dump(exclude_none=True) for each in listed(file_store, "worlds")] == [{"arn": arn}]
+    assert described(file_store, arn).model_dump(exclude_none=True) == {"arn": arn}
+
+
+def test_a_world_of_a_job_that_goes_on_is_not_taken_for_an_added_one(file_store: Store):
+    job = submit(file_store, "world-generation-job", {}, "one")
+    put_worlds(file_store, {f"{job.id}/world-1-1": apartment()})
+    assert list(listed(file_store, "worlds")) == []

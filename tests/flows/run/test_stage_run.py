@@ -1,0 +1,15 @@
+"""What a stage that did not end well says."""
+
+import pytest
+
+from flows.run.stage_run import ended_well
+from specs.errors import StageFailed
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import advance, submit
+
+
+def test_a_canceled_job_says_that_somebody_asked_for_it(file_store: Store):
+    job = submit(file_store, "world-generation-job", {}, "token").id
+    advance(file_store, "world-generation-job", job, "Canceling")
+    with pytest.raises(StageFailed, match=r"^Canceled: canceled on request"):
+        ended_well(advance(file_store, "world-generation-job", job, "Canceled"))

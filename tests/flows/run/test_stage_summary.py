@@ -1,0 +1,188 @@
+"""What is told of a run, to the process that ran it and to one that waited for it."""
+
+import io
+from typing import cast
+
+import pytest
+from pydantic import JsonValue
+from rich.console import Console
+
+from flows.cli.output import show_report
+from flows.run.stage_summary import (
+    alarmed,
+    batch_report,
+    deployment_report,
+    gate_report,
+    generation_report,
+    run_alarmed,
+    told,
+)
+from specs.data.run_report import PipelineReport, StageReport, Verdict
+from specs.errors import DocumentError, StageFailed
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobKind, JobRecord, advance, submit
+
+
+def _ended(
+    store: Store,
+    kind: JobKind,
+    status: str,
+    detail: dict[str, JsonValue],
+    *,
+    failure_code: str = "",
+    failure_reason: str = "",
+) -> JobRecord:
+    record = submit(store, kind, {}, "tok")
+    return advance(
+        store, kind, record.id, status, detail=detail, failure_code=failure_code, failure_reason=failure_reason
+    )
+
+
+def test_who_waited_is_told_the_report_of_the_run(file_store: Store):
+    stage = StageReport(name="gate", arn="", status="PASS", summary="PASS: 9 of 9", seconds=0.5)
+    report = PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="PASS")
+    run = _ended(file_store, "pipeline-run", "Completed", {"report": report.model_dump(mode="json")})
+    assert told(run) == report
+
+
+def test_who_waited_for_a_refused_document_is_refused_too(file_store: Store):
+    run = _ended(file_store, "pipeline-run", "Failed", {"refused": True}, failure_reason="no such fleet")
+    with pytest.raises(DocumentError, match="no such fleet"):
+        told(run)
+
+
+def test_who_waited_for_a_stage_that_failed_is_told_its_code(file_store: Store):
+    run = _ended(file_store, "pipeline-run", "Failed", {}, failure_code="AccessDenied", failure_reason="read-only")
+    with pytest.raises(StageFailed, match="AccessDenied: read-only"):
+        told(run)
+
+
+def test_a_partial_generation_says_how_many_worlds_failed(file_store: Store):
+    failures: dict[str, JsonValue] = {"InvalidInput": {"count": 2, "sample_reason": "too small"}}
+    record = _ended(file_store, "world-generation-job", "PartialFailed", {"worlds": ["g/a"], "failures": failures})
+    assert generation_report(record, file_store, 1.0).summary == "1 world, 2 failed"
+
+
+def test_a_batch_tells_passes_and_where_its_tables_lie(file_store: Store):
+    detail: dict[str, JsonValue] = {
+        "passed": 3,
+        "episodes": 4,
+        "simulated_s": 61.5,
+        "results_url": "file:///r",
+        "failures_url": "file:///f",
+    }
+    stage = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0)
+    assert stage.summary.startswith("3 of 4 episodes passed")
+    assert [artefact.url for artefact in stage.artefacts] == ["file:///r", "file:///f"]
+
+
+def test_a_deployment_counts_robots_in_sync_and_says_what_stopped_it(file_store: Store):
+    progress: dict[str, JsonValue] = {"r1": {"status": "InSync"}, "r2": {"status": "Failed"}}
+    record = _ended(
+        file_store,
+        "deployment-job",
+        "Failed",
+        {"progress": progress},
+        failure_code="FailureThresholdBreached",
+        failure_reason="1 of 2 robots failed",
+    )
+    summary = deployment_report(record, 1.0).summary
+    assert summary == "1 of 2 robots in sync; FailureThresholdBreached: 1 of 2 robots failed"
+
+
+@pytest.mark.parametrize(("status", "said"), [("NoResponse", "Done, but robots"), ("InSync", "everything that was")])
+def test_a_deployment_that_succeeded_without_a_robot_says_so(file_store: Store, status: str, said: str):
+    progress: dict[str, JsonValue] = {"r1": {"status": "InSync"}, "r2": {"status": status}}
+    stage = deployment_report(_ended(file_store, "deployment-job", "Succeeded", {"progress": progress}), 1.0)
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), shipped=True), console)
+    shown = console.export_text()
+    assert said in shown
+    assert ("1 not reached, which take it when they are back" in stage.summary) == (status == "NoResponse")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "shipped", "passed"),
+    [
+        ("PASS", True, True),
+        ("PASS", None, True),
+        (None, True, True),
+        ("FAIL", None, False),
+        ("INCONCLUSIVE", None, False),
+        ("PASS", False, False),
+    ],
+)
+def test_a_run_passed_when_nothing_that_was_asked_for_was_refused(
+    *, verdict: Verdict | None, shipped: bool | None, passed: bool
+):
+    report = PipelineReport(run="run-1", name="nightly", stages=(), verdict=verdict, shipped=shipped)
+    assert report.passed is passed
+
+
+def test_a_batch_tells_all_its_reasons_and_samples_of_the_most_frequent(file_store: Store):
+    why: list[JsonValue] = [
+        {"reason": "RobotApplicationCrash", "episodes": 8, "sample": "no module go_to_gaol"},
+        {"reason": "timeout", "episodes": 2, "sample": ""},
+        {"reason": "collision", "episodes": 1, "sample": "of the third"},
+    ]
+    detail: dict[str, JsonValue] = {
+        "passed": 0,
+        "episodes": 11,
+        "simulated_s": 0.0,
+        "results_url": "file:///r",
+        "failures_url": "file:///f",
+        "why_not": why,
+    }
+    summary = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0).summary
+    assert summary.endswith("; 8 x RobotApplicationCrash: no module go_to_gaol; 2 x timeout; 1 x collision")
+
+
+@pytest.mark.parametrize(("verdict", "alarms"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True)])
+def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: str, alarms: bool):
+    detail: dict[str, JsonValue] = {
+        "passed": 4,
+        "episodes": 4,
+        "simulated_s": 61.5,
+        "results_url": "file:///r",
+        "audit_url": "file:///a",
+        "audit": {"verdict": verdict, "sentence": "1 of 4 rows", "unreproduced": [2]},
+    }
+    stage = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0)
+    assert stage.summary.endswith(f"; audit {verdict}: 1 of 4 rows")
+    assert [artefact.label for artefact in stage.artefacts] == ["results", "audit"]
+    assert stage.facts["audit"] == detail["audit"]
+    console = Console(file=io.StringIO(), width=200)
+    show_report(PipelineReport(run="run-1", name="n", stages=(stage,)), console)
+    shown = cast("io.StringIO", console.file).getvalue()
+    assert (f"The parity audit is {verdict}: 1 of 4 rows" in shown) is alarms
+
+
+def test_a_second_alarm_stands_beside_the_first_and_none_is_told_twice():
+    stage = StageReport(name="gate", arn="", status="PASS", summary="PASS: 9 of 9", seconds=0.5)
+    for alarm in ("no page", "no picture", "no page"):
+        stage = alarmed(stage, alarm)
+    assert stage.facts["alarm"] == "no page\nno picture"
+    report = PipelineReport(run="run-1", name="n", stages=(stage, stage.model_copy(update={"facts": {}})))
+    assert run_alarmed(report, "no picture") == report
+    assert run_alarmed(report, "no disk").stages[1].facts == {"alarm": "no disk"}
+
+
+@pytest.mark.parametrize(("trust", "alarms"), [("unsigned", 1), ("signed by 0123", 0)])
+def test_a_deployment_that_nobody_vouched_for_says_so_in_red(file_store: Store, trust: str, alarms: int):
+    stage = deployment_report(_ended(file_store, "deployment-job", "Succeeded", {"trust": trust}), 1.0)
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="PASS"), console)
+    assert console.export_text().count("UNSIGNED: nobody's key vouches for this deployment") == alarms
+    assert stage.summary.endswith("UNSIGNED") == bool(alarms)
+
+
+def test_what_came_of_a_stage_is_shown_as_it_is():
+    stage = StageReport(name="gate", arn="", status="FAIL", summary="KeyError: box[bold]", seconds=0.5)
+    console = Console(file=io.StringIO(), width=200)
+    show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="FAIL"), console)
+    assert "KeyError: box[bold]" in cast("io.StringIO", console.file).getvalue()
+
+
+def test_the_gates_verdict_is_told_once():
+    report = gate_report("FAIL", "FAIL: of 2 rules, 1 says FAIL, 1 says PASS\nFAIL: few\nPASS: none", "file:///e", 0.5)
+    assert report.summary == "of 2 rules, 1 says FAIL, 1 says PASS\nFAIL: few\nPASS: none"

@@ -1,0 +1,106 @@
+"""What an object is, from its key."""
+
+import pytest
+
+from tasks.housekeeping.object_kinds import Place, digests_in, ids_in, is_record, job_named, place_of
+from tasks.storage.base import keys
+from tasks.storage.base.keys import (
+    bundle_key,
+    chunk_key,
+    chunk_start_key,
+    claim_key,
+    contact_sheet_key,
+    job_key,
+    token_key,
+    trust_key,
+    world_key,
+)
+
+BATCH, EXPORT, GENERATION = "simb-0123456789abcdef", "wej-0123456789abcdef", "wgj-0123456789abcdef"
+
+
+@pytest.mark.parametrize(
+    ("key", "what", "job"),
+    [
+        (world_key(GENERATION, "w-1"), "worlds", GENERATION),
+        (contact_sheet_key(GENERATION), "worlds", GENERATION),
+        (chunk_key(BATCH, 7), "chunks", BATCH),
+        (chunk_start_key(BATCH, 1_000_000), "chunks", BATCH),
+        (claim_key("simulation-job-batch", BATCH), "claims", BATCH),
+        (job_key("world-export-job", EXPORT), "job records", EXPORT),
+        (f"parts/{EXPORT}/g/w.zip", "export parts", EXPORT),
+        (f"results/{BATCH}/audit-begun.json", "audit notes", BATCH),
+        (f"buckets/out/{EXPORT}.zip", "exports", EXPORT),
+        (f"buckets/out/a/{EXPORT}/w.svg", "exports", EXPORT),
+        (f"buckets/out/a/{EXPORT}/g/w.svg", "exports", EXPORT),
+        (f"buckets/out/a/b/{BATCH}/results.parquet", "results", BATCH),
+        (f"buckets/out/{BATCH}/report.html", "results", BATCH),
+        (f"buckets/out/recordings/{BATCH}/000001.parquet", "recordings", BATCH),
+    ],
+)
+def test_what_a_job_made_is_known_by_its_key(key: str, what: str, job: str) -> None:
+    assert place_of(key) == Place(what, job_named(job))
+
+
+@pytest.mark.parametrize(
+    ("key", "what"),
+    [
+        (bundle_key("0" * 64), "bundles"),
+        (token_key("pipeline-run", "t"), "tokens"),
+        (trust_key("fleet", "12.snapshot.json"), "signed metadata"),
+        (f"probe/{'0' * 32}", "probes"),
+    ],
+)
+def test_what_is_no_jobs_is_known_too(key: str, what: str) -> None:
+    assert place_of(key) == Place(what)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "store.json",
+        "housekeeping/unnamed.json",
+        "templates/t.json",
+        world_key("shrunk", "w"),
+        f"results/{BATCH}/evidence.json",
+        trust_key("fleet", "1.root.json"),
+        trust_key("fleet", "timestamp.json"),
+        claim_key("trust", "fleet"),
+        "applications/robot-application/courier.json",
+        "fleets/f.json",
+        "robots/r/desired.json",
+        "buckets/out/data.csv",
+        f"buckets/out/{BATCH}/notes.txt",
+        f"buckets/out/my-{BATCH}/results.parquet",
+        f"buckets/out/{EXPORT}.zip.bak",
+        "agents/robot/trust/fleet/2.snapshot.json",
+        "bundles/not-a-digest",
+    ],
+)
+def test_what_never_goes_is_nothing_to_housekeeping(key: str) -> None:
+    assert not place_of(key).what
+
+
+def test_evidence_and_every_job_application_robot_and_fleet_is_a_record() -> None:
+    records = [
+        job_key("pipeline-run", "run-1"),
+        f"results/{BATCH}/evidence.json",
+        "fleets/f.json",
+        "robots/r/reported.json",
+    ]
+    assert all(map(is_record, records))
+    assert not any(
+        map(is_record, ["store.json", f"results/{BATCH}/audit-begun.json", chunk_key(BATCH, 1), "tokens/a/b"])
+    )
+
+
+def test_a_name_is_found_wherever_it_stands() -> None:
+    text = f'{{"arn:simyard:world:s:{GENERATION}/w": "token-of-{BATCH}-worlds", "x{EXPORT}": "{EXPORT}0"}}'
+    assert ids_in(text) == {GENERATION, BATCH}
+    assert digests_in(f'["{"a" * 64}", "bundles/{"b" * 64}", "{"c" * 65}"]') == {"a" * 64, "b" * 64}
+
+
+def test_every_folder_of_the_store_was_thought_of() -> None:
+    documented = {line.split("/")[0] for line in (keys.__doc__ or "").splitlines() if "/" in line.split("  ")[0]}
+    known = {"tokens", "jobs", "claims", "templates", "worlds", "parts", "chunks", "results", "bundles", "applications"}
+    assert documented <= known | {"fleets", "robots", "trust", "buckets", "housekeeping"}

@@ -1,0 +1,155 @@
+"""Events of jobs on a real Prefect server, and the example automations, whose messages come to a listener on this
+machine: with a block for Slack or mail they would go there, and nothing else is different.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Generator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import httpx
+import pytest
+
+from tasks.simulate.batch.metrics import metric_rows, recorded_metrics
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import read, records, submit
+from tasks.storage.store_url import open_store
+from tests.integration.runs import ROOT
+from tests.servers.eventually import eventually
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
+
+EXAMPLE = ROOT / "examples/automations/what-went-wrong.yaml"
+# A flow as a worker runs it: the same job is told of again after its end, as by a process that was thought dead.
+FLOW = """
+import sys
+from prefect import flow
+from flows.run.events import announced, _announce
+from tasks.storage.store_url import open_store
+from tasks.storage.jobs.records import advance
+from tasks.storage.jobs.transitions import Transition
+
+@flow
+def failing(store: str, batch: str) -> None:
+    with announced():
+        at = open_store(store)
+        advance(at, "simulation-job-batch", batch, "InProgress")
+        record = advance(at, "simulation-job-batch", batch, "Failed", failure_code="InvalidInput", failure_reason="why")
+        _announce(Transition(record.kind, record.arn, "InProgress", "Failed", "InvalidInput", "again"))
+
+failing(*sys.argv[1:])
+"""
+BLOCK = """
+import sys
+from prefect.blocks.notifications import CustomWebhookNotificationBlock
+
+message = {"subject": "{{subject}}", "body": "{{body}}"}
+print(CustomWebhookNotificationBlock(name="here", url=sys.argv[1], json_data=message).save("simyard", overwrite=True))
+"""
+
+
+@pytest.fixture
+def messages() -> Generator[tuple[str, list[dict[str, str]]], None, None]:
+    """Yields the URL of a listener on this machine, and what was posted to it."""
+    found: list[dict[str, str]] = []
+
+    class Listener(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            found.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name that http.server has
+            """Says nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Listener) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/", found
+        server.shutdown()
+
+
+def test_the_example_tells_of_a_batch_that_failed_and_once(
+    prefect_server: str, tmp_path: Path, messages: tuple[str, list[dict[str, str]]]
+) -> None:
+    url, found = messages
+    file = tmp_path / "automations.yaml"
+    file.write_text(EXAMPLE.read_text().replace("BLOCK", python(BLOCK, url).split()[-1]))
+    run(str(Path(sys.executable).with_name("prefect")), "automation", "create", "--from-file", str(file))
+    store = open_store((tmp_path / "store").as_uri())
+    batch = submit(store, "simulation-job-batch", {}, "one")
+
+    python(FLOW, store.url, batch.id)
+
+    eventually(lambda: found, timeout_s=60.0)
+    failed = read(store, batch.kind, batch.id)
+    eventually(lambda: len(events_about(prefect_server, store)) >= 2, timeout_s=60.0)
+    told = events_about(prefect_server, store)
+    assert sorted(each["event"] for each in told) == [
+        "simyard.simulation-batch.Failed",
+        "simyard.simulation-batch.InProgress",
+    ]
+    assert {each["resource"]["prefect.resource.id"] for each in told} == {failed.arn}
+    assert all("flow-run" in [each["prefect.resource.role"] for each in event["related"]] for event in told)
+    assert found == [
+        {"subject": "simyard.simulation-batch.Failed", "body": f"InvalidInput why\nJob: {failed.arn}"},
+    ]
+
+
+def test_a_run_tells_each_change_of_its_jobs_and_its_verdict_once(prefect_server: str, small_run: Path) -> None:
+    store = open_store((small_run / ".simyard").as_uri())
+    eventually(lambda: len(events_about(prefect_server, store)) >= 13, timeout_s=60.0)  # the server takes its time
+    told = sorted(each["event"] for each in events_about(prefect_server, store))
+    assert told == [
+        "simyard.deployment.InProgress",
+        "simyard.deployment.Preparing",
+        "simyard.deployment.Succeeded",
+        "simyard.gate.PASS",
+        "simyard.pipeline.Completed",
+        "simyard.pipeline.Running",
+        "simyard.simulation-batch.Completed",
+        "simyard.simulation-batch.Completing",
+        "simyard.simulation-batch.InProgress",
+        "simyard.world-export.Completed",
+        "simyard.world-export.Running",
+        "simyard.world-generation.Completed",
+        "simyard.world-generation.Running",
+    ]
+
+
+def test_a_batch_leaves_its_figures_in_its_record_and_on_its_page(prefect_server: str, small_run: Path) -> None:
+    (batch,) = records(open_store((small_run / ".simyard").as_uri()), "simulation-job-batch")
+    figures = recorded_metrics(batch)
+    assert figures is not None
+    assert (figures.workers, figures.chunks, figures.simulated_s > 0.0, figures.drive_s > 0.0) == (1, 2, True, True)
+    asked = {"artifacts": {"key": {"any_": ["batch-metrics"]}}, "sort": "CREATED_DESC"}
+    shown = httpx.post(f"{prefect_server}/artifacts/filter", json=asked).json()
+    (rows,) = [json.loads(each["data"]) for each in shown if batch.id in each["description"]]
+    assert [row["figure"] for row in rows] == [row["figure"] for row in metric_rows(figures)]
+
+
+def events_about(api_url: str, store: Store) -> list[dict[str, Any]]:
+    """Returns the server's events about the jobs of a store."""
+    ours = {job.arn for kind in ("simulation-job-batch", "pipeline-run") for job in records(store, kind)}
+    place = next(iter(ours)).split(":")[3]
+    asked = {"filter": {"event": {"prefix": ["simyard."]}, "order": "ASC"}, "limit": 50}
+    page = httpx.post(f"{api_url}/events/filter", json=asked).json()
+    found: list[dict[str, Any]] = page["events"]
+    while page["next_page"]:
+        page = httpx.get(page["next_page"]).json()
+        found += page["events"]
+    return [each for each in found if each["resource"]["prefect.resource.id"].split(":")[3] == place]
+
+
+def python(code: str, *arguments: str) -> str:
+    return run(sys.executable, "-c", code, *arguments)
+
+
+def run(*command: str) -> str:
+    ended = subprocess.run(command, cwd=ROOT, env=os.environ, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout

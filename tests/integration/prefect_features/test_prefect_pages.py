@@ -1,0 +1,168 @@
+"""Prefect's pages of a run, in Chromium: its stages, its progress while it goes on, its tables, the form for the next.
+
+Where SIMYARD_PICTURES names a folder, the pictures of docs/operate/operations.md are taken anew into it.
+"""
+
+import re
+import subprocess
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.integration.runs import simyard, small_document, write_document
+from tests.integration.stopped.operated import asked, commands, prefect, until
+from tests.servers.chromium import Page, browsing
+from tests.servers.prefect_pages import complaints, painted, pictured, shown, turned_to
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+NAME = "nightly-in-pages"
+TABLES = {
+    "pipeline-report": ("worldGeneration", "simulationBatch", "PASS", "2 of 2 robots in sync"),
+    "batch-results": ("640", "MAX_SPEED=0.4", "world-2-1", "interval"),
+    "batch-metrics": ("physics steps", "real time", "compiling"),
+    "deployment-robots": ("couriers-1", "couriers-2", "InSync"),
+    "batch-report": ("✅ PASS", "all episodes", "report.html"),
+    "worlds": ("2 worlds of", "contact-sheet.svg"),
+    "gate": ("✅ PASS", "evidence.json"),
+}
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A run that somebody watches.
+
+    Attributes:
+        api_url: Of the server.
+        pages: Where its pages begin.
+        process: ``simyard run``.
+    """
+
+    api_url: str
+    pages: str
+    process: "subprocess.Popen[str]"
+
+    def flow_run(self, part: str = "") -> dict[str, Any]:
+        """Returns the flow run of the pipeline, or of a stage of it, such as ``batch``; waits until it has begun."""
+        whole = until(lambda: self._found({"name": {"any_": [NAME]}}), "the flow run of the pipeline")
+        if not part:
+            return whole
+        inner = {"parent_flow_run_id": {"any_": [whole["id"]]}, "name": {"like_": f"-{part}"}}
+        return until(lambda: self._found(inner), f"the flow run of {part}")
+
+    def artifacts(self) -> dict[str, dict[str, Any]]:
+        """Returns what the run and its stages have left so far, by key."""
+        wanted = {"flow_runs": {"parent_flow_run_id": {"any_": [self.flow_run()["id"]]}}}
+        runs = [self.flow_run()["id"], *(run["id"] for run in asked(self.api_url, "/flow_runs/filter", wanted))]
+        found = asked(self.api_url, "/artifacts/filter", {"artifacts": {"flow_run_id": {"any_": runs}}})
+        return {each["key"]: each for each in found}
+
+    def end(self) -> None:
+        """Returns when the run has ended well."""
+        assert self.process.wait(300) == 0
+
+    def _found(self, wanted: dict[str, Any]) -> dict[str, Any] | None:
+        return next(iter(asked(self.api_url, "/flow_runs/filter", {"flow_runs": wanted})), None)
+
+
+@pytest.fixture(scope="module")
+def watched(prefect_server: str, tmp_path_factory: pytest.TempPathFactory) -> Generator[Watched]:
+    """A run of 640 episodes, which lasts a minute; it goes on while the first test looks."""
+    document = small_document(name=NAME)
+    document["simulationBatch"]["matrix"]["seeds"] = 160  # pyright: ignore[reportIndexIssue]
+    folder = tmp_path_factory.mktemp("watched")
+    file = write_document(folder, document)
+    process = simyard("run", str(file), "--store", (folder / "store").as_uri())
+    try:
+        yield Watched(prefect_server, prefect_server.removesuffix("/api"), process)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Generator[Page]:
+    """A page that is found without complaint in the end."""
+    with browsing(tmp_path) as opened:
+        yield opened
+        assert complaints(opened) == []
+
+
+@pytest.mark.soak
+def test_the_page_of_the_batch_shows_how_far_it_is(watched: Watched, page: Page):
+    batch = watched.flow_run("batch")
+    progress = until(lambda: _begun(watched.artifacts().get("episodes-progress")), "progress")
+
+    seen = shown(page, f"{watched.pages}/runs/flow-run/{batch['id']}", "Parent Run")
+    listed = turned_to(page, "Artifacts", "episodes-progress")
+    graph_px = painted(page, "Running")
+    pictured(page, "progress")
+    told = shown(page, f"{watched.pages}/artifacts/artifact/{progress['id']}", "Progress:")
+
+    assert "Running" in seen
+    assert "PROGRESS" in listed
+    assert graph_px > 500, "the graph has no bar of what runs"
+    (percent,) = re.findall(r"Progress: (\d+)%", told)
+    assert 0 < int(percent) < 100
+
+
+@pytest.mark.soak
+def test_the_page_of_the_run_shows_its_stages_and_what_they_left(watched: Watched, page: Page):
+    watched.end()
+
+    seen = shown(page, f"{watched.pages}/runs/flow-run/{watched.flow_run()['id']}", "Completed", height=1060)
+    stages = turned_to(page, "Subflow Runs", "-deployment")
+    tasks = turned_to(page, "Task Runs", "judge-")
+    left = turned_to(page, "Artifacts", "pipeline-report")
+    graph_px = painted(page, "Completed")
+    pictured(page, "run")
+
+    assert NAME in seen
+    assert all(f"-{part}" in stages for part in ("worlds", "export", "batch", "deployment"))
+    assert "No task runs" not in tasks
+    assert all(key in left for key in ("pipeline-report", "batch-report", "batch-picture", "gate"))
+    assert graph_px > 5000, "the graph has no bars"
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("key", TABLES)
+def test_what_a_stage_left_has_a_page(watched: Watched, page: Page, key: str):
+    watched.end()
+    artifact = watched.artifacts()[key]
+
+    seen = shown(page, f"{watched.pages}/artifacts/artifact/{artifact['id']}", "Show raw data")
+    if key == "batch-results":
+        pictured(page, "artifacts")
+
+    assert [text for text in TABLES[key] if text not in seen] == []
+
+
+@pytest.mark.soak
+def test_the_form_of_the_nightly_run_shows_the_document_field_by_field(prefect_server: str, page: Page):
+    (_, *create_pool), (_, *deploy) = commands("docs/operate/operations.md", "deployments")
+    prefect({}, *create_pool, "--overwrite")  # other tests of the session may have made it
+    prefect({}, *deploy)
+    nightly = asked(prefect_server, "/deployments/name/pipeline/nightly")
+    pages = prefect_server.removesuffix("/api")
+
+    form = shown(page, f"{pages}/deployments/deployment/{nightly['id']}/run", "Robot radius", height=1200)
+    pictured(page, "form")
+
+    for text in ("World generation", "Every room is reachable for a robot of this radius", "Success rate"):
+        assert text in form
+
+
+def test_no_task_has_an_input_that_prefects_pages_cannot_show(prefect_server: str, small_run: Path):
+    """Where one has a flow run as its input, the page of a run shows no task runs."""
+    tasks = asked(prefect_server, "/task_runs/filter", {})
+    judging = [task for task in tasks if task["name"].startswith("judge-")]
+    kinds = {given["input_type"] for task in tasks for each in task["task_inputs"].values() for given in each}
+
+    assert judging
+    assert kinds <= {"task_run", "parameter", "constant"}
+
+
+def _begun(progress: dict[str, Any] | None) -> dict[str, Any] | None:
+    return progress if progress and float(progress["data"]) > 5 else None

@@ -1,0 +1,45 @@
+"""Works on a batch as the flow does, without Prefect, so that a test can kill it many times in little time.
+
+python -m tests.integration.stopped.batch_worker STORE_URL BATCH
+"""
+
+import sys
+from functools import partial
+
+from flows.batch.batch_end import close_with_tables
+from flows.cli.exit_codes import leave_after
+from specs.data.episode import EpisodeResult
+from specs.field_types import OutputLocation
+from tasks.results.tables.recordings import write_recordings
+from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.job import OpenBatch, complete, opened
+from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.storage.store_url import open_store
+from tests.factories.simulations import FOLDERS
+
+PLACE = OutputLocation(s3Bucket="results")
+
+
+def work(batch: OpenBatch) -> None:
+    """Commits every chunk, writes the tables and closes the batch."""
+    record = partial(write_recordings, batch.store.url, PLACE, batch.id)
+    for number in range(batch.layout.chunks):
+        run_chunk(batch, number, _simulate, record, lanes=batch.plan.lanes, left_s=99.0)
+    complete(batch)
+    close_with_tables(batch)
+
+
+def _simulate(part: Part) -> list[EpisodeResult]:
+    return simulate_chunk(
+        part.chunk,
+        part.worlds,
+        FOLDERS,
+        lanes=part.lanes,
+        engine="planar",
+        should_stop=part.watch,
+        recorder=part.recorder,
+    )
+
+
+if __name__ == "__main__":
+    leave_after(lambda: work(opened(open_store(sys.argv[1]), sys.argv[2])))

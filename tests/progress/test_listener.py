@@ -1,0 +1,21 @@
+"""Progress is told to the listener of the context, and to nobody outside it."""
+
+from contextvars import copy_context
+
+from tasks.progress.listener import listening, tell
+
+
+def test_a_listener_hears_what_is_told_inside_its_block_only():
+    heard: list[tuple[str, int, int]] = []
+    tell("Worlds", 0, 8)
+    with listening(lambda stage, done, total: heard.append((stage, done, total))):
+        tell("Worlds", 1, 8)
+    tell("Worlds", 2, 8)
+    assert heard == [("Worlds", 1, 8)]
+
+
+def test_a_task_in_a_copy_of_the_context_is_heard_too():
+    heard: list[int] = []
+    with listening(lambda _stage, done, _total: heard.append(done)):
+        copy_context().run(tell, "Episodes", 5, 9)
+    assert heard == [5]

@@ -1,0 +1,238 @@
+"""The gate: PASS and FAIL need proof, what is missing never helps, and of several rules the worst decides."""
+
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import JsonValue
+
+from specs.pipeline.gate_section import Gate, SuccessRate
+from tasks.results.gate.gate import Material, Verdict, columns_needed, judge
+from tasks.results.gate.gate import counted as counted_rows
+from tasks.results.gate.gate_rules import Completeness
+from tasks.results.statistics.pairs import Pairs
+from tasks.results.tables.tables import results_table
+from tests.factories.episodes import batch, canceled, collided, counted, crashed, passed, request
+
+GATE = Gate(successRate=SuccessRate(atLeast=0.9, confidence=0.95))
+RANK = {"FAIL": 0, "INCONCLUSIVE": 1, "PASS": 2}
+
+few = st.integers(0, 60)
+rules = st.builds(SuccessRate, atLeast=st.floats(0, 1, exclude_max=True), confidence=st.floats(0.5, 0.9999))
+
+
+def gate(**rules: object) -> Gate:
+    return Gate.model_validate(rules)
+
+
+def judged(successes: int, failures: int, cancels: int = 0, *, rule: Gate = GATE, missing: int = 0) -> Verdict:
+    counts = counted(batch(successes, failures, cancels))
+    return judge(rule, Material(counts, Completeness(canceled=cancels, missing=missing)))
+
+
+def rows(successes: int, failures: int, crashes: int = 0, **columns: object) -> Material:
+    """Returns a batch of episodes that passed, collided, or whose job failed before it touched anything."""
+    kinds = [passed] * successes + [collided] * failures + [crashed] * crashes
+    results = [kind(index).model_copy(update=columns) for index, kind in enumerate(kinds)]
+    table = results_table("simb-1", [request(index) for index in range(len(kinds))], results)
+    return Material(counted(results), rows=table)
+
+
+@pytest.mark.parametrize(
+    ("successes", "failures", "verdict"),
+    [(128, 0, "PASS"), (126, 2, "PASS"), (118, 10, "INCONCLUSIVE"), (10, 0, "INCONCLUSIVE"), (90, 38, "FAIL")],
+)
+def test_the_interval_decides(successes: int, failures: int, verdict: str):
+    assert judged(successes, failures).verdict == verdict
+
+
+def test_the_sentence_gives_the_numbers():
+    assert judged(126, 2).sentence == (
+        "PASS: 126 of 128 episodes passed (98.4 %, 95 % interval 94.4 to 99.6 %); at least 90 % asked for"
+    )
+
+
+def test_a_job_that_failed_counts_as_not_successful():
+    counts = counted([*batch(50, 0), *(crashed(50 + number) for number in range(50))])
+    verdict = judge(GATE, Material(counts))
+    assert verdict.verdict == "FAIL"
+    assert (verdict.counts.successes, verdict.counts.failed_jobs) == (50, 50)
+
+
+def test_a_canceled_episode_makes_a_pass_inconclusive():
+    verdict = judged(128, 0, cancels=1)
+    assert verdict.verdict == "INCONCLUSIVE"
+    assert (verdict.counts.episodes, verdict.counts.canceled) == (128, 1)
+    assert verdict.sentence.endswith("; 1 canceled")
+
+
+def test_a_missing_episode_makes_a_pass_inconclusive():
+    assert judged(128, 0, missing=1).verdict == "INCONCLUSIVE"
+
+
+def test_a_canceled_episode_does_not_excuse_a_failure():
+    assert judged(10, 100, cancels=1).verdict == "FAIL"
+
+
+@pytest.mark.parametrize("cancels", [0, 3])
+def test_no_counted_episode_is_inconclusive_whatever_is_asked(cancels: int):
+    verdict = judged(0, 0, cancels, rule=gate(successRate={"atLeast": 0.0}))
+    assert (verdict.verdict, verdict.rules[0].estimate) == ("INCONCLUSIVE", None)
+
+
+@given(few, few.filter(bool), few, rules)
+def test_one_more_success_never_worsens_the_verdict(successes: int, failures: int, cancels: int, rule: SuccessRate):
+    before = judged(successes, failures, cancels, rule=Gate(successRate=rule))
+    after = judged(successes + 1, failures - 1, cancels, rule=Gate(successRate=rule))
+    assert RANK[after.verdict] >= RANK[before.verdict]
+
+
+@given(few, few, rules)
+def test_a_pass_is_above_the_bar_and_a_fail_below_it(successes: int, failures: int, rule: SuccessRate):
+    verdict = judged(successes, failures, rule=Gate(successRate=rule))
+    rate = verdict.rules[0].estimate or 0.0
+    if verdict.verdict == "PASS":
+        assert rate >= rule.atLeast
+    if verdict.verdict == "FAIL":
+        assert rate < rule.atLeast
+
+
+def test_few_enough_collisions_pass_and_too_many_fail():
+    rule = gate(collisionRate={"atMost": 0.1})
+    assert judge(rule, rows(128, 2)).verdict == "PASS"
+    assert judge(rule, rows(100, 10)).verdict == "INCONCLUSIVE"
+    assert judge(rule, rows(60, 40)).verdict == "FAIL"
+
+
+def test_a_job_that_failed_might_have_collided_and_might_not():
+    rule = gate(collisionRate={"atMost": 0.1})
+    assert judge(rule, rows(120, 0, 0)).verdict == "PASS"
+    verdict = judge(rule, rows(80, 0, 40))
+    assert verdict.verdict == "INCONCLUSIVE"
+    assert "collisions in 0 of 120 episodes, 40 more of jobs that failed" in verdict.sentence
+
+
+def test_a_quantile_passes_when_its_interval_is_within_the_bar():
+    rule = gate(quantiles=[{"column": "min_clearance_m", "quantile": 0.05, "atLeast": 0.1}])
+    assert judge(rule, rows(73, 0)).verdict == "PASS"  # all of them have 0.11 m
+    assert judge(rule, rows(71, 0)).verdict == "INCONCLUSIVE"  # too few to say where the lowest 5 % begin
+    assert judge(rule, rows(71, 0, min_clearance_m=0.09)).verdict == "FAIL"
+
+
+def test_a_quantile_from_above_is_the_same_the_other_way_round():
+    rule = gate(quantiles=[{"column": "simulated_s", "quantile": 0.95, "atMost": 40.0}])
+    assert judge(rule, rows(73, 0)).verdict == "PASS"
+    assert judge(rule, rows(71, 0)).verdict == "INCONCLUSIVE"
+    assert judge(rule, rows(71, 0, simulated_s=41.0)).verdict == "FAIL"
+
+
+def test_values_that_are_not_known_speak_against_whoever_needs_them():
+    rule = gate(quantiles=[{"column": "spl", "quantile": 0.5, "atLeast": 0.5}])
+    assert judge(rule, rows(40, 0, 10)).verdict == "PASS"
+    assert judge(rule, rows(25, 0, 25)).verdict == "INCONCLUSIVE"
+    assert judge(rule, rows(30, 0, spl=None)).verdict == "INCONCLUSIVE"
+
+
+def test_what_a_scenario_measures_by_itself_is_a_column_too():
+    rule = gate(quantiles=[{"column": "metrics.parcels", "quantile": 0.5, "atLeast": 2}])
+    assert judge(rule, rows(20, 0, metrics={"parcels": 3.0})).verdict == "PASS"
+    assert judge(rule, rows(20, 0, metrics={})).sentence == "INCONCLUSIVE: no episode has a value of metrics.parcels"
+
+
+@pytest.mark.parametrize(
+    ("gains", "losses", "verdict"), [(3, 2, "PASS"), (5, 12, "INCONCLUSIVE"), (0, 60, "FAIL"), (0, 0, "PASS")]
+)
+def test_a_version_is_no_worse_when_the_interval_of_the_difference_is_above_the_margin(
+    gains: int, losses: int, verdict: str
+):
+    material = Material(counted(batch(300, 0)), pairs=Pairs(n=300, gains=gains, losses=losses, unpaired=0))
+    assert judge(gate(noWorseThan={"applicationVersion": "1", "margin": 0.03}), material).verdict == verdict
+
+
+def test_without_another_version_to_compare_with_nothing_passes():
+    material = Material(counted(batch(9, 0)), pairs="no batch drove version 1")
+    verdict = judge(gate(noWorseThan={"applicationVersion": "1", "margin": 0.03}), material)
+    assert verdict.sentence == "INCONCLUSIVE: no batch drove version 1"
+
+
+def audit(lanes: int, flips: int, verdict: str = "SOUND", **more: JsonValue) -> Material:
+    report: dict[str, JsonValue] = {
+        "verdict": verdict,
+        "sentence": "as it went",
+        "spread": {"lanes": lanes, "flips": flips},
+        **more,
+    }
+    return Material(counted(batch(9, 0)), audit=report)
+
+
+def test_outcomes_that_flip_on_the_reference_are_judged_by_the_spread_sample():
+    rule = gate(maxOutcomeFlipRate={"atMost": 0.2})
+    assert judge(rule, audit(16, 0)).verdict == "PASS"
+    assert judge(rule, audit(16, 2)).verdict == "INCONCLUSIVE"
+    assert judge(rule, audit(16, 9, verdict="SUSPECT")).verdict == "FAIL"
+
+
+def test_an_audit_that_was_not_made_or_not_sound_lets_nothing_pass():
+    rule = gate(maxOutcomeFlipRate={"atMost": 0.2})
+    assert judge(rule, Material(counted(batch(9, 0)))).sentence == "INCONCLUSIVE: the batch was not audited"
+    assert judge(rule, audit(16, 0, verdict="NOT COMPARED")).verdict == "INCONCLUSIVE"
+    assert judge(rule, audit(16, 0, verdict="SUSPECT", unreproduced=[3])).verdict == "INCONCLUSIVE"
+
+
+def test_of_several_rules_each_has_its_sentence_and_the_worst_decides():
+    both = gate(successRate={"atLeast": 0.9}, collisionRate={"atMost": 0.01})
+    verdict = judge(both, rows(128, 2))
+    assert [(rule.rule, rule.verdict) for rule in verdict.rules] == [
+        ("successRate", "PASS"),
+        ("collisionRate", "INCONCLUSIVE"),
+    ]
+    assert verdict.verdict == "INCONCLUSIVE"
+    head, first, second = verdict.sentence.split("\n")
+    assert head == "INCONCLUSIVE: of 2 rules, 1 says INCONCLUSIVE, 1 says PASS"
+    assert (first, second) == (verdict.rules[1].sentence, verdict.rules[0].sentence)
+    assert judge(both, rows(0, 99)).verdict == "FAIL"
+    assert judge(both, rows(500, 0)).verdict == "PASS"
+
+
+def test_a_quantile_is_called_by_its_column():
+    rule = gate(quantiles=[{"column": "min_clearance_m", "quantile": 0.5, "atLeast": 0.1}])
+    for material in (rows(80, 0), rows(0, 0)):
+        (found,) = judge(rule, material).rules
+        assert (found.rule, found.title) == ("quantiles[0]", "quantile of min_clearance_m")
+    assert judge(gate(collisionRate={"atMost": 0.1}), rows(80, 0)).rules[0].title == "collisionRate"
+
+
+def test_a_batch_that_may_be_ended_early_is_judged_by_what_holds_at_any_look():
+    counts = counted(batch(38, 0))
+    fixed = judge(GATE, Material(counts))
+    looked = judge(GATE, Material(counts, Completeness(sequential=True)))
+    assert (fixed.verdict, looked.verdict) == ("PASS", "INCONCLUSIVE")
+    assert "95 % interval at any look" in looked.sentence
+
+
+def test_episodes_that_were_not_needed_any_more_do_not_stand_in_the_way():
+    counts = counted(batch(64, 0, cancels=64))
+    verdict = judge(GATE, Material(counts, Completeness(left_out=64, sequential=True)))
+    assert verdict.verdict == "PASS"
+    assert verdict.sentence.endswith("; 64 not needed any more")
+
+
+def test_a_rule_that_needs_the_whole_batch_does_not_pass_on_a_part_of_it():
+    rule = gate(quantiles=[{"column": "min_clearance_m", "quantile": 0.5, "atLeast": 0.1}])
+    whole = rows(80, 0)
+    assert judge(rule, whole).verdict == "PASS"
+    part = Material(whole.counts, Completeness(left_out=5, sequential=True), rows=whole.rows)
+    assert judge(rule, part).verdict == "INCONCLUSIVE"
+
+
+def test_only_what_the_rules_look_at_is_read():
+    assert columns_needed(GATE) == []
+    asked = gate(quantiles=[{"column": "spl", "quantile": 0.5, "atLeast": 1}], collisionRate={"atMost": 0.5})
+    assert columns_needed(asked) == ["robot_digest", "status", "success", "collisions", "spl"]
+
+
+def test_rows_are_counted_as_the_batch_counts_them():
+    results = [passed(0), collided(1), crashed(2), canceled(3), passed(4)]
+    table = results_table("simb-1", [request(index) for index in range(5)], results)
+    assert isinstance(table, pa.Table)
+    assert counted_rows(table) == counted(results)

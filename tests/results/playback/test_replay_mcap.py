@@ -1,0 +1,101 @@
+"""The MCAP file, read back by the library that is made for it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from specs.data.world import solids
+from tasks.results.playback.replay_mcap import TOPICS, write_mcap
+from tests.factories.playbacks import RAYS, SAMPLES, playback
+from tests.factories.worlds import apartment
+
+WORLD = apartment()
+Found = dict[str, list[tuple[int, dict[str, Any]]]]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("mcap") / "replay.mcap"
+    write_mcap(path, WORLD, playback())
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(file: Path) -> Found:
+    messages: Found = {topic: [] for topic in TOPICS}
+    with file.open("rb") as opened:
+        for schema, channel, message in make_reader(opened, validate_crcs=True).iter_messages():
+            assert schema
+            assert (schema.name, schema.encoding, channel.message_encoding) == (
+                TOPICS[channel.topic],
+                "jsonschema",
+                "json",
+            )
+            body = json.loads(message.data)
+            assert body.keys() == json.loads(schema.data)["properties"].keys()
+            messages[channel.topic].append((message.log_time, body))
+    return messages
+
+
+def test_there_are_as_many_messages_as_samples(found: Found, file: Path):
+    counts = {topic: len(messages) for topic, messages in found.items()}
+    # One frame more: the lidar's on the robot. Nothing was seen or decided in the state in which it ended.
+    assert counts == {"/tf": SAMPLES + 1, "/pose": SAMPLES, "/scan": SAMPLES - 1, "/step": SAMPLES - 1, "/scene": 1}
+    with file.open("rb") as opened:
+        summary = make_reader(opened).get_summary()
+    assert summary
+    assert summary.statistics
+    assert summary.statistics.message_count == sum(counts.values())
+
+
+def test_time_is_simulated_time(found: Found):
+    assert [at_ns for at_ns, _ in found["/pose"]] == [50_000_000 * number for number in range(SAMPLES)]
+    assert found["/pose"][3][1]["timestamp"] == {"sec": 0, "nsec": 150_000_000}
+
+
+def test_the_robot_is_where_it_was(found: Found):
+    _, body = found["/tf"][-1]
+    assert (body["parent_frame_id"], body["child_frame_id"]) == ("world", "robot")
+    assert body["translation"] == {"x": 1.0, "y": 0.5, "z": 0.0}
+    half_rad = (1.0 - 0.2 - np.pi) / 2
+    expected = {"x": 0.0, "y": 0.0, "z": pytest.approx(np.sin(half_rad)), "w": pytest.approx(np.cos(half_rad))}
+    assert body["rotation"] == expected
+    assert body["rotation"] == found["/pose"][-1][1]["pose"]["orientation"]
+
+
+def test_scans_are_seen_from_the_lidar(found: Found):
+    _, mount = found["/tf"][0]
+    assert (mount["parent_frame_id"], mount["child_frame_id"]) == ("robot", "lidar")
+    assert mount["translation"] == {"x": pytest.approx(0.1), "y": 0.0, "z": pytest.approx(0.2)}
+    _, scan = found["/scan"][0]
+    assert scan["frame_id"] == "lidar"
+    assert scan["ranges"] == [1.5] * RAYS
+    assert scan["end_angle"] - scan["start_angle"] == pytest.approx(2 * 3.14159265 * (RAYS - 1) / RAYS)
+
+
+def test_the_scene_has_every_solid_and_the_robot(found: Found):
+    (_, scene) = found["/scene"][0]
+    entities = {entity["id"]: entity for entity in scene["entities"]}
+    drawn = ["walls", *(piece.name for piece in WORLD.furniture)]
+    assert sum(len(entities[name]["cubes"]) + len(entities[name]["cylinders"]) for name in drawn) == len(solids(WORLD))
+    low = entities["sofa-1"]["cubes"][0]
+    assert low["size"] == {"x": 2.0, "y": 0.9, "z": 0.45}
+    assert low["pose"]["position"] == {"x": 0.0, "y": -1.55, "z": 0.225}
+    assert entities["robot"]["frame_id"] == "robot"
+    assert entities["robot"]["cylinders"][0]["size"] == {"x": 0.4, "y": 0.4, "z": 0.3}
+    assert len(entities["goals"]["cylinders"]) == 2
+
+
+def test_the_same_episode_is_the_same_bytes(file: Path, tmp_path: Path):
+    write_mcap(tmp_path / "again.mcap", WORLD, playback())
+    assert (tmp_path / "again.mcap").read_bytes() == file.read_bytes()
+
+
+def test_a_blind_robot_has_no_scans(tmp_path: Path):
+    write_mcap(tmp_path / "blind.mcap", WORLD, playback(rays=0))
+    with (tmp_path / "blind.mcap").open("rb") as opened:
+        assert not list(make_reader(opened).iter_messages(topics="/scan"))

@@ -1,0 +1,105 @@
+"""The animated drawing: to scale, in time, whole in itself, and still for who asks for that."""
+
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from tasks.export.drawing.floor_plan import floor_plan_svg
+from tasks.results.playback.plan_scale import plan_page
+from tasks.results.playback.replay_svg import replay_svg
+from tests.factories.playbacks import playback
+from tests.factories.worlds import apartment
+
+SVG = "{http://www.w3.org/2000/svg}"
+WORLD = apartment()
+PLAN = floor_plan_svg(WORLD)
+PAGE = plan_page(PLAN)
+
+
+@pytest.fixture(scope="module")
+def root() -> ET.Element:
+    return ET.fromstring(replay_svg(PLAN, playback(), WORLD.footprint))  # noqa: S314 - our own document
+
+
+def _of(root: ET.Element, name: str) -> ET.Element:
+    return next(each for each in root.iter() if each.get("class") == name)
+
+
+def _moves(parent: ET.Element) -> list[ET.Element]:
+    return [each for each in parent if each.tag in {f"{SVG}animate", f"{SVG}animateTransform"}]
+
+
+def test_the_robot_goes_the_way_in_real_time(root: ET.Element):
+    (move,) = _moves(_of(_of(root, "moving"), "robot"))
+    values = [tuple(map(float, each.split())) for each in move.get("values", "").split(";")]
+    times = [float(each) * float(move.get("dur", "").rstrip("s")) for each in move.get("keyTimes", "").split(";")]
+    assert values[0] == pytest.approx(PAGE.at((0.0, 0.5)), abs=0.06)
+    assert values[10] == pytest.approx(PAGE.at((0.5, 0.5)), abs=0.06)
+    assert times[10] == pytest.approx(0.5, abs=1e-3)
+    assert values[-2:] == [values[20]] * 2  # it rests where it ended
+
+
+def test_beyond_half_a_turn_it_turns_on_and_not_back(root: ET.Element):
+    robot = _of(_of(root, "moving"), "robot")
+    (turn,) = _moves(robot[0])
+    turns = np.array([float(each) for each in turn.get("values", "").split(";")])
+    assert np.abs(np.diff(turns)).max() < 4.0
+
+
+def test_every_animation_has_a_time_for_each_value_that_never_falls(root: ET.Element):
+    moves = [each for each in root.iter() if each.get("keyTimes")]
+    assert len({move.get("dur") for move in moves}) == 1
+    for move in moves:
+        times = [float(each) for each in move.get("keyTimes", "").split(";")]
+        assert len(times) == len(move.get("values", "").split(";"))
+        assert times[0] == 0.0
+        assert times == sorted(times)
+        assert times[-1] == 1.0 or move.get("calcMode") == "discrete"
+
+
+def test_a_contact_is_one_ring_where_it_began(root: ET.Element):
+    rings = [each for each in _of(root, "moving").iter() if each.get("class") == "touch"]
+    (ring,) = rings
+    x, y = PAGE.at((0.5, 0.5))
+    assert (float(ring.get("cx", "")), float(ring.get("cy", ""))) == pytest.approx((x, y), abs=0.06)
+    assert ring[0].text == "contact after 0.50 s"
+
+
+def test_the_scan_is_drawn_from_where_the_lidar_is(root: ET.Element):
+    scan = _of(root, "scan")
+    corner = tuple(map(float, scan.get("points", "").split()[0].split(",")))
+    yaw = np.pi - 0.2
+    ahead = (1.6 * np.cos(yaw), 0.5 + 1.6 * np.sin(yaw))
+    assert corner == pytest.approx(PAGE.at(ahead), abs=0.06)
+
+
+def test_who_wants_less_motion_sees_the_end_and_all_marks_without_animation(root: ET.Element):
+    still = _of(root, "still")
+    assert not [each for each in still.iter() if _moves(each)]
+    assert {each.get("class") for each in still.iter()} >= {"robot", "touch", "reached", "clock", "told"}
+    style = next(each.text or "" for each in _of(root, "replay") if each.tag == f"{SVG}style")
+    assert "@media (prefers-reduced-motion:reduce){.replay .moving{display:none}" in style
+
+
+def test_it_needs_nothing_from_elsewhere(root: ET.Element):
+    text = ET.tostring(root, encoding="unicode")
+    assert "<script" not in text
+    assert text.count("http") == text.count("http://www.w3.org/2000/svg")
+
+
+def test_a_long_episode_is_shown_faster_and_stays_small():
+    drawing = replay_svg(PLAN, playback(20 * 600 + 1, rays=360), WORLD.footprint)
+    assert len(drawing) < 1_500_000
+    assert "collision, 20 times as fast" in drawing
+    root = ET.fromstring(drawing)  # noqa: S314 - our own document
+    (bar,) = _moves(_of(root, "past"))
+    length_s = float(bar.get("dur", "").rstrip("s"))
+    assert length_s == pytest.approx(31.5)
+    shares = [float(each) for each in bar.get("keyTimes", "").split(";")]
+    assert shares[-2] * length_s == pytest.approx(30.0, abs=1e-2)
+
+
+def test_a_robot_without_lidar_and_one_that_never_moved_are_drawn():
+    assert 'class="scan"' not in replay_svg(PLAN, playback(rays=0), WORLD.footprint)
+    assert "0.00 s" in replay_svg(PLAN, playback(1), WORLD.footprint)

@@ -1,0 +1,48 @@
+"""The film: a picture a control step, played in simulated time."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+
+from tasks.results.playback.replay_video import frames, write_video
+from tests.factories.playbacks import SAMPLES, playback
+from tests.factories.worlds import apartment
+
+WORLD = apartment()
+ROBOT = (249, 171, 0)
+
+
+def test_the_film_has_all_pictures_at_its_rate(tmp_path: Path):
+    path = tmp_path / "replay.mp4"
+    pictures = list(frames(WORLD, playback()))
+    assert write_video(path, pictures, 20) == SAMPLES
+    with av.open(str(path)) as film:
+        stream = film.streams.video[0]
+        found = [frame.to_ndarray(format="rgb24") for frame in film.decode(stream)]
+        assert (stream.codec_context.name, stream.average_rate) == ("h264", 20)
+    assert len(found) == SAMPLES
+    assert found[0].shape == pictures[0].shape
+    apart = np.abs(found[7].astype(int) - pictures[7].astype(int))
+    assert apart.mean() < 6
+
+
+def test_the_robot_moves_through_the_pictures():
+    pictures = list(frames(WORLD, playback(), stride=10))
+    columns = [np.argwhere((each == ROBOT).all(axis=2))[:, 1].mean() for each in pictures]
+    assert len(columns) == 3
+    assert columns[0] + 20 < columns[1] < columns[2] - 20
+
+
+def test_sides_are_even_whatever_the_world():
+    for extent_m in (2.0, 2.013, 3.217):
+        area = WORLD.footprint.model_copy(update={"y_max_m": WORLD.footprint.y_min_m + extent_m})
+        picture = next(frames(WORLD.model_copy(update={"footprint": area}), playback()))
+        assert all(side % 2 == 0 for side in picture.shape[:2])
+
+
+def test_a_scan_that_sees_nothing_ends_at_the_edge_of_the_world():
+    far = playback()
+    far.ranges_m[:] = 50.0
+    picture = next(frames(WORLD, far))
+    assert (picture[-4:] == 255).all()

@@ -1,0 +1,318 @@
+"""The page: nothing in it but itself, nothing that a name could smuggle in, and readable by everybody."""
+
+import re
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+import tasks.results.report
+from specs.data.episode import EpisodeRequest
+from specs.data.run_report import Verdict
+from tasks.results.report.facts import Judgement, Link, RuleAnswer
+from tasks.results.report.page import report_page, report_picture
+from tasks.results.statistics.intervals import Interval
+from tests.factories.episodes import collided, crashed, passed, request
+from tests.factories.reports import WORLDS, episodes, view
+from tests.factories.worlds import apartment
+
+EVIL = '<script>alert(1)</script><img src=x onerror="alert(1)">"\'&'
+STYLES = (Path(tasks.results.report.__file__).parent / "templates" / "report.css").read_text()
+VOID = frozenset({"meta", "link", "br", "img", "input"})
+
+
+class Elements(HTMLParser):
+    """Every element with its attributes and what it stands in, and the text between them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not {"style", "title"} & set(self.open):
+            self.text.append(data)
+
+
+def elements(page: bytes) -> Elements:
+    parser = Elements()
+    parser.feed(page.decode())
+    parser.close()
+    assert parser.open == []
+    return parser
+
+
+def hostile(folder: Path) -> bytes:
+    """Returns the page of a batch in which everything that somebody else names is an attack."""
+    worlds = {name: apartment(name=EVIL, room_names=(EVIL, f"2{EVIL}")) for name in (f"wgj-1/{EVIL}", "wgj-1/b")}
+    environment = {EVIL: f"0{EVIL}", "MAX_SPEED": "0.3"}
+    launch = request(0).robot.model_copy(update={"name": EVIL, "version": EVIL, "launch_file": EVIL})
+    requests = [
+        request(index, world=list(worlds)[index % 2], environment=environment).model_copy(update={"robot": launch})
+        for index in range(8)
+    ]
+    results = [
+        crashed(index).model_copy(update={"failure_code": EVIL, "failure_reason": f"\x00\u202e{EVIL}"})
+        for index in range(8)
+    ]
+    rules = tuple(RuleAnswer(name=EVIL, verdict="FAIL", sentence=EVIL) for _ in range(2))
+    found = view(
+        folder,
+        requests,
+        results,
+        worlds=worlds,
+        name=EVIL,
+        why=EVIL,
+        status="Failed",
+        variables={EVIL: (f"0{EVIL}", None), "MAX_SPEED": ("0.3",)},
+        metadata={"engine": EVIL, EVIL: EVIL},
+        judgement=Judgement(verdict="FAIL", sentence=EVIL, at_least=0.5, confidence=0.9, rules=rules),
+        audit={"verdict": "SUSPECT", "sentence": EVIL, "engine": EVIL},
+        links=(Link(label=EVIL, href=EVIL),),
+    )
+    return report_page(found)
+
+
+def test_the_same_batch_gives_the_same_bytes(tmp_path: Path):
+    (tmp_path / "again").mkdir()
+    assert report_page(view(tmp_path)) == report_page(view(tmp_path / "again"))
+
+
+def test_no_name_becomes_markup(tmp_path: Path):
+    found = elements(hostile(tmp_path))
+    assert not {"script", "img"} & {tag for tag, _ in found.found}
+    assert not [name for _, attributes in found.found for name in attributes if name.startswith("on")]
+    assert "".join(found.text).count("<script>alert(1)</script>") > 30
+
+
+def test_no_name_turns_the_text_around_it_or_breaks_the_file(tmp_path: Path):
+    page = hostile(tmp_path).decode()
+    assert "\u202e" not in page
+    assert "\x00" not in page
+
+
+def test_it_refers_to_nothing_outside(tmp_path: Path):
+    page = report_page(view(tmp_path)).decode()
+    loaded = [
+        value
+        for tag, attributes in elements(page.encode()).found
+        for name, value in attributes.items()
+        if name in {"src", "srcset", "data", "poster"} or (name == "href" and tag in {"link", "use", "image"})
+    ]
+    assert all(value is not None and value.startswith(("#", "data:")) for value in loaded)
+    assert "url(" not in page
+    assert "@import" not in page
+    assert "<script" not in page
+
+
+def test_its_own_policy_forbids_scripts_and_requests(tmp_path: Path):
+    (policy,) = [
+        attributes["content"]
+        for _, attributes in elements(report_page(view(tmp_path))).found
+        if attributes.get("http-equiv") == "Content-Security-Policy"
+    ]
+    assert policy is not None
+    assert policy.startswith("default-src 'none'; style-src 'unsafe-inline'; img-src data:;")
+
+
+@pytest.mark.parametrize("verdict", ["PASS", "FAIL", "INCONCLUSIVE"])
+def test_the_verdict_is_a_word_and_a_sign_and_comes_before_all_numbers(verdict: Verdict, tmp_path: Path):
+    judgement = Judgement(verdict=verdict, sentence=f"{verdict}: for a reason", at_least=0.9, confidence=0.95)
+    page = report_page(view(tmp_path, judgement=judgement)).decode()
+    heading = re.search(rf"<h2><svg.*?</svg>\s*{verdict}</h2>\s*<p>for a reason</p>", page, re.DOTALL)
+    assert heading is not None
+    assert heading.end() < page.index("Success rates</h2>")
+
+
+def test_a_batch_that_nobody_judged_says_so(tmp_path: Path):
+    page = report_page(view(tmp_path, judgement=None)).decode()
+    assert "Not judged</h2>" in page
+    assert "No gate has judged this batch" in page
+    assert "asked for" not in page
+
+
+def test_each_of_several_rules_has_its_verdict_and_its_sentence(tmp_path: Path):
+    rules = (
+        RuleAnswer(name="successRate", verdict="PASS", sentence="PASS: enough passed"),
+        RuleAnswer(name="collisionRate", verdict="INCONCLUSIVE", sentence="INCONCLUSIVE: too few to tell"),
+    )
+    judged = Judgement(verdict="INCONCLUSIVE", sentence="one is open", at_least=0.9, confidence=0.95, rules=rules)
+    text = "".join(elements(report_page(view(tmp_path, judgement=judged))).text)
+    assert "Of 2 rules, 1 says INCONCLUSIVE, 1 says PASS." in text
+    assert "PASS successRate: enough passed" in text
+    assert "INCONCLUSIVE collisionRate: too few to tell" in text
+
+
+def test_where_two_versions_drove_it_is_said_which_one_was_judged(tmp_path: Path):
+    both = Judgement(verdict="PASS", sentence="PASS: good", at_least=0.9, confidence=0.95, alone="courier version 2")
+    text = "".join(elements(report_page(view(tmp_path, judgement=both))).text)
+    assert "The verdict is about courier version 2 alone." in text
+    assert "The verdict is about" not in report_page(view(tmp_path)).decode()
+
+
+def test_the_interval_beside_the_verdict_is_the_one_that_was_judged_by(tmp_path: Path):
+    judged = Judgement(
+        verdict="FAIL",
+        sentence="FAIL: certain",
+        at_least=0.9,
+        confidence=0.9,
+        rate=0.25,
+        interval=Interval(lower=0.125, upper=0.5),
+        method="confidence sequence",
+    )
+    page = report_page(view(tmp_path, judgement=judged)).decode()
+    assert "25.0\u00a0%, 90\u00a0% interval (confidence sequence) 12.5 to 50.0\u00a0%; 90 % asked for</desc>" in page
+    assert "This batch might have ended as soon as the gate was certain" in page
+    assert "might have ended" not in report_page(view(tmp_path)).decode()
+
+
+def test_an_alarming_audit_stands_beside_the_verdict(tmp_path: Path):
+    audit = {"verdict": "SUSPECT", "sentence": "outcomes flip", "engine": "planar", "reference": "mujoco"}
+    page = report_page(view(tmp_path, audit=audit)).decode()
+    assert page.index("The parity audit is SUSPECT:") < page.index("Success rates</h2>")
+    assert "The parity audit is" not in report_page(view(tmp_path)).decode()
+
+
+def test_each_listed_failure_has_its_command(tmp_path: Path):
+    page = report_page(view(tmp_path)).decode()
+    commands = re.findall(r"simyard replay (\S+?)</code>", page)
+    assert commands == [f"arn:simyard:simulation-job:0123456789ab:simb-1/{index}" for index in (1, 3, 7, 9)]
+
+
+def test_a_batch_without_failures_without_worlds_and_without_an_audit_is_a_page_too(tmp_path: Path):
+    requests, _ = episodes(4)
+    page = report_page(view(tmp_path, requests, [passed(index) for index in range(4)], worlds={}, audit=None))
+    assert "No parity audit was made" in page.decode()
+    assert "Where it happened" not in page.decode()
+    assert "Why episodes did not pass" not in page.decode()
+
+
+def test_a_batch_of_which_every_episode_was_canceled_is_a_page_too(tmp_path: Path):
+    requests, results = episodes(12)
+    canceled = [result.model_copy(update={"status": "Canceled"}) for result in results]
+    assert "0 of 0" in report_page(view(tmp_path, requests, canceled, status="Canceled")).decode()
+
+
+def headings(found: Elements) -> Iterator[int]:
+    for tag, _ in found.found:
+        if re.fullmatch("h[1-6]", tag):
+            yield int(tag[1])
+
+
+def test_headings_go_down_one_level_at_a_time(tmp_path: Path):
+    levels = list(headings(elements(report_page(view(tmp_path)))))
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(below - above <= 1 for above, below in pairwise(levels))
+
+
+def test_every_table_has_a_caption_and_every_head_a_scope(tmp_path: Path):
+    found = elements(report_page(view(tmp_path))).found
+    tags = [tag for tag, _ in found]
+    assert tags.count("table") == tags.count("caption") > 3
+    assert all(attributes.get("scope") in {"col", "row"} for tag, attributes in found if tag == "th")
+
+
+def test_every_drawing_has_a_name_or_is_hidden_from_who_cannot_see_it(tmp_path: Path):
+    found = elements(report_page(view(tmp_path))).found
+    ids = {attributes["id"] for _, attributes in found if "id" in attributes}
+    drawings = [attributes for tag, attributes in found if tag == "svg"]
+    for attributes in drawings:
+        named = (attributes.get("aria-labelledby") or "").split()
+        assert attributes.get("aria-hidden") == "true" or (named and set(named) <= ids)
+
+
+def test_no_id_comes_twice_and_every_link_within_the_page_leads_somewhere(tmp_path: Path):
+    found = elements(report_page(view(tmp_path))).found
+    ids = [attributes["id"] for _, attributes in found if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    within = [str(attributes["href"]) for _, attributes in found if str(attributes.get("href", "")).startswith("#")]
+    assert {link[1:] for link in within} <= set(ids)
+    assert within[0] == "#main"
+
+
+def palettes() -> dict[str, dict[str, str]]:
+    """Returns the colours of the light, the dark and the printed page."""
+    light, dark, printed = (
+        dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{3,6})", block))
+        for block in re.findall(r":root \{(.*?)\}", STYLES, re.DOTALL)
+    )
+    return {"light": light, "dark": {**light, **dark}, "print": {**light, **printed}}
+
+
+def luminance(color: str) -> float:
+    """Returns the relative luminance (WCAG 2.2)."""
+    digits = color[1:] if len(color) == 7 else "".join(2 * digit for digit in color[1:])
+    parts = [int(digits[begin : begin + 2], 16) / 255 for begin in (0, 2, 4)]
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def contrast(one: str, other: str) -> float:
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+WRITTEN = [
+    *((text, ground) for text in ("text", "quiet", "link") for ground in ("page", "card")),
+    *((text, f"{text}-soft") for text in ("pass", "fail", "open", "none")),
+    *((text, f"{ground}-soft") for text in ("text", "quiet", "goal") for ground in ("pass", "fail", "open", "none")),
+    *((mark, ground) for mark in ("hit", "late", "stuck", "out", "other") for ground in ("card", "room")),
+    *(("text", "track"), ("quiet", "room"), ("link", "open-soft")),
+]
+
+
+@pytest.mark.parametrize("palette", ["light", "dark", "print"])
+@pytest.mark.parametrize(("text", "ground"), WRITTEN)
+def test_text_stands_out_from_its_ground(palette: str, text: str, ground: str):
+    colors = palettes()[palette]
+    assert contrast(colors[text], colors[ground]) >= 4.5
+
+
+def test_the_picture_is_xml_whatever_is_in_the_names(tmp_path: Path):
+    worlds = {name: apartment(name=EVIL, room_names=(f"\x01{EVIL}", "\ud800")) for name in WORLDS}
+    ET.fromstring(report_picture(view(tmp_path, worlds=worlds)))  # noqa: S314 - our own
+
+
+def test_the_picture_shows_the_world_with_most_failures(tmp_path: Path):
+    picture = report_picture(view(tmp_path)).decode()
+    assert "FAIL</text>" in picture
+    assert "world-2-1: 4 failures" in picture
+
+
+def many(count: int) -> tuple[list[EpisodeRequest], list[str]]:
+    worlds = [f"wgj-1/world-{number}" for number in range(40)]
+    values = {"MAX_SPEED": "0.3"}
+    return [request(index, world=worlds[index % 40], environment=values) for index in range(count)], worlds
+
+
+def test_a_page_does_not_grow_with_the_batch(tmp_path: Path):
+    line = tuple((float(t), t / 100 % 7, (t * t) % 37 / 10, 0.0) for t in range(600))
+    requests, worlds = many(2_000)
+    failed = collided(0).model_copy(update={"trajectory": line})
+    results = [failed.model_copy(update={"index": index}) for index in range(len(requests))]
+    page = report_page(
+        view(
+            tmp_path,
+            requests,
+            results,
+            worlds={name: apartment(name=name.partition("/")[2]) for name in worlds},
+        )
+    )
+    assert page.count(b'<path class="way"') == 24 * 24
+    assert len(page) < 2_000_000

@@ -1,0 +1,188 @@
+"""Intervals: textbook examples, what must always hold, and how often they cover, by simulation."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binom, quantile_test
+
+from tasks.results.statistics.intervals import (
+    Interval,
+    mcnemar,
+    paired_difference,
+    quantile_interval,
+    quantile_ranks,
+    wilson,
+)
+
+counts = st.integers(0, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
+
+
+def test_the_textbook_example():
+    # Newcombe 1998 (Statistics in Medicine 17:857), table I, method 3: 81 of 263 gives 0.2553 to 0.3662.
+    interval = wilson(81, 263, 0.95)
+    assert interval.lower == pytest.approx(0.2553, abs=5e-5)
+    assert interval.upper == pytest.approx(0.3662, abs=5e-5)
+
+
+@given(counts, st.floats(0.5, 0.9999))
+def test_the_interval_holds_the_estimate_and_lies_in_0_to_1(count: tuple[int, int], confidence: float):
+    successes, n = count
+    interval = wilson(successes, n, confidence)
+    assert 0.0 <= interval.lower <= interval.upper <= 1.0
+    if n:
+        assert interval.lower <= successes / n <= interval.upper
+
+
+@given(counts.filter(lambda count: count[1] > 0))
+def test_more_confidence_never_narrows_the_interval(count: tuple[int, int]):
+    narrow, wide = wilson(*count, 0.8), wilson(*count, 0.99)
+    assert wide.lower <= narrow.lower
+    assert narrow.upper <= wide.upper
+
+
+def test_nothing_counted_says_nothing():
+    assert (wilson(0, 0, 0.95).lower, wilson(0, 0, 0.95).upper) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("successes", "n", "confidence"), [(2, 1, 0.9), (-1, 1, 0.9), (1, 1, 1.0), (1, 1, 0.0)])
+def test_numbers_that_are_no_count_are_refused(successes: int, n: int, confidence: float):
+    with pytest.raises(ValueError, match="successes"):
+        wilson(successes, n, confidence)
+
+
+def test_the_textbook_example_of_pairs():
+    # Bentur et al. 2009, 21 children before and after: 1 and 7 disagree. Fagerland, Lydersen and Laake 2014 (Statistics
+    # in Medicine 33:2850), table V, asymptotic score: -0.517 to -0.026; exact McNemar p = 0.070.
+    interval = paired_difference(1, 7, 21, 0.95)
+    assert interval.lower == pytest.approx(-0.517, abs=5e-4)
+    assert interval.upper == pytest.approx(-0.026, abs=5e-4)
+    assert mcnemar(1, 7) == pytest.approx(0.0703, abs=5e-5)
+
+
+pairs = st.integers(1, 300).flatmap(
+    lambda n: st.integers(0, n).flatmap(lambda b: st.tuples(st.just(b), st.integers(0, n - b), st.just(n)))
+)
+
+
+@given(pairs, st.floats(0.5, 0.999))
+def test_the_interval_of_a_difference_holds_it_and_is_the_same_the_other_way_round(
+    count: tuple[int, int, int], confidence: float
+):
+    gains, losses, n = count
+    interval, turned = paired_difference(gains, losses, n, confidence), paired_difference(losses, gains, n, confidence)
+    assert -1.0 <= interval.lower <= (gains - losses) / n + 1e-9
+    assert (gains - losses) / n - 1e-9 <= interval.upper <= 1.0
+    assert (turned.lower, turned.upper) == (-interval.upper, -interval.lower)
+
+
+def test_pairs_that_all_agree_still_leave_doubt():
+    # The score test of a difference d without a pair that disagrees: n d / sqrt(n d (1 - d)) = z, solved for d.
+    z2 = 1.959963984540054**2
+    interval = paired_difference(0, 0, 100, 0.95)
+    assert interval.upper == pytest.approx(z2 / (100 + z2), abs=2e-9)
+    assert interval.lower == -interval.upper
+
+
+def test_no_pair_says_nothing_and_no_disagreement_is_no_evidence():
+    assert paired_difference(0, 0, 0, 0.95) == Interval(lower=-1.0, upper=1.0)
+    assert mcnemar(0, 0) == 1.0
+
+
+@pytest.mark.parametrize(("gains", "losses", "n"), [(-1, 0, 3), (0, -1, 3), (2, 2, 3)])
+def test_numbers_that_are_no_pairs_are_refused(gains: int, losses: int, n: int):
+    with pytest.raises(ValueError, match="pairs"):
+        paired_difference(gains, losses, n, 0.95)
+
+
+@pytest.mark.parametrize("quantile", [0.05, 0.5, 0.9])
+def test_the_ranks_of_a_quantile_are_those_that_scipy_takes(quantile: float):
+    values = np.arange(1.0, 201.0)
+    theirs = quantile_test(values, p=quantile).confidence_interval(0.95)
+    assert quantile_interval(list(values), quantile, 0.95) == Interval(lower=theirs.low, upper=theirs.high)
+
+
+def test_too_few_values_leave_a_quantile_open():
+    # Conover: none of n values below the quantile has probability (1 - q)^n, which is 2.5 % at n = 72 for q = 0.05.
+    assert 0.95**71 > 0.025 > 0.95**72
+    assert quantile_interval([1.0] * 71, 0.05, 0.95).lower == -math.inf
+    assert quantile_interval([1.0] * 72, 0.05, 0.95).lower == 1.0
+    assert quantile_interval([], 0.5, 0.95) == Interval(lower=-math.inf, upper=math.inf)
+
+
+@given(st.lists(st.floats(-9, 9), min_size=1, max_size=60), st.floats(0.05, 0.95))
+def test_an_interval_of_a_quantile_from_above_is_that_from_below_turned_over(values: list[float], quantile: float):
+    interval = quantile_interval(values, quantile, 0.9)
+    turned = quantile_interval([-value for value in values], 1.0 - quantile, 0.9)
+    assert (interval.lower, interval.upper) == (-turned.upper, -turned.lower)
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 0.9), (1.0, 0.9), (0.5, 0.0), (0.5, 1.0)])
+def test_numbers_that_are_no_quantile_are_refused(wrong: tuple[float, float]):
+    with pytest.raises(ValueError, match="quantile"):
+        quantile_ranks(10, *wrong)
+
+
+# How often intervals cover, over simulated batches: the seed is fixed, so that the test has one answer. The standard
+# error of 95 % over so many is 0.15 points.
+_SIMULATED = 20_000
+
+
+@pytest.mark.parametrize("n", [100, 384, 1000])
+def test_wilsons_95_percent_cover_94_to_97_percent_over_the_rates_that_robots_have(n: int):
+    rates = np.random.default_rng(1).uniform(0.6, 0.99, _SIMULATED)
+    successes = np.random.default_rng(2).binomial(n, rates)
+    covered = [_held(int(count), n, rate) for count, rate in zip(successes, rates, strict=True)]
+    assert 0.94 <= np.mean(covered) <= 0.97
+
+
+@pytest.mark.parametrize(("n", "rate"), [(384, 0.95), (384, 0.5), (1000, 0.98)])
+def test_wilsons_95_percent_cover_94_to_97_percent_at_single_rates_of_a_batch_like_the_quickstarts(n: int, rate: float):
+    assert 0.94 <= _wilson_coverage(n, rate) <= 0.97
+
+
+def test_wilsons_coverage_at_a_single_rate_of_a_small_batch_may_be_a_little_less():
+    # Counts are whole numbers, so that coverage jumps with rate and size (Brown, Cai and DasGupta 2001, Statistical
+    # Science 16:101). docs/guide/gate.md says so.
+    assert 0.93 <= _wilson_coverage(100, 0.9) < 0.94
+    assert min(_wilson_coverage(384, rate / 100) for rate in range(60, 100)) > 0.93
+
+
+@cache
+def _wilson(count: int, n: int) -> Interval:
+    return wilson(count, n, 0.95)
+
+
+def _held(count: int, n: int, rate: float) -> bool:
+    return _wilson(count, n).lower <= rate <= _wilson(count, n).upper
+
+
+def _wilson_coverage(n: int, rate: float) -> float:
+    """Returns the exact chance that the 95 % interval holds the rate."""
+    held = [count for count in range(n + 1) if _held(count, n, rate)]
+    return float(binom.cdf(held[-1], n, rate) - binom.cdf(held[0] - 1, n, rate))
+
+
+@pytest.mark.parametrize(
+    ("n", "gain", "loss"), [(100, 0.05, 0.05), (384, 0.03, 0.05), (384, 0.02, 0.02), (1000, 0.02, 0.01)]
+)
+def test_95_percent_of_a_paired_difference_cover_94_to_97_percent(n: int, gain: float, loss: float):
+    drawn = np.random.default_rng(2).multinomial(n, [gain, loss, 1.0 - gain - loss], _SIMULATED)
+    found = cache(lambda gains, losses: paired_difference(gains, losses, n, 0.95))
+    covered = [
+        found(int(gains), int(losses)).lower <= gain - loss <= found(int(gains), int(losses)).upper
+        for gains, losses, _ in drawn
+    ]
+    assert 0.94 <= np.mean(covered) <= 0.97
+
+
+@pytest.mark.parametrize(("n", "quantile"), [(384, 0.05), (384, 0.5), (1000, 0.95)])
+def test_95_percent_of_a_quantile_cover_94_to_97_percent(n: int, quantile: float):
+    # Of a uniform distribution each quantile is its own number.
+    lower, upper = quantile_ranks(n, quantile, 0.95)
+    values = np.sort(np.random.default_rng(3).random((_SIMULATED // 2, n)), axis=1)
+    covered = (values[:, lower - 1] <= quantile) & (quantile <= values[:, upper - 1])
+    assert 0.94 <= np.mean(covered) <= 0.97

@@ -1,0 +1,161 @@
+"""Robots are read from their MJCF; what cannot be represented is refused with the element and the remedy."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from tasks.simulate.application.robot_mjcf import base_of, hull_of, read_robot
+from tasks.simulate.engine.mjx.model import load_robot
+from tasks.simulate.refusal import RobotRefused
+from tests.factories.simulations import COURIER, FAULTY, FOLDERS
+
+PLANAR = """<mujoco><option timestep="0.005"/><worldbody><body name="b" pos="0 0 0.3">
+<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+<joint name="t" type="hinge" axis="0 0 1"/>{geom}</body></worldbody><actuator><motor joint="x"/></actuator></mujoco>"""
+BALL = '<geom name="hull" type="sphere" size="0.2" mass="1"/>'
+
+
+def robot(folder: Path, text: str) -> Path:
+    path = folder / "robot.xml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("geom", "radius_m", "low_m", "high_m"),
+    [
+        (BALL, 0.2, 0.1, 0.5),
+        ('<geom type="sphere" size="0.2" pos="0.1 0 0" mass="1"/>', 0.3, 0.1, 0.5),
+        ('<geom type="capsule" size="0.1 0.15" mass="1"/>', 0.1, 0.05, 0.55),
+        ('<geom type="box" size="0.3 0.4 0.1" mass="1"/>', 0.5, 0.2, 0.4),
+        ('<geom type="cylinder" size="0.2 0.15" mass="1"/>', 0.2, 0.15, 0.45),
+        ('<geom type="cylinder" size="0.2 0.3" euler="90 0 0" mass="1"/>', 0.3606, 0.1, 0.5),
+        ('<geom type="ellipsoid" size="0.1 0.2 0.1" mass="1"/>', 0.2236, 0.2, 0.4),
+        (BALL + '<geom type="box" size="1 1 1" mass="0" contype="0" conaffinity="0"/>', 0.2, 0.1, 0.5),
+    ],
+)
+def test_the_hull_encloses_what_collides(tmp_path: Path, geom: str, radius_m: float, low_m: float, high_m: float):
+    hull = hull_of(read_robot(robot(tmp_path, PLANAR.format(geom=geom))).compile())
+    assert hull == pytest.approx((radius_m, low_m, high_m), abs=1e-4)
+
+
+def test_scenery_in_a_robots_file_is_left_out():
+    model = read_robot(FOLDERS[FAULTY] / "robot.xml").compile()
+    assert [model.geom(k).name for k in range(model.ngeom)] == ["body"]
+
+
+def test_a_robot_with_other_joints_is_refused(tmp_path: Path):
+    legged = PLANAR.format(geom=BALL).replace('type="slide" axis="0 1 0"', 'type="hinge" axis="0 1 0"')
+    with pytest.raises(
+        RobotRefused,
+        match=r"body 'b': x \(slide along x\), y \(hinge about y\), t .*free joint, or slide along x, slide along y",
+    ):
+        read_robot(robot(tmp_path, legged))
+
+
+def test_a_hull_that_mjx_cannot_collide_is_refused_by_name(tmp_path: Path):
+    cylinder = PLANAR.format(geom='<geom name="drum" type="cylinder" size="0.2 0.1" mass="1"/>')
+    with pytest.raises(
+        RobotRefused, match=r"geom 'drum': MJX cannot collide a cylinder .*use a sphere.* engine: mujoco"
+    ):
+        load_robot(robot(tmp_path, cylinder))
+
+
+def test_a_robot_that_touches_nothing_is_refused(tmp_path: Path):
+    ghost = PLANAR.format(geom=BALL.replace("mass", 'contype="0" conaffinity="0" mass'))
+    with pytest.raises(RobotRefused, match="no geom collides"):
+        load_robot(robot(tmp_path, ghost))
+
+
+def test_a_robot_without_actuators_is_refused(tmp_path: Path):
+    bare = PLANAR.format(geom=BALL).replace('<actuator><motor joint="x"/></actuator>', "")
+    with pytest.raises(RobotRefused, match="no actuator"):
+        read_robot(robot(tmp_path, bare))
+
+
+@pytest.mark.parametrize(("timestep", "steps"), [("0.005", 10), ("0.007", 8), ("0.02", 3), ("0.05", 1), ("0.2", 1)])
+def test_a_timestep_that_does_not_divide_a_control_step_is_shortened(tmp_path: Path, timestep: str, steps: int):
+    loaded = load_robot(robot(tmp_path, PLANAR.format(geom=BALL).replace("0.005", timestep)))
+    assert loaded.physics_steps == steps
+    assert loaded.host.opt.timestep == pytest.approx(0.05 / steps)
+
+
+def test_a_timestep_of_0_is_refused(tmp_path: Path):
+    with pytest.raises(RobotRefused, match="option timestep 0 s: must be above 0"):
+        read_robot(robot(tmp_path, PLANAR.format(geom=BALL).replace("0.005", "0")))
+
+
+@pytest.mark.parametrize(
+    ("option", "geom", "culprit"),
+    [
+        ('integrator="implicit"', BALL, "option integrator implicit: MJX steps Euler"),
+        ('cone="elliptic"', BALL.replace("mass", 'condim="1" mass'), "option cone elliptic: .* geom 'hull'"),
+        ("", BALL.replace("sphere", "ellipsoid").replace('"0.2"', '"0.2 0.1 0.2"'), "geom 'hull': .* an? ellipsoid"),
+    ],
+)
+def test_what_mjx_lacks_is_refused_by_name_with_the_remedy(tmp_path: Path, option: str, geom: str, culprit: str):
+    text = PLANAR.format(geom=geom).replace("<option", f"<option {option}")
+    with pytest.raises(RobotRefused, match=f"{culprit}.*or set engine: mujoco"):
+        load_robot(robot(tmp_path, text))
+
+
+FREE = """<mujoco><worldbody><geom name="ground" type="plane" size="9 9 1" friction="0.3 0.1 0.1" condim="4"/>
+<body name="b" pos="1 2 0.3"><freejoint/><geom name="hull" type="sphere" size="0.2"/><body name="arm" pos="0.2 0 0">
+<joint name="j"/><geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/></body></body></worldbody>
+<actuator><motor joint="j"/></actuator></mujoco>"""
+
+
+def test_a_robot_with_a_free_joint_stands_on_the_floor_of_its_file(tmp_path: Path):
+    model = read_robot(robot(tmp_path, FREE)).compile()
+    floor = model.geom("simyard/floor")
+    assert (floor.type[0], floor.condim[0], floor.friction[0], floor.pos[2]) == (mujoco.mjtGeom.mjGEOM_PLANE, 4, 0.3, 0)
+    assert base_of(model) == (1, True, True)
+
+
+def test_a_robot_without_a_floor_gets_one(tmp_path: Path):
+    bare = FREE.replace(FREE[FREE.index("<geom name=") : FREE.index("<body name")], "")
+    model = read_robot(robot(tmp_path, bare)).compile()
+    assert model.geom("simyard/floor").friction[0] == 1.0
+
+
+def test_the_hull_of_what_walks_reaches_from_the_floor_around_its_base(tmp_path: Path):
+    hull = hull_of(read_robot(robot(tmp_path, FREE)).compile())
+    assert hull == pytest.approx((0.55, 0.0, 0.5))
+
+
+def test_a_robot_rests_as_its_first_keyframe_says(tmp_path: Path):
+    text = FREE.replace("</mujoco>", '<keyframe><key qpos="0 0 0.6 1 0 0 0 1.2"/></keyframe></mujoco>')
+    loaded = load_robot(robot(tmp_path, text))
+    assert loaded.rest == pytest.approx([0, 0, 0.6, 1, 0, 0, 0, 1.2])
+    assert loaded.hull.high_m == pytest.approx(0.8)
+
+
+def test_two_robots_in_a_file_are_refused_by_name(tmp_path: Path):
+    two = FREE.replace("</worldbody>", '<body name="ball"><freejoint/><geom size="0.1"/></body></worldbody>')
+    with pytest.raises(RobotRefused, match="bodies in the world: 'b', 'ball': one must be the robot's base"):
+        read_robot(robot(tmp_path, two))
+
+
+def test_what_stands_in_a_robots_file_is_left_out(tmp_path: Path):
+    fenced = FREE.replace("</worldbody>", '<body name="fence"><geom size="0.1"/></body></worldbody>')
+    model = read_robot(robot(tmp_path, fenced)).compile()
+    assert [model.body(k).name for k in range(model.nbody)] == ["world", "b", "arm"]
+
+
+@pytest.mark.parametrize("text", ["", "<mujoco><worldbody><body></mujoco>", "no xml"])
+def test_a_file_that_is_no_mjcf_is_refused(tmp_path: Path, text: str):
+    with pytest.raises(RobotRefused, match=r"robot\.xml"):
+        read_robot(robot(tmp_path, text))
+
+
+def test_a_missing_file_is_refused(tmp_path: Path):
+    with pytest.raises(RobotRefused, match=r"robot\.xml"):
+        read_robot(tmp_path / "robot.xml")
+
+
+def test_the_courier_is_a_ball_of_18_cm_two_centimetres_above_the_floor():
+    loaded = load_robot(FOLDERS[COURIER] / "robot.xml")
+    assert loaded.hull == pytest.approx((0.18, 0.02, 0.38))
+    assert loaded.physics_steps == 10
+    assert loaded.actuators == 3

@@ -1,0 +1,95 @@
+"""What a controller declares is read, and refused with all its faults."""
+
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import pytest
+
+from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.application.sensors import NO_LIDAR, Bumper, Lidar, Odometry, Sensors, read_sensors, require_shared
+
+Declared = Mapping[str, object]
+LIDAR: Declared = {"rays": 16, "range_m": 8.0, "height_m": 0.2}
+
+
+def robot(**sensors: Declared) -> Callable[[Mapping[str, object]], SimpleNamespace]:
+    declared = {name: SimpleNamespace(**values) for name, values in sensors.items()}
+    return lambda _: SimpleNamespace(**declared)
+
+
+def read(**sensors: Declared) -> Sensors:
+    return read_sensors(robot(**sensors), {})
+
+
+def test_what_is_left_out_has_its_default():
+    assert read(lidar=LIDAR) == Sensors(Lidar(16, 8.0, 0.2), None, Bumper(0))
+
+
+def test_a_robot_may_have_no_sensors():
+    assert read() == Sensors(NO_LIDAR, None, Bumper(0))
+
+
+def test_all_that_is_declared_is_read():
+    lidar = {**LIDAR, "fov_rad": 3.0, "x_m": 0.1, "sigma_m": 0.01, "dropout": 0.05, "resolution_m": 0.02}
+    found = read(lidar=lidar, odometry={"sigma_rad_per_m": 0.01}, bumper={"sectors": 6})
+    assert found.lidar._asdict().items() >= lidar.items()
+    assert found.odometry == Odometry(sigma_rad_per_m=0.01)
+    assert found.bumper == Bumper(6)
+
+
+def test_numbers_from_the_environment_are_read_as_plain_ones():
+    found = read_sensors(
+        lambda environment: SimpleNamespace(odometry=SimpleNamespace(sigma_m_per_m=environment["D"])),
+        {"D": jnp.float32(0.5)},
+    )
+    assert found.odometry == Odometry(sigma_m_per_m=0.5)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "message"),
+    [
+        ({"lidar": {"rays": 16, "range_m": 8.0}}, "controller.lidar.height_m: missing: must be a number from 0"),
+        ({"lidar": {**LIDAR, "rays": 2.5}}, "controller.lidar.rays: 2.5: must be a whole number from 1 to 4096"),
+        ({"lidar": {**LIDAR, "rays": 0}}, "controller.lidar.rays: 0: must be"),
+        ({"lidar": {**LIDAR, "range_m": float("inf")}}, "controller.lidar.range_m: inf: must be a number"),
+        ({"lidar": {**LIDAR, "sigma_m": -0.1}}, "controller.lidar.sigma_m: -0.1: must be a number from 0"),
+        ({"lidar": {**LIDAR, "sigma_m": "0.1"}}, "controller.lidar.sigma_m: '0.1': must be a number"),
+        ({"lidar": {**LIDAR, "sigma_m": jnp.ones(3)}}, "controller.lidar.sigma_m"),
+        ({"lidar": {**LIDAR, "dropout": 1.5}}, "controller.lidar.dropout: 1.5: must be a number from 0 to 1"),
+        ({"lidar": {**LIDAR, "fov_rad": 7.0}}, "controller.lidar.fov_rad: 7.0: must be a number from 0.001 to 6.28"),
+        ({"odometry": {"sigma_rad_per_m": -1.0}}, "controller.odometry.sigma_rad_per_m: -1.0"),
+        ({"bumper": {}}, "controller.bumper.sectors: missing"),
+        ({"bumper": {"sectors": 0}}, "controller.bumper.sectors: 0: must be a whole number from 1 to 360"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_name_and_what_is_allowed(sensors: dict[str, Declared], message: str):
+    with pytest.raises(BundleCrash, match="RobotApplicationCrash: controller") as caught:
+        read(**sensors)
+    assert message in caught.value.reason
+
+
+def test_all_faults_are_told_at_once():
+    with pytest.raises(BundleCrash) as caught:
+        read(lidar={"rays": 0, "range_m": -1.0, "height_m": 0.2}, bumper={"sectors": 1000})
+    assert caught.value.reason.count("must be") == 3
+
+
+@pytest.mark.parametrize(
+    ("other", "name"),
+    [
+        (Sensors(Lidar(32, 8.0, 0.2), None, Bumper(4)), "lidar.rays: 32 in this episode, 16 in its program"),
+        (Sensors(Lidar(16, 8.0, 0.3), None, Bumper(4)), "lidar.height_m"),
+        (Sensors(Lidar(16, 8.0, 0.2), None, Bumper(8)), "bumper.sectors: 8"),
+        (Sensors(Lidar(16, 8.0, 0.2), Odometry(), Bumper(4)), "odometry: True"),
+    ],
+)
+def test_what_decides_shapes_must_be_the_same_in_a_program(other: Sensors, name: str):
+    with pytest.raises(BundleCrash) as caught:
+        require_shared(Sensors(Lidar(16, 8.0, 0.2), None, Bumper(4)), other)
+    assert caught.value.reason.startswith(f"controller.{name}")
+
+
+def test_noise_may_differ_between_the_episodes_of_a_program():
+    one, other = (Sensors(Lidar(16, 8.0, 0.2, sigma_m=sigma), None, Bumper(0)) for sigma in (0.0, 0.1))
+    require_shared(one, other)

@@ -1,0 +1,98 @@
+"""The audit drives a sample again on C MuJoCo, and finds what is wrong with rows."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.audit.audit_drive import audit
+from tasks.simulate.audit.audit_report import AuditReport
+from tasks.simulate.audit.audit_sample import Sampled
+from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.plan.chunks import plan_chunks
+from tests.factories.simulations import FOLDERS, delivery, pushing
+from tests.simulate.conftest import PUSHER_LANES, Simulate
+
+REQUESTS = [delivery(k, world=f"hand/apartment-{k % 4}", seed=k, duration_s=20.0) for k in range(8)]
+
+
+@pytest.fixture(scope="module")
+def rows(deliver: Simulate) -> list[EpisodeResult]:
+    return deliver(REQUESTS)
+
+
+@pytest.fixture(scope="module")
+def report(rows: list[EpisodeResult], apartments: dict[str, World]) -> AuditReport:
+    return audit(sample(REQUESTS, rows), apartments, FOLDERS, lanes=8)
+
+
+def sample(requests: Sequence[EpisodeRequest], rows: Sequence[EpisodeResult]) -> list[Sampled]:
+    return [Sampled(request, row, row.index % 2 == 0) for request, row in zip(requests, rows, strict=True)]
+
+
+def test_sound_rows_pass(report: AuditReport):
+    assert (report.verdict, report.engine, report.lanes, report.compared) == ("SOUND", "planar", 8, 8)
+    assert (report.flips, report.unreproduced, report.elsewhere) == ((), (), ())
+    assert (report.spread.lanes, report.spread.flips) == (4, 0)
+    assert report.final
+    assert report.way
+    assert report.final.max_m < 1e-3
+    assert (report.sampled, report.unflipped) == (8, report.way)
+    assert 0.0 < report.way.median_m <= report.way.p90_m <= report.way.max_m < 1e-3
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"final_x_m": 0.123},
+        {"outcome": "Failed", "outcome_reason": "collision"},
+        {"energy_j": 1e-6},
+        {"goals_reached": 1},
+        {"engine": "mjx"},
+    ],
+)
+def test_a_wrong_row_is_found(rows: list[EpisodeResult], apartments: dict[str, World], wrong: dict[str, object]):
+    tampered = [row.model_copy(update=wrong) if row.index == 5 else row for row in rows]
+    found = audit(sample(REQUESTS[4:7], tampered[4:7]), apartments, FOLDERS, lanes=8)
+    assert (found.verdict, found.unreproduced) == ("SUSPECT", (5,))
+    if "outcome" in wrong:
+        assert [(flip.index, flip.row, flip.reference) for flip in found.flips] == [(5, "collision", "Passed")]
+        assert (found.spread.flips, found.failed.flips) == (0, 1)
+        assert found.unflipped != found.way
+    if "final_x_m" in wrong:
+        assert found.final
+        assert found.final.max_m > 0.1
+
+
+def test_rows_of_another_kind_of_device_are_compared_but_not_made_again(
+    rows: list[EpisodeResult], apartments: dict[str, World]
+):
+    far = [row.model_copy(update={"device": "gpu", "energy_j": 1.0}) for row in rows[:2]]
+    found = audit(sample(REQUESTS[:2], far), apartments, FOLDERS, lanes=8)
+    assert (found.verdict, found.elsewhere, found.unreproduced, found.compared) == ("SOUND", (0, 1), (), 2)
+    assert found.way is None
+
+
+def test_rows_that_mujoco_made_are_made_again_and_not_called_evidence(pens: dict[str, World]):
+    requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k) for k in range(4)]
+    made = _mujoco(requests, pens)
+    found = audit(sample(requests, made), pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco")
+    assert (found.verdict, found.engine, found.compared, found.unreproduced) == ("NOT COMPARED", "mujoco", 0, ())
+    assert (found.final, found.way, found.spread.rate) == (None, None, None)
+    tampered = [row.model_copy(update={"energy_j": 1e-6}) for row in made[:1]]
+    assert audit(sample(requests[:1], tampered), pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco").unreproduced
+
+
+def test_an_application_that_crashes_now_is_told(push: Simulate, pens: dict[str, World]):
+    requests = [pushing(0, world="hand/pen-0")]
+    rows = push(requests)
+    now = [pushing(0, world="hand/pen-0", launch="raising")]
+    with pytest.raises(BundleCrash, match="RobotApplicationCrash"):
+        audit(sample(now, rows), pens, FOLDERS, lanes=PUSHER_LANES)
+
+
+def _mujoco(requests: list[EpisodeRequest], worlds: dict[str, World]) -> list[EpisodeResult]:
+    (chunk,) = plan_chunks(requests, PUSHER_LANES)
+    return simulate_chunk(chunk, worlds, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", should_stop=lambda: False)

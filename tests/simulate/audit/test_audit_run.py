@@ -1,0 +1,144 @@
+"""An audit belongs to its batch's end, can be made again, and never loses the batch."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import pytest
+from pydantic import JsonValue
+
+from specs.data.episode import EpisodeRequest
+from specs.data.world import World
+from specs.field_types import OutputLocation
+from specs.robomaker.simulation import DataSourceConfig
+from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.audit import audit_drive as auditing_module
+from tasks.simulate.audit import audit_run
+from tasks.simulate.audit.audit_report import AuditReport, judged
+from tasks.simulate.audit.audit_run import audit_batch
+from tasks.simulate.audit.audit_sample import Sampled
+from tasks.simulate.batch.commit import run_chunk
+from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.sources import DATA_PREFIX
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+from tests.factories.planned_batches import begun, mixed, plan, template
+from tests.factories.worlds import apartment
+
+PLACE = OutputLocation(s3Bucket="results", s3Prefix="nightly")
+Calls = list[Sequence[Sampled]]
+
+
+@pytest.fixture
+def audited(monkeypatch: pytest.MonkeyPatch) -> Calls:
+    """Replaces the driving: every sample is sound."""
+    calls: Calls = []
+
+    def sound(sample: Sequence[Sampled], *_: object, drawn: int, **__: object) -> AuditReport:
+        calls.append(sample)
+        count = len(sample)
+        return judged(AuditReport(verdict="NOT RUN", sentence="", sampled=drawn, lanes=count, compared=count))
+
+    monkeypatch.setattr(auditing_module, "audit", sound)
+    return calls
+
+
+@pytest.fixture
+def batch(file_store: Store) -> OpenBatch:
+    """Returns a batch with all its chunks committed."""
+    made = begun(file_store, plan(file_store))
+    for number in range(made.layout.chunks):
+        run_chunk(made, number, mixed, lanes=4, left_s=9.0)
+    return made
+
+
+def report(detail: dict[str, JsonValue]) -> AuditReport:
+    return AuditReport.model_validate(detail["audit"])
+
+
+def test_the_report_lies_beside_the_tables(batch: OpenBatch, audited: Calls):
+    detail = audit_batch(batch, {}, PLACE)
+    folder = f"{batch.store.url}/buckets/results/nightly/{batch.id}"
+    assert detail["audit_url"] == f"{folder}/audit.json"
+    written = Path(str(detail["audit_url"]).removeprefix("file://")).read_bytes()
+    assert AuditReport.model_validate_json(written) == report(detail)
+    assert detail["sha256s"] == {"audit.json": hashlib.sha256(written).hexdigest()}
+    assert report(detail).verdict == "SOUND"
+    assert [each.request.index for each in audited[0]] == [0, 1, 2, 3, 4, 5]
+
+
+def test_an_audit_whose_process_died_is_made_again_and_then_given_up(
+    batch: OpenBatch, audited: Calls, monkeypatch: pytest.MonkeyPatch
+):
+    first = audit_batch(batch, {}, PLACE)
+
+    def dies(*_: object, **__: object) -> AuditReport:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as broken:
+        broken.setattr(auditing_module, "audit", dies)
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt):
+                audit_batch(batch, {}, PLACE)
+    assert audit_batch(batch, {}, PLACE) == first
+    assert report(audit_batch(batch, {}, PLACE)).sentence == "not run: its process died 4 times"
+    assert len(audited) == 2
+
+
+@pytest.mark.parametrize(
+    ("error", "why"),
+    [
+        (BundleCrash("RobotApplicationCrash", "no module x"), "not run: RobotApplicationCrash: no module x"),
+        (MemoryError("9 GB"), "not run: out of memory: 9 GB"),
+        (RuntimeError("RESOURCE_EXHAUSTED: 9 GB"), "not run: out of memory: RESOURCE_EXHAUSTED: 9 GB"),
+    ],
+)
+def test_what_keeps_an_audit_from_running_is_data(
+    batch: OpenBatch, monkeypatch: pytest.MonkeyPatch, error: Exception, why: str
+):
+    def fails(*_: object, **__: object) -> AuditReport:
+        raise error
+
+    monkeypatch.setattr(auditing_module, "audit", fails)
+    found = report(audit_batch(batch, {}, PLACE))
+    assert (found.verdict, found.sentence) == ("NOT RUN", why)
+
+
+def test_a_defect_is_not_called_data(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    def fails(*_: object, **__: object) -> AuditReport:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(auditing_module, "audit", fails)
+    with pytest.raises(RuntimeError, match="a defect"):
+        audit_batch(batch, {}, PLACE)
+
+
+def test_worlds_that_are_gone_leave_the_others(batch: OpenBatch, audited: Calls, monkeypatch: pytest.MonkeyPatch):
+    gone = {"g/w0"}
+
+    def some(_: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, str]]:
+        asked = {request.world for request in requests}
+        return {name: apartment() for name in asked - gone}, dict.fromkeys(asked & gone, "it does not exist")
+
+    monkeypatch.setattr(audit_run, "load_worlds", some)
+    assert report(audit_batch(batch, {}, PLACE)).verdict == "SOUND"
+    assert {each.request.world for each in audited[0]} == {"g/w1"}
+    gone.add("g/w1")
+    assert report(audit_batch(batch, {}, PLACE)).sentence == "not run: it does not exist"
+
+
+def test_it_reads_the_data_sources_that_the_batch_read(
+    file_store: Store, audited: Calls, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    open_bucket(file_store, "data").put("map", b"content")
+    asked = DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "data", "s3Keys": ["map"]})
+    source = pinned(file_store, tmp_path / "cache" / "data", asked)
+    reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
+    made = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
+    for number in range(made.layout.chunks):
+        run_chunk(made, number, mixed, lanes=4, left_s=9.0)
+    audit_batch(made, {}, PLACE)
+    folders = {Path(each.request.environment["DATA_SOURCE_MAPS"]) for each in audited[0]}
+    assert {(folder / "map").read_bytes() for folder in folders} == {b"content"}

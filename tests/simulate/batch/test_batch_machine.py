@@ -1,0 +1,171 @@
+"""A batch under everything that may happen to it in any order: what was true of a job's end stays true.
+
+People cancel and restart, time runs out, processes die, others go on, somebody asks. Whatever the order, a chunk is
+committed once, a batch that has ended stays as it ended, and every job has one of RoboMaker's states at all times.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from flows.batch.batch_end import close_with_tables, settled
+from specs.data.episode import EpisodeResult, unfinished
+from specs.errors import DocumentError
+from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
+from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.describe import describe_batch, describe_job
+from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, complete, time_out
+from tasks.simulate.batch.job_states import Jobs
+from tasks.simulate.batch.result_stream import parts
+from tasks.storage.jobs.records import is_terminal
+from tasks.storage.store_url import open_store
+from tests.factories.episodes import crashed, passed
+from tests.factories.planned_batches import begun, plan, template
+
+JOBS, LANES = 12, 4
+CHUNKS = JOBS // LANES
+TERMINAL = {"Completed", "Failed", "Canceled"}
+STATES = {
+    "InProgress": {"Pending", "Running", "Restarting", "RunningFailed", "Terminating", *TERMINAL},
+    "Canceling": {"Pending", "RunningFailed", "Terminating", *TERMINAL},
+    "TimingOut": {"Pending", "RunningFailed", "Terminating", *TERMINAL},
+    "Completing": {"RunningFailed", *TERMINAL},
+}
+jobs = st.integers(0, JOBS - 1)
+
+
+class Died(BaseException):
+    """What a process would not outlive."""
+
+
+class Batches(RuleBasedStateMachine):
+    """One batch, and all that may happen to it."""
+
+    batch: OpenBatch
+
+    @initialize()
+    def open(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="simyard-machine-"))
+        store = open_store((self.folder / "store").as_uri())
+        entries = (template(), template(failure_behavior="Continue"))
+        self.batch = begun(store, plan(store, templates=entries, lanes=LANES))
+        self.rows: dict[int, list[EpisodeResult]] = {}
+        self.ended: dict[str, object] = {}
+        self.ends: dict[int, str | None] = {}
+
+    def teardown(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    @rule(job=jobs)
+    def cancel_a_job(self, job: int) -> None:
+        self._allowed(lambda: cancel_job(self.batch.store, f"{self.batch.id}/{job}"))
+
+    @rule(job=jobs)
+    def restart_a_job(self, job: int) -> None:
+        self._allowed(lambda: restart_job(self.batch.store, f"{self.batch.id}/{job}"))
+
+    @rule()
+    def cancel_it(self) -> None:
+        self._allowed(lambda: cancel_batch(self.batch.store, self.batch.id))
+
+    @rule()
+    def run_out_of_time(self) -> None:
+        time_out(self.batch)
+
+    @rule()
+    def ask(self) -> None:
+        record = settled(self.batch.store, self.batch.id)
+        assert record.status not in STOPPING
+
+    @rule(
+        number=st.integers(0, CHUNKS - 1),
+        fate=st.sampled_from(["well", "well", "crash", "death", "late", "cancel", "cancel job", "restart"]),
+        position=st.integers(0, LANES - 1),
+    )
+    def work_on_a_chunk(self, number: int, fate: str, position: int) -> None:
+        if self.batch.record().status not in GOING:
+            return
+        happened: list[str] = []
+
+        def simulate(part: Part) -> list[EpisodeResult]:
+            assert number not in self.rows, "a committed chunk was simulated again"
+            job = part.chunk.requests[position % len(part.chunk.requests)].index
+            if not happened:
+                happened.append(fate)
+                self._befall(fate, job)
+            part.watch._next_look_s = 0.0  # as if a second had passed
+            part.watch()
+            return [self._row(each.index, fate, job, part.watch.code) for each in part.chunk.requests]
+
+        try:
+            run_chunk(self.batch, number, simulate, lanes=LANES, left_s=-1.0 if fate == "late" else 99.0)
+        except Died:
+            return
+
+    @rule()
+    @precondition(lambda self: all(committed_chunk(self.batch.store, self.batch.id, k) for k in range(CHUNKS)))
+    def close_it(self) -> None:
+        if not is_terminal(complete(self.batch)):
+            close_with_tables(self.batch)
+
+    @invariant()
+    def committed_rows_stay(self) -> None:
+        for number in range(CHUNKS):
+            rows = committed_chunk(self.batch.store, self.batch.id, number)
+            assert self.rows.get(number, rows) == rows
+            if rows is not None:
+                self.rows[number] = rows
+                assert [row.index for row in rows] == list(range(number * LANES, (number + 1) * LANES))
+
+    @invariant()
+    def an_ended_batch_stays_ended(self) -> None:
+        if is_terminal(self.batch.record()):
+            answer = describe_batch(self.batch.store, self.batch.id).model_dump()
+            assert self.ended in ({}, answer)
+            self.ended = answer
+            assert [row.index for _, rows in parts(self.batch) for row in rows] == list(range(JOBS))
+
+    @invariant()
+    def every_job_is_somewhere(self) -> None:
+        counts = Jobs(self.batch.store, self.batch.id).counts()
+        assert counts.pending + counts.created + counts.failed == JOBS
+        status = self.batch.record().status
+        for index in range(JOBS):
+            job = describe_job(self.batch.store, f"{self.batch.id}/{index}")
+            assert job.status in STATES.get(status, TERMINAL), status
+            assert self.ends.setdefault(index, job.status) == job.status
+            if job.status not in TERMINAL:
+                del self.ends[index]
+
+    def _befall(self, fate: str, job: int) -> None:
+        if fate == "death":
+            raise Died
+        if fate == "cancel":
+            self._allowed(lambda: cancel_batch(self.batch.store, self.batch.id))
+        if fate == "cancel job":
+            self._allowed(lambda: cancel_job(self.batch.store, f"{self.batch.id}/{job}"))
+        if fate == "restart":
+            self._allowed(lambda: restart_job(self.batch.store, f"{self.batch.id}/{job}"))
+
+    @staticmethod
+    def _row(index: int, fate: str, job: int, code: str) -> EpisodeResult:
+        if code:
+            return unfinished(index, "Canceled", failure_code="", failure_reason="stopped before its end")
+        return crashed(index) if fate == "crash" and index == job else passed(index)
+
+    @staticmethod
+    def _allowed(act: Callable[[], object]) -> None:
+        """Does what may come too late."""
+        with suppress(DocumentError):
+            act()
+
+
+Batches.TestCase.settings = settings(max_examples=30, stateful_step_count=20, deadline=None)
+TestBatches = Batches.TestCase

@@ -1,0 +1,184 @@
+"""A chunk is committed whole and once, and whatever goes wrong in it is a row of its own."""
+
+import pytest
+
+from specs.data.episode import EpisodeResult
+from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
+from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
+from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.result_stream import parts
+from tasks.storage.base.keys import world_key
+from tasks.storage.base.store import Store
+from tests.factories.episodes import passed
+from tests.factories.planned_batches import all_pass, begun, mixed, plan, put_world, stops_after, template
+
+
+def refuse(part: Part) -> list[EpisodeResult]:
+    pytest.fail("simulated again")
+
+
+def test_a_committed_chunk_is_not_simulated_again(file_store: Store):
+    batch = begun(file_store)
+    assert run_chunk(batch, 1, mixed, lanes=4, left_s=9.0).episodes == 2
+    before = committed_chunk(file_store, batch.id, 1)
+    assert run_chunk(batch, 1, refuse, lanes=4, left_s=9.0).episodes == 2
+    assert committed_chunk(file_store, batch.id, 1) == before
+    assert committed_chunk(file_store, batch.id, 0) is None
+
+
+def test_of_two_processes_the_first_to_commit_decides(file_store: Store):
+    batch = begun(file_store)
+
+    def slow(part: Part) -> list[EpisodeResult]:
+        run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+        return mixed(part)
+
+    run_chunk(batch, 0, slow, lanes=4, left_s=9.0)
+    assert [row.outcome for row in committed_chunk(file_store, batch.id, 0) or ()] == ["Passed"] * 4
+
+
+def test_each_beginning_is_counted_with_what_was_spent_before(file_store: Store):
+    batch = begun(file_store)
+
+    def dies(part: Part) -> list[EpisodeResult]:
+        raise KeyboardInterrupt
+
+    for spent in (1.5, 2.5):
+        with pytest.raises(KeyboardInterrupt):
+            run_chunk(batch, 0, dies, lanes=4, left_s=9.0, spent_s=spent)
+    start = chunk_start(file_store, batch.id, 0)
+    assert start
+    assert (start.attempts, start.spent_s, spent_s(file_store, batch.id)) == (2, 2.5, 2.5)
+    assert chunk_numbers(file_store, batch.id).begun == {0}
+    assert not chunk_numbers(file_store, batch.id).committed
+
+
+def test_a_chunk_whose_process_died_again_is_tried_with_fewer_lanes(file_store: Store):
+    batch = begun(file_store, plan(file_store, lanes=64, seeds=tuple(range(64)), worlds=("g/w0",)))
+    tried: list[int] = []
+
+    def dies_with_many(part: Part) -> list[EpisodeResult]:
+        tried.append(part.lanes)
+        if part.lanes > 16:
+            raise KeyboardInterrupt
+        return all_pass(part)
+
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            run_chunk(batch, 0, dies_with_many, lanes=64, left_s=9.0)
+    assert run_chunk(batch, 0, dies_with_many, lanes=64, left_s=9.0)[:2] == (64, 16)
+    assert tried == [64, 64, 32, *[16] * 4]
+    assert [row.index for row in committed_chunk(file_store, batch.id, 0) or ()] == list(range(64))
+
+
+def test_a_world_that_is_gone_fails_its_episodes_and_no_others(file_store: Store):
+    batch = begun(file_store)
+    file_store.delete(world_key("g", "w0"))
+    run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [(row.status, row.failure_code) for row in rows] == [
+        *[("Failed", "InvalidS3Resource")] * 3,
+        ("Completed", ""),
+    ]
+    assert "g/w0" in rows[0].failure_reason
+
+
+def test_a_world_that_was_changed_after_planning_is_not_simulated(file_store: Store):
+    made = plan(file_store)
+    batch = begun(file_store, made.model_copy(update={"world_digests": {**made.world_digests, "g/w1": "0" * 64}}))
+    run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.failure_code for row in rows] == ["", "", "", "MismatchedEtag"]
+
+
+def test_when_time_is_over_what_is_done_keeps_its_row_and_the_batch_begins_nothing_more(file_store: Store):
+    batch = begun(file_store)
+    run_chunk(batch, 0, stops_after(1), lanes=4, left_s=-1.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.status for row in rows] == ["Completed", *["Canceled"] * 3]
+    assert {row.failure_code for row in rows[1:]} == {"BatchTimedOut"}
+    assert batch.record().status == "TimingOut"
+
+
+def test_time_that_is_over_when_all_is_done_anyway_stops_nothing(file_store: Store):
+    batch = begun(file_store)
+    run_chunk(batch, 0, stops_after(4), lanes=4, left_s=-1.0)
+    assert {row.status for row in committed_chunk(file_store, batch.id, 0) or ()} == {"Completed"}
+    assert batch.record().status == "InProgress"
+
+
+def test_a_cancelled_batch_stops_and_keeps_what_is_done(file_store: Store):
+    batch = begun(file_store)
+    cancel_batch(file_store, batch.id)
+    run_chunk(batch, 0, stops_after(2), lanes=4, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.failure_code for row in rows] == ["", "", "BatchCanceled", "BatchCanceled"]
+
+
+def test_a_cancelled_job_is_canceled_alone(file_store: Store):
+    batch = begun(file_store)
+    cancel_job(file_store, f"{batch.id}/2")
+    run_chunk(batch, 0, stops_after(0), lanes=4, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.status for row in rows] == ["Completed", "Completed", "Canceled", "Completed"]
+    assert [rows[0], rows[1], rows[3]] == [passed(0), passed(1), passed(3)]
+    assert rows[2].failure_code == ""
+
+
+def test_a_chunk_whose_jobs_are_all_cancelled_stops(file_store: Store):
+    batch = begun(file_store)
+    for index in (4, 5):
+        cancel_job(file_store, f"{batch.id}/{index}")
+    run_chunk(batch, 1, stops_after(0), lanes=4, left_s=9.0)
+    assert {row.status for row in committed_chunk(file_store, batch.id, 1) or ()} == {"Canceled"}
+    assert batch.record().status == "InProgress"
+
+
+@pytest.mark.parametrize("code", ["BatchCanceled", "BatchTimedOut"])
+def test_results_come_by_index_and_what_was_not_begun_is_canceled(file_store: Store, code: str):
+    sweep = {"MODE": ("fast", "slow")}
+    batch = begun(file_store, plan(file_store, sweep=sweep, templates=(template(), template())))
+    for number in (0, 2, 4):
+        run_chunk(batch, number, mixed, lanes=4, left_s=-1.0 if code == "BatchTimedOut" else 9.0)
+    if code == "BatchCanceled":
+        cancel_batch(file_store, batch.id)
+    else:
+        run_chunk(batch, 1, stops_after(0), lanes=4, left_s=-1.0)
+    found = [pair for requests, results in parts(batch) for pair in zip(requests, results, strict=True)]
+    assert [request.index for request, _ in found] == list(range(24))
+    assert [result.index for _, result in found] == list(range(24))
+    done = {each.index for number in (0, 2, 4) for each in batch.layout.chunk(number).requests}
+    assert {result.index for _, result in found if result.failure_code == code} == set(range(24)) - done
+
+
+def test_a_part_holds_some_episodes_however_chunks_lie(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("tasks.simulate.batch.result_stream.PART_EPISODES", 5)
+    batch = begun(file_store, plan(file_store, sweep={"MODE": ("fast", "slow")}, lanes=3))
+    for number in range(batch.layout.chunks):
+        run_chunk(batch, number, mixed, lanes=3, left_s=9.0)
+    sizes = [(len(requests), len(results)) for requests, results in parts(batch)]
+    assert sizes == [(5, 5), (5, 5), (2, 2)]
+
+
+def test_who_is_cancelled_right_after_the_last_look_is_canceled_all_the_same(file_store: Store):
+    batch = begun(file_store)
+
+    def simulate(part: Part) -> list[EpisodeResult]:
+        rows = all_pass(part)  # looks; the next look of its own would be in a second
+        cancel_job(file_store, f"{batch.id}/2")
+        return rows
+
+    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert [row.status for row in rows] == ["Completed", "Completed", "Canceled", "Completed"]
+
+
+def test_the_same_world_is_read_again_when_it_comes_back(file_store: Store):
+    batch = begun(file_store, name="first")
+    file_store.delete(world_key("g", "w1"))
+    run_chunk(batch, 1, all_pass, lanes=4, left_s=9.0)
+    put_world(file_store, "g/w1")
+    again = begun(file_store, name="second")
+    run_chunk(again, 1, all_pass, lanes=4, left_s=9.0)
+    assert {row.status for row in committed_chunk(file_store, batch.id, 1) or ()} == {"Failed"}
+    assert {row.status for row in committed_chunk(file_store, again.id, 1) or ()} == {"Completed"}

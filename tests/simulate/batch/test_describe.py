@@ -1,0 +1,263 @@
+"""RoboMaker's answers about batches and jobs, while a batch runs and after it."""
+
+from typing import cast
+
+import pytest
+from pydantic import JsonValue
+
+from specs.errors import DocumentError, ResourceNotFound
+from specs.field_types import Filter
+from specs.robomaker.simulation import (
+    CreateSimulationJobRequest,
+    ListSimulationJobBatchesRequest,
+    ListSimulationJobsRequest,
+)
+from specs.robomaker.simulation_descriptions import DescribeSimulationJobResponse
+from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
+from tasks.simulate.batch.chunk_store import begin_chunk
+from tasks.simulate.batch.commit import run_chunk
+from tasks.simulate.batch.describe import (
+    batch_describe_jobs,
+    describe_batch,
+    describe_job,
+    list_batches,
+    list_batches_page,
+    list_jobs,
+    list_jobs_page,
+)
+from tasks.simulate.batch.job import OpenBatch, close_batch, complete, open_batch, opened, time_out
+from tasks.storage.base.store import Store
+from tests.factories.planned_batches import ROBOT_ARN, all_pass, begun, mixed, plan, request, template
+
+_APPLICATIONS = {"robotApplications", "simulationApplications"}
+
+
+@pytest.fixture
+def running(file_store: Store) -> OpenBatch:
+    """Twelve jobs in three chunks: the first is committed, the second begun; the last job of a chunk crashed."""
+    made = plan(
+        file_store, seeds=tuple(range(3)), sweep={"SPEED": ("1", "2")}, templates=(template(environment={"A": "b"}),)
+    )
+    batch = begun(file_store, made)
+    run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
+    begin_chunk(file_store, batch.id, 1, 0.0)
+    return batch
+
+
+def test_while_it_runs_jobs_are_created_or_pending(running: OpenBatch):
+    answer = describe_batch(running.store, running.id)
+    assert answer.status == "InProgress"
+    assert [job.status for job in answer.createdRequests or ()] == [
+        *["Completed"] * 3, "Failed", *["Running"] * 4
+    ]  # fmt: skip
+    assert answer.failedRequests is None
+    pending = answer.pendingRequests or ()
+    assert len(pending) == 4
+    assert pending[0].robotApplications
+    assert pending[0].simulationApplications
+    robot, scenario = pending[0].robotApplications[0], pending[0].simulationApplications[0]
+    assert (robot.application, robot.applicationVersion) == (ROBOT_ARN, "1")
+    assert robot.launchConfig.environmentVariables == {"A": "b", "SPEED": "1"}
+    assert [str(config.world).rpartition(":")[2] for config in scenario.worldConfigs or ()] == ["g/w1"]
+
+
+def test_the_list_of_batches_counts_them(running: OpenBatch):
+    (line,) = list_batches(running.store)
+    counts = (line.pendingRequestCount, line.createdRequestCount, line.failedRequestCount)
+    assert (counts, line.status) == ((4, 8, 0), "InProgress")
+    time_out(running)
+    close_batch(running.store, running.id, "TimedOut", {})
+    (line,) = list_batches(running.store)
+    assert (line.pendingRequestCount, line.createdRequestCount, line.failedRequestCount) == (0, 8, 4)
+
+
+@pytest.mark.parametrize(
+    ("status", "code"),
+    [("TimedOut", "BatchTimedOut"), ("Canceled", "BatchCanceled"), ("Failed", "InternalServiceError")],
+)
+def test_what_was_never_begun_never_became_a_job(running: OpenBatch, status: str, code: str):
+    close_batch(running.store, running.id, status, {}, "the reason")
+    answer = describe_batch(running.store, running.id)
+    assert answer.pendingRequests is None
+    assert len(answer.createdRequests or ()) == 8
+    failed = answer.failedRequests or ()
+    assert {(each.failureCode, each.failureReason) for each in failed} == {(code, "the reason")}
+    assert all(each.request and each.request.maxJobDurationInSeconds == 60 and each.failedAt for each in failed)
+    lost = describe_job(running.store, f"{running.id}/11")
+    assert (lost.status, lost.failureCode) == ("Failed" if status == "Failed" else "Canceled", code)
+
+
+def test_a_batch_that_is_complete_has_created_jobs_only(file_store: Store):
+    batch = begun(file_store)
+    for number in range(batch.layout.chunks):
+        run_chunk(batch, number, all_pass, lanes=4, left_s=9.0)
+    complete(batch)
+    close_batch(file_store, batch.id, "Completed", {})
+    answer = describe_batch(file_store, batch.id)
+    assert (answer.status, answer.pendingRequests, answer.failedRequests) == ("Completed", None, None)
+    assert {job.status for job in answer.createdRequests or ()} == {"Completed"}
+
+
+def test_a_failed_job_under_continue_is_kept_until_the_batch_ends(file_store: Store):
+    batch = begun(file_store, plan(file_store, templates=(template(), template(failure_behavior="Continue"))))
+    for number in range(batch.layout.chunks):
+        run_chunk(batch, number, mixed, lanes=4, left_s=9.0)
+    jobs = [f"{batch.id}/{index}" for index in (3, 11)]
+    before = [describe_job(file_store, job) for job in jobs]
+    assert [job.status for job in before] == ["Failed", "RunningFailed"]
+    assert [job.failureCode for job in before] == ["RobotApplicationCrash"] * 2
+    close_batch(file_store, batch.id, "Completed", {})
+    assert [describe_job(file_store, job).status for job in jobs] == ["Failed", "Failed"]
+
+
+def test_a_job_says_when_it_began_how_long_it_took_and_what_was_asked(running: OpenBatch):
+    job = describe_job(running.store, f"{running.id}/3")
+    assert (job.status, job.failureCode) == ("Failed", "RobotApplicationCrash")
+    assert job.failureReason == "the controller returned a control that is no number"
+    assert (job.simulationTimeMillis, job.maxJobDurationInSeconds) == (31_500, 60)
+    assert job.lastStartedAt
+    pending = describe_job(running.store, f"{running.id}/11")
+    assert (pending.status, pending.lastStartedAt, pending.simulationTimeMillis) == ("Pending", None, None)
+
+
+def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
+    made = plan(file_store, worlds=("g/w0",), seeds=(0,), lanes=16)
+    (entry,) = cast("list[dict[str, JsonValue]]", request(made)["createSimulationJobRequests"])
+    source: dict[str, JsonValue] = {"name": "maps", "s3Bucket": "data", "s3Keys": ["a.yaml"], "type": "File"}
+    asked: dict[str, JsonValue] = {
+        **entry,
+        "clientRequestToken": "tok",
+        "iamRole": "arn:aws:iam::1:role/r",
+        "maxJobDurationInSeconds": 1_209_600,
+        "outputLocation": {"s3Bucket": "mine", "s3Prefix": "p"},
+        "loggingConfig": {"recordAllRosTopics": True},
+        "vpcConfig": {"subnets": ["s-1"], "assignPublicIp": True},
+        "compute": {"simulationUnitLimit": 4, "computeType": "CPU"},
+        "tags": {"Region": "North"},
+        "dataSources": [source],
+    }
+    CreateSimulationJobRequest.model_validate(asked)
+    batch = opened(file_store, open_batch(file_store, made, asked, "tok").id)
+    assert describe_batch(file_store, batch.id).pendingRequests is None
+    run_chunk(batch, 0, mixed, lanes=16, left_s=9.0)
+    job = describe_job(file_store, f"{batch.id}/0").model_dump(mode="json", exclude_none=True)
+    assert {key: job[key] for key in asked if key not in {"dataSources", *_APPLICATIONS}} == {
+        key: value for key, value in asked.items() if key not in {"dataSources", *_APPLICATIONS}
+    }
+    assert job["dataSources"][0]["s3Keys"] == [{"s3Key": "a.yaml"}]
+    assert job["simulationApplications"][0]["worldConfigs"][0]["world"].endswith(":g/w0")
+    missing = DescribeSimulationJobResponse.model_fields.keys() - job.keys()
+    assert missing == {"networkInterface"}
+    (line,) = list_jobs(file_store)
+    assert (line.dataSourceNames, line.computeType) == (("maps",), "CPU")
+
+
+def test_several_jobs_are_described_and_those_that_are_not_are_named(running: OpenBatch):
+    sound = [str(job.arn) for job in list_jobs(running.store)][:2]
+    wrong = ["arn:simyard:simulation-job:0:simb-0/0", f"{sound[0]}9", "arn:simyard:world:0:g/w0", "arn:aws:s3:::x/y"]
+    answer = batch_describe_jobs(running.store, [wrong[0], sound[1], *wrong[1:], sound[0]])
+    assert [job.arn for job in answer.jobs or ()] == [sound[1], sound[0]]
+    assert list(answer.unprocessedJobs or ()) == wrong
+
+
+@pytest.mark.parametrize("index", ["12", "-1", "", "x", "03"])
+def test_a_job_that_does_not_exist_is_told_which_do(running: OpenBatch, index: str):
+    with pytest.raises(ResourceNotFound, match=f"{running.id}/0 to {running.id}/11"):
+        describe_job(running.store, f"{running.id}/{index}")
+
+
+def test_pages_together_are_the_list(running: OpenBatch):
+    begun_too = begun(running.store, name="other")
+    run_chunk(begun_too, 1, all_pass, lanes=4, left_s=9.0)
+    found: list[str] = []
+    token = None
+    for _ in range(10):
+        page = list_jobs_page(running.store, ListSimulationJobsRequest(maxResults=3, nextToken=token))
+        assert len(page.simulationJobSummaries) <= 3
+        found += [str(job.arn) for job in page.simulationJobSummaries]
+        token = page.nextToken
+        if token is None:
+            break
+    assert found == [str(job.arn) for job in list_jobs(running.store)]
+    assert len(found) == 8 + 2
+
+
+def test_pages_of_batches_together_are_their_list(running: OpenBatch):
+    store = running.store
+    others = [begun(store, name=f"other-{number}").id for number in range(4)]
+    cancel_batch(store, others[1])
+    found: list[str | None] = []
+    token = None
+    for _ in range(10):
+        page = list_batches_page(store, ListSimulationJobBatchesRequest(maxResults=2, nextToken=token))
+        found += [batch.arn for batch in page.simulationJobBatchSummaries or ()]
+        token = page.nextToken
+        if token is None:
+            break
+    assert found == [batch.arn for batch in list_batches(store)]
+    assert len(found) == 5
+    canceling = ListSimulationJobBatchesRequest(filters=(Filter(name="status", values=("Canceling",)),))
+    only = [str(batch.arn) for batch in list_batches_page(store, canceling).simulationJobBatchSummaries or ()]
+    assert [arn.rpartition(":")[2] for arn in only] == [others[1]]
+    with pytest.raises(DocumentError, match="nextToken"):
+        list_batches_page(store, ListSimulationJobBatchesRequest(nextToken="simb-0"))
+    with pytest.raises(DocumentError, match="colour"):
+        list_batches_page(store, ListSimulationJobBatchesRequest(filters=(Filter(name="colour", values=("red",)),)))
+
+
+def test_filters_are_alternatives(running: OpenBatch):
+    def names(*filters: Filter) -> list[str]:
+        page = list_jobs_page(running.store, ListSimulationJobsRequest(filters=filters))
+        return [str(job.name).rpartition("-")[2] for job in page.simulationJobSummaries]
+
+    assert names(Filter(name="status", values=("Failed",))) == ["3"]
+    either = names(Filter(name="status", values=("Failed",)), Filter(name="status", values=("Running",)))
+    assert either == ["3", "4", "5", "6", "7"]
+    assert names(Filter(name="robotApplicationName", values=("nobody",))) == []
+    with pytest.raises(DocumentError, match="colour"):
+        names(Filter(name="colour", values=("red",)))
+    with pytest.raises(DocumentError, match="nextToken"):
+        list_jobs_page(running.store, ListSimulationJobsRequest(nextToken="elsewhere"))
+
+
+def test_a_batch_of_more_jobs_than_robomaker_had_shows_a_thousand_of_each(file_store: Store):
+    batch = begun(file_store, plan(file_store, seeds=tuple(range(1500)), lanes=1200, worlds=("g/w0",)))
+    assert len(describe_batch(file_store, batch.id).pendingRequests or ()) == 1000
+    begin_chunk(file_store, batch.id, 0, 0.0)
+    answer = describe_batch(file_store, batch.id)
+    assert (len(answer.pendingRequests or ()), len(answer.createdRequests or ())) == (300, 1000)
+    assert sum(1 for _ in list_jobs(file_store)) == 1200
+
+
+def test_only_what_has_not_ended_can_be_cancelled(running: OpenBatch):
+    store = running.store
+    with pytest.raises(DocumentError, match="this one is Failed"):
+        cancel_job(store, f"{running.id}/3")
+    with pytest.raises(ResourceNotFound):
+        cancel_job(store, f"{running.id}/12")
+    cancel_job(store, f"{running.id}/4")
+    cancel_batch(store, running.id)
+    assert cancel_batch(store, running.id).status == "Canceling"
+    with pytest.raises(DocumentError, match="in a batch that is Canceling"):
+        cancel_job(store, f"{running.id}/5")
+    close_batch(store, running.id, "Canceled", {})
+    with pytest.raises(DocumentError, match="this one is Canceled"):
+        cancel_batch(store, running.id)
+
+
+def test_a_job_that_is_being_stopped_is_terminating_and_one_that_never_began_is_canceled(running: OpenBatch):
+    for index in (4, 11):
+        cancel_job(running.store, f"{running.id}/{index}")
+    states = [str(describe_job(running.store, f"{running.id}/{index}").status) for index in (3, 4, 5, 10, 11)]
+    assert states == ["Failed", "Terminating", "Running", "Pending", "Canceled"]
+    cancel_batch(running.store, running.id)
+    states = [str(describe_job(running.store, f"{running.id}/{index}").status) for index in (3, 4, 5, 10, 11)]
+    assert states == ["Failed", "Terminating", "Terminating", "Pending", "Canceled"]
+
+
+def test_a_job_that_was_canceled_before_it_began_stays_canceled_when_its_lanes_begin(running: OpenBatch):
+    cancel_job(running.store, f"{running.id}/11")
+    begin_chunk(running.store, running.id, running.layout.chunk_of(11), 0.0)
+    cancel_job(running.store, f"{running.id}/11")
+    states = [str(describe_job(running.store, f"{running.id}/{index}").status) for index in (10, 11)]
+    assert states == ["Running", "Canceled"]

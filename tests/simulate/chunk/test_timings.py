@@ -1,0 +1,74 @@
+"""What chunks took is remembered by program, and forgotten without harm."""
+
+from pathlib import Path
+
+import pytest
+
+from tasks.simulate.chunk.timings import ChunkTiming, ChunkWatch, recalled, recalled_of_engine, remember
+
+PROGRAM, OTHER = ("courier", "delivery"), ("courier", "coverage")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def timing(engine: str = "planar", ready_s: float = 1.0) -> ChunkTiming:
+    return ChunkTiming(
+        engine=engine,
+        device="cpu",
+        lanes=16,
+        episodes=12,
+        ready_s=ready_s,
+        first_s=2.0,
+        slices=40,
+        slices_s=3.0,
+        most_slices=47,
+        peak_bytes=1,
+    )
+
+
+def test_a_program_has_its_own_timings():
+    remember(PROGRAM, timing(ready_s=1.0))
+    remember(PROGRAM, timing("mujoco", ready_s=2.0))
+    remember(OTHER, timing(ready_s=3.0))
+    assert [each.ready_s for each in recalled(PROGRAM)] == [1.0, 2.0]
+    assert sorted(each.ready_s for each in recalled_of_engine("planar", "cpu")) == [1.0, 3.0]
+    assert recalled_of_engine("planar", "gpu") == []
+
+
+def test_only_the_last_ones_are_kept():
+    for number in range(20):
+        remember(PROGRAM, timing(ready_s=float(number)))
+    assert [each.ready_s for each in recalled(PROGRAM)] == [float(number) for number in range(8, 20)]
+
+
+def test_a_file_of_another_version_and_a_folder_that_is_none_are_no_memory(cache: Path):
+    remember(PROGRAM, timing())
+    (file,) = (cache / "timings").glob("*.json")
+    file.write_text('[{"engine": "planar"}]')
+    assert recalled(PROGRAM) == []
+    file.unlink()
+    (cache / "timings").rmdir()
+    (cache / "timings").write_text("a file")
+    remember(PROGRAM, timing())
+    assert recalled(PROGRAM) == []
+
+
+def test_a_watch_tells_readying_the_first_slice_and_the_others_apart():
+    watch = ChunkWatch()
+    for _ in range(5):
+        watch.mark()
+    taken = watch.timing("planar", "cpu", lanes=16, episodes=3, most_slices=9)
+    assert taken
+    assert (taken.slices, taken.most_slices, taken.lanes, taken.episodes) == (3, 9, 16, 3)
+    assert min(taken.ready_s, taken.first_s, taken.slices_s) >= 0.0
+    assert taken.peak_bytes > 1 << 20
+
+
+def test_what_was_not_driven_took_nothing():
+    watch = ChunkWatch()
+    watch.mark()
+    assert watch.timing("planar", "cpu", lanes=16, episodes=3, most_slices=9) is None

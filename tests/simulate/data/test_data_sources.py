@@ -1,0 +1,249 @@
+"""Files from buckets, pinned when a batch is planned and mounted read-only where its episodes are simulated."""
+
+import errno
+import io
+import stat
+import tarfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from specs.data.episode import EpisodeResult
+from specs.errors import DocumentError
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.robomaker.bundle import ApplicationKind, Version
+from specs.robomaker.simulation import DataSourceConfig
+from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.data.mounts import Mounts
+from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.sources import DATA_PREFIX, PinnedSource
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.layout import Layout
+from tasks.simulate.plan.resolve import plan_batch
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+from tests.factories.data_buckets import ONE, cache, source
+from tests.factories.episodes import passed
+from tests.factories.planned_batches import begun, plan, put_world, template
+
+
+def mounted(store: Store, found: PinnedSource, tmp_path: Path) -> Path:
+    """Returns the folder that an application is told."""
+    made = plan(store, templates=(template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{found.digest}"}),))
+    mounts = Mounts(store, {found.digest: found}, cache(tmp_path))
+    request = begun(store, made.model_copy(update={"data_sources": {found.digest: found}})).layout.request(0)
+    assert mounts.failure(request) == ""
+    return Path(mounts.resolved(request).environment["DATA_SOURCE_MAPS"])
+
+
+def test_files_lie_below_their_whole_key_where_the_variable_says_and_cannot_be_written(
+    file_store: Store, bucket: Store, tmp_path: Path
+):
+    folder = mounted(file_store, pinned(file_store, cache(tmp_path), source("maps/one.yaml")), tmp_path)
+    assert folder.as_posix().endswith("/opt/robomaker/datasources/maps")
+    assert (folder / "maps/one.yaml").read_bytes() == ONE
+    modes = {stat.S_IMODE(path.stat().st_mode) & 0o222 for path in folder.rglob("*")}
+    assert modes == {0}
+
+
+def test_a_prefix_means_all_that_begin_with_it(file_store: Store, bucket: Store, tmp_path: Path):
+    all_of_them = pinned(file_store, cache(tmp_path), source("maps/", type="Prefix"))
+    assert [file.key for file in all_of_them.files] == ["maps/deep/two.yaml", "maps/one.yaml"]
+    half_a_name = pinned(file_store, cache(tmp_path), source("maps", type="Prefix"))
+    assert [file.key for file in half_a_name.files] == ["maps/deep/two.yaml", "maps/one.yaml", "mapsakes.txt"]
+    folder = mounted(file_store, all_of_them, tmp_path)
+    assert (folder / "maps/deep/two.yaml").read_bytes() == b"two"
+
+
+def test_a_destination_is_where_the_files_lie(file_store: Store, bucket: Store, tmp_path: Path):
+    found = pinned(file_store, cache(tmp_path), source("maps/one.yaml", destination="/home/robot/maps"))
+    assert mounted(file_store, found, tmp_path).as_posix().endswith("/home/robot/maps")
+
+
+def _zip(**files: bytes) -> bytes:
+    body = io.BytesIO()
+    with zipfile.ZipFile(body, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name.replace("__", "/"), content)
+    return body.getvalue()
+
+
+def _damaged(method: int) -> bytes:
+    """Returns a zip whose only member's compressed bytes are not what they were."""
+    body = io.BytesIO()
+    with zipfile.ZipFile(body, "w", method) as archive:
+        archive.writestr("map", bytes(range(256)) * 40)
+    whole = bytearray(body.getvalue())
+    whole[60:80] = bytes(20)
+    return bytes(whole)
+
+
+def _tar(name: str, content: bytes) -> bytes:
+    body = io.BytesIO()
+    with tarfile.open(fileobj=body, mode="w:gz") as archive:
+        member = tarfile.TarInfo(name)
+        member.size = len(content)
+        archive.addfile(member, io.BytesIO(content))
+    return body.getvalue()
+
+
+def test_archives_are_unpacked_side_by_side(file_store: Store, bucket: Store, tmp_path: Path):
+    bucket.put("a.zip", _zip(rooms__one=b"1", two=b"2"))
+    bucket.put("b.tar.gz", _tar("three", b"3"))
+    folder = mounted(
+        file_store, pinned(file_store, cache(tmp_path), source("a.zip", "b.tar.gz", type="Archive")), tmp_path
+    )
+    found = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert found == {"rooms/one": b"1", "two": b"2", "three": b"3"}
+
+
+@pytest.mark.parametrize(
+    "body", [b"no archive", _tar("../out", b"x"), _zip(two=b"2")[:-30]], ids=["text", "tar", "cut"]
+)
+@pytest.mark.parametrize("key", ["a.zip", "a.tar.gz"])
+def test_an_archive_that_is_none_or_would_write_elsewhere_fails_its_jobs(
+    file_store: Store, bucket: Store, tmp_path: Path, body: bytes, key: str
+):
+    bucket.put(key, body)
+    batch = begun(file_store, _planned(file_store, [source(key, type="Archive")]))
+    rows = _rows_of_chunk(batch.store, batch.id, 0, run_chunk(batch, 0, _reading, lanes=16, left_s=9.0).episodes)
+    assert {row.failure_code for row in rows} == {"InvalidS3Resource"}
+    assert not list(tmp_path.rglob("out"))
+
+
+@pytest.mark.parametrize(
+    "method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA], ids=["deflate", "bzip2", "lzma"]
+)
+def test_a_damaged_archive_fails_its_jobs_and_leaves_nothing_behind(
+    file_store: Store, bucket: Store, tmp_path: Path, method: int
+):
+    bucket.put("a.zip", _damaged(method))
+    batch = begun(file_store, _planned(file_store, [source("a.zip", type="Archive")]))
+    run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    assert {row.failure_code for row in rows} == {"InvalidS3Resource"}
+    assert not list((cache(tmp_path) / "mounts").iterdir())
+
+
+def test_a_full_disk_is_no_fault_of_the_archive_and_leaves_nothing_behind(
+    file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    batch = begun(file_store, _planned(file_store, [source("maps/one.yaml")]))
+    monkeypatch.setattr("tasks.simulate.data.mounts.shutil.copyfileobj", full)
+    with pytest.raises(OSError, match="no space left"):
+        run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+    assert not list((cache(tmp_path) / "mounts").iterdir())
+
+
+def test_two_archives_with_the_same_file_are_told_by_name_and_not_by_place(
+    file_store: Store, bucket: Store, tmp_path: Path
+):
+    for key in ("a.zip", "b.zip"):
+        bucket.put(key, _zip(same=b"1"))
+    found = pinned(file_store, cache(tmp_path), source("a.zip", "b.zip", type="Archive"))
+    mounts = Mounts(file_store, {found.digest: found}, cache(tmp_path))
+    made = plan(file_store, templates=(template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{found.digest}"}),))
+    failure = mounts.failure(Layout(made).request(0))
+    assert failure == "InvalidInput: data source maps: b.zip would be where another file is"
+    assert not list((cache(tmp_path) / "mounts").iterdir())
+
+
+def _version(kind: ApplicationKind, reference: str, number: str | None) -> Version:
+    return Version(kind=kind, name=reference, number=1, digest="a" * 64, size_bytes=1, created_at_s=0.0)
+
+
+def _section(*sources: list[DataSourceConfig]) -> SimulationBatch:
+    use: dict[str, Any] = {"application": "mine", "launchConfig": {"packageName": "p", "launchFile": "f"}}
+    entries = [
+        {
+            "maxJobDurationInSeconds": 60,
+            "robotApplications": [use],
+            "simulationApplications": [use],
+            "dataSources": [each.model_dump(exclude_none=True) for each in own] or None,
+        }
+        for own in sources
+    ]
+    return SimulationBatch.model_validate({"createSimulationJobRequests": entries})
+
+
+def _planned(store: Store, *sources: list[DataSourceConfig]) -> BatchPlan:
+    """Returns a plan with a request for each list of data sources, in one world."""
+    digest = put_world(store, "g/w0")
+
+    def find(config: DataSourceConfig) -> PinnedSource:
+        from tasks.storage.base.cache_folder import cache_folder  # noqa: PLC0415 - follows the test's environment
+
+        return pinned(store, cache_folder() / "data", config)
+
+    return plan_batch(_section(*sources), ["g/w0"], {"g/w0": digest}, _version, find)
+
+
+def _reading(part: Part) -> list[EpisodeResult]:
+    """Simulates episodes that read their map, where they have one."""
+    for each in part.chunk.requests:
+        folder = each.environment.get("DATA_SOURCE_MAPS")
+        assert folder is None or (Path(folder) / "maps/one.yaml").read_bytes() == ONE
+    return [passed(each.index) for each in part.chunk.requests]
+
+
+def _rows_of_chunk(store: Store, batch: str, number: int, count: int) -> list[EpisodeResult]:
+    rows = committed_chunk(store, batch, number) or []
+    assert len(rows) == count
+    return rows
+
+
+def test_only_the_requests_that_need_a_missing_file_fail(file_store: Store, bucket: Store):
+    made = _planned(file_store, [source("maps/one.yaml")], [source("maps/lost.yaml")], [])
+    batch = begun(file_store, made)
+    rows: dict[int, EpisodeResult] = {}
+    for number in range(batch.layout.chunks):
+        run_chunk(batch, number, _reading, lanes=16, left_s=9.0)
+        rows |= {row.index: row for row in committed_chunk(file_store, batch.id, number) or ()}
+    assert [rows[index].failure_code for index in range(3)] == ["", "InvalidS3Resource", ""]
+    assert "maps-bucket" in rows[1].failure_reason
+    assert "maps/lost.yaml" in rows[1].failure_reason
+
+
+def test_episodes_that_read_different_content_never_share_a_chunk(file_store: Store, bucket: Store):
+    one, other, same = (
+        _planned(file_store, [source(key)]) for key in ("maps/one.yaml", "mapsakes.txt", "maps/one.yaml")
+    )
+    assert one.data_sources.keys() == same.data_sources.keys() != other.data_sources.keys()
+    both = _planned(file_store, [source("maps/one.yaml")], [source("mapsakes.txt")], [source("maps/one.yaml")])
+    layout = begun(file_store, both).layout
+    assert (layout.chunks, layout.chunk_of(0), layout.chunk_of(2)) == (2, 0, 0)
+
+
+def _forgotten(tmp_path: Path) -> None:
+    (tmp_path / "cache").rename(tmp_path / "cache-of-another-machine")
+
+
+@pytest.mark.parametrize(("body", "code"), [(ONE, ""), (b"changed", "MismatchedEtag"), (None, "InvalidS3Resource")])
+def test_on_another_machine_the_pinned_content_is_fetched_again_or_the_row_says_why_not(
+    file_store: Store, bucket: Store, tmp_path: Path, body: bytes | None, code: str
+):
+    batch = begun(file_store, _planned(file_store, [source("maps/one.yaml")]))
+    _forgotten(tmp_path)
+    bucket.put("maps/one.yaml", body) if body is not None else bucket.delete("maps/one.yaml")
+    run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+    assert [row.failure_code for row in committed_chunk(file_store, batch.id, 0) or ()] == [code]
+
+
+def test_names_that_would_share_a_variable_are_a_fault_of_the_document(file_store: Store, bucket: Store):
+    with pytest.raises(DocumentError, match=r"createSimulationJobRequests\[0\]\.dataSources: DATA_SOURCE_A_B"):
+        _planned(file_store, [source("k", name="a-b"), source("k", name="A_b")])
+
+
+def test_on_s3_it_is_the_same(s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("SIMYARD_BUCKETS", s3_store.url)
+    open_bucket(s3_store, "maps-bucket").put("maps/one.yaml", ONE)
+    found = pinned(s3_store, cache(tmp_path), source("maps/", type="Prefix"))
+    assert (mounted(s3_store, found, tmp_path) / "maps/one.yaml").read_bytes() == ONE
+    assert pinned(s3_store, cache(tmp_path), source("maps/lost")).failure_code == "InvalidS3Resource"

@@ -1,0 +1,133 @@
+"""Which engine runs which robot, and what is said of those that cannot."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tasks.simulate.devices import DeviceKind
+from tasks.simulate.engine.choice import choose_engine, is_plain_python
+from tasks.simulate.refusal import RobotRefused
+
+PLANAR = """<mujoco><option timestep="0.005" {option}/><worldbody><body name="b" pos="0 0 0.3">
+<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+<joint name="t" type="hinge" axis="0 0 1"/><geom name="hull" {geom} mass="1"/>{more}</body></worldbody>
+<actuator><motor joint="x"/></actuator></mujoco>"""
+BALL, BOX, DRUM = 'type="sphere" size="0.2"', 'type="box" size="0.2 0.2 0.1"', 'type="cylinder" size="0.2 0.1"'
+ARM = '<body name="arm"><joint name="j"/><geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/></body>'
+FREE = """<mujoco><worldbody><body name="b" pos="0 0 0.3"><freejoint/><geom name="hull" type="{geom}" size="0.2 0.1"/>
+<body name="arm"><joint name="j"/><geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/></body></body></worldbody>
+<actuator><motor joint="j"/></actuator></mujoco>"""
+ROBOTS = {
+    "ball": PLANAR.format(option="", geom=BALL, more=""),
+    "box": PLANAR.format(option="", geom=BOX, more=""),
+    "drum": PLANAR.format(option="", geom=DRUM, more=""),
+    "armed ball": PLANAR.format(option="", geom=BALL, more=ARM),
+    "implicit ball": PLANAR.format(option='integrator="implicit"', geom=BALL, more=""),
+    "walker": FREE.format(geom="sphere"),
+    "walking drum": FREE.format(geom="cylinder"),
+}
+
+
+def robot(folder: Path, name: str) -> Path:
+    path = folder / "robot.xml"
+    path.write_text(ROBOTS[name])
+    return path
+
+
+def module(folder: Path, *, plain: bool = False) -> Path:
+    path = folder / "controller.py"
+    path.write_text("jax = False\n" if plain else "import jax\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "on_cpu", "on_gpu"),
+    [
+        ("ball", "planar", "planar"),
+        ("box", "mujoco", "mjx"),
+        ("drum", "mujoco", "mujoco"),
+        ("implicit ball", "mujoco", "mujoco"),
+        ("armed ball", "mujoco", "mjx"),
+        ("walker", "mujoco", "mjx"),
+        ("walking drum", "mujoco", "mujoco"),
+    ],
+)
+def test_auto_takes_the_fastest_engine_that_can(tmp_path: Path, name: str, on_cpu: str, on_gpu: str):
+    devices: tuple[DeviceKind, DeviceKind] = ("cpu", "gpu")
+    chosen = [choose_engine("auto", robot(tmp_path, name), module(tmp_path), device) for device in devices]
+    assert [choice.engine for choice in chosen] == [on_cpu, on_gpu]
+
+
+@pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
+def test_the_engine_asked_for_is_taken_if_it_can(tmp_path: Path, engine: str):
+    choice = choose_engine(engine, robot(tmp_path, "ball"), module(tmp_path), "cpu")
+    assert (choice.engine, choice.why) == (engine, "asked for")
+
+
+@pytest.mark.parametrize(
+    ("engine", "name", "culprit"),
+    [
+        ("planar", "box", "geom 'hull'"),
+        ("planar", "walker", "joint"),
+        ("planar", "armed ball", "joint"),
+        ("planar", "implicit ball", "option integrator implicit"),
+        ("mjx", "drum", "geom 'hull': MJX cannot collide a cylinder with boxes: use a sphere"),
+        ("mjx", "implicit ball", "option integrator implicit"),
+    ],
+)
+def test_an_engine_that_cannot_says_what_is_in_the_way_and_the_remedy(
+    tmp_path: Path, engine: str, name: str, culprit: str
+):
+    with pytest.raises(RobotRefused, match=f"(?s){culprit}.*set engine: .*mujoco"):
+        choose_engine(engine, robot(tmp_path, name), module(tmp_path), "cpu")
+
+
+def test_why_names_what_stands_in_the_way_of_a_faster_engine(tmp_path: Path):
+    chosen = {
+        name: choose_engine("auto", robot(tmp_path, name), module(tmp_path), "cpu").why
+        for name in ("ball", "drum", "implicit ball")
+    }
+    assert chosen == {
+        "ball": "the fastest of all",
+        "drum": "the fastest for this robot: planar cannot represent geom 'hull'",
+        "implicit ball": "the fastest for this robot: planar cannot represent option integrator implicit",
+    }
+
+
+def test_plain_python_runs_on_mujoco_whatever_the_robot(tmp_path: Path):
+    choice = choose_engine("auto", robot(tmp_path, "ball"), module(tmp_path, plain=True), "gpu")
+    assert (choice.engine, choice.plain) == ("mujoco", True)
+    assert "plain Python" in choice.why
+
+
+def test_plain_python_is_refused_by_engines_that_are_compiled(tmp_path: Path):
+    with pytest.raises(RobotRefused, match=r"engine planar: .* jax = False.*set engine: auto"):
+        choose_engine("planar", robot(tmp_path, "ball"), module(tmp_path, plain=True), "cpu")
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("jax = False", True),
+        ('"""Text."""\nimport numpy\njax = False\n', True),
+        ("import jax", False),
+        ("jax = True", False),
+        ("class A:\n    jax = False\n", False),
+        ("jax = no python (", False),
+    ],
+)
+def test_plain_python_is_what_says_so_at_its_top(tmp_path: Path, text: str, plain: bool):  # noqa: FBT001 - a case
+    path = tmp_path / "m.py"
+    path.write_text(text)
+    assert is_plain_python(path) is plain
+
+
+def test_a_missing_module_is_not_plain(tmp_path: Path):
+    assert not is_plain_python(tmp_path / "absent.py")
+
+
+def test_a_robot_is_judged_without_jax():
+    code = "import sys, tasks.simulate.engine.choice; assert 'jax' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

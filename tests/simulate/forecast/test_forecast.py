@@ -1,0 +1,131 @@
+"""What `simyard plan` says of a batch: counted, without JAX, from what this machine took before."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from specs.data.episode import ApplicationLaunch
+from tasks.simulate.chunk.timings import ChunkTiming, remember
+from tasks.simulate.forecast import forecast
+from tasks.simulate.forecast.forecast import engine_plan
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.chunks import program_key
+from tasks.simulate.plan.layout import Layout
+from tests.factories.planned_batches import template
+from tests.factories.simulations import FOLDERS, PUSHER
+
+
+@pytest.fixture(autouse=True)
+def no_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gives each test a cache folder of its own, without timings."""
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    forecast._speed_of_engine.cache_clear()  # pyright: ignore[reportPrivateUsage] - it lives as long as a command
+
+
+def plan(*, seeds: int = 4, robot: ApplicationLaunch | None = None, **changes: object) -> BatchPlan:
+    base = BatchPlan(
+        templates=(template(robot=robot) if robot else template(),),
+        worlds=tuple(f"w/{number}" for number in range(5)),
+        seeds=tuple(range(seeds)),
+        sweep={"MAX_SPEED": ("0.3", "0.6")},
+        lanes=16,
+        timeout_s=1.0,
+        world_digests={},
+        engine="auto",
+    )
+    return base.model_copy(update=changes)
+
+
+def timing(**changes: object) -> ChunkTiming:
+    base = ChunkTiming(
+        engine="planar",
+        device="cpu",
+        lanes=16,
+        episodes=16,
+        ready_s=0.1,
+        first_s=2.0,
+        slices=47,
+        slices_s=10.0,
+        most_slices=47,
+        peak_bytes=3 << 30,
+    )
+    return base.model_copy(update=changes)
+
+
+def test_worlds_seeds_and_numbers_add_no_compilation():
+    found = engine_plan(plan(), FOLDERS)
+    assert (found.episodes, found.compilations, found.chunks, found.lanes) == (40, 1, 3, 16)
+    assert found.lane_steps_at_most == 40 * 60 * 200
+
+
+def test_each_text_is_a_program():
+    assert engine_plan(plan(sweep={"MODE": ("careful", "bold")}), FOLDERS).compilations == 2
+
+
+def test_the_engine_is_told_with_its_reason():
+    (robot,) = engine_plan(plan(), FOLDERS).robots
+    assert robot.choice
+    assert (robot.robot, robot.choice.engine, robot.choice.why) == ("courier", "planar", "the fastest of all")
+    (robot,) = engine_plan(plan(engine="mujoco"), FOLDERS).robots
+    assert robot.choice
+    assert (robot.choice.engine, robot.choice.why) == ("mujoco", "asked for")
+
+
+def test_a_robot_that_no_engine_takes_is_told_with_the_remedy(tmp_path: Path):
+    (tmp_path / "robot.xml").write_text("<mujoco><worldbody/></mujoco>")
+    asked = plan(robot=PUSHER)
+    found = engine_plan(asked, {**FOLDERS, PUSHER.digest: tmp_path})
+    (robot,) = found.robots
+    assert robot.choice is None
+    assert "robot.xml" in robot.refusal
+    assert found.audited == 0
+
+
+def test_a_hundred_thousand_episodes_are_counted_and_not_listed(monkeypatch: pytest.MonkeyPatch):
+    def listed(*_: object) -> object:
+        pytest.fail("listed")
+
+    monkeypatch.setattr(Layout, "requests", listed)
+    found = engine_plan(plan(seeds=10_000, lanes=256), FOLDERS)
+    assert (found.episodes, found.chunks) == (100_000, 391)
+    assert found.wall_s.high > 100.0
+
+
+def test_what_the_program_took_here_is_what_is_predicted():
+    request = Layout(plan()).request(0)
+    for _ in range(3):
+        remember(program_key(request), timing())
+    found = engine_plan(plan(audit=0), FOLDERS)
+    assert found.known_from == "this very program"
+    assert found.wall_s.low <= 3 * 10.0 <= found.wall_s.high
+    starting_s = 20.0  # Python, JAX and Prefect on a busy machine
+    assert found.wall_s.high < 3 * 10.0 * 1.5 + starting_s
+    assert found.memory_bytes.low < 3 << 30 < found.memory_bytes.high
+
+
+def test_other_programs_say_less_and_none_least():
+    guessed = engine_plan(plan(audit=0), FOLDERS)
+    assert guessed.known_from == "nothing"
+    remember(("another",), timing())
+    forecast._speed_of_engine.cache_clear()  # pyright: ignore[reportPrivateUsage] - as above
+    told = engine_plan(plan(audit=0), FOLDERS)
+    assert told.known_from == "other programs"
+    assert told.wall_s != guessed.wall_s
+
+
+def test_an_audit_and_more_episodes_take_longer():
+    small, large = engine_plan(plan(audit=0), FOLDERS), engine_plan(plan(audit=0, seeds=40), FOLDERS)
+    audited = engine_plan(plan(), FOLDERS)
+    assert small.wall_s.high < large.wall_s.high
+    assert small.wall_s.low < large.wall_s.low
+    assert small.wall_s.low < audited.wall_s.low
+    assert audited.audited == 16
+
+
+def test_planning_imports_no_jax():
+    modules = ", ".join(
+        f"tasks.simulate.{name}" for name in ("plan.chunks", "devices", "forecast.forecast", "chunk.runner")
+    )
+    subprocess.run([sys.executable, "-c", f"import sys, {modules}; assert 'jax' not in sys.modules"], check=True)

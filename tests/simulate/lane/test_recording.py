@@ -1,0 +1,236 @@
+"""Samples are taken where they should be, however slices fall, and tell how an episode ended."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from specs.data.episode import EpisodeResult
+from specs.data.world import World
+from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.lane import recording
+from tasks.simulate.lane.recording import Columns, Ends, Recorder
+from tasks.simulate.plan.chunks import Chunk
+from tests.factories.episodes import passed
+from tests.factories.simulations import pushing
+from tests.simulate.conftest import FOLDERS, PUSHER_LANES
+
+CONTROL_S, ACTUATORS, RAYS = 0.05, 2, 3
+
+
+class Steps(NamedTuple):
+    pose: np.ndarray
+    velocity: np.ndarray
+    goal_index: np.ndarray
+    control: np.ndarray
+    ranges_m: np.ndarray
+    impulse_ns: np.ndarray
+
+
+class Drive(NamedTuple):
+    """All that lanes did, and in which slices it was told."""
+
+    all: Steps
+    ends: Ends
+    slices: list[int]
+    stride: int
+
+
+@st.composite
+def drives(draw: st.DrawFn) -> Drive:
+    slices = draw(st.lists(st.integers(1, 5), min_size=1, max_size=5))
+    lanes, total = draw(st.integers(1, 3)), sum(slices)
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+
+    def drawn(*shape: int) -> np.ndarray:
+        return rng.normal(size=(lanes, *shape)).astype(np.float32)
+
+    steps = Steps(
+        pose=drawn(total, 3),
+        velocity=drawn(total, 3),
+        goal_index=rng.integers(0, 4, (lanes, total)).astype(np.int32),
+        control=drawn(total, ACTUATORS),
+        ranges_m=drawn(total, RAYS),
+        impulse_ns=rng.random((lanes, total)).astype(np.float32),
+    )
+    crashed = np.array(draw(st.lists(st.booleans(), min_size=lanes, max_size=lanes)))
+    done = [draw(st.integers(0 if crash else 1, total - crash)) for crash in crashed]
+    ends = Ends(
+        steps=np.array(done),
+        crashed=crashed,
+        start=drawn(3),
+        pose=drawn(3),
+        velocity=drawn(3),
+        goal_index=np.arange(lanes),
+    )
+    for lane, last in enumerate(done):  # a lane that came to its end stays as it is
+        for mine, all_ in ((ends.pose, steps.pose), (ends.velocity, steps.velocity)):
+            mine[lane] = all_[lane, last - 1] if last else (ends.start[lane] if mine is ends.pose else 0.0)
+            all_[lane, last:] = mine[lane]
+    return Drive(steps, ends, slices, draw(st.integers(1, 4)))
+
+
+def recorded(drive: Drive, *lanes: int, rate_hz: float = 0.0) -> list[Columns]:
+    kept = set(lanes)
+    recorder = Recorder(rate_hz or 1.0 / (drive.stride * CONTROL_S), lambda row: row.index - 70 in kept)
+    recorder.begin(len(drive.ends.steps), CONTROL_S)
+    first = 0
+    for length in drive.slices:
+        done = np.minimum(drive.ends.steps, first + length)
+        idle = np.pad(done, (0, 2))  # lanes that only fill the program
+        part = Steps(
+            *(np.pad(each[:, first : first + length], [(0, 2), *[(0, 0)] * (each.ndim - 1)]) for each in drive.all)
+        )
+        recorder.keep(part, idle)
+        first += length
+    recorder.end(drive.ends, [passed(70 + lane) for lane in range(len(drive.ends.steps))])
+    assert recorder.episodes == [70 + lane for lane in sorted(kept)]
+    return list(recorder.parts())
+
+
+def by_hand(drive: Drive, lane: int) -> list[dict[str, Any]]:
+    end, crashed = int(drive.ends.steps[lane]), bool(drive.ends.crashed[lane])
+    rows: list[dict[str, Any]] = []
+    for step in sorted({*range(0, end, drive.stride), end}):
+        pushed = drive.all.impulse_ns[lane, step : min(step + drive.stride, end)] if step < end else np.zeros(0)
+        at = step - 1
+        acted = step < end or crashed
+        rows.append(
+            {
+                "t_s": round(step * CONTROL_S, 6),
+                "pose": drive.all.pose[lane, at] if step else drive.ends.start[lane],
+                "velocity": drive.all.velocity[lane, at] if step else np.zeros(3),
+                "acted": acted,
+                "control": drive.all.control[lane, step] if acted else None,
+                "ranges_m": drive.all.ranges_m[lane, step] if acted else None,
+                "impulse_ns": pushed.sum(dtype=np.float32),
+            }
+        )
+    return rows
+
+
+def require_same(columns: Columns, drive: Drive, lane: int) -> None:
+    mine = columns["index"] == 70 + lane
+    expected = by_hand(drive, lane)
+    assert mine.sum() == len(expected)
+    for number, row in enumerate(expected):
+        for name, value in row.items():
+            if value is not None:
+                np.testing.assert_allclose(columns[name][mine][number], value, rtol=1e-6, err_msg=f"{name} {number}")
+
+
+@given(drives())
+def test_samples_are_those_that_one_would_take_by_hand(drive: Drive):
+    lanes = range(len(drive.ends.steps))
+    (columns,) = recorded(drive, *lanes)
+    for lane in lanes:
+        require_same(columns, drive, lane)
+    assert list(columns["index"]) == sorted(columns["index"])
+    assert {len(values) for values in columns.values()} == {len(columns["index"])}
+
+
+@given(drives())
+def test_what_does_not_fit_into_memory_comes_out_the_same(drive: Drive):
+    (whole,) = recorded(drive, *range(len(drive.ends.steps)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recording, "_MEMORY_BYTES", 40)
+        patch.setattr(recording, "_PART_BYTES", 1)
+        parts = recorded(drive, *range(len(drive.ends.steps)))
+    assert len(parts) == len(drive.ends.steps)
+    for name, values in whole.items():
+        np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), values)
+
+
+@given(drives(), st.sampled_from([5e-324, 1e-12, 1e-3]))
+def test_the_lowest_rate_keeps_beginning_and_end_and_takes_no_room(drive: Drive, rate_hz: float):
+    total = sum(drive.slices)
+    expected = recorded(drive._replace(stride=total), 0)
+    found = recorded(drive, 0, rate_hz=rate_hz)
+    assert len(found[0]["index"]) <= 2
+    for name, values in expected[0].items():
+        np.testing.assert_array_equal(found[0][name], values)
+
+
+@pytest.mark.parametrize(("rate_hz", "times_s"), [(15.0, [0.0, 0.05, 0.1]), (7.0, [0.0, 0.15, 0.3])])
+def test_a_rate_is_kept_as_the_nearest_whole_number_of_steps(rate_hz: float, times_s: list[float]):
+    recorder, steps, lanes = Recorder(rate_hz, lambda _: True), 9, 1
+    recorder.begin(lanes, CONTROL_S)
+    three, one = np.zeros((lanes, steps, 3), np.float32), np.zeros((lanes, steps), np.float32)
+    recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one), np.array([steps]))
+    whole, none = np.array([steps]), np.zeros(lanes, bool)
+    recorder.end(Ends(whole, none, three[:, 0], three[:, 0], three[:, 0], np.zeros(lanes, int)), [passed(70)])
+    (columns,) = recorder.parts()
+    assert columns["t_s"][:3].tolist() == times_s
+
+
+@given(drives())
+def test_only_wanted_episodes_are_given_away(drive: Drive):
+    assert recorded(drive) == []
+    (columns,) = recorded(drive, 0)
+    assert set(columns["index"]) == {70}
+    require_same(columns, drive, 0)
+
+
+def drive_pushers(pens: dict[str, World], faults: list[str], rate_hz: float) -> tuple[list[EpisodeResult], Recorder]:
+    requests = tuple(
+        pushing(k, world=f"hand/pen-{k % 3}", seed=k, fault=fault, duration_s=2.0 + k / 10)
+        for k, fault in enumerate(faults)
+    )
+    recorder = Recorder(rate_hz, lambda _: True)
+    rows = simulate_chunk(
+        Chunk(number=0, requests=requests),
+        pens,
+        FOLDERS,
+        lanes=PUSHER_LANES,
+        should_stop=lambda: False,
+        recorder=recorder,
+    )
+    return rows, recorder
+
+
+def test_a_simulated_lane_is_recorded_from_its_start_to_its_end(pens: dict[str, World]):
+    rows, recorder = drive_pushers(pens, ["0", "0", "0"], 20.0)
+    (columns,) = recorder.parts()
+    for row in rows:
+        mine = {name: values[columns["index"] == row.index] for name, values in columns.items()}
+        assert mine["t_s"].tolist() == pytest.approx([0.05 * k for k in range(round(row.simulated_s / 0.05) + 1)])
+        assert tuple(mine["pose"][-1].tolist()) == (row.final_x_m, row.final_y_m, row.final_yaw_rad)
+        drawn = {round(pose[0], 3): pose[1:] for pose in row.trajectory}
+        seen = dict(zip(mine["t_s"].round(3).tolist(), map(tuple, mine["pose"].tolist()), strict=True))
+        assert {t_s: seen[t_s] for t_s in drawn} == drawn
+        assert mine["impulse_ns"].sum() == pytest.approx(row.impulse_ns, rel=1e-5)
+        assert mine["acted"].tolist() == [True] * (len(mine["t_s"]) - 1) + [False]
+        # It bumps about in small rooms: what it sees is no farther than the room is wide.
+        assert (mine["ranges_m"][:-1] < 6.0).all()
+        np.testing.assert_allclose(mine["control"][:-1, 2], 1.2 * np.sin(0.9 * mine["t_s"][:-1]), atol=1e-5)
+
+
+def test_half_the_rate_keeps_every_second_sample_and_all_of_the_contacts(pens: dict[str, World]):
+    (every,) = drive_pushers(pens, ["0", "0"], 20.0)[1].parts()
+    (half,) = drive_pushers(pens, ["0", "0"], 10.0)[1].parts()
+    for index in (0, 1):
+        whole, part = every["index"] == index, half["index"] == index
+        np.testing.assert_array_equal(half["pose"][part][:-1], every["pose"][whole][:-1:2])
+        np.testing.assert_array_equal(half["ranges_m"][part][:-1], every["ranges_m"][whole][:-1:2])
+        assert half["impulse_ns"][part].sum() == pytest.approx(every["impulse_ns"][whole].sum(), rel=1e-5)
+
+
+def test_a_crash_shows_the_control_that_did_it(pens: dict[str, World]):
+    rows, recorder = drive_pushers(pens, ["0", "1"], 7.0)
+    (columns,) = recorder.parts()
+    assert rows[1].failure_code == "RobotApplicationCrash"
+    last = np.flatnonzero(columns["index"] == 1)[-1]
+    assert columns["t_s"][last] == rows[1].simulated_s
+    assert columns["acted"][last]
+    assert np.isnan(columns["control"][last]).all()
+    assert not columns["acted"][np.flatnonzero(columns["index"] == 0)[-1]]
+    assert np.isfinite(columns["impulse_ns"]).all()
+
+
+def test_recording_changes_no_result(pens: dict[str, World]):
+    rows, _ = drive_pushers(pens, ["0", "1", "2"], 5.0)
+    requests = tuple(pushing(k, world=f"hand/pen-{k}", seed=k, fault=str(k), duration_s=2.0 + k / 10) for k in range(3))
+    chunk = Chunk(number=0, requests=requests)
+    assert rows == simulate_chunk(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)

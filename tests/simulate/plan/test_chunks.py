@@ -1,0 +1,60 @@
+"""Episodes fall into chunks by program, whole and in order."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from specs.data.episode import EpisodeRequest
+from tasks.simulate.plan.chunks import plan_chunks, program_key, split_environment
+from tests.factories.simulations import delivery, pushing
+
+
+@st.composite
+def batches(draw: st.DrawFn) -> list[EpisodeRequest]:
+    kinds = draw(st.lists(st.booleans(), max_size=40))
+    return [
+        delivery(k, world="w", speed=draw(st.sampled_from(["0.3", "0.6", "fast"])))
+        if courier
+        else pushing(k, world="w")
+        for k, courier in enumerate(kinds)
+    ]
+
+
+@given(batches(), st.integers(1, 9))
+def test_every_episode_is_in_one_chunk_of_its_program(requests: list[EpisodeRequest], lanes: int):
+    chunks = plan_chunks(requests, lanes)
+    assert [chunk.number for chunk in chunks] == list(range(len(chunks)))
+    assert sorted(r.index for chunk in chunks for r in chunk.requests) == [r.index for r in requests]
+    for chunk in chunks:
+        assert 1 <= len(chunk.requests) <= lanes
+        assert len({program_key(request) for request in chunk.requests}) == 1
+
+
+@given(batches(), st.integers(1, 9))
+def test_only_the_last_chunk_of_a_program_is_not_full(requests: list[EpisodeRequest], lanes: int):
+    chunks = plan_chunks(requests, lanes)
+    full = [chunk for chunk in chunks if len(chunk.requests) == lanes]
+    programs = {program_key(request) for request in requests}
+    assert len(chunks) - len(full) <= len(programs)
+
+
+def test_numeric_variables_share_a_program_and_texts_do_not():
+    slow, fast = delivery(0, world="w", speed="0.3"), delivery(1, world="w", speed="6e-1")
+    named = delivery(2, world="w", speed="fast")
+    assert program_key(slow) == program_key(fast) != program_key(named)
+
+
+def test_a_value_for_another_variable_is_another_program():
+    request = delivery(0, world="w")
+    other = request.model_copy(update={"environment": {"MIN_SPEED": "0.6"}})
+    assert program_key(request) != program_key(other)
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "1e999", "1_000", "0x10", "", " 1", "-", "fast"])
+def test_what_is_no_plain_finite_number_stays_a_text(text: str):
+    assert split_environment({"NAME": text}) == ({}, {"NAME": text})
+
+
+def test_no_lanes_are_refused():
+    with pytest.raises(ValueError, match="at least 1"):
+        plan_chunks([], 0)

@@ -1,0 +1,38 @@
+"""A document's simulation section as a plan."""
+
+from typing import Any
+
+import pytest
+
+from flows.document.references import finder
+from specs.errors import DocumentError
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.robomaker.bundle import ApplicationKind, Version
+from tasks.simulate.plan.resolve import plan_batch
+from tasks.storage.base.store import Store
+
+WORLD = "g/w"
+
+
+def version(kind: ApplicationKind, reference: str, number: str | None) -> Version:
+    return Version(kind=kind, name=reference, number=1, digest="a" * 64, size_bytes=1, created_at_s=0.0)
+
+
+def section(**launch: str) -> SimulationBatch:
+    use: dict[str, Any] = {"application": "mine", "launchConfig": {"packageName": "p", **launch}}
+    entry = {"maxJobDurationInSeconds": 60, "robotApplications": [use], "simulationApplications": [use]}
+    return SimulationBatch.model_validate({"createSimulationJobRequests": [entry]})
+
+
+@pytest.mark.parametrize("file", ["rotate", "rotate.py", "rotate.launch", "rotate.launch.py"])
+def test_a_launch_file_is_a_module_by_whatever_ending_old_documents_name_it(file: str):
+    (template,) = plan_batch(section(launchFile=file), [WORLD], {WORLD: ""}, version).templates
+    assert template.robot.launch_file == template.scenario.launch_file == "rotate"
+
+
+def test_a_malformed_arn_is_a_fault_of_the_document(file_store: Store):
+    batch = section(launchFile="rotate").model_dump(mode="json", exclude_none=True)
+    arn = "arn:aws:robomaker:us-east-1:1:robot-applicationMine"
+    batch["createSimulationJobRequests"][0]["robotApplications"][0]["application"] = arn
+    with pytest.raises(DocumentError, match="robot-applicationMine"):
+        plan_batch(SimulationBatch.model_validate(batch), [WORLD], {WORLD: ""}, finder(file_store, {}))

@@ -1,0 +1,99 @@
+"""The lidar measures what MuJoCo's own rays measure."""
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from specs.data.world import World
+from tasks.simulate.application.sensors import Lidar, ray_angles
+from tasks.simulate.surroundings.lidar import scan_ranges
+from tasks.simulate.surroundings.obstacles import obstacles
+from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, padded_silhouettes, silhouettes
+from tests.factories.simulations import COURIER, FAULTY, FOLDERS, cluttered, pen
+from tests.simulate.reference import reference_model, reference_ranges
+
+WORLD = pen(6.0, 1)
+
+
+def on_device(seen: HostSilhouettes) -> Silhouettes:
+    return Silhouettes(*map(jnp.asarray, seen))
+
+
+SEEN = on_device(padded_silhouettes([silhouettes(obstacles(WORLD, 0.199, 0.201))])[0])
+
+
+_TURNS = [np.array([0.0, 0.0, turn]) for turn in (-2e-5, 0.0, 2e-5)]
+LIDAR = Lidar(rays=32, range_m=10.0, height_m=0.2)
+ANGLES = ray_angles(LIDAR)
+SCAN = jax.jit(lambda pose: scan_ranges(SEEN, pose, ANGLES, LIDAR.range_m))
+SCAN_LANES = jax.jit(jax.vmap(lambda seen, pose: scan_ranges(seen, pose, ANGLES, LIDAR.range_m)))
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return reference_model(FOLDERS[COURIER] / "robot.xml", WORLD)
+
+
+@pytest.mark.parametrize("world", [WORLD, cluttered(2)], ids=["pen", "apartment"])
+def test_every_range_agrees_with_mujocos_within_a_millimetre(world: World):
+    """A ray that passes an edge by a hair's breadth may see either side of it: a beam of 0.002 degrees decides."""
+    model = reference_model(FOLDERS[COURIER] / "robot.xml", world)
+    seen = on_device(padded_silhouettes([silhouettes(obstacles(world, 0.199, 0.201))])[0])
+    rng = np.random.default_rng(0)
+    poses = np.column_stack([rng.uniform(-0.7, 0.7, (100, 2)), rng.uniform(-np.pi, np.pi, 100)]).astype(np.float32)
+    ours = np.asarray(jax.vmap(lambda pose: scan_ranges(seen, pose, ANGLES, LIDAR.range_m))(jnp.asarray(poses)))
+    theirs = np.stack(
+        [[reference_ranges(model, LIDAR, pose.astype(np.float64) + turn) for pose in poses] for turn in _TURNS]
+    )
+    assert (theirs < 9.9).mean() > 0.9
+    assert (ours > theirs.min(axis=0) - 1e-3).all()
+    assert (ours < theirs.max(axis=0) + 1e-3).all()
+    assert np.quantile(np.abs(ours - theirs[1]), 0.99) < 2e-5
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.integers(0, 31))
+def test_turning_by_a_ray_shifts_the_ranges_by_one(x: float, y: float, ray: int):
+    step = 2 * np.pi / 32
+    ahead = np.asarray(SCAN(jnp.array([x, y, 0.0])))
+    turned = np.asarray(SCAN(jnp.array([x, y, ray * step])))
+    assert np.mean(np.abs(np.roll(ahead, -ray) - turned) > 1e-3) <= 2 / 32
+
+
+def test_nothing_near_gives_the_range():
+    nothing = on_device(padded_silhouettes([silhouettes(obstacles(WORLD, 5.0, 6.0))])[0])
+    ranges = scan_ranges(nothing, jnp.zeros(3), ANGLES, 7.5)
+    np.testing.assert_array_equal(ranges, np.full(32, 7.5, np.float32))
+
+
+def test_the_reference_sees_no_part_of_the_robot(model: mujoco.MjModel):
+    alone = reference_model(FOLDERS[FAULTY] / "robot.xml", WORLD.model_copy(update={"walls": (), "furniture": ()}))
+    assert (reference_ranges(alone, LIDAR, np.zeros(3)) == 10.0).all()
+
+
+def test_each_lane_sees_its_own_world_whatever_is_in_the_others():
+    worlds = [pen(6.0, seed) for seed in range(8)]
+    worlds[3] = worlds[3].model_copy(update={"furniture": ()})
+    seen = padded_silhouettes([silhouettes(obstacles(world, 0.199, 0.201)) for world in worlds])
+    poses = np.random.default_rng(1).uniform(-1.2, 1.2, (8, 3)).astype(np.float32)
+    stacked = Silhouettes(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)))
+    together = SCAN_LANES(stacked, poses)
+    for ranges, each, pose in zip(together, seen, poses, strict=True):
+        np.testing.assert_allclose(ranges, scan_ranges(on_device(each), jnp.asarray(pose), ANGLES, 10.0), atol=1e-5)
+    assert len({float(ranges.sum()) for ranges in together}) == 8
+
+
+def test_padding_is_not_looked_at():
+    beyond = jnp.arange(256)[:, None] >= SEEN.counts[0] + 8
+    spoiled = SEEN._replace(upright=jnp.where(beyond, 0.01, SEEN.upright))
+    np.testing.assert_array_equal(scan_ranges(spoiled, jnp.zeros(3), ANGLES, 10.0), SCAN(jnp.zeros(3)))
+
+
+def test_a_field_of_view_is_swept_from_right_to_left():
+    lidar = Lidar(rays=5, range_m=10.0, height_m=0.2, fov_rad=np.pi)
+    np.testing.assert_allclose(ray_angles(lidar), np.radians([-90, -45, 0, 45, 90]), atol=1e-6)
+    np.testing.assert_array_equal(ray_angles(lidar._replace(rays=1)), [0.0])

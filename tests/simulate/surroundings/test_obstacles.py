@@ -1,0 +1,38 @@
+"""Worlds become arrays of the solids at the robot's height, of few different sizes."""
+
+import numpy as np
+
+from tasks.simulate.surroundings.obstacles import PARKING_M, obstacles, padded
+from tests.factories.simulations import cluttered
+from tests.factories.worlds import apartment
+
+
+def test_only_solids_in_the_band_of_heights_are_kept():
+    low = obstacles(apartment(), 0.02, 0.38)
+    high = obstacles(apartment(), 2.2, 2.3)
+    # 6 walls, the sofa's seat and the table are low; the lintel, and the walls, are high.
+    assert len(low.boxes) == 8
+    assert len(low.cylinders) == 2
+    assert len(high.boxes) == 7
+    assert len(high.cylinders) == 0
+
+
+def test_a_solid_that_only_touches_the_band_is_left_out():
+    assert len(obstacles(apartment(), 0.08, 0.2).cylinders) == 1  # the lamp's pole; its foot ends at 0.08 m
+
+
+def test_padding_keeps_the_solids_and_parks_the_rest_far_away():
+    few, many = (obstacles(world, 0.02, 0.38) for world in (apartment(), cluttered(1)))
+    first, second = padded([few, many])
+    assert first.boxes.shape == second.boxes.shape
+    assert first.cylinders.shape == second.cylinders.shape
+    np.testing.assert_array_equal(first.boxes[: len(few.boxes)], few.boxes)
+    assert (np.abs(first.boxes[len(few.boxes) :, :2]) >= PARKING_M).all()
+    assert (np.abs(first.cylinders[len(few.cylinders) :, :2]) >= PARKING_M).all()
+
+
+def test_another_world_does_not_change_the_shapes():
+    alone = padded([obstacles(apartment(), 0.02, 0.38)])[0]
+    together = padded([obstacles(cluttered(seed), 0.02, 0.38) for seed in range(5)])[0]
+    assert alone.boxes.shape == together.boxes.shape
+    assert alone.cylinders.shape == together.cylinders.shape

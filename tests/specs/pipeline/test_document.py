@@ -1,0 +1,152 @@
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields
+from specs.pipeline.world_sections import FORMATS
+
+JOB: dict[str, Any] = {
+    "maxJobDurationInSeconds": 60,
+    "robotApplications": [{"application": "courier", "launchConfig": {}}],
+    "simulationApplications": [{"application": "delivery", "launchConfig": {}}],
+}
+GENERATION = {"template": "two-rooms", "worldCount": {"floorplanCount": 2}}
+BATCH = {"createSimulationJobRequests": [JOB]}
+PLACE = {"s3Bucket": "worlds"}
+DEPLOYMENT: dict[str, Any] = {
+    "fleet": "couriers",
+    "deploymentApplicationConfigs": [
+        {"application": "courier", "launchConfig": {"packageName": "courier", "launchFile": "run.sh"}}
+    ],
+}
+
+
+def spec(**sections: object) -> PipelineSpec:
+    return PipelineSpec.model_validate({"name": "nightly", **sections})
+
+
+def faults(**sections: object) -> list[tuple[str, str]]:
+    with pytest.raises(ValidationError) as caught:
+        spec(**sections)
+    return [(".".join(map(str, error["loc"])), error["msg"]) for error in caught.value.errors()]
+
+
+def test_a_pipeline_with_nothing_to_do_is_refused():
+    assert [place for place, _ in faults(applications=[])] == [""]
+
+
+def test_a_gate_needs_a_batch():
+    gate = {"successRate": {"atLeast": 0.9}}
+
+    assert faults(worldGeneration=GENERATION, gate=gate) == [
+        ("gate", "simulationBatch beside it, whose results it judges")
+    ]
+    spec(worldGeneration=GENERATION, simulationBatch=BATCH, gate=gate)
+
+
+def test_a_batch_without_generation_must_name_its_worlds():
+    assert [place for place, _ in faults(simulationBatch=BATCH)] == ["simulationBatch.matrix.worlds"]
+    spec(simulationBatch={**BATCH, "matrix": {"worlds": ["night-1/world-1-1"]}})
+
+
+def test_a_request_may_bring_its_own_world():
+    world = {"worldConfigs": [{"world": "night-1/world-1-1"}]}
+    job = {**JOB, "simulationApplications": [{"application": "delivery", "launchConfig": {}, **world}]}
+
+    spec(simulationBatch={"createSimulationJobRequests": [job]})
+    assert faults(simulationBatch={"createSimulationJobRequests": [job, JOB]})
+
+
+def test_an_export_without_generation_must_name_its_worlds():
+    assert [place for place, _ in faults(worldExport={"outputLocation": PLACE})] == ["worldExport.worlds"]
+    spec(worldExport={"outputLocation": PLACE, "worlds": ["arn:aws:robomaker:us-west-2:1:world/A/B"]})
+
+
+@pytest.mark.parametrize(("plans", "interiors"), [(300, 1), (17, 3), (1, 51)])
+def test_more_than_50_worlds_are_refused_before_anything_runs(plans: int, interiors: int):
+    count = {"floorplanCount": plans, "interiorCountPerFloorplan": interiors}
+
+    ((place, allowed),) = faults(worldGeneration={**GENERATION, "worldCount": count})
+
+    assert place == "worldGeneration.worldCount"
+    assert allowed.startswith("at most 50 worlds; ")
+
+
+def test_an_export_of_more_worlds_than_a_job_writes_is_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SIMYARD_MAX_WORLDS", "500")
+    generation = {**GENERATION, "worldCount": {"floorplanCount": 101}}
+
+    ((place, allowed),) = faults(worldGeneration=generation, worldExport={"outputLocation": PLACE})
+
+    assert (place, allowed) == ("worldExport.worlds", "at most 100 worlds, by name; 101 are generated")
+    spec(worldGeneration=generation)
+
+
+def test_50_worlds_are_allowed():
+    spec(worldGeneration={**GENERATION, "worldCount": {"floorplanCount": 10, "interiorCountPerFloorplan": 5}})
+
+
+def test_all_formats_are_known_by_name_and_no_other():
+    spec(worldGeneration=GENERATION, worldExport={"outputLocation": PLACE, "formats": list(FORMATS)})
+    errors = dict(faults(worldGeneration=GENERATION, worldExport={"outputLocation": PLACE, "formats": ["fbx"]}))
+    assert all(name in errors["worldExport.formats.0"] for name in FORMATS)
+
+
+def test_an_output_location_needs_a_bucket():
+    assert faults(worldGeneration=GENERATION, worldExport={"outputLocation": {"s3Prefix": "a"}}) == [
+        ("worldExport.outputLocation", "a place with s3Bucket")
+    ]
+
+
+@pytest.mark.parametrize("seeds", [0, True, "8", [1, 1], [], [-1], 1.5])
+def test_seeds_are_a_positive_number_or_different_numbers(seeds: object):
+    assert faults(worldGeneration=GENERATION, simulationBatch={**BATCH, "matrix": {"seeds": seeds}})
+
+
+def test_an_application_is_published_once():
+    twice = [{"name": "courier", "source": "a"}, {"name": "courier", "kind": "robot", "source": "b"}]
+
+    assert [place for place, _ in faults(applications=twice)] == ["applications.1.name"]
+    spec(applications=[{"name": "courier", "source": "a"}, {"name": "courier", "kind": "simulation", "source": "b"}])
+
+
+def test_a_demonstration_fleet_has_at_most_20_agents():
+    spec(deployment={**DEPLOYMENT, "fleet": {"name": "couriers", "localAgents": 20}})
+    assert faults(deployment={**DEPLOYMENT, "fleet": {"name": "couriers", "localAgents": 21}})
+
+
+@pytest.mark.parametrize("version", ["$LATEST", 1, "one"])
+def test_a_deployment_names_a_numbered_version_or_none(version: object):
+    application = {**DEPLOYMENT["deploymentApplicationConfigs"][0], "applicationVersion": version}
+
+    assert faults(deployment={**DEPLOYMENT, "deploymentApplicationConfigs": [application]})
+
+
+def test_equal_documents_have_equal_digests_however_they_are_written():
+    short = spec(worldGeneration=GENERATION, simulationBatch=BATCH)
+    long = spec(
+        simulationBatch={"engine": "auto", "matrix": {"worlds": "all", "seeds": 1}, **BATCH},
+        worldGeneration={"seed": 0, **GENERATION},
+    )
+
+    assert canonical_digest(short) == canonical_digest(long)
+    assert canonical_digest(short) != canonical_digest(spec(worldGeneration={**GENERATION, "seed": 1}))
+
+
+def test_fields_that_only_aws_had_are_named_and_tags_are_not_searched_for_them():
+    job = {**JOB, "iamRole": "arn:aws:iam::1:role/a", "compute": {}, "tags": {"command": "x"}}
+
+    named = inert_fields(spec(worldGeneration=GENERATION, simulationBatch={"createSimulationJobRequests": [job, job]}))
+
+    assert named == [
+        "simulationBatch.createSimulationJobRequests[*].compute",
+        "simulationBatch.createSimulationJobRequests[*].iamRole",
+    ]
+
+
+def test_the_schema_for_prefects_form_has_titles_and_lists_every_section():
+    schema = PipelineSpec.model_json_schema()
+
+    assert set(schema["properties"]) == set(PipelineSpec.model_fields)
+    assert schema["$defs"]["WorldGeneration"]["properties"]["seed"]["title"] == "Seed"

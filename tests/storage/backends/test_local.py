@@ -1,0 +1,199 @@
+"""What is particular to a store in a folder; what it promises is in tests/contracts."""
+
+import errno
+import os
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, StoreUnsafe
+from tasks.storage.backends import local
+from tasks.storage.backends.local import LocalStore
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
+
+_NOBODY = 65534
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> LocalStore:
+    return LocalStore(tmp_path / "store")
+
+
+def test_every_write_leaves_only_the_object_and_hidden_locks(folder: LocalStore, tmp_path: Path) -> None:
+    etag = folder.create("a/1", b"1")
+    folder.replace("a/1", b"2", etag)
+    folder.put("a/1", b"3")
+    (tmp_path / "source").write_bytes(b"4")
+    folder.upload("a/1", tmp_path / "source")
+    assert [path.name for path in (folder.root / "a").iterdir()] == ["1"]
+    assert folder.keys("") == ["a/1"]
+
+
+def test_what_a_dead_writer_left_is_never_listed(folder: LocalStore) -> None:
+    folder.create("a/1", b"1")
+    (folder.root / "a" / ".tmp-0123").write_bytes(b"half")
+    assert folder.keys("") == ["a/1"]
+
+
+def test_an_upload_that_is_killed_leaves_nothing_under_the_key(file_store: Store, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    os.mkfifo(source)
+    work = f"from tests.servers.racers import upload; upload({file_store.url!r}, 'big.bin', {str(source)!r})"
+    child = subprocess.Popen([sys.executable, "-c", work])
+    with source.open("wb") as half:
+        half.write(b"x" * (4 << 20))  # more than a pipe holds, so the child has written some of it
+        child.kill()
+        child.wait()
+    assert list((tmp_path / "store").glob(".tmp-*"))
+    assert file_store.keys("") == ["store.json"]
+    assert not file_store.exists("big.bin")
+
+
+@pytest.mark.parametrize("method", ["put", "delete", "upload"])
+def test_nothing_is_written_between_a_comparison_and_its_replacement(
+    folder: LocalStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    (tmp_path / "source").write_bytes(b"other")
+    other = {"put": (b"other",), "delete": (), "upload": (tmp_path / "source",)}[method]
+    writer = Thread(target=lambda: getattr(folder, method)("a.json", *other))
+    etag = folder.create("a.json", b"1")
+    real, reads = Path.read_bytes, list[Path]()
+
+    def read_bytes(self: Path) -> bytes:
+        body = real(self)
+        reads.append(self)
+        if len(reads) == 2:  # the first only spares the writing
+            writer.start()
+            writer.join(0.3)  # without a lock it would be done by then
+        return body
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_bytes", read_bytes)
+        folder.replace("a.json", b"2", etag)
+    writer.join()
+    assert not folder.exists("a.json") or folder.get("a.json").body == b"other"
+
+
+@pytest.mark.parametrize("method", ["create", "put"])
+def test_a_write_is_on_the_disk_before_it_is_acknowledged(
+    folder: LocalStore, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder.root / ".locks").mkdir(parents=True)
+    settled: list[str] = []
+    real = os.fsync
+
+    def fsync(descriptor: int) -> None:
+        settled.append("folder" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else "file")
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    getattr(folder, method)("a.json", b"1")
+    assert settled == ["file", "folder"]
+
+
+def test_new_folders_are_on_the_disk_before_a_write_is_acknowledged(
+    folder: LocalStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settled: list[str] = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: settled.append(_path_of(descriptor)))
+    folder.create("a/b/1", b"1")
+    for parent in (folder.root.parent, folder.root, folder.root / "a", folder.root / "a/b"):
+        assert str(parent) in settled
+
+
+def test_a_disk_without_links_is_unsafe(folder: LocalStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Path, target: Path) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    with pytest.raises(StoreUnsafe, match="hard links"):
+        folder.create("a.json", b"1")
+    assert folder.keys("") == []
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(folder: LocalStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fsync(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    folder.create("a/1", b"1")
+    monkeypatch.setattr(os, "fsync", fsync)
+    with pytest.raises(StoreError, match="No space left"):
+        folder.put("a/1", b"2")
+    assert [path.name for path in (folder.root / "a").iterdir()] == ["1"]
+    assert folder.get("a/1").body == b"1"
+
+
+def test_a_root_that_is_a_file_is_unreachable(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(StoreUnreachable, match="folder"):
+        LocalStore(tmp_path / "file").create("a.json", b"1")
+
+
+def test_a_folder_that_may_not_be_written_is_denied(tmp_path: Path) -> None:
+    tmp_path.chmod(0o555)
+    work = (
+        "import os, sys; from pathlib import Path; from tasks.storage.backends.local import LocalStore; "
+        "from specs.errors import StoreAccessDenied\n"
+        "store = LocalStore(Path(sys.argv[1]))\n"
+        "if os.getuid() == 0: os.setuid(int(sys.argv[2]))\n"
+        "try: store.put('a.json', b'1')\n"
+        "except StoreAccessDenied as exc: sys.exit(str(exc))\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", work, str(tmp_path / "store"), str(_NOBODY)], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 1
+    assert "make the folder writable" in ended.stderr
+
+
+def test_a_read_only_disk_is_denied(folder: LocalStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    def mkdir(self: Path, mode: int = 0o777, *, parents: bool = False, exist_ok: bool = False) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    with pytest.raises(StoreAccessDenied, match="Read-only"):
+        folder.put("a.json", b"1")
+
+
+def _path_of(descriptor: int) -> str:
+    return str(Path(f"/proc/self/fd/{descriptor}").readlink())
+
+
+def test_what_a_killed_upload_left_is_swept_and_nothing_else(tmp_path: Path) -> None:
+    store = open_store((tmp_path / "store").as_uri())
+    source = tmp_path / "big"
+    with source.open("wb") as file:
+        file.truncate(1 << 30)
+    work = f"from tests.servers.racers import upload; upload({store.url!r}, 'big.bin', {str(source)!r})"
+    child = subprocess.Popen([sys.executable, "-c", work])
+    while not list((tmp_path / "store").glob(".tmp-*")):
+        assert child.poll() is None
+        time.sleep(0.001)
+    child.kill()
+    child.wait()
+    if store.exists("big.bin"):
+        pytest.skip("this disk is faster than this test")
+    store.sweep("other.bin")
+    assert list((tmp_path / "store").glob(".tmp-*"))
+    store.sweep("big.bin")
+    assert not list((tmp_path / "store").glob(".tmp-*"))
+
+
+def test_who_is_paused_with_a_lock_is_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local, "_LONGEST_WAIT_S", 0.1)
+    store = LocalStore(tmp_path)
+    etag = store.create("a.json", b"1")
+    with store._locked("a.json"):
+        with pytest.raises(StoreUnreachable, match="paused"):
+            store.replace("a.json", b"2", etag)
+        with pytest.raises(StoreUnreachable, match="paused"):
+            store.put("a.json", b"2")
+        assert store.get("a.json").body == b"1"
+    store.replace("a.json", b"2", etag)
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["a.json"]

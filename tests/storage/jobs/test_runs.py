@@ -1,0 +1,83 @@
+"""Runs: the same document continues what did not end, and begins anew after an end."""
+
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from pydantic import JsonValue
+
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import advance, is_terminal, records
+from tasks.storage.jobs.runs import begun, stage_token
+from tasks.storage.store_url import open_store
+
+IDENTITY: dict[str, JsonValue] = {"flow": "pipeline", "spec": {"name": "nightly"}}
+
+
+def _ended(store: Store) -> str:
+    with begun(store, IDENTITY) as run:
+        assert not is_terminal(run)
+        advance(store, "pipeline-run", run.id, "Completed")
+    return run.id
+
+
+def test_a_run_that_did_not_end_is_continued(file_store: Store):
+    with begun(file_store, IDENTITY) as first:
+        pass
+    with begun(file_store, IDENTITY) as second:
+        assert second.id == first.id
+
+
+def test_after_an_end_the_next_run_begins(file_store: Store):
+    assert len({_ended(file_store) for _ in range(9)}) == 9
+    assert len(records(file_store, "pipeline-run")) == 9
+
+
+def test_another_document_is_another_run(file_store: Store):
+    with (
+        begun(file_store, IDENTITY) as run,
+        begun(file_store, {"flow": "pipeline", "spec": {"name": "weekly"}}) as other,
+    ):
+        assert run.id != other.id
+
+
+def test_the_first_run_of_a_document_has_the_same_id_in_every_store(
+    file_store: Store, tmp_path_factory: pytest.TempPathFactory
+):
+    other = open_store(tmp_path_factory.mktemp("other").as_uri())
+    assert _ended(file_store) == _ended(other)
+
+
+def test_stages_of_one_run_have_tokens_that_robomaker_would_accept(file_store: Store):
+    with begun(file_store, IDENTITY) as run:
+        tokens = {stage_token(run, stage) for stage in ("worlds", "deployment")}
+    assert len(tokens) == 2
+    assert all(len(token) <= 64 and token.replace("-", "").isalnum() for token in tokens)
+
+
+def test_who_waited_for_another_process_finds_the_run_ended(file_store: Store):
+    other = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            textwrap.dedent(f"""
+                import time
+                from tasks.storage.store_url import open_store
+                from tasks.storage.jobs.records import advance
+                from tasks.storage.jobs.runs import begun
+                store = open_store({file_store.url!r})
+                with begun(store, {IDENTITY!r}) as run:
+                    print("holding", flush=True)
+                    time.sleep(1.0)
+                    advance(store, "pipeline-run", run.id, "Completed")
+            """),
+        ],
+        stdout=subprocess.PIPE,
+    )
+    with other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"holding\n"
+        with begun(file_store, IDENTITY) as run:
+            assert is_terminal(run)
+    assert len(records(file_store, "pipeline-run")) == 1

@@ -1,0 +1,124 @@
+"""The search finds good layouts once, and draws among them."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from tasks.worlds.brief import Brief, brief_of
+from tasks.worlds.floorplan.room_layouts import Layouts, common_walls
+from tasks.worlds.floorplan.scoring import CONNECTION, WALL_M, score
+from tasks.worlds.floorplan.search import draw_layout, good_layouts
+from tasks.worlds.rejection import WorldRejected
+from tests.worlds.briefs import brief, flat, wish
+from tests.worlds.templates import sample
+
+
+def drawn(home: Brief, seeds: int) -> list[Layouts]:
+    return [draw_layout(np.random.default_rng(seed), home) for seed in range(seeds)]
+
+
+def deviations(layout: Layouts, home: Brief) -> list[float]:
+    """Returns by what share each room misses its wished aspect."""
+    cells = layout.cells()[:, :, 0]
+    width, height = cells[2:] - cells[:2] - WALL_M
+    ratio = width / height / np.array([room.aspect for room in home.rooms])
+    return (np.maximum(ratio, 1.0 / ratio) - 1.0).tolist()
+
+
+def pattern(layout: Layouts) -> bytes:
+    """Returns which room is wholly left of which, and below which."""
+    cells = layout.cells()[:, :, 0]
+    return (cells[2:, :, None] <= cells[:2, None] + 1e-6).tobytes()
+
+
+def test_rooms_that_fit_side_by_side_get_their_wished_shape() -> None:
+    home = brief_of(sample("two-rooms"))
+    assert max(max(deviations(layout, home)) for layout in drawn(home, 20)) <= 0.25
+
+
+def test_four_default_rooms_are_squares_in_a_square() -> None:
+    home = brief_of(sample("task-06-same-flooring"))
+    for layout in drawn(home, 20):
+        assert max(deviations(layout, home)) < 0.2
+        assert 0.8 < layout.lines[2, 0] / layout.lines[3, 0] < 1.25
+
+
+def test_all_connections_of_a_flat_are_met_and_no_room_is_far_from_its_shape() -> None:
+    home = flat()
+    demands = good_layouts(home).demands
+    layouts = drawn(home, 50)
+    for layout in layouts:
+        assert (common_walls(layout.cells(), *demands.pairs)[:, 0] >= demands.shared_m - 1e-6).all()
+    assert np.percentile([each for layout in layouts for each in deviations(layout, home)], 95) < 1.0
+
+
+def test_different_seeds_give_visibly_different_layouts() -> None:
+    home = flat()
+    layouts = drawn(home, 50)
+    assert len({pattern(layout) for layout in layouts}) >= 15
+    assert len({layout.lines.tobytes() for layout in layouts}) == 50
+    assert max(Counter(map(pattern, layouts)).values()) <= 12
+
+
+def test_the_same_stream_draws_the_same_layout() -> None:
+    good_layouts.cache_clear()
+    first = drawn(flat(), 3)
+    good_layouts.cache_clear()
+    assert [each.lines.tobytes() for each in drawn(flat(), 3)] == [each.lines.tobytes() for each in first]
+
+
+def test_drawn_layouts_are_whole_centimetres_with_their_corner_at_the_origin() -> None:
+    for layout in drawn(flat(), 10):
+        np.testing.assert_allclose(layout.lines * 100, np.round(layout.lines * 100), atol=1e-9)
+        assert layout.cells()[:2].min(axis=(1, 2)).tolist() == [0.0, 0.0]
+
+
+def test_mirror_images_and_stretched_layouts_cost_little_more() -> None:
+    good = good_layouts(flat())
+    for layout in drawn(flat(), 30):
+        assert score(layout, good.demands)[0] <= good.scores.max() + 0.5
+
+
+def test_the_best_layout_is_drawn_most_often() -> None:
+    good = good_layouts(flat())
+    assert good.chance.sum() == pytest.approx(1.0)
+    assert (np.diff(good.chance) <= 1e-12).all()
+    assert good.chance[0] > 1.5 * good.chance[-1]
+    assert (np.diff(good.scores) >= 0.0).all()
+
+
+def test_no_layout_is_drawn_that_leaves_out_a_connection_which_others_have() -> None:
+    for home in (flat(), brief(*(wish(n) for n in "ABCDE"), connections=tuple((a, (a + 1) % 5) for a in range(5)))):
+        scores = good_layouts(home).scores
+        assert scores.max() // CONNECTION == scores.min() // CONNECTION
+
+
+def test_a_bathroom_is_no_thoroughfare_without_a_wish() -> None:
+    home = brief(wish("Bed", "Bedroom"), wish("Bath", "Bathroom"), wish("Kitchen", "Kitchen"))
+    for layout in drawn(home, 10):
+        bath, other = np.array([0, 2]), np.array([2, 0])
+        assert (common_walls(layout.cells(), bath, other) >= 1.2).all()
+
+
+@pytest.mark.parametrize(
+    ("home", "reason"),
+    [
+        (brief(wish("Cupboard", "Closet", 2.0)), r"2\.1 m wide.*Cupboard, has 2 m2; make a room larger"),
+        (brief(wish("Hall", area_m2=30.0), wish("Cupboard", area_m2=1.0)), r"joins them all by doorways of 0\.90 m"),
+        (
+            brief(wish("Hall", area_m2=30.0), wish("Cupboard", area_m2=1.0), radius_m=0.6),
+            r"radius needs rooms at least 1\.43 m wide, and Cupboard has 1 m2",
+        ),
+    ],
+)
+def test_a_brief_without_a_usable_layout_is_refused_with_the_reason(home: Brief, reason: str) -> None:
+    with pytest.raises(WorldRejected, match=reason) as caught:
+        good_layouts(home)
+    assert caught.value.code == "InvalidInput"
+
+
+def test_the_smallest_six_rooms_are_nearly_squares() -> None:
+    home = brief(*(wish(f"C{n}", "Closet", 10.0) for n in range(6)))
+    for layout in drawn(home, 10):
+        assert max(deviations(layout, home)) < 0.25

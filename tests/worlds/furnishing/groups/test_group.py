@@ -1,0 +1,45 @@
+"""Groups lie in a frame of their own, which turns by quarters."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tasks.worlds.furnishing.groups.group import Group, Member, Zone, around, front_zone
+from tasks.worlds.geometry.boxes import Box
+
+BED = Member("Beds", (1.8, 2.0, 1.0))
+STAND = Member("Nightstands", (0.4, 0.4, 0.5), (1.1, -0.8), needed=False)
+GROUP = Group((BED, STAND), (Zone(Box(-0.9, 1.0, 0.9, 1.6)),))
+
+
+def test_a_piece_turned_by_a_quarter_swaps_its_extents() -> None:
+    assert Member("Sofas", (2.0, 1.0, 0.8), (1.0, 0.0), quarter=1).body == Box(0.5, -1.0, 1.5, 1.0)
+
+
+def test_a_piece_askew_needs_more_room() -> None:
+    body = Member("Ottomans", (1.0, 1.0, 0.4), askew=math.pi / 4).body
+    assert body.width == pytest.approx(2**0.5)
+
+
+def test_a_chair_under_a_table_covers_what_shows() -> None:
+    assert Member("DiningChairs", (0.45, 0.5, 0.9), under=0.2).covers == pytest.approx(0.45 * 0.3)
+
+
+def test_the_boxes_of_a_group_turn_with_it() -> None:
+    np.testing.assert_allclose(GROUP.boxes[:, 0].T, [BED.body, STAND.body, GROUP.zones[0].box])
+    np.testing.assert_allclose(GROUP.boxes[:, 1, 2], (-1.6, -0.9, -1.0, 0.9))
+    np.testing.assert_allclose(GROUP.boxes[:, 2, 2], (-0.9, -1.6, 0.9, -1.0))
+    np.testing.assert_allclose(GROUP.boxes[:, 3, 2], (1.0, -0.9, 1.6, 0.9))
+
+
+def test_a_group_reaches_as_far_as_its_members() -> None:
+    needed, everyone = GROUP.reach
+    assert needed == BED.body
+    assert everyone == around([BED.body, STAND.body])
+    assert GROUP.needed == [0]
+    assert GROUP.area == pytest.approx(3.6)
+
+
+def test_the_floor_before_a_piece_begins_at_its_front() -> None:
+    assert front_zone((1.0, 0.6, 2.0), 0.8, 0.1).box == Box(-0.6, 0.3, 0.6, 1.1)

@@ -1,0 +1,56 @@
+"""Distances on the grid are never longer than they are, and hardly shorter."""
+
+import pytest
+
+from specs.data.world import Solid
+from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry.clearance import connected_share, measure_clearance, reaches_room
+
+HALL = Box(-2.0, -1.0, 6.0, 1.0)
+
+
+def block(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float] = (0.0, 1.0)) -> Solid:
+    return Solid(
+        name=f"{x}{y}",
+        shape="box",
+        center_m=((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, (z[0] + z[1]) / 2),
+        half_extents_m=((x[1] - x[0]) / 2, (y[1] - y[0]) / 2, (z[1] - z[0]) / 2),
+        yaw_rad=0.0,
+        color=(0.0, 0.0, 0.0),
+    )
+
+
+def gap(width_m: float) -> list[Solid]:
+    """Two walls across the hall at x = 2 with a gap between them."""
+    half = width_m / 2
+    return [block((2.0, 2.1), (-1.0, -half)), block((2.0, 2.1), (half, 1.0))]
+
+
+@pytest.mark.parametrize("width_m", [0.6, 0.7, 0.83, 0.9, 1.2])
+def test_a_robot_wider_than_the_gap_never_passes_and_one_well_narrower_does(width_m: float) -> None:
+    clearance = measure_clearance(HALL, gap(width_m))
+    beyond = Box(2.1, -1.0, 6.0, 1.0)
+    for radius_m, passes in ((width_m / 2, False), (width_m / 2 - 0.12, True)):
+        assert reaches_room(clearance.reached(radius_m), clearance, beyond, radius_m) is passes
+
+
+def test_a_lintel_is_in_nobodys_way() -> None:
+    lintel = block((2.0, 2.1), (-1.0, 1.0), (2.1, 2.7))
+    clearance = measure_clearance(HALL, [*gap(1.0), lintel])
+    assert reaches_room(clearance.reached(0.3), clearance, Box(2.1, -1.0, 6.0, 1.0), 0.3)
+
+
+def test_floor_that_is_shut_off_lowers_the_connected_share() -> None:
+    clearance = measure_clearance(HALL, [block((2.0, 2.1), (-1.0, 1.0))])
+    share = connected_share(clearance.reached(0.25), clearance, HALL, 0.25)
+    assert 0.4 < share < 0.6
+
+
+def test_a_start_inside_a_solid_reaches_nothing() -> None:
+    clearance = measure_clearance(HALL, [block((-0.2, 0.2), (-0.2, 0.2))])
+    assert not clearance.reached(0.25).any()
+
+
+def test_covered_cells_are_those_under_a_solid() -> None:
+    clearance = measure_clearance(HALL, [block((0.0, 1.0), (0.0, 0.5))])
+    assert clearance.covered.sum() * 0.05**2 == pytest.approx(0.5, rel=0.05)

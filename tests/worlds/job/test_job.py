@@ -1,0 +1,249 @@
+"""Generation jobs: resumed without making anything twice, and ended with RoboMaker's states."""
+
+from dataclasses import dataclass, field
+
+import pytest
+
+from specs.errors import IdempotentParameterMismatch, StoreError
+from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
+from specs.template.body import TemplateBody, template_digest
+from tasks.storage.base.keys import template_key, world_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance, job_id
+from tasks.storage.worlds import decode_world
+from tasks.worlds.job import job, production
+from tasks.worlds.job.job import run_generation_job
+from tasks.worlds.rejection import WorldRejected
+from tests.worlds.templates import sample
+
+ARN = "arn:aws:robomaker:us-west-2:111111111111:world-template/my-template"
+BODY = sample("default-two-rooms")
+
+
+@dataclass
+class Progress:
+    """Remembers what was reported; dies after so many calls, like a killed process."""
+
+    dies_after: int = 1000
+    seen: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])
+
+    def __call__(self, done: int, total: int) -> None:
+        if len(self.seen) >= self.dies_after:
+            raise KeyboardInterrupt
+        self.seen.append((done, total))
+
+
+def request(floorplans: int | None, interiors: int | None) -> CreateWorldGenerationJobRequest:
+    count = {"floorplanCount": floorplans, "interiorCountPerFloorplan": interiors}
+    return CreateWorldGenerationJobRequest.model_validate({"template": ARN, "worldCount": count})
+
+
+def run(
+    store: Store,
+    floorplans: int | None = 2,
+    interiors: int | None = 2,
+    *,
+    name: str = "t",
+    seed: int = 7,
+    body: TemplateBody = BODY,
+    progress: Progress | None = None,
+    elsewhere: job.Elsewhere | None = None,
+) -> JobRecord:
+    asked = request(floorplans, interiors)
+    return run_generation_job(
+        store, asked, body, seed=seed, token=name, progress=progress or Progress(), elsewhere=elsewhere
+    )
+
+
+def worlds_of(store: Store, record: JobRecord) -> dict[str, bytes]:
+    names = [str(reference).split("/")[1] for reference in record.detail["worlds"]]  # pyright: ignore[reportGeneralTypeIssues, reportOptionalIterable, reportUnknownVariableType] # fmt: skip
+    return {name: store.get(world_key(record.id, name)).body for name in names}
+
+
+def test_a_job_makes_every_floor_plan_times_every_interior(file_store: Store) -> None:
+    record = run(file_store, 2, 3)
+    assert record.status == "Completed"
+    assert list(worlds_of(file_store, record)) == [f"world-{plan}-{n}" for plan in (1, 2) for n in (1, 2, 3)]
+    assert record.detail["failures"] == {}
+
+
+def test_worlds_name_their_generation_and_decode(file_store: Store) -> None:
+    record = run(file_store, 1, 1)
+    world = decode_world(worlds_of(file_store, record)["world-1-1"])
+    assert (world.generation, world.name, world.seed) == (record.id, "world-1-1", 7)
+
+
+def test_progress_counts_to_the_end(file_store: Store) -> None:
+    progress = Progress()
+    run(file_store, 2, 2, progress=progress)
+    assert progress.seen == [(n, 4) for n in range(5)]
+
+
+@pytest.mark.parametrize("killed_after", [0, 1, 3, 4])
+def test_a_killed_job_ends_as_an_unbroken_one(file_store: Store, killed_after: int) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run(file_store, progress=Progress(dies_after=killed_after))
+    resumed = run(file_store)
+    whole = run(file_store, name="other")
+    assert resumed.status == "Completed"
+    strip = {name: body.replace(resumed.id.encode(), b"") for name, body in worlds_of(file_store, resumed).items()}
+    assert strip == {name: body.replace(whole.id.encode(), b"") for name, body in worlds_of(file_store, whole).items()}
+
+
+def test_a_resumed_job_leaves_finished_worlds_alone(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run(file_store, progress=Progress(dies_after=3))
+    made: list[tuple[int, int]] = []
+    original = production.generate_world
+
+    def counting(template: TemplateBody, **which: object) -> object:
+        made.append((int(str(which["floorplan_index"])), int(str(which["interior_index"]))))
+        return original(template, **which)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(production, "generate_world", counting)
+    run(file_store)
+    assert made == [(2, 2)]
+
+
+def test_an_ended_job_is_returned_as_it_ended(file_store: Store) -> None:
+    first = run(file_store)
+    progress = Progress()
+    assert run(file_store, progress=progress) == first
+    assert progress.seen == []
+
+
+def test_more_worlds_leave_those_of_the_smaller_job_as_they_are(file_store: Store) -> None:
+    small, large = run(file_store, 1, 2, name="small"), run(file_store, 3, 3, name="large")
+    many = worlds_of(file_store, large)
+    for name, body in worlds_of(file_store, small).items():
+        assert body.replace(small.id.encode(), large.id.encode()) == many[name]
+
+
+@pytest.mark.parametrize(("floorplans", "interiors"), [(51, 1), (8, 7), (0, 1), (-1, -1)])
+def test_a_count_out_of_range_fails_the_job_not_the_call(file_store: Store, floorplans: int, interiors: int) -> None:
+    record = run(file_store, floorplans, interiors)
+    assert (record.status, record.failure_code) == ("Failed", "AllWorldGenerationFailed")
+    assert "1 to 50" in record.failure_reason
+    assert record.detail["worlds"] == []
+
+
+def test_counts_left_out_are_one(file_store: Store) -> None:
+    assert len(worlds_of(file_store, run(file_store, None, None))) == 1
+
+
+def test_another_seed_under_the_same_token_is_refused(file_store: Store) -> None:
+    run(file_store)
+    with pytest.raises(IdempotentParameterMismatch):
+        run(file_store, seed=8)
+
+
+def test_another_template_under_the_same_token_is_refused(file_store: Store) -> None:
+    run(file_store)
+    with pytest.raises(IdempotentParameterMismatch):
+        run(file_store, body=sample("two-rooms"))
+
+
+def test_the_template_used_is_kept_by_its_digest(file_store: Store) -> None:
+    record = run(file_store, 1, 1)
+    assert record.detail["template_digest"] == template_digest(BODY)
+    kept = file_store.get(template_key(template_digest(BODY))).body
+    assert TemplateBody.model_validate_json(kept) == BODY
+
+
+def test_worlds_that_cannot_be_made_are_counted_and_the_rest_kept(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = production.generate_world
+
+    def failing(template: TemplateBody, **which: object) -> object:
+        if which["interior_index"] == 2:
+            raise WorldRejected("InternalServiceError", f"no {which['floorplan_index']}")
+        return original(template, **which)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(production, "generate_world", failing)
+    record = run(file_store, 2, 2)
+    assert (record.status, record.failure_code) == ("PartialFailed", "")
+    assert list(worlds_of(file_store, record)) == ["world-1-1", "world-2-1"]
+    assert record.detail["failures"] == {"InternalServiceError": {"count": 2, "sample_reason": "no 1"}}
+
+
+def test_a_job_without_a_single_world_has_failed(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(template: TemplateBody, **which: object) -> object:
+        raise WorldRejected("InvalidInput", "make a room larger")
+
+    monkeypatch.setattr(production, "generate_world", failing)
+    record = run(file_store, 1, 2)
+    assert (record.status, record.failure_code) == ("Failed", "AllWorldGenerationFailed")
+    assert record.failure_reason == "make a room larger"
+
+
+def test_a_world_that_somebody_else_put_there_is_an_error(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    original = production.generate_world
+
+    def slow(template: TemplateBody, **which: object) -> object:
+        file_store.create(world_key(str(which["generation"]), "world-1-1"), b"{}")
+        return original(template, **which)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(production, "generate_world", slow)
+    with pytest.raises(StoreError, match="something else"):
+        run(file_store, 1, 1)
+
+
+def test_a_team_may_raise_the_number_of_worlds(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SIMYARD_MAX_WORLDS", "52")
+    record = run(file_store, 52, 1)
+    assert record.status == "Completed"
+    assert len(worlds_of(file_store, record)) == 52
+
+
+def test_a_job_that_is_canceled_keeps_the_worlds_it_made(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(job, "_LOOK_EVERY_S", 0.0)
+    id_of_job = job_id(job.KIND, "t")
+
+    @dataclass
+    class Canceling(Progress):
+        def __call__(self, done: int, total: int) -> None:
+            super().__call__(done, total)
+            if done == 2:
+                advance(file_store, job.KIND, id_of_job, "Canceling")
+
+    record = run(file_store, progress=Canceling())
+    assert record.status == "Canceled"
+    assert list(worlds_of(file_store, record)) == ["world-1-1", "world-1-2"]
+
+
+def test_a_job_that_was_canceled_before_it_ran_makes_nothing(file_store: Store) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        run(file_store, progress=Progress(dies_after=0))
+    advance(file_store, job.KIND, job_id(job.KIND, "t"), "Canceling")
+    record = run(file_store)
+    assert (record.status, record.detail["worlds"]) == ("Canceled", [])
+
+
+def test_another_robot_under_the_same_token_is_refused(file_store: Store) -> None:
+    run(file_store)
+    with pytest.raises(IdempotentParameterMismatch):
+        run_generation_job(
+            file_store,
+            request(2, 2),
+            BODY,
+            seed=7,
+            token="t",  # noqa: S106
+            progress=Progress(),
+            robot_radius_m=0.3,
+        )
+
+
+def test_the_robot_asked_for_is_the_one_that_is_guaranteed(file_store: Store) -> None:
+    record = run_generation_job(
+        file_store,
+        request(1, 1),
+        BODY,
+        seed=7,
+        token="t",  # noqa: S106
+        progress=Progress(),
+        robot_radius_m=0.45,
+    )
+    certificate = decode_world(worlds_of(file_store, record)["world-1-1"]).certificate
+    assert certificate.guaranteed_robot_radius_m == 0.45
+    assert certificate.reachable_robot_radius_m >= 0.45
