@@ -42,15 +42,18 @@ class DocumentError(SimyardError):
 
 
 class ConcurrentDeployment(DocumentError):  # noqa: N818 - RoboMaker's name
-    """A fleet takes one deployment at a time (semantics 8)."""
+    """A fleet takes one deployment at a time (docs/reference/robomaker.md, section 8)."""
 
 
 class IdempotentParameterMismatch(DocumentError):  # noqa: N818 - RoboMaker's name
-    """A clientRequestToken comes again with another request (semantics 2)."""
+    """A clientRequestToken comes again with another request (docs/reference/robomaker.md, section 2)."""
 
 
 class LimitExceeded(DocumentError):  # noqa: N818 - RoboMaker's name
-    """A document asks for one more than there may be, such as a 41st version of an application (semantics 9)."""
+    """A document asks for one more than there may be, such as a 41st version of an application.
+
+    See docs/reference/robomaker.md, section 9.
+    """
 
 
 class ResourceNotFound(DocumentError):  # noqa: N818 - RoboMaker's name

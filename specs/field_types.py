@@ -80,7 +80,10 @@ TagKey = Annotated[str, text(1, 128, TAG_PATTERN), AfterValidator(_not_reserved)
 TagValue = Annotated[str, text(0, 256, TAG_PATTERN)]
 TagMap = Annotated[dict[TagKey, TagValue], Field(max_length=50)]
 RobotTagMap = Annotated[TagMap, AfterValidator(_environment_ready)]
-"""Tags of robots and deployments become AWS_ROBOMAKER_ROBOT_TAG_KEY_<KEY> on the robot (semantics 9)."""
+"""Tags of robots and deployments become AWS_ROBOMAKER_ROBOT_TAG_KEY_<KEY> on the robot.
+
+See docs/reference/robomaker.md, section 9.
+"""
 
 EnvironmentVariableKey = Annotated[str, text(1, 1024, VARIABLE_PATTERN), AfterValidator(_not_provided)]
 EnvironmentVariableValue = Annotated[str, text(1, 1024, GENERIC_PATTERN)]
@@ -124,7 +127,10 @@ class Filter(Spec):
 
 
 Filters = Annotated[tuple[Filter, ...], Field(min_length=1, max_length=3)]
-"""Several filters are alternatives; up to three, as the older interface had it (semantics 9)."""
+"""Several filters are alternatives; up to three, as the older interface had it.
+
+See docs/reference/robomaker.md, section 9.
+"""
 
 
 class Page(Spec):

@@ -30,7 +30,8 @@ def max_worlds_of_job() -> int:
 def min_job_duration_s() -> int:
     """Returns how many simulated seconds a job must be given: 1, or SIMYARD_MIN_JOB_DURATION.
 
-    Only RoboMaker's console had a minimum, of 300 (semantics 3); an episode of a minute is a good test.
+    Only RoboMaker's console had a minimum, of 300 (docs/reference/robomaker.md, section 3); an episode of a minute is a
+    good test.
 
     Raises:
         DocumentError: SIMYARD_MIN_JOB_DURATION is no number of seconds.

@@ -1,7 +1,7 @@
 """A world is data: one canonical JSON document that everything downstream reads.
 
 Metres, radians, z up. The origin is where the robot starts: the floor is at z = 0 and a disc of 1 m radius around
-(0, 0) is free (semantics 5).
+(0, 0) is free (docs/reference/robomaker.md, section 5).
 """
 
 from typing import Literal

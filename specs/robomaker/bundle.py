@@ -11,7 +11,7 @@ from specs.robomaker.applications import SourceConfig
 ApplicationKind = Literal["robot-application", "simulation-application"]
 ARCHITECTURES: tuple[Architecture, ...] = ("X86_64", "ARM64", "ARMHF")
 LATEST = "$LATEST"
-VERSIONS_AT_MOST = 40  # semantics 9
+VERSIONS_AT_MOST = 40  # docs/reference/robomaker.md, section 9
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Bytes = Annotated[int, Field(ge=0)]
 

@@ -187,7 +187,10 @@ class SimulationJobSummary(Spec):
 
 
 SimulationJobSummaries = tuple[SimulationJobSummary, ...]
-"""The interface says at most 100, and batches have 1000 jobs: lists are not cut off (semantics 4)."""
+"""The interface says at most 100, and batches have 1000 jobs: lists are not cut off.
+
+See docs/reference/robomaker.md, section 4.
+"""
 
 
 class ListSimulationJobsResponse(Spec):
@@ -223,7 +226,7 @@ class StartSimulationJobBatchResponse(Spec):
 
 
 class DescribeSimulationJobBatchResponse(StartSimulationJobBatchResponse):
-    """A batch; an empty list of pending requests is left out (semantics 1)."""
+    """A batch; an empty list of pending requests is left out (docs/reference/robomaker.md, section 1)."""
 
     lastUpdatedAt: LastUpdatedAt | None = None
 

@@ -49,7 +49,10 @@ class FailureSummary(Spec):
 
 
 class FinishedWorldsSummary(Spec):
-    """The worlds that are done, either way; an empty list of worlds is left out (semantics 1)."""
+    """The worlds that are done, either way; an empty list of worlds is left out.
+
+    See docs/reference/robomaker.md, section 1.
+    """
 
     finishedCount: Integer | None = None
     succeededWorlds: Arns | None = None

@@ -1,7 +1,8 @@
 """WorldForge template bodies, versions 1 and 2: what a generated world shall look like.
 
 The fields, bounds and defaults are those of the published schemas; what only RoboMaker's prose says (areas, connections
-of a room, contradictions) is a rule (semantics 6). Rooms that a target set names need not exist: samples do that.
+of a room, contradictions) is a rule (docs/reference/robomaker.md, section 6). Rooms that a target set names need not
+exist: samples do that.
 """
 
 from collections.abc import Iterator

@@ -92,7 +92,7 @@ def unknown_rooms(connections: list[Connection], names: list[str]) -> Iterator[F
 
 
 def contradictions(connections: list[Connection]) -> Iterator[Finding]:
-    """Yields pairs of rooms with an Opening and something else (semantics 6)."""
+    """Yields pairs of rooms with an Opening and something else (docs/reference/robomaker.md, section 6)."""
     first: dict[frozenset[str], tuple[int, object]] = {}
     for number, ends, kind in connections:
         earlier, earlier_kind = first.setdefault(frozenset(ends), (number, kind))

@@ -81,7 +81,7 @@ def create_version(store: Store, kind: ApplicationKind, reference: str, current_
     Raises:
         ResourceNotFound: No such application.
         DocumentError: It has no sources, was changed since the revision, or what lies there is no bundle.
-        LimitExceeded: A 41st version (semantics 9).
+        LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
         StoreError: A bucket cannot be read.
     """
     found = known_application(store, kind, reference)

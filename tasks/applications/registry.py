@@ -67,7 +67,7 @@ def publish(
 
     Raises:
         DocumentError: A folder is no bundle, the name is none, or the application was changed since.
-        LimitExceeded: A 41st version (semantics 9).
+        LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
     """
     folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
     bundles = [_packed(store, each, folders[each]) for each in ARCHITECTURES if each in folders]

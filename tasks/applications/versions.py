@@ -78,7 +78,7 @@ def with_version(
         number: The version's.
 
     Raises:
-        LimitExceeded: A 41st version (semantics 9).
+        LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
     """
     builds = () if whole else tuple(bundles)
     if known_version(before, bundles, whole=whole):

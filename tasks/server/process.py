@@ -19,7 +19,8 @@ from tasks.server.start_lock import end_turn_when, take_turn
 
 logger = logging.getLogger(__name__)
 
-# An offline machine must not log telemetry errors, and a cold one needs longer than Prefect's 20 s (orchestration.md).
+# An offline machine must not log telemetry errors, and a cold one needs longer than Prefect's 20 s
+# (docs/reference/prefect.md, section 2).
 SERVER_ENVIRONMENT = {
     "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
     "DO_NOT_TRACK": "1",

@@ -1,7 +1,7 @@
 """What the generator needs of a template, with all precedence resolved; only this module knows TemplateBody.
 
 A set that targets a room by name beats one that targets its type, which beats one for the whole home; of two at the
-same level the first listed wins (semantics 6 leaves that open).
+same level the first listed wins (docs/reference/robomaker.md, section 6, leaves that open).
 
 Which doors a template of version 2 wants in which doorways.
 

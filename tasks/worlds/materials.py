@@ -1,6 +1,7 @@
 """Floorings and wall coverings: RoboMaker's names, and what each looks like.
 
-Names are matched ignoring case and spaces, because the guide and its samples spell them both ways (semantics 6).
+Names are matched ignoring case and spaces, because the guide and its samples spell them both ways
+(docs/reference/robomaker.md, section 6).
 """
 
 from collections.abc import Mapping

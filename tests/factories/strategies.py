@@ -28,7 +28,7 @@ def optional(required: dict[str, st.SearchStrategy[Any]], **others: st.SearchStr
 
 @cache
 def shape(name: str) -> st.SearchStrategy[Any]:
-    """JSON data of a shape of the contract that breaks no rule of the semantics either."""
+    """JSON data of a shape of the contract that breaks no rule of docs/reference/robomaker.md either."""
     if name in _RULED:
         return _RULED[name]
     stated = _SHAPES[name]

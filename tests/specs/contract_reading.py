@@ -36,13 +36,14 @@ SHARED_FIELDS = {
 """Classes that only hold what several shapes have in common."""
 
 RULINGS: dict[str, dict[str, int | None]] = {
-    "SimulationJobSummaries": {"max": None},  # semantics 4: a batch of 1000 is not truncated to 100
-    "Filters": {"max": 3},  # semantics 9: accept three
+    # docs/reference/robomaker.md, section 4: a batch of 1000 is not truncated to 100
+    "SimulationJobSummaries": {"max": None},
+    "Filters": {"max": 3},  # docs/reference/robomaker.md, section 9: accept three
     "BatchTimeoutInSeconds": {"min": 1, "max": 1_209_600},
     "MaxConcurrency": {"min": 1, "max": 1_000_000},
     "DeploymentTimeout": {"min": 60, "max": 604_800},
 }
-"""Where the semantics rule that the interface's own bound is not to be followed, or take one from its prose."""
+"""Bounds that docs/reference/robomaker.md sets otherwise than the interface, or takes from its prose."""
 
 _TYPES = {
     "string": "string",

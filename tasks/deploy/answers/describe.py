@@ -106,7 +106,8 @@ def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJo
 
 
 def _robot_deployment(name: str, progress: RobotProgress, identifier: str) -> RobotDeployment:
-    loading = progress.step == "DownloadingExtracting"  # semantics 8: the only step with a percentage
+    # docs/reference/robomaker.md, section 8: the only step with a percentage
+    loading = progress.step == "DownloadingExtracting"
     detail = ProgressDetail(currentProgress=progress.step, percentDone=progress.percent_done if loading else None)
     return RobotDeployment(
         arn=arn("robot", identifier, name),

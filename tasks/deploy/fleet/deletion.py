@@ -1,4 +1,7 @@
-"""DeleteFleet and DeleteRobot (semantics 8). What a robot runs goes on running: nobody is left to say otherwise."""
+"""DeleteFleet and DeleteRobot. What a robot runs goes on running: nobody is left to say otherwise.
+
+See docs/reference/robomaker.md, section 8.
+"""
 
 from specs.base import Fault
 from specs.errors import ConcurrentDeployment, ObjectConflict

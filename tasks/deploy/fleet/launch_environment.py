@@ -18,7 +18,10 @@ _REFUSED = re.compile(
 def environment(
     variables: Mapping[str, str], robot_tags: Mapping[str, str], deployment_tags: Mapping[str, str]
 ) -> dict[str, str]:
-    """Returns what a configuration and tags add to `BASE` (semantics 9); a deployment's tag wins over its robot's."""
+    """Returns what a configuration and tags add to `BASE`; a deployment's tag wins over its robot's.
+
+    See docs/reference/robomaker.md, section 9.
+    """
     tags = {f"{TAG_PREFIX}{key}": value for key, value in {**robot_tags, **deployment_tags}.items()}
     return {**variables, **tags}
 

@@ -64,7 +64,7 @@ def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
 
     Raises:
         ResourceNotFound: No such fleet or robot.
-        DocumentError: The robot belongs to another fleet; a robot has one (semantics 8).
+        DocumentError: The robot belongs to another fleet; a robot has one (docs/reference/robomaker.md, section 8).
     """
     name = read_fleet(store, fleet)[0].name
     while True:

@@ -1,4 +1,7 @@
-"""The script that decides on each robot whether a bundle is downloaded (semantics 8: exit 0 proceeds)."""
+"""The script that decides on each robot whether a bundle is downloaded.
+
+See docs/reference/robomaker.md, section 8: exit 0 proceeds.
+"""
 
 import hashlib
 import stat

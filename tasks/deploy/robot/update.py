@@ -1,4 +1,4 @@
-"""A deployment as one robot goes through it, and the way back when it fails (semantics 8).
+"""A deployment as one robot goes through it, and the way back when it fails (docs/reference/robomaker.md, section 8).
 
 The robot's state is written before each thing that cannot be undone: what is accepted, then what runs. Whatever is cut
 short is begun again from the first step at the next start; each step finds what the last attempt finished. RoboMaker

@@ -30,7 +30,7 @@ from tasks.storage.buckets import changed_sources
 _PATH = "deploymentApplicationConfigs.0"
 _PUBLISHED = "a robot application that was published"
 _SECTION_PATH = "deployment.deploymentApplicationConfigs[0]"
-_TIMEOUT_S = 18_000  # semantics 8
+_TIMEOUT_S = 18_000  # docs/reference/robomaker.md, section 8
 # RoboMaker states no defaults. With these a bad version reaches a fifth of a fleet, and stops before it reaches half.
 _CONCURRENT_PERCENT = 20
 _THRESHOLD_PERCENT = 40

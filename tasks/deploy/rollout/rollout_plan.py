@@ -10,7 +10,7 @@ from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.states import RobotProgress, RobotRecord
 from tasks.deploy.rollout.waves import Limits
 
-FLEET_TIMEOUT_S = 30 * 86_400.0  # semantics 8
+FLEET_TIMEOUT_S = 30 * 86_400.0  # docs/reference/robomaker.md, section 8
 
 
 class Plan(Spec):

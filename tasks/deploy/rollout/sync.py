@@ -1,4 +1,6 @@
-"""SyncDeploymentJob: what a fleet ran last, on those of its robots that do not run it (semantics 8).
+"""SyncDeploymentJob: what a fleet ran last, on those of its robots that do not run it.
+
+See docs/reference/robomaker.md, section 8.
 
 They joined later, were away, or failed; with a failed one, a sync is how only the failed are tried again.
 """

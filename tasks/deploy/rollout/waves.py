@@ -1,8 +1,8 @@
 """Which robots start next, which never will, and when a roll-out is over: pure functions of what is known of each.
 
 In flight at most ``max(1, floor(share x robots))``; ``ceil(threshold x robots)`` failures stop new starts, those in
-flight finish, and the rest is aborted (semantics 8). When every robot has ended, both questions are always asked, so no
-roll-out can end without a verdict.
+flight finish, and the rest is aborted (docs/reference/robomaker.md, section 8). When every robot has ended, both
+questions are always asked, so no roll-out can end without a verdict.
 
 Beyond RoboMaker: canaries go first, and one failure among them stops everything; failures may be made to count only
 after so many robots have ended (Greengrass calls that the minimum number of executed things); somebody may pause a

@@ -10,7 +10,7 @@ from tasks.export.drawing.furniture_outlines import piece_box
 from tasks.export.drawing.labels import Label, place_label
 from tasks.export.drawing.plan_page import Attributes, Box, Sheet, bottom_m, draw_solid, element, text_width, top_m
 
-START_RADIUS_M = 1.0  # semantics 5: the cylinder around the origin that is always free
+START_RADIUS_M = 1.0  # docs/reference/robomaker.md, section 5: the cylinder around the origin that is always free
 _CUT_M = 1.0  # an architect's plan looks down from about here
 _MARK, _MARK_SIZE = "start", 11.5
 

@@ -18,7 +18,7 @@ _LONGEST_REASON = 1024  # GenericString
 _CODES: tuple[tuple[type[SimyardError], str], ...] = (
     (StoreAccessDenied, "AccessDenied"),
     (ObjectNotFound, "ResourceNotFound"),
-    (BucketNotFound, "ResourceNotFound"),  # a bucket that is gone (semantics 7)
+    (BucketNotFound, "ResourceNotFound"),  # a bucket that is gone (docs/reference/robomaker.md, section 7)
     (StoreThrottled, "RequestThrottled"),
     (StoreFull, "LimitExceeded"),
     (ResourceNotFound, "ResourceNotFound"),

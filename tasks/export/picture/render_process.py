@@ -4,7 +4,7 @@ Run as ``python -m tasks.export.picture.render_process WIDTH HEIGHT SAMPLES``.
 
 MUJOCO_GL says which GL it takes. It says READY when that works, and then answers each line of its standard input, a
 caption and a world as JSON, with the pixels of its picture: rows from the top, three bytes each. A process of its own,
-because a GL that does not work may end the interpreter (formats.md).
+because a GL that does not work may end the interpreter (docs/reference/rendering.md, section 1).
 
 One light cannot light a room without ceiling well: straight shadows, and black where none falls. A picture is the mean
 of many, each lit from another direction of the sky or of the sun's disc, and each shifted by a part of a pixel: soft

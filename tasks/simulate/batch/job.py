@@ -1,4 +1,6 @@
-"""A batch as a job: opened once, its chunks committed one by one, closed when all are there (semantics 4).
+"""A batch as a job: opened once, its chunks committed one by one, closed when all are there.
+
+See docs/reference/robomaker.md, section 4.
 
     Pending -> InProgress -> Completing -> Completed | Failed
                InProgress -> Canceling -> Canceled        somebody cancelled it
@@ -96,7 +98,7 @@ def complete(batch: OpenBatch) -> JobRecord:
 
 
 def ending(record: JobRecord, failed_inside: int) -> tuple[str, str]:
-    """Returns the terminal state that a batch goes to, and why (semantics 4).
+    """Returns the terminal state that a batch goes to, and why (docs/reference/robomaker.md, section 4).
 
     Args:
         record: As it stood when its last episode ended.
@@ -159,7 +161,10 @@ def restarted_jobs(record: JobRecord) -> dict[int, float]:
 def close_batch(
     store: Store, batch: str, status: str, detail: Mapping[str, JsonValue], failure_reason: str = ""
 ) -> JobRecord:
-    """Returns the batch's record in its terminal state (semantics 4): jobs that Failed do not fail the batch."""
+    """Returns the batch's record in its terminal state: jobs that Failed do not fail the batch.
+
+    See docs/reference/robomaker.md, section 4.
+    """
     code = "InternalServiceError" if status == "Failed" else ""
     return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))
 

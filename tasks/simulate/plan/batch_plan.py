@@ -9,7 +9,8 @@ from specs.data.episode import ApplicationLaunch
 from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
 from tasks.simulate.data.sources import PinnedSource
 
-# A CPU gains nothing from more lanes (physics.md: flat from 256 on), and a chunk that is lost costs what it took.
+# A CPU gains nothing from more lanes (docs/reference/physics.md, section 4: flat from 256 on), and a chunk that is lost
+# costs what it took.
 DEFAULT_LANES = 256
 MOST_LANES = 4096
 _LANE_STEP = 16

@@ -1,4 +1,7 @@
-"""What a batch was asked for: the request in its record, of a batch or of a single job (semantics 3 and 4)."""
+"""What a batch was asked for: the request in its record, of a batch or of a single job.
+
+See docs/reference/robomaker.md, sections 3 and 4.
+"""
 
 from collections.abc import Mapping
 from typing import cast

@@ -149,7 +149,10 @@ def _launch(
 
 
 def _require_simulated_build(version: Version) -> None:
-    """Does nothing for a version that can be simulated: what is simulated is the build for X86_64 (semantics 3)."""
+    """Does nothing for a version that can be simulated: what is simulated is the build for X86_64.
+
+    See docs/reference/robomaker.md, section 3.
+    """
     if version.builds and "X86_64" not in version.digests:
         value = f"{version.name} version {version.number}, for {', '.join(version.digests)}"
         raise DocumentError([Fault(path="applicationVersion", value=value, allowed="a version with an X86_64 source")])

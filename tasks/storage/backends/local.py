@@ -1,8 +1,8 @@
 """A store in a folder of this machine, or of a disk that several machines share.
 
-What the plain file calls do not give (fleet.md, traps 1 and 8) comes from links and locks: a creation is a link, which
-the kernel refuses when the name is taken; an overwrite is a rename; a compare-and-swap compares under a lock that the
-kernel frees when its holder dies.
+What the plain file calls do not give (docs/reference/store.md, sections 1 and 8) comes from links and locks: a creation
+is a link, which the kernel refuses when the name is taken; an overwrite is a rename; a compare-and-swap compares under
+a lock that the kernel frees when its holder dies.
 """
 
 import errno

@@ -1,8 +1,8 @@
 """A store in a bucket of an S3 server that honours conditions on writes.
 
 Every write carries a random mark in the object's metadata. A write whose answer was lost is sent again by the client
-and then refused, because its own first copy is there: the mark tells that copy from another writer's (fleet.md,
-trap 3).
+and then refused, because its own first copy is there: the mark tells that copy from another writer's
+(docs/reference/store.md, section 3).
 """
 
 import hashlib

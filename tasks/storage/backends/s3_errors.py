@@ -1,7 +1,7 @@
 """What went wrong between us and an S3 server, in Simyard's words.
 
 The status and code that the server sent decide, wherever they are in the chain of exceptions; botocore's own errors are
-no OSErrors (fleet.md, trap 5). Messages carry neither the server's text nor credentials.
+no OSErrors (docs/reference/store.md, section 5). Messages carry neither the server's text nor credentials.
 """
 
 import os

@@ -27,7 +27,7 @@ def send_in_parts(source: Path, bucket: str, key: str) -> None:
         OSError: What s3fs makes of the server's refusal, which is its cause.
     """
     retries = {"mode": "standard", "total_max_attempts": 3}
-    # Shared instances and cached listings would show what was, not what is (fleet.md, trap 6).
+    # Shared instances and cached listings would show what was, not what is (docs/reference/store.md, section 6).
     files = _ExactKeys(
         skip_instance_cache=True,
         use_listings_cache=False,

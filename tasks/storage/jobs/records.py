@@ -93,7 +93,8 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
     """Returns the job of the token: a new one, Pending, or the one that an equal request made before.
 
     Raises:
-        IdempotentParameterMismatch: The token came with another request before (RoboMaker semantics 2).
+        IdempotentParameterMismatch: The token came with another request before
+            (docs/reference/robomaker.md, section 2).
     """
     digest = request_digest(request)
     new = _Token(token=token, request_digest=digest, id=job_id(kind, token))

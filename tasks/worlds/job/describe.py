@@ -115,7 +115,10 @@ def _from_request(record: JobRecord, names: tuple[str, ...]) -> dict[str, JsonVa
 
 
 def _finished(record: JobRecord) -> dict[str, JsonValue]:
-    """Returns the finishedWorldsSummary: finished are those that succeeded and those that failed (semantics 5)."""
+    """Returns the finishedWorldsSummary: finished are those that succeeded and those that failed.
+
+    See docs/reference/robomaker.md, section 5.
+    """
     worlds, failures = _worlds(record), _failures(record)
     failed = sum(failure.count for failure in failures.values())
     summary: dict[str, JsonValue] = {"finishedCount": len(worlds) + failed}

@@ -203,7 +203,7 @@ def _counts(request: CreateWorldGenerationJobRequest) -> tuple[int, int]:
 
 
 def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int) -> JobRecord:
-    """Fails the job rather than the call for a count that is out of range (semantics 5)."""
+    """Fails the job rather than the call for a count that is out of range (docs/reference/robomaker.md, section 5)."""
     reason = (
         f"{floorplans} floor plans x {interiors} interiors are {floorplans * interiors} worlds; "
         f"a job makes 1 to {max_worlds_of_job()} (SIMYARD_MAX_WORLDS raises it)"

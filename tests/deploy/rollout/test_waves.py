@@ -105,7 +105,7 @@ def test_every_state_of_a_fleet_has_a_next_move(phases: Mapping[str, Phase], at_
 @pytest.mark.parametrize(
     ("robots", "concurrent", "threshold", "expected"),
     [
-        (200, 10, 100, Limits(20, 200)),  # semantics 8: 10 % of 200 is 20
+        (200, 10, 100, Limits(20, 200)),  # docs/reference/robomaker.md, section 8: 10 % of 200 is 20
         (5, 1, 1, Limits(1, 1)),
         (5, 40, 60, Limits(2, 3)),
         (3, 50, 50, Limits(1, 2)),

@@ -17,7 +17,7 @@ FILES = re.compile(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)
 @pytest.fixture(scope="module", params=["straight", "branching"])
 def rows(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[EpisodeResult]:
     folder = tmp_path_factory.mktemp("documented")
-    for name, text in FILES.findall((REPOSITORY / "docs" / "applications.md").read_text()):
+    for name, text in FILES.findall((REPOSITORY / "docs/guide" / "applications.md").read_text()):
         path: Path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)

@@ -1,4 +1,7 @@
-"""A batch goes through RoboMaker's states (semantics 4), and what it holds does not grow with its jobs."""
+"""A batch goes through RoboMaker's states, and what it holds does not grow with its jobs.
+
+See docs/reference/robomaker.md, section 4.
+"""
 
 import pytest
 

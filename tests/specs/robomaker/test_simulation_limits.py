@@ -1,4 +1,4 @@
-"""Bounds that only RoboMaker's prose states (semantics 3, 4, 8)."""
+"""Bounds that only RoboMaker's prose states (docs/reference/robomaker.md, sections 3, 4, 8)."""
 
 from typing import Any
 

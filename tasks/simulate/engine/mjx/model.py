@@ -24,7 +24,8 @@ from tasks.simulate.engine.mjx.refusals import refuse_what_mjx_lacks
 from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.surroundings.obstacles import PARKING_M
 
-# Against C MuJoCo with all hundred obstacles: median 1.5e-5 m after 10 s of bumping (physics.md).
+# Against C MuJoCo with all hundred obstacles: median 1.5e-5 m after 10 s of bumping
+# (docs/reference/physics.md, section 3).
 BOX_SLOTS = 5
 CYLINDER_SLOTS = 3
 _NEWTON_ITERATIONS = 2
