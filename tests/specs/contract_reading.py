@@ -2,27 +2,24 @@
 
 import importlib
 import json
-import pkgutil
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any
 
-import specs
 from specs.base import Spec
 from tests.repository import ROOT
 
 DATA = ROOT / "tests" / "data"
 MODULES = (
-    "applications",
-    "common",
-    "deployment",
-    "fleet",
-    "launch",
-    "simulation",
-    "simulation_batch",
-    "simulation_descriptions",
-    "world_descriptions",
-    "world_jobs",
+    "specs.field_types",
+    "specs.robomaker.applications",
+    "specs.robomaker.deployment",
+    "specs.robomaker.fleet",
+    "specs.robomaker.launch",
+    "specs.robomaker.simulation",
+    "specs.robomaker.simulation_descriptions",
+    "specs.robomaker.world_descriptions",
+    "specs.robomaker.world_jobs",
 )
 SHARED_FIELDS = {
     "ApplicationAnswer",
@@ -71,9 +68,7 @@ def contract() -> Contract:
 @cache
 def models() -> dict[str, type[Spec]]:
     """Every document class of the modules that model RoboMaker, by name."""
-    names = {module.name for module in pkgutil.iter_modules(specs.__path__)}
-    assert names.issuperset(MODULES)
-    found = [importlib.import_module(f"specs.{name}") for name in MODULES]
+    found = [importlib.import_module(name) for name in MODULES]
     return {
         name: value
         for module in found

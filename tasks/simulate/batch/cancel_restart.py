@@ -1,6 +1,6 @@
 """CancelSimulationJobBatch and CancelSimulationJob (docs/reference/robomaker.md, sections 3 and 4).
 
-RestartSimulationJob (docs/reference/robomaker.md, section 3; docs/decisions/0008): a running job is simulated once more.
+RestartSimulationJob (docs/reference/robomaker.md, section 3; docs/decisions/0008): a running job runs once more.
 """
 
 import time
