@@ -1,4 +1,4 @@
-"""Composition only: the flows that join the capabilities, and the command line."""
+"""The flows that join the capabilities, and the command line. Nobody else imports it."""
 
 import os
 

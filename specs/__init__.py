@@ -1,1 +1,1 @@
-"""The declarative language: frozen documents with RoboMaker's words, and the errors about them."""
+"""The declarative language: frozen documents with RoboMaker's words, and the errors. Anyone may import it."""

@@ -1,1 +1,1 @@
-"""What Simyard can do, one package a capability: pure modules plus thin Prefect tasks in ``task.py``."""
+"""What Simyard can do: a package for each capability, Prefect only in its `task.py`. Flows may import it."""

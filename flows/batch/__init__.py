@@ -1,4 +1,1 @@
-"""A batch before and after its simulation: early end, report, replay, shrink, compare.
-
-Flows and the shell may import it.
-"""
+"""A batch before and after its simulation: early end, report, replay, shrink, compare. Flows may import it."""

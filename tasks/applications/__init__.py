@@ -1,1 +1,1 @@
-"""Robot and simulation application bundles: digests, numbered versions, unpacking."""
+"""Bundles of robot and simulation applications, and their numbered versions. Flows may import it."""

@@ -1,1 +1,1 @@
-"""Fleets, roll-out in waves, and the robot agent."""
+"""Fleets, roll-outs in waves, and the robot agent. Flows may import it."""

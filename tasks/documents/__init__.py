@@ -1,1 +1,1 @@
-"""Documents are read from YAML or JSON, and every fault is reported at once."""
+"""Reads documents from YAML or JSON and reports all faults at once. Flows may import it."""

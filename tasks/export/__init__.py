@@ -1,1 +1,1 @@
-"""Worlds become files that other programs open."""
+"""Worlds as files that other programs open. Flows may import it."""

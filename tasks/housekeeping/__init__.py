@@ -1,1 +1,1 @@
-"""What a store and a machine keep that nobody names any more: found, told, and removed."""
+"""Finds and removes what nobody needs any more, in the store and on this machine. Flows may import it."""

@@ -1,1 +1,1 @@
-"""Progress of a stage, told to whoever watches: the terminal and Prefect."""
+"""Progress of a stage, for the terminal and Prefect. Capabilities and flows may import it."""

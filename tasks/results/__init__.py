@@ -1,1 +1,1 @@
-"""Parquet tables, statistics, the gate and its evidence."""
+"""Result tables, statistics, the gate and its evidence. Flows may import it."""

@@ -1,1 +1,1 @@
-"""A Prefect server as a child process: started, waited for, ended, or kept."""
+"""A Prefect server as a child process: start, wait, end or keep. Capabilities and flows may import it."""

@@ -1,1 +1,1 @@
-"""Batched simulation: the only home of JAX and MJX."""
+"""Batched simulation: the only home of JAX and MJX. Flows may import it."""

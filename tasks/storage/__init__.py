@@ -1,1 +1,1 @@
-"""Objects under one fsspec root: atomic creation, compare-and-swap, buckets, job records, claims."""
+"""Objects in a folder or on S3: atomic writes, buckets, job records, claims. Any task and flow may import it."""

@@ -1,1 +1,1 @@
-"""A WorldForge template becomes certified apartments."""
+"""A WorldForge template becomes certified apartments. Flows may import it."""

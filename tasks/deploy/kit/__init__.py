@@ -1,1 +1,1 @@
-"""What a robot's owner carries to the robot: the agent as a wheel of its own, a systemd unit, the root of trust."""
+"""What an owner carries to a robot: the agent's wheel, a systemd unit, the root of trust. Flows may import it."""

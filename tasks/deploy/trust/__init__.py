@@ -1,4 +1,4 @@
-"""Who may tell a robot what to run: TUF metadata for bundles, a signature under each desired state.
+"""Who may say what a robot runs: signed metadata and signatures. All of tasks.deploy but fleet may import it.
 
 Five Ed25519 keys, each for one thing. ``root`` says which keys the others are, ``targets`` says which key deploys,
 ``deployer`` lists bundles and signs desired states, ``snapshot`` and ``timestamp`` say which metadata is the newest.

@@ -1,1 +1,1 @@
-"""A batch's report: one HTML page that needs nothing but itself."""
+"""A batch's report: one HTML page that loads nothing. Flows may import it."""

@@ -1,4 +1,1 @@
-"""An application's bundle as a simulation uses it: contract, code, robot, sensors.
-
-All of tasks.simulate may import it.
-"""
+"""An application's bundle in a simulation: contract, code, robot, sensors. All of tasks.simulate may import it."""

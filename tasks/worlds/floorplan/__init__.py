@@ -1,4 +1,1 @@
-"""A floor plan: slicing, search, refinement, passages, walls, doors, windows.
-
-Furnishing and the certificate may import it.
-"""
+"""A floor plan: slicing, search, refinement, passages, walls, doors, windows. Furnishing and above may import it."""
