@@ -10,6 +10,17 @@ from tests.docs.tree import PAGE, between, first_line, lists, packages
 from tests.repository import ROOT
 
 ARCHITECTURE = PAGE.read_text()
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text()
+ADDED = (
+    "furniture type",
+    "results column",
+    "gate rule",
+    "outcome reason",
+    "job kind",
+    "engine",
+    "failure code",
+    "sensor",
+)
 HOUSES = ("specs", "tasks", "flows", "tests", "benchmarks")
 MOST_MODULES = 12
 # The field's own words, and things rather than deeds.
@@ -45,6 +56,19 @@ def test_every_module_that_the_page_names_is_there():
     named = re.findall(r"`((?:specs|tasks|flows|tests)/[\w/]+\.py)`", ARCHITECTURE)
     assert len(named) > 60
     assert [path for path in named if not (ROOT / path).is_file()] == []
+
+
+def test_every_path_that_the_recipes_name_is_there():
+    named = re.findall(r"`((?:specs|tasks|flows|tests)/[\w/.-]+)`", CONTRIBUTING)
+    assert len(named) > 20
+    assert [path for path in named if not (ROOT / path).exists()] == []
+
+
+@pytest.mark.parametrize("thing", [*ADDED, "export format"])
+def test_a_thing_that_people_add_has_a_recipe_of_at_most_five_lines(thing: str):
+    _, recipe = re.split(rf"^## How to add an? {thing}\n\n", CONTRIBUTING, flags=re.MULTILINE)
+    lines = recipe.split("\n## ", maxsplit=1)[0].strip().splitlines()
+    assert 1 <= len(lines) <= 5
 
 
 @pytest.mark.parametrize("heading", ["The life of an episode", "The life of a world", "The life of an update"])
