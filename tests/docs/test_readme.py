@@ -12,6 +12,8 @@ import pytest
 from tests.integration.runs import ROOT
 
 README = (ROOT / "README.md").read_text()
+# Under a drawing, so that its dark lines can be seen on GitHub's dark theme, which ignores a background in a style.
+GROUND = '<rect width="100%" height="100%" fill="#fff"/>'
 
 
 def blocks(language: str) -> list[str]:
@@ -94,4 +96,14 @@ def test_every_block_has_a_test():
 def test_the_picture_is_what_the_preview_draws(checkout: Path):
     command = next(line for block in blocks("sh") for line in block.splitlines() if "world preview" in line)
     subprocess.run(["bash", "-c", command], cwd=checkout, check=True)
-    assert (checkout / ".simyard/plan.svg").read_bytes() == (ROOT / "docs/pictures/world.svg").read_bytes()
+    shown = (ROOT / "docs/pictures/world.svg").read_text()
+    assert (checkout / ".simyard/plan.svg").read_text() == shown.replace(GROUND, "")
+
+
+def test_every_drawing_has_a_ground_below_all_else():
+    drawings = sorted((ROOT / "docs").rglob("*.svg"))
+    assert drawings
+    for path in drawings:
+        before, ground, _ = path.read_text().partition(GROUND)
+        assert ground, path
+        assert before.endswith("</style>"), path
