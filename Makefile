@@ -2,13 +2,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PYTHON ?= python3
+TEST_PROCESSES ?= 2
+PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-processes test-modules explore check format lint types layers bench soak lock
+.PHONY: help run test test-all explore check format lint types layers bench soak lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
-	@echo "make test   set up, then run the tests"
+	@echo "make test   set up, then run the tests that a person waits for"
+	@echo "make test-all  run the long ones as well: kills, faults, whole documents, browsers"
 	@echo "make explore  run the tests with new random examples, many more of them"
 	@echo "make soak   the longest tests: clusters, faults, engines, and the promises of fleets; write the figures into docs/operate/fleet.md"
 	@echo "make check  format, lint, types, import layers, tests"
@@ -26,15 +29,12 @@ $(READY): pyproject.toml constraints.txt
 run: $(READY)
 	$(BIN)/simyard run examples/quickstart.yaml
 
-# Side by side, because those that start servers and processes mostly wait for them.
+# A process is a core's worth of tests; `tests/conftest.py` says which tests stay together in one.
 test: $(READY)
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-processes test-modules
+	$(PYTEST) -m 'not long'
 
-test-processes: $(READY)
-	$(BIN)/pytest tests/integration tests/server tests/deploy
-
-test-modules: $(READY)
-	$(BIN)/pytest --ignore=tests/integration --ignore=tests/server --ignore=tests/deploy
+test-all: $(READY)
+	$(PYTEST)
 
 # Not part of the tests: it may find what nobody knew, in code that nobody touched.
 explore: $(READY)

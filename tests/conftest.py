@@ -8,10 +8,12 @@ from uuid import uuid4
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
+from xdist.remote import Producer
 
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
+from tests.scheduling import FileScheduling
 from tests.servers.seaweed import Seaweed, running_seaweed
 
 # Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported, by whichever
@@ -28,6 +30,7 @@ CHECKED = [
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 
 _BUCKET = "tests"
+pytest_plugins = ["tests.servers.prefect"]
 # How long an example takes says how busy the machine is, not whether the code is right. The same commit is tried
 # with the same examples, so that a red run is about the change; `make explore` looks for new ones.
 settings.register_profile("simyard", deadline=None, derandomize=True, max_examples=40)
@@ -70,10 +73,16 @@ def store(request: pytest.FixtureRequest) -> Store:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leaves out what takes minutes, unless it is asked for by its marker."""
+    """Leaves out what takes minutes, unless it is asked for by its marker; `make test` leaves out ``long`` as well."""
     if "soak" in str(config.getoption("markexpr")):
         return
     long = [item for item in items if item.get_closest_marker("soak")]
     if long:
         config.hook.pytest_deselected(items=long)
         items[:] = [item for item in items if item not in long]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FileScheduling:
+    """Keeps each file in one process, and all files that share a Prefect server."""
+    return FileScheduling(config, log)

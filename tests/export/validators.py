@@ -3,12 +3,11 @@
 import functools
 import json
 import os
-import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
-import pytest
+from tests.servers.tools import need_tool, skip_or_fail
 
 _NPM_PACKAGE = "gltf-validator@2.0.0-dev.3.10"
 _ASK = """
@@ -20,16 +19,15 @@ validator.validateBytes(new Uint8Array(fs.readFileSync(process.argv[1])))
 
 
 def sdf_says(file: Path, models: tuple[Path, ...] = ()) -> str:
-    """Returns what libsdformat says about an SDF file; ``Valid.`` for a good one. Skips where it is not installed.
+    """Returns what libsdformat says about an SDF file; ``Valid.`` for a good one. Needs libsdformat.
 
     Args:
         file: The file.
         models: Folders with the models that it includes.
     """
-    if shutil.which("ign") is None:
-        pytest.skip("no libsdformat here; Debian: apt-get install ignition-tools libsdformat-dev")
+    ign = need_tool("ign", "ignition-tools libsdformat-dev")
     found = subprocess.run(
-        ["ign", "sdf", "-k", str(file)],
+        [ign, "sdf", "-k", str(file)],
         capture_output=True,
         text=True,
         check=False,
@@ -40,7 +38,7 @@ def sdf_says(file: Path, models: tuple[Path, ...] = ()) -> str:
 
 
 def gltf_errors(file: Path) -> list[str]:
-    """Returns the errors and warnings that Khronos' validator finds in a GLB; skips where it cannot be installed."""
+    """Returns the errors and warnings that Khronos' validator finds in a GLB; needs node, and npm once."""
     found = subprocess.run(
         ["node", "-e", _ASK, str(file)],
         capture_output=True,
@@ -59,11 +57,10 @@ def _gltf_validator() -> Path:
     folder = Path(tempfile.gettempdir()) / "simyard-gltf-validator"
     if (folder / "node_modules/gltf-validator").is_dir():
         return folder
-    if shutil.which("npm") is None:
-        pytest.skip("no npm here, so Khronos' gltf-validator cannot be installed; Debian: apt-get install npm")
+    npm = need_tool("npm")
     folder.mkdir(exist_ok=True)
-    command = ["npm", "install", "--silent", "--no-audit", "--no-fund", "--prefix", str(folder), _NPM_PACKAGE]
+    command = [npm, "install", "--silent", "--no-audit", "--no-fund", "--prefix", str(folder), _NPM_PACKAGE]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     if done.returncode:
-        pytest.skip(f"Khronos' gltf-validator cannot be installed: {done.stderr[-300:]}")
+        skip_or_fail(f"Khronos' gltf-validator cannot be installed: {done.stderr[-300:]}")
     return folder

@@ -1,4 +1,4 @@
-"""The apartment of tests/worlds_factory with what only some worlds have: a hinged door, windows."""
+"""The apartment of tests/factories/worlds.py with what only some worlds have: a hinged door, windows."""
 
 import math
 

@@ -6,7 +6,6 @@ It is steered by its DevTools protocol.
 import base64
 import json
 import os
-import shutil
 import signal
 import subprocess
 import time
@@ -17,9 +16,10 @@ from itertools import count
 from pathlib import Path
 from typing import cast
 
-import pytest
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
+
+from tests.servers.tools import need_tool
 
 _START_S = 60.0
 _ANSWER_S = 60.0
@@ -102,9 +102,7 @@ def browsing(folder: Path) -> Generator[Page, None, None]:
     Args:
         folder: For the browser's profile.
     """
-    program = shutil.which("chromium")
-    if program is None:
-        pytest.skip("there is no Chromium to open the report with: apt install chromium")
+    program = need_tool("chromium")
     with (folder / "chromium.log").open("wb") as log:
         process = subprocess.Popen(
             [program, *_OPTIONS, f"--user-data-dir={folder / 'profile'}", "about:blank"],

@@ -9,7 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
+from tests.servers.tools import need_tool
 
 _START_S = "60"
 _INSTALLED = sorted(Path("/usr/lib/postgresql").glob("*/bin"))
@@ -19,8 +19,7 @@ _INSTALLED = sorted(Path("/usr/lib/postgresql").glob("*/bin"))
 def running_postgres() -> Generator[int]:
     """Yields the port of a server with a database and a user, both named ``prefect``; skips the test without one."""
     programs = str(_INSTALLED[-1]) if _INSTALLED else None
-    if not shutil.which("initdb", path=programs):
-        pytest.skip("there is no PostgreSQL: apt install postgresql")
+    need_tool("initdb", "postgresql", path=programs)
     port = _free_port()
     # Not in pytest's folder, which only its owner may enter: PostgreSQL refuses to run as root.
     folder = Path(tempfile.mkdtemp(prefix="simyard-postgres-"))

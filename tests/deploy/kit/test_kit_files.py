@@ -1,6 +1,5 @@
 """A kit serves a fleet: it names no robot, holds no secret, and replaces an older one but nothing else."""
 
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from specs.errors import DocumentError
 from tasks.deploy.kit.kit_files import write_kit
 from tasks.deploy.kit.wheel import wheel_name
 from tests.deploy.kit.robot_image import command, install
+from tests.servers.tools import need_tool
 
 URL = "file:///srv/store"
 
@@ -70,12 +70,12 @@ def test_the_installer_wants_a_robot(tmp_path: Path) -> None:
     assert (done.returncode, "ROBOT" in done.stderr) == (2, True)
 
 
-@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
 def test_systemd_understands_the_unit(tmp_path: Path) -> None:
     write_kit(tmp_path, store_url=URL, root_of_trust=None)
     unit = tmp_path / "simyard-agent@.service"
     unit.write_text(unit.read_text().replace("/opt/simyard-agent/bin/simyard-agent", "/bin/true"))
 
-    done = subprocess.run(["systemd-analyze", "verify", str(unit)], check=False, capture_output=True, text=True)
+    analyze = need_tool("systemd-analyze", "systemd")
+    done = subprocess.run([analyze, "verify", str(unit)], check=False, capture_output=True, text=True)
 
     assert (done.returncode, done.stderr) == (0, "")

@@ -14,6 +14,7 @@ from prefect.utilities.schema_tools.validation import is_valid_schema
 
 from tests.integration.stopped.operated import commands, environment, unit
 from tests.repository import ROOT
+from tests.servers.tools import need_tool
 
 DEPLOY = ROOT / "deploy"
 DOCUMENT = (ROOT / "docs/operate/operations.md").read_text()
@@ -40,7 +41,6 @@ def test_a_unit_starts_a_program_of_the_environment_with_variables_that_are_ther
     assert (DEPLOY / Path(service["EnvironmentFile"]).name).exists()
 
 
-@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd to ask")
 @pytest.mark.parametrize("name", UNITS)
 def test_systemd_understands_a_unit(name: str, tmp_path: Path):
     text = (
@@ -49,7 +49,7 @@ def test_systemd_understands_a_unit(name: str, tmp_path: Path):
     (tmp_path / f"{name}.service").write_text(text)
 
     told = subprocess.run(
-        ["systemd-analyze", "verify", "--man=no", str(tmp_path / f"{name}.service")],
+        [need_tool("systemd-analyze", "systemd"), "verify", "--man=no", str(tmp_path / f"{name}.service")],
         capture_output=True,
         text=True,
         check=False,

@@ -8,6 +8,7 @@ import pytest
 from tasks.export.picture.film import Scene, Shoot, filming
 from tasks.export.picture.render import Pixels, rendering
 from tests.factories.worlds import apartment
+from tests.servers.tools import skip_or_fail
 
 WIDTH, HEIGHT = 320, 240
 SCENE = Scene(world=apartment(), radius_m=0.2, low_m=0.0, high_m=0.3)
@@ -17,7 +18,7 @@ SCENE = Scene(world=apartment(), radius_m=0.2, low_m=0.0, high_m=0.3)
 def shoot() -> Generator[Shoot, None, None]:
     with filming(SCENE, WIDTH, HEIGHT, samples=2) as found:
         if found is None:
-            pytest.skip("no GL is there: neither EGL nor OSMesa works on this machine")
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
         yield found
 
 

@@ -9,6 +9,7 @@ from specs.data.world import Finish, World
 from tasks.export.picture.render import Pixels, Render, render_png, rendering
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
+from tests.servers.tools import skip_or_fail
 
 WIDTH, HEIGHT, SAMPLES = 160, 120, 4
 
@@ -17,7 +18,7 @@ WIDTH, HEIGHT, SAMPLES = 160, 120, 4
 def render() -> Generator[Render, None, None]:
     with rendering(WIDTH, HEIGHT, SAMPLES) as found:
         if found is None:
-            pytest.skip("no GL is there: neither EGL nor OSMesa works on this machine")
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
         yield found
 
 

@@ -10,13 +10,14 @@ from tasks.export.picture.render import CAPTION_LINE, rendering
 from tasks.export.picture.render_sheet import render_sheet_png
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
+from tests.servers.tools import skip_or_fail
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _gl() -> None:
     with rendering(16, 16, 1) as render:
         if render is None:
-            pytest.skip("no GL is there: neither EGL nor OSMesa works on this machine")
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
 
 
 def test_worlds_stand_side_by_side_with_something_to_see_in_each():

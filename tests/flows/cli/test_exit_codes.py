@@ -105,7 +105,7 @@ leave_after(command, grace_s=0.0)
 def test_only_a_second_ctrl_c_does_not_wait_for_what_the_first_signal_began(second: str, code: int):
     script = f"""
 import signal, threading
-from flows import leaving
+from flows.cli import exit_codes
 
 def command():
     signal.raise_signal(signal.SIGINT)
@@ -115,12 +115,12 @@ def slow_to_leave():
         command()
     except SystemExit:
         signal.signal(signal.{second}, lambda *_: None)  # as Prefect does inside a flow
-        threading.Event().wait(2 * leaving._SAME_KEY_S)
+        threading.Event().wait(2 * exit_codes._SAME_KEY_S)
         signal.raise_signal(signal.{second})
         threading.Event().wait(250 if "{second}" == "SIGINT" else 2)
         raise SystemExit(5)
 
-leaving.leave_after(slow_to_leave, grace_s=240.0)
+exit_codes.leave_after(slow_to_leave, grace_s=240.0)
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert ended.returncode == code, ended.stderr

@@ -25,6 +25,7 @@ from tasks.worlds.rejection import WorldRejected
 from tests.export.png_reader import SIGNATURE
 from tests.factories.worlds import apartment
 from tests.repository import ROOT
+from tests.servers.tools import skip_or_fail
 
 TEMPLATE = ROOT / "examples" / "templates" / "two-rooms.json"
 
@@ -78,7 +79,7 @@ def test_where_gl_is_there_the_picture_lies_beside_the_plan(monkeypatch: pytest.
         monkeypatch.setattr(f"flows.cli.world_commands.{side}", 64)
     with rendering(16, 16, 1) as render:
         if render is None:
-            pytest.skip("no GL is there: neither EGL nor OSMesa works on this machine")
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
     done = world("preview", str(TEMPLATE), "--output", "plan.svg")
     assert done.stdout.split() == ["plan.svg", "plan.png"]
     assert Path("plan.png").read_bytes().startswith(SIGNATURE)

@@ -1,4 +1,4 @@
-"""What is particular to a store in a folder; what it promises is in tests/contracts."""
+"""What is particular to a store in a folder; what it promises is in tests/storage/contracts."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""What can go wrong on the way to an S3 server; what the store promises is in tests/contracts."""
+"""What can go wrong on the way to an S3 server; what the store promises is in tests/storage/contracts."""
 
 import socket
 import subprocess

@@ -1,4 +1,4 @@
-"""One Prefect server for all integration tests of a session."""
+"""One Prefect server for all tests of a session, and one unbroken run on it; each starts when a test first asks."""
 
 import os
 from collections.abc import Generator
