@@ -21,11 +21,12 @@ from pathlib import Path
 
 from benchmarks.repository import ROOT
 from flows.cli.run_command import flush_prefect, prefect_home
+from specs.job_kinds import JobKind
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.server.process import serving, wait_until_healthy
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobKind, records
+from tasks.storage.jobs.records import records
 from tasks.storage.store_url import open_store
 
 DOCUMENT = ROOT / "examples/quickstart.yaml"

@@ -9,19 +9,17 @@ import re
 from typing import Literal, get_args
 
 from specs.base import Spec
+from specs.job_kinds import JobKind
 
 ResourceKind = Literal[
     "world-template",
-    "world-generation-job",
     "world",
-    "world-export-job",
     "robot-application",
     "simulation-application",
     "simulation-job",
-    "simulation-job-batch",
     "deployment-fleet",
     "robot",
-    "deployment-job",
+    JobKind,
 ]
 KINDS: tuple[ResourceKind, ...] = get_args(ResourceKind)
 _CREATION_TIME = re.compile(r"[0-9]{13}")

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 from specs.base import Spec
 from specs.errors import DocumentError, ResourceNotFound, SimyardError
+from specs.job_kinds import JobKind
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim_state import ClaimWatch
-from tasks.storage.jobs.records import JobKind, JobRecord, is_terminal, read, records
+from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
 from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import run_of
 

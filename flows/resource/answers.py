@@ -10,8 +10,9 @@ from typing import NamedTuple
 from specs.arn import KINDS, Reference, ResourceKind, parse_reference
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
+from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobKind, JobRecord, read, records
+from tasks.storage.jobs.records import JobRecord, read, records
 
 
 class Family(NamedTuple):

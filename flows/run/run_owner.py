@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 
 from specs.errors import ResourceNotFound
+from specs.job_kinds import JobKind
 from specs.robomaker.world_jobs import WorldCount
 from tasks.deploy.rollout.observation import ended, recorded_progress
 from tasks.progress.listener import tell
@@ -14,7 +15,7 @@ from tasks.storage.base.keys import worlds_prefix
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord
 from tasks.storage.jobs.holder import this_process
-from tasks.storage.jobs.records import JobKind, JobRecord, is_terminal, read
+from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.jobs.runs import Waiting, jobs_of
 
 _PAUSE_S = 1.0

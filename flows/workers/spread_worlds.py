@@ -10,11 +10,12 @@ from prefect.futures import PrefectFuture
 
 from flows.workers.crew import Width, on_workers, wanted_workers
 from flows.workers.spread import Ended, Numbers, spread
+from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
 from tasks.export.job import job as exporting
 from tasks.export.job.world_files import kept_parts, make_parts
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobKind, read
+from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 from tasks.worlds.job import job as generating
 from tasks.worlds.job.production import Indices, Made, Order

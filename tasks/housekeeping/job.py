@@ -12,12 +12,13 @@ from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
 from tasks.housekeeping.cache_garbage import Cached, clear, unused
 from tasks.housekeeping.findings import GcReport, Row, Unread
-from tasks.housekeeping.object_kinds import NOTES, TOKENS, Job, job_named, place_of
+from tasks.housekeeping.object_kinds import TOKENS, Job, job_named, place_of
 from tasks.housekeeping.references import Named, Records, named, read_records, record_entries
 from tasks.housekeeping.signed_metadata import replaced_metadata
 from tasks.housekeeping.sweep import Swept, sweep
 from tasks.housekeeping.sweep_plan import Item, Listing, Plan, planned
 from tasks.storage.base.encoding import encoded
+from tasks.storage.base.keys import UNNAMED
 from tasks.storage.base.store import Entry, Store
 from tasks.storage.buckets import bucket_url
 
@@ -128,7 +129,7 @@ def _token_job(store: Store, key: str) -> Job | None:
 
 def _notes(store: Store) -> tuple[_Unnamed, str]:
     try:
-        stored = store.get(NOTES)
+        stored = store.get(UNNAMED)
     except ObjectNotFound:
         return _Unnamed(), ""
     try:
@@ -142,9 +143,9 @@ def _keep_notes(store: Store, plan: Plan, etag: str) -> None:
     body = encoded(_Unnamed(bundles=dict(plan.unnamed)))
     try:
         if etag:
-            store.replace(NOTES, body, etag)
+            store.replace(UNNAMED, body, etag)
         elif plan.unnamed:
-            store.create(NOTES, body)
+            store.create(UNNAMED, body)
     except (ObjectConflict, ObjectExists):
         _LOG.info("another gc has noted the bundles without a name")
 

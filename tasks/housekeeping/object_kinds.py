@@ -1,51 +1,53 @@
 """What an object of a store is, from its key alone, and which job it belongs to."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import cast
 
-from tasks.storage.jobs.records import JobKind
-
-NOTES = "housekeeping/unnamed.json"
-"""Since when each bundle has been without a name, for the next time that somebody asks."""
+from specs.job_kinds import JOB_KINDS, JobDeclaration, JobKind
+from tasks.storage.base.keys import BUNDLE, CLAIM, JOB, TOKEN, TRUST, key_pattern
 
 RECORD_FOLDERS = ("jobs", "applications", "robots", "fleets", "results")
 """Where objects lie that name others; of ``results`` the evidence alone."""
 
-WORLDS, EXPORTS, RESULTS, RECORDINGS, BUNDLES = "worlds", "exports", "results", "recordings", "bundles"
-CHUNKS, PARTS, NOTES_OF_BATCHES = "chunks", "export parts", "audit notes"
+WORLDS, BUNDLES = "worlds", "bundles"
 TOKENS, CLAIMS, RECORDS, PROBES = "tokens", "claims", "job records", "probes"
 METADATA, UNFINISHED = "signed metadata", "unfinished writes"
 
-NAMED_BY_OTHERS = frozenset({WORLDS, EXPORTS, RESULTS, RECORDINGS, BUNDLES})
-"""What records of other jobs than its own may name."""
-
-NEEDS_PROOF = frozenset({WORLDS, EXPORTS, RESULTS, RECORDINGS})
+_OBJECTS = [each for kind in JOB_KINDS.values() for each in kind.objects]
+NEEDS_PROOF = frozenset(each.what for each in _OBJECTS if each.from_elsewhere)
 """What may come from elsewhere too, as a world that somebody added: only what a job of this store made is freed."""
 
-_PREFIXES: dict[str, JobKind] = {
-    "wgj": "world-generation-job",
-    "wej": "world-export-job",
-    "simb": "simulation-job-batch",
-    "dep": "deployment-job",
-    "run": "pipeline-run",
-}
-_KINDS = frozenset(_PREFIXES.values())
-_ID = r"(?:wgj|wej|simb|dep|run)-[0-9a-f]{16}"
-_EVIDENCE = re.compile(rf"results/({_ID})/evidence\.json")
-_PLACES: tuple[tuple[re.Pattern[str], str], ...] = (
-    (re.compile(rf"worlds/({_ID})/[^/]+\.(?:json|svg)"), WORLDS),
-    (re.compile(rf"parts/({_ID})/.+"), PARTS),
-    (re.compile(rf"chunks/({_ID})/\d+(?:\.started)?\.json"), CHUNKS),
-    (re.compile(rf"results/({_ID})/audit-begun\.json"), NOTES_OF_BATCHES),
-    (re.compile(rf"claims/[a-z-]+/({_ID})\.json"), CLAIMS),
-    (re.compile(rf"jobs/[a-z-]+/({_ID})\.json"), RECORDS),
-    (re.compile(rf"buckets/(?:.+/)?recordings/({_ID})/\d+\.parquet"), RECORDINGS),
-    (re.compile(rf"buckets/(?:.+/)?({_ID})/(?:(?:results|failures)\.parquet|report\.html|audit\.json)"), RESULTS),
-    (re.compile(rf"buckets/(?:.+/)?({_ID})(?:\.zip|(?:/[^/]+){{1,2}}\.svg)"), EXPORTS),
+NAMED_BY_OTHERS = NEEDS_PROOF | {BUNDLES}
+"""What records of other jobs than its own may name."""
+
+SPENT = {each.what: each.spent for each in _OBJECTS if each.spent}
+"""What goes as soon as its job has ended, and why."""
+
+_KINDS: dict[str, JobKind] = {each.prefix: each.kind for each in JOB_KINDS.values()}
+_ID = rf"(?:{'|'.join(_KINDS)})-[0-9a-f]{{16}}"
+_BUCKETS = re.compile(r"buckets/(?:.+/)?")
+
+
+def _patterns(kind: JobDeclaration) -> Iterator[tuple[re.Pattern[str], str, str]]:
+    """Yields what matches the keys of a kind's objects, the part that is the job's id, and what the objects are."""
+    for each in kind.objects:
+        for form in each.forms:
+            inner = key_pattern(form, **{kind.part: _ID}).pattern
+            yield re.compile(f"{_BUCKETS.pattern}{inner}" if each.in_bucket else inner), kind.part, each.what
+
+
+_PLACES: tuple[tuple[re.Pattern[str], str, str], ...] = (
+    (key_pattern(CLAIM, job=_ID), "job", CLAIMS),
+    (key_pattern(JOB, job=_ID), "job", RECORDS),
+    *(place for kind in JOB_KINDS.values() for place in _patterns(kind)),
 )
-_BUNDLE = re.compile(r"bundles/([0-9a-f]{64})")
-_METADATA = re.compile(r"trust/([^/]+)/(\d+)\.(targets|deployer|snapshot)\.json")
+_EVIDENCE = re.compile(rf"results/({_ID})/evidence\.json")
+_BUNDLE = key_pattern(BUNDLE)
+_TOKEN = key_pattern(TOKEN, kind="|".join(JOB_KINDS))
+_METADATA = key_pattern(TRUST, file=r"(?P<version>\d+)\.(?P<role>targets|deployer|snapshot)\.json")
+_PROBE = re.compile(r"probe/[0-9a-f]{32}")
 
 
 @dataclass(frozen=True)
@@ -71,21 +73,16 @@ class Place:
 
 def place_of(key: str) -> Place:
     """Returns what the object under a key is; of a token only that it is one."""
-    for pattern, what in _PLACES:
+    for pattern, part, what in _PLACES:
         if found := pattern.fullmatch(key):
-            return Place(what, job_named(found[1]))
-    if _BUNDLE.fullmatch(key):
-        return Place(BUNDLES)
-    if key.startswith("tokens/") and key.split("/")[1] in _KINDS:
-        return Place(TOKENS)
-    if _METADATA.fullmatch(key):
-        return Place(METADATA)
-    return Place(PROBES if re.fullmatch(r"probe/[0-9a-f]{32}", key) else "")
+            return Place(what, job_named(found[part]))
+    others = ((_BUNDLE, BUNDLES), (_TOKEN, TOKENS), (_METADATA, METADATA), (_PROBE, PROBES))
+    return Place(next((what for pattern, what in others if pattern.fullmatch(key)), ""))
 
 
 def job_named(job_id: str) -> Job:
     """Returns the job with an id such as ``simb-0123456789abcdef``."""
-    return Job(_PREFIXES[job_id.partition("-")[0]], job_id)
+    return Job(_KINDS[job_id.partition("-")[0]], job_id)
 
 
 def is_record(key: str) -> bool:
@@ -107,4 +104,4 @@ def digests_in(text: str) -> frozenset[str]:
 def metadata_version(key: str) -> tuple[str, str, int]:
     """Returns the repository, the role and the version of signed metadata."""
     found = cast("re.Match[str]", _METADATA.fullmatch(key))
-    return found[1], found[3], int(found[2])
+    return found["repository"], found["role"], int(found["version"])

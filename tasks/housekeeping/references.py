@@ -16,6 +16,7 @@ from typing import cast
 from pydantic import JsonValue, ValidationError
 
 from specs.errors import ObjectNotFound
+from specs.job_kinds import JOB_KINDS
 from specs.robomaker.bundle import Application
 from tasks.housekeeping.object_kinds import (
     BUNDLES,
@@ -186,10 +187,6 @@ def _one_line(exc: Exception) -> str:
     return " ".join(str(exc).split())[:200]
 
 
-# Runs of a document are numbered without gaps, and each says how it went; nothing is gained by forgetting one.
-_NEVER_FORGOTTEN = "pipeline-run"
-
-
 @dataclass(frozen=True)
 class Spoilt:
     """A record that cannot be read, and what therefore stays.
@@ -265,7 +262,7 @@ def _ids(records: Iterable[Record]) -> frozenset[str]:
 
 
 def _is_ended_run(record: Record) -> bool:
-    return record.job is not None and record.job.ended and record.job.job.kind == _NEVER_FORGOTTEN
+    return record.job is not None and record.job.ended and record.job.job.kind == RUN
 
 
 def _forgotten(records: Records, before_s: float) -> dict[str, Record]:
@@ -282,7 +279,7 @@ def _forgotten(records: Records, before_s: float) -> dict[str, Record]:
 def _ended_before(record: Record, before_s: float) -> bool:
     # The record of a job that has ended is never written again, so it is as old as the end.
     facts = record.job
-    return bool(facts and facts.ended and facts.job.kind != _NEVER_FORGOTTEN and record.entry.written_s < before_s)
+    return bool(facts and facts.ended and JOB_KINDS[facts.job.kind].forgettable and record.entry.written_s < before_s)
 
 
 def _spoilt(record: Record) -> Spoilt:

@@ -10,9 +10,9 @@ from tasks.housekeeping.object_kinds import (
     METADATA,
     NAMED_BY_OTHERS,
     NEEDS_PROOF,
-    PARTS,
     PROBES,
     RECORDS,
+    SPENT,
     TOKENS,
     UNFINISHED,
     Job,
@@ -25,7 +25,7 @@ from tasks.storage.base.store import Entry
 GONE = "of jobs without a record"
 FORGOTTEN = "of jobs that ended long ago and that nothing names"
 _WHY = {
-    PARTS: "of exports that are done",
+    **SPENT,
     BUNDLES: "that nothing names",
     PROBES: "of processes that were killed while they opened the store",
     METADATA: "that newer versions have replaced",
@@ -147,7 +147,7 @@ class _Planning:
 
     def _loose(self) -> Iterable[Item]:
         for entry, place in self._placed:
-            done = place.what == PARTS and place.job is not None and self._named.jobs.get(place.job, False)
+            done = place.what in SPENT and place.job is not None and self._named.jobs.get(place.job, False)
             replaced = place.what == METADATA and entry.key in self._listing.replaced
             if done or replaced or place.what == PROBES:
                 yield Item(entry, place.what, _WHY[place.what])

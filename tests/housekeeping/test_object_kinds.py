@@ -1,8 +1,15 @@
 """What an object is, from its key."""
 
+import re
+
 import pytest
 
+from specs.job_kinds import BATCH_FILES, RECORDING
 from tasks.housekeeping.object_kinds import Place, digests_in, ids_in, is_record, job_named, place_of
+from tasks.results.report.report_job import REPORT_FILE
+from tasks.results.tables.recordings import RECORDINGS_FOLDER
+from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
+from tasks.simulate.audit.audit_run import AUDIT_FILE
 from tasks.storage.base import keys
 from tasks.storage.base.keys import (
     bundle_key,
@@ -101,6 +108,12 @@ def test_a_name_is_found_wherever_it_stands() -> None:
 
 
 def test_every_folder_of_the_store_was_thought_of() -> None:
-    documented = {line.split("/")[0] for line in (keys.__doc__ or "").splitlines() if "/" in line.split("  ")[0]}
+    forms = [value for value in vars(keys).values() if isinstance(value, str) and re.match(r"[a-z]+/.*\{", value)]
     known = {"tokens", "jobs", "claims", "templates", "worlds", "parts", "chunks", "results", "bundles", "applications"}
-    assert documented <= known | {"fleets", "robots", "trust", "buckets", "housekeeping"}
+    assert {form.split("/")[0] for form in forms} <= known | {"fleets", "robots", "trust", "buckets", "housekeeping"}
+    assert len(forms) > 15
+
+
+def test_the_names_of_a_batchs_files_are_those_that_are_written() -> None:
+    assert tuple(f"{{batch}}/{name}" for name in (RESULTS_FILE, FAILURES_FILE, REPORT_FILE, AUDIT_FILE)) == BATCH_FILES
+    assert RECORDING.split("/")[0] == RECORDINGS_FOLDER

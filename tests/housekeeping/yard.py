@@ -10,6 +10,7 @@ from typing import cast
 from pydantic import JsonValue
 
 from specs.errors import StoreError
+from specs.job_kinds import JobKind
 from specs.robomaker.bundle import Application, Build, Version
 from tasks.applications.versions import change, with_version
 from tasks.housekeeping.findings import GcReport
@@ -26,7 +27,7 @@ from tasks.storage.base.keys import (
 )
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import claimed
-from tasks.storage.jobs.records import JobKind, JobRecord, advance, submit
+from tasks.storage.jobs.records import JobRecord, advance, submit
 
 NOW = Ages(grace_s=0.0)
 _ENDED: Mapping[JobKind, str] = {

@@ -18,6 +18,7 @@ from specs.arn import parse_reference
 from specs.base import Fault
 from specs.digest import canonical_document
 from specs.errors import DocumentError, SimyardError, StoreError
+from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export.format.availability import require_writable
@@ -29,7 +30,7 @@ from tasks.storage.base.keys import claim_key, output_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.claim import claimed
-from tasks.storage.jobs.records import JobKind, JobRecord, advance, is_terminal, read, submit
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, submit
 from tasks.storage.worlds import SOURCE, read_world
 
 KIND: JobKind = "world-export-job"

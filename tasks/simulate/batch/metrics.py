@@ -9,9 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from specs.base import Spec
+from specs.job_kinds import JobKind
 from tasks.simulate.chunk.timings import ChunkTiming
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobKind, JobRecord, read
+from tasks.storage.jobs.records import JobRecord, read
 
 METRICS = "metrics"
 _KIND: JobKind = "simulation-job-batch"

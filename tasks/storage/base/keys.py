@@ -1,34 +1,45 @@
-"""Every key of the store, and the check of what goes into one.
+"""Every key of the store: its form, how it is filled, and the check of what goes into one.
 
-store.json                                  the store's id, written once its promises were probed
-tokens/<kind>/<sha256 of the token>.json    which job a clientRequestToken made
-jobs/<kind>/<id>.json                       job records
-claims/<kind>/<id>.json                     which live process works on a job
-templates/<name>.json                       world templates
-worlds/<generation>/<world>.json            worlds, immutable
-worlds/<generation>/contact-sheet.svg       the first of them side by side, immutable
-parts/<export>/<generation>/<world>.zip     files of one world, until the zip of all is written
-chunks/<batch>/<number>.json                results of one chunk of lanes, immutable
-chunks/<batch>/<number>.started.json        when it was last begun, and how often
-results/<batch>/<name>                      tables and evidence of a batch
-bundles/<digest>                            application bundles, named by their SHA-256
-applications/<kind>/<name>.json             the versions of an application
-fleets/<fleet>.json                         fleets
-robots/<robot>/record.json                  who the robot is
-robots/<robot>/desired.json                 what it shall run; the controller writes
-robots/<robot>/reported.json                what it runs; only that robot writes
-trust/<repository>/<name>                   signed metadata of bundles and keys; no private key, ever
-housekeeping/unnamed.json                   since when bundles have had no name, for the next gc
-buckets/<bucket>/...                        what documents call s3Bucket, by default
+The forms of what jobs keep stand with the kinds of jobs (specs.job_kinds); buckets/<bucket>/... is what documents call
+s3Bucket, by default.
 """
 
 import hashlib
 import re
+from string import Formatter
 
 from specs.base import Fault
 from specs.errors import DocumentError
+from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, WORLD
 
 STORE = "store.json"
+"""The store's id, written once its promises were probed."""
+TOKEN = "tokens/{kind}/{digest}.json"  # noqa: S105 - a form, no secret
+"""Which job a clientRequestToken made; the digest is the token's."""
+JOB = "jobs/{kind}/{job}.json"
+"""A job's record."""
+CLAIM = "claims/{kind}/{job}.json"
+"""Which live process works on a job."""
+TEMPLATE = "templates/{template}.json"
+"""A world template."""
+RESULT = "results/{batch}/{file}"
+"""Evidence and notes of a batch."""
+BUNDLE = "bundles/{digest}"
+"""An application bundle, named by its SHA-256."""
+APPLICATION = "applications/{kind}/{application}.json"
+"""The versions of an application."""
+FLEET = "fleets/{fleet}.json"
+"""A fleet."""
+ROBOT_RECORD = "robots/{robot}/record.json"
+"""Who the robot is."""
+DESIRED = "robots/{robot}/desired.json"
+"""What the robot shall run; the controller writes."""
+REPORTED = "robots/{robot}/reported.json"
+"""What the robot runs; only that robot writes."""
+TRUST = "trust/{repository}/{file}"
+"""Signed metadata of bundles and keys; no private key, ever."""
+UNNAMED = "housekeeping/unnamed.json"
+"""Since when each bundle has been without a name, for the next time that somebody asks."""
 NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
 KEY_RULE = "parts joined by /, none empty or beginning with a dot, at most 1024 bytes"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
@@ -36,6 +47,46 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 _FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
 _BUCKET = re.compile(r"(?!.*\.\.)[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+_PARTS = {"digest": (_DIGEST, "64 lower-case hex digits"), "file": (_FILE, "a plain file name")}
+"""What may stand in a part of a form, and the rule in words; in every other part, a name."""
+_DIGITS = re.compile(r"[0-9]+")
+
+
+def fill(form: str, **parts: str | int) -> str:
+    """Returns the key of a form; the parts are text that is checked, or numbers.
+
+    Raises:
+        DocumentError: Text may not stand in its part.
+    """
+    return form.format(**{part: _part(part, text) for part, text in parts.items()})
+
+
+def key_pattern(form: str, **known: str) -> re.Pattern[str]:
+    """Returns what matches the keys of a form, with a group for each part.
+
+    Args:
+        form: The form.
+        known: Regular expressions of parts that are narrower than the form itself says.
+    """
+    expression = ""
+    for text, part, spec, _ in Formatter().parse(form):
+        expression += re.escape(text)
+        if part:
+            broad = _DIGITS.pattern if spec else _PARTS[part][0].pattern if part in _PARTS else "[^/]+"
+            expression += f"(?P<{part}>{known.get(part, broad)})"
+    return re.compile(expression)
+
+
+def _part(part: str, text: str | int) -> str | int:
+    if isinstance(text, int):
+        return text
+    pattern, rule = _PARTS.get(part, (_NAME, NAME_RULE))
+    return _matched(pattern, text, part, rule)
+
+
+def _folder(form: str, **parts: str) -> str:
+    """Returns the folder that the first two parts of a form name."""
+    return fill("/".join(form.split("/")[:2]), **parts)
 
 
 def checked_key(key: str) -> str:
@@ -76,112 +127,112 @@ def output_key(prefix: str | None, name: str) -> str:
 
 def job_key(kind: str, job_id: str) -> str:
     """Returns the key of a job record."""
-    return f"{jobs_prefix(kind)}/{checked_name(job_id, 'job')}.json"
+    return fill(JOB, kind=kind, job=job_id)
 
 
 def jobs_prefix(kind: str) -> str:
     """Returns the folder that holds the job records of a kind."""
-    return f"jobs/{checked_name(kind, 'kind')}"
+    return _folder(JOB, kind=kind)
 
 
 def token_key(kind: str, token: str) -> str:
     """Returns the key of what a clientRequestToken made; tokens are free text, so the key holds their digest."""
-    return f"tokens/{checked_name(kind, 'kind')}/{hashlib.sha256(token.encode()).hexdigest()}.json"
+    return fill(TOKEN, kind=kind, digest=hashlib.sha256(token.encode()).hexdigest())
 
 
 def claim_key(kind: str, job_id: str) -> str:
     """Returns the key under which a process claims a job."""
-    return f"claims/{checked_name(kind, 'kind')}/{checked_name(job_id, 'job')}.json"
+    return fill(CLAIM, kind=kind, job=job_id)
 
 
 def template_key(name: str) -> str:
     """Returns the key of a world template."""
-    return f"templates/{checked_name(name, 'template')}.json"
+    return fill(TEMPLATE, template=name)
 
 
 def world_key(generation: str, world: str) -> str:
     """Returns the key of a world."""
-    return f"{worlds_prefix(generation)}/{checked_name(world, 'world')}.json"
+    return fill(WORLD, generation=generation, world=world)
 
 
 def worlds_prefix(generation: str) -> str:
     """Returns the folder that holds the worlds of a generation job."""
-    return f"worlds/{checked_name(generation, 'generation')}"
+    return _folder(WORLD, generation=generation)
 
 
 def contact_sheet_key(generation: str) -> str:
     """Returns the key of the sheet that shows the worlds of a generation job."""
-    return f"{worlds_prefix(generation)}/contact-sheet.svg"
+    return fill(CONTACT_SHEET, generation=generation)
 
 
 def export_part_key(export: str, generation: str, world: str) -> str:
     """Returns the key of what a worker made of one world for an export job."""
-    return f"{export_parts_prefix(export)}/{checked_name(generation, 'generation')}/{checked_name(world, 'world')}.zip"
+    return fill(EXPORT_PART, export=export, generation=generation, world=world)
 
 
 def export_parts_prefix(export: str) -> str:
     """Returns the folder that holds what workers made for an export job."""
-    return f"parts/{checked_name(export, 'export')}"
+    return _folder(EXPORT_PART, export=export)
 
 
 def chunk_key(batch: str, number: int) -> str:
     """Returns the key of the results of a batch's chunk."""
-    return f"{chunks_prefix(batch)}/{number:06d}.json"
+    return fill(CHUNK, batch=batch, number=number)
 
 
 def chunk_start_key(batch: str, number: int) -> str:
     """Returns the key of when a batch's chunk was begun."""
-    return f"{chunks_prefix(batch)}/{number:06d}.started.json"
+    return fill(CHUNK_START, batch=batch, number=number)
 
 
 def chunks_prefix(batch: str) -> str:
     """Returns the folder that holds the chunks of a batch."""
-    return f"chunks/{checked_name(batch, 'batch')}"
+    return _folder(CHUNK, batch=batch)
 
 
 def result_key(batch: str, name: str) -> str:
     """Returns the key of one of a batch's files, such as ``evidence.json``."""
-    return f"results/{checked_name(batch, 'batch')}/{_matched(_FILE, name, 'file', 'a plain file name')}"
+    return fill(RESULT, batch=batch, file=name)
 
 
 def bundle_key(digest: str) -> str:
     """Returns the key of an application bundle."""
-    return f"bundles/{_matched(_DIGEST, digest, 'digest', '64 lower-case hex digits')}"
+    return fill(BUNDLE, digest=digest)
 
 
 def application_key(kind: str, name: str) -> str:
     """Returns the key of an application's versions."""
-    return f"{applications_prefix(kind)}/{checked_name(name, 'application')}.json"
+    return fill(APPLICATION, kind=kind, application=name)
 
 
 def applications_prefix(kind: str) -> str:
     """Returns the folder that holds the applications of a kind."""
-    return f"applications/{checked_name(kind, 'kind')}"
+    return _folder(APPLICATION, kind=kind)
 
 
 def fleet_key(fleet: str) -> str:
     """Returns the key of a fleet."""
-    return f"fleets/{checked_name(fleet, 'fleet')}.json"
+    return fill(FLEET, fleet=fleet)
 
 
 def robot_record_key(robot: str) -> str:
     """Returns the key of a robot's record."""
-    return f"robots/{checked_name(robot, 'robot')}/record.json"
+    return fill(ROBOT_RECORD, robot=robot)
 
 
 def desired_key(robot: str) -> str:
     """Returns the key of what a robot shall run."""
-    return f"robots/{checked_name(robot, 'robot')}/desired.json"
+    return fill(DESIRED, robot=robot)
 
 
 def reported_key(robot: str) -> str:
     """Returns the key of what a robot says it runs."""
-    return f"robots/{checked_name(robot, 'robot')}/reported.json"
+    return fill(REPORTED, robot=robot)
 
 
 def trust_key(repository: str, name: str) -> str:
     """Returns the key of one of a repository's signed files, such as ``timestamp.json``."""
-    return f"trust/{checked_name(repository, 'repository')}/{_matched(_FILE, name, 'file', 'a plain file name')}"
+    return fill(TRUST, repository=repository, file=name)
 
 
 def _matched(pattern: re.Pattern[str], text: str, what: str, rule: str) -> str:

@@ -2,10 +2,11 @@
 
 from specs.base import Fault
 from specs.errors import DocumentError
+from specs.job_kinds import JobKind
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import claimed_unless_alive
-from tasks.storage.jobs.records import JobKind, JobRecord, advance
+from tasks.storage.jobs.records import JobRecord, advance
 
 _GOING = frozenset({"Pending", "Running", "Canceling"})
 

@@ -8,7 +8,6 @@ import hashlib
 import json
 import time
 from collections.abc import Collection, Mapping
-from typing import Literal
 
 from pydantic import JsonValue
 
@@ -22,22 +21,15 @@ from specs.errors import (
     ResourceNotFound,
     StoreError,
 )
+from specs.job_kinds import JOB_KINDS, JobKind
 from tasks.storage.base.encoding import decoded, encoded
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.transitions import Transition, tell
 from tasks.storage.store_url import store_id
 
-JobKind = Literal["world-generation-job", "world-export-job", "simulation-job-batch", "deployment-job", "pipeline-run"]
 TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
 _STATUSES = TERMINAL | {"Pending", "Preparing", "Running", "InProgress", "Completing", "Canceling", "TimingOut"}
-_PREFIXES: Mapping[JobKind, str] = {
-    "world-generation-job": "wgj",
-    "world-export-job": "wej",
-    "simulation-job-batch": "simb",
-    "deployment-job": "dep",
-    "pipeline-run": "run",
-}
 _ATTEMPTS = 1000
 _LONGEST_PAUSE_S = 0.05
 _LONGEST_REASON = 1024
@@ -86,7 +78,7 @@ def request_digest(request: Mapping[str, JsonValue]) -> str:
 
 def job_id(kind: JobKind, token: str) -> str:
     """Returns the id of the job that the token makes, such as ``wgj-0123456789abcdef``."""
-    return f"{_PREFIXES[kind]}-{hashlib.sha256(f'{kind}|{token}'.encode()).hexdigest()[:16]}"
+    return f"{JOB_KINDS[kind].prefix}-{hashlib.sha256(f'{kind}|{token}'.encode()).hexdigest()[:16]}"
 
 
 def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: str) -> JobRecord:
@@ -103,7 +95,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
     record = JobRecord(
         kind=kind,
         id=new.id,
-        arn=_job_arn(kind, store_id(store), new.id),
+        arn=arn(kind, store_id(store), new.id),
         token=token,
         request_digest=digest,
         request=request,
@@ -229,11 +221,6 @@ def _mismatch(kind: JobKind, old: _Token, new: _Token) -> IdempotentParameterMis
         "send the same request, or another token",
     )
     return IdempotentParameterMismatch([fault], source=kind)
-
-
-def _job_arn(kind: JobKind, store: str, path: str) -> str:
-    # A run of the whole pipeline is Simyard's own and no kind of RoboMaker's resources.
-    return f"arn:simyard:{kind}:{store}:{path}" if kind == "pipeline-run" else arn(kind, store, path)
 
 
 def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:

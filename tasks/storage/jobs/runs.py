@@ -11,19 +11,13 @@ from contextlib import contextmanager
 from pydantic import JsonValue
 
 from specs.errors import ResourceNotFound
+from specs.job_kinds import JOB_KINDS, JobKind
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord, claimed
-from tasks.storage.jobs.records import JobKind, JobRecord, is_terminal, job_id, read, request_digest, submit
+from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, request_digest, submit
 
 KIND: JobKind = "pipeline-run"
-# The flow of a stage, its section in the document of a whole pipeline, what its token ends in there, and its job.
-_STAGES: tuple[tuple[str, str, str, JobKind], ...] = (
-    ("world-generation", "worldGeneration", "worlds", "world-generation-job"),
-    ("world-export", "worldExport", "export", "world-export-job"),
-    ("simulation-batch", "simulationBatch", "batch", "simulation-job-batch"),
-    ("deployment-sync", "deployment", "deployment", "deployment-job"),
-)
 _STAGE_TOKEN = re.compile(r"(run-[0-9a-f]{16})-.+")
 Waiting = Callable[[JobRecord, ClaimRecord], None]
 
@@ -65,11 +59,13 @@ def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
     """Yields kind and id of each job that a run has begun or may begin, in the order of its stages."""
     spec = run.request.get("spec")
     sections = spec if isinstance(spec, dict) else {}
-    for flow, section, stage, kind in _STAGES:
-        if run.request.get("flow") == "pipeline" and section in sections:
-            yield kind, job_id(kind, _own_token(sections[section]) or stage_token(run, stage))
-        elif run.request.get("flow") == flow:
-            yield kind, job_id(kind, _own_token(spec) or stage_token(run, flow))
+    flow = run.request.get("flow")
+    for kind, declared in JOB_KINDS.items():
+        if flow == "pipeline" and declared.section and declared.section in sections:
+            token = _own_token(sections[declared.section])
+            yield kind, job_id(kind, token or stage_token(run, declared.stage))
+        elif declared.flow and flow == declared.flow:
+            yield kind, job_id(kind, _own_token(spec) or stage_token(run, declared.flow))
 
 
 def _own_token(section: JsonValue) -> str:

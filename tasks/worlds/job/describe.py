@@ -12,6 +12,7 @@ from specs.base import Fault, Spec
 from specs.data.world import World
 from specs.digest import canonical_json
 from specs.errors import ObjectNotFound, ResourceNotFound
+from specs.job_kinds import JobKind
 from specs.robomaker.world_descriptions import (
     DescribeWorldGenerationJobResponse,
     DescribeWorldResponse,
@@ -24,7 +25,7 @@ from specs.robomaker.world_descriptions import (
 from specs.template.body import TemplateBody
 from tasks.storage.base.keys import template_key, world_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobKind, JobRecord, read, records
+from tasks.storage.jobs.records import JobRecord, read, records
 from tasks.storage.store_url import store_id
 from tasks.storage.worlds import decode_world
 

@@ -12,13 +12,14 @@ from pydantic import JsonValue
 from specs.data.world import ROBOT_RADIUS_M
 from specs.digest import canonical_document, canonical_json
 from specs.errors import StoreError
+from specs.job_kinds import JobKind
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.settings import max_worlds_of_job
 from specs.template.body import TemplateBody, template_digest
 from tasks.storage.base.keys import claim_key, template_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim, claimed
-from tasks.storage.jobs.records import JobKind, JobRecord, advance, is_terminal, read, submit
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, submit
 from tasks.worlds.generate import world_name
 from tasks.worlds.job.production import Indices, Made, Order, produce
 from tasks.worlds.job.world_store import create_once, missing_worlds

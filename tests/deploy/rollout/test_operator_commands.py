@@ -3,6 +3,7 @@
 import pytest
 
 from specs.errors import DocumentError, StageFailed
+from specs.job_kinds import JobKind
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.robots import read_desired
 from tasks.deploy.rollout import operator_commands
@@ -10,7 +11,7 @@ from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.operator_commands import active_deployment, steer
 from tasks.deploy.rollout.robot_requests import withdraw, withdrawn_sequence
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobKind, JobRecord, read
+from tasks.storage.jobs.records import JobRecord, read
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from specs.job_kinds import JobKind
 from tasks.deploy.fleet.fleets import create_fleet
-from tasks.storage.jobs.records import JobKind, submit
+from tasks.storage.jobs.records import submit
 from tasks.storage.store_url import open_store
 from tests.factories.planned_batches import begun
 from tests.repository import ROOT

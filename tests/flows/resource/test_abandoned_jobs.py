@@ -8,6 +8,7 @@ from flows.cli.shell import app
 from flows.resource import cancel as cancel_module
 from flows.resource.abandoned_jobs import Reaped, described_notes, listed_notes, reap
 from specs.errors import StoreError
+from specs.job_kinds import JobKind
 from tasks.simulate.batch.cancel_restart import cancel_batch
 from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import time_out
@@ -16,7 +17,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs import claim as claims
 from tasks.storage.jobs.claim import ClaimRecord, claimed
 from tasks.storage.jobs.holder import ProcessIdentity
-from tasks.storage.jobs.records import JobKind, JobRecord, advance, read, submit
+from tasks.storage.jobs.records import JobRecord, advance, read, submit
 from tasks.storage.jobs.runs import KIND, begun, stage_token
 from tests.factories import planned_batches
 

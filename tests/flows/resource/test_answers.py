@@ -5,11 +5,12 @@ import pytest
 from flows.resource.answers import described, described_together, listed
 from flows.resource.cancel import cancel
 from specs.errors import DocumentError, ResourceNotFound
+from specs.job_kinds import JobKind
 from specs.robomaker.simulation_descriptions import BatchDescribeSimulationJobResponse
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import claimed
-from tasks.storage.jobs.records import JobKind, read, submit
+from tasks.storage.jobs.records import read, submit
 from tasks.storage.store_url import store_id
 from tests.factories.batches import put_worlds
 from tests.factories.planned_batches import begun

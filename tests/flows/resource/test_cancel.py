@@ -5,10 +5,11 @@ from pydantic import JsonValue
 
 from flows.resource.cancel import cancel, cancel_jobs, cancel_run, unless_canceled
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from specs.job_kinds import JobKind
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import claimed
-from tasks.storage.jobs.records import JobKind, JobRecord, advance, read, submit
+from tasks.storage.jobs.records import JobRecord, advance, read, submit
 from tasks.storage.jobs.runs import KIND, begun, jobs_of, run_of, stage_token
 
 SPEC: dict[str, JsonValue] = {"name": "nightly", "worldGeneration": {}, "worldExport": {"clientRequestToken": "own"}}

@@ -19,8 +19,9 @@ from flows.run.stage_summary import (
 )
 from specs.data.run_report import PipelineReport, StageReport, Verdict
 from specs.errors import DocumentError, StageFailed
+from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobKind, JobRecord, advance, submit
+from tasks.storage.jobs.records import JobRecord, advance, submit
 
 
 def _ended(
