@@ -3,16 +3,16 @@
 import time
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 from prefect import flow
 from pydantic import JsonValue
 
 from flows.batch.batch_artifacts import noted_metrics, show_metrics, show_report
-from flows.batch.batch_end import with_audit
-from flows.batch.batch_report import Reported, noted, write_last_report
-from flows.batch.early_end import EarlyEnd, endable
-from flows.document.references import batch_plan, numbered_finder
+from flows.batch.batch_end import end_batch
+from flows.batch.batch_report import Reported
+from flows.batch.early_end import EarlyEnd
+from flows.document.references import numbered_finder
+from flows.document.tested_batch import batch_plan
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.stage_run import as_run, ended_well, run_name
 from flows.workers.crew import wanted_workers
@@ -25,10 +25,10 @@ from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
 from tasks.applications.task import unpack_application
 from tasks.progress.task import watched
-from tasks.results.tables.recordings import recordings_url, write_recordings
+from tasks.results.tables.recordings import write_recordings
 from tasks.results.task import write_tables
 from tasks.simulate.batch.chunk_store import spent_s
-from tasks.simulate.batch.job import GOING, KIND, OpenBatch, close_batch, complete, ending, open_batch, opened, time_out
+from tasks.simulate.batch.job import GOING, KIND, OpenBatch, close_batch, complete, open_batch, opened, time_out
 from tasks.simulate.batch.metrics import BatchMeter
 from tasks.simulate.batch.provenance import batch_metadata, note_machine
 from tasks.simulate.batch.result_stream import parts
@@ -67,7 +67,7 @@ def simulation_batch(
     """
     wanted_workers()  # told of before anything is recorded
     at = open_store(store)
-    plan = endable(batch_plan(spec, worlds or [], at, numbered_finder(at, versions)), gate)
+    plan = batch_plan(spec, worlds or [], at, numbered_finder(at, versions), gate)
     location = output_location(spec)
 
     def work(given: str) -> JobRecord:
@@ -90,7 +90,7 @@ def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None =
         try:
             folders = {digest: unpack_application(store.url, digest) for digest in work.plan.digests()}
             early = _simulate(work, folders, location, gate)
-            return _closed(work, folders, location, early)
+            return _close(work, folders, location, early)
         except (DocumentError, StageFailed) as exc:
             close_batch(store, batch, "Failed", {}, str(exc))
             raise
@@ -107,18 +107,26 @@ def _simulate(
     if workers:
         return noted_metrics(spread_batch(batch, location, workers))
     early, meter = EarlyEnd(batch, gate), BatchMeter()
+    note_machine(batch)
+    _simulate_here(batch, folders, location, early, meter)
+    return {**early.detail, **noted_metrics(meter.metrics())}
+
+
+def _simulate_here(
+    batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, early: EarlyEnd, meter: BatchMeter
+) -> None:
+    """Commits the chunks one after the other in this process."""
     layout, store_url = batch.layout, batch.store.url
     record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
     lanes, done = batch.plan.lanes, 0
-    note_machine(batch)
     with watched("Episodes", "episodes-progress") as progress:
         for number in range(layout.chunks):
             worked_s = before_s + time.monotonic() - start_s
             left_s = batch.plan.timeout_s - worked_s
             now = time_out(batch) if left_s <= 0 else batch.record()
             if now.status not in GOING:
-                return noted_metrics(meter.metrics())
+                return
             if early.reached(number):
                 break
             progress(done, layout.episodes)
@@ -140,17 +148,25 @@ def _simulate(
             lanes, done = ended.lanes, done + ended.episodes
             meter.add(ended.work, "")
         progress(layout.episodes, layout.episodes)
-    return {**early.detail, **noted_metrics(meter.metrics())}
 
 
-def _closed(
-    batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, early: dict[str, JsonValue]
+def _close(
+    batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, more: dict[str, JsonValue]
 ) -> JobRecord:
-    """Returns the batch in its terminal state, its tables being written."""
+    """Returns the batch in its terminal state, with its tables, audit and report."""
     record = complete(batch)
     if is_terminal(record):
         return record
-    detail = write_tables(
+    audit = partial(_audit, batch, folders, location)
+    end = end_batch(batch, record, location, write_tables=_write_tables, audit=audit, more=more)
+    show_metrics(end.record)
+    if isinstance(end.report, Reported):
+        show_report(end.report)
+    return end.record
+
+
+def _write_tables(batch: OpenBatch, location: OutputLocation) -> dict[str, JsonValue]:
+    return write_tables(
         batch.store.url,
         batch.id,
         lambda: parts(batch),
@@ -158,21 +174,9 @@ def _closed(
         location=location,
         metadata=batch_metadata(batch.plan.lanes),
     )
-    detail |= early
-    if batch.plan.records():
-        detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
-    status, why = ending(record, cast("int", detail["failed_inside"]))
-    if status == "Completed":
-        detail = with_audit(detail, _audited(batch, folders, location))
-    reported = write_last_report(batch.store, record, status, detail, why)
-    closed = close_batch(batch.store, batch.id, status, detail | noted(reported), why)
-    show_metrics(closed)
-    if isinstance(reported, Reported):
-        show_report(reported)
-    return closed
 
 
-def _audited(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> dict[str, JsonValue]:
+def _audit(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation) -> dict[str, JsonValue]:
     """Returns what the batch's record says of its audit; nothing if it is turned off."""
     lanes = min(batch.plan.audit, batch.layout.episodes)
     if lanes == 0:

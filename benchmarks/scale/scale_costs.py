@@ -16,7 +16,8 @@ from unittest.mock import patch
 import yaml
 
 from benchmarks.scale.scale import QUICKSTART, section
-from flows.document.references import batch_plan, numbered_finder
+from flows.document.references import numbered_finder
+from flows.document.tested_batch import batch_plan
 from flows.workers.crew import Width, on_workers
 from flows.workers.spread import Ended, Numbers, spread
 from flows.workers.spread_batch import simulate_chunks

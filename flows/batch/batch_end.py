@@ -1,11 +1,15 @@
-"""A batch that was stopped while no process worked on it, closed by whoever asks about it."""
+"""How a batch ends: its tables, audit and report are written, and its record is closed.
 
-from collections.abc import Mapping
-from typing import cast
+Its flow ends it; one that was stopped while no process worked on it is ended by whoever asks about it.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, cast
 
 from pydantic import JsonValue
 
-from flows.batch.batch_report import noted, write_last_report
+from flows.batch.batch_report import Reported, Unreported, noted, write_last_report
+from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import recordings_url
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.batch.job import KIND, STOPPING, OpenBatch, close_batch, ending, opened
@@ -42,20 +46,43 @@ def settled(store: Store, batch: str) -> JobRecord:
 def close_with_tables(batch: OpenBatch) -> JobRecord:
     """Returns a batch in its terminal state, its tables being written; every chunk that was begun is committed."""
     record = batch.record()
-    location = recorded_location(record)
-    detail, _ = write_batch_tables(
-        batch.store,
-        batch.id,
-        parts(batch),
-        variables=batch.plan.variables(),
-        location=location,
-        metadata=batch_metadata(batch.plan.lanes),
-    )
+    return end_batch(batch, record, recorded_location(record), write_tables=_write_tables).record
+
+
+class BatchEnd(NamedTuple):
+    """A batch that was closed: its record in its terminal state, and its report."""
+
+    record: JobRecord
+    report: Reported | Unreported
+
+
+def end_batch(
+    batch: OpenBatch,
+    record: JobRecord,
+    location: OutputLocation,
+    *,
+    write_tables: Callable[[OpenBatch, OutputLocation], Mapping[str, JsonValue]],
+    audit: Callable[[], Mapping[str, JsonValue]] = dict,
+    more: Mapping[str, JsonValue] | None = None,
+) -> BatchEnd:
+    """Writes a batch's tables, audit and report, and closes it; every chunk that was begun is committed.
+
+    Args:
+        batch: The batch.
+        record: As it stood when its last episode ended.
+        location: Where tables and report go.
+        write_tables: Writes the tables; returns what the record says of them.
+        audit: Audits a batch that is Completed; returns what the record says of that, nothing if there is no audit.
+        more: What the record says besides, such as why the batch ended early.
+    """
+    detail = {**write_tables(batch, location), **(more or {})}
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = ending(record, cast("int", detail["failed_inside"]))
-    detail |= noted(write_last_report(batch.store, record, status, detail, why))
-    return close_batch(batch.store, batch.id, status, detail, why)
+    if status == "Completed":
+        detail = with_audit(detail, audit())
+    report = write_last_report(batch.store, record, status, detail, why)
+    return BatchEnd(close_batch(batch.store, batch.id, status, detail | noted(report), why), report)
 
 
 def with_audit(detail: Mapping[str, JsonValue], audited: Mapping[str, JsonValue]) -> dict[str, JsonValue]:
@@ -67,3 +94,14 @@ def with_audit(detail: Mapping[str, JsonValue], audited: Mapping[str, JsonValue]
     """
     tables, audit = (cast("dict[str, JsonValue]", each.get("sha256s", {})) for each in (detail, audited))
     return {**detail, **audited, "sha256s": {**tables, **audit}}
+
+
+def _write_tables(batch: OpenBatch, location: OutputLocation) -> dict[str, JsonValue]:
+    return write_batch_tables(
+        batch.store,
+        batch.id,
+        parts(batch),
+        variables=batch.plan.variables(),
+        location=location,
+        metadata=batch_metadata(batch.plan.lanes),
+    )[0]

@@ -2,24 +2,11 @@
 
 from pydantic import JsonValue
 
-from specs.pipeline.gate_section import Gate, stops_early
+from specs.pipeline.gate_section import Gate
 from tasks.results.gate.early_answer import EarlyAnswer
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.batch.stop import leave_out
-from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.layout import Layout
-
-
-def endable(plan: BatchPlan, gate: Gate | None) -> BatchPlan:
-    """Returns the plan, shuffled if the gate may end the batch early.
-
-    Episodes of several programs cannot be shuffled into common chunks, so that such a batch runs to its end, and is
-    judged as one that does.
-    """
-    if not stops_early(gate) or len(Layout(plan).programs()) > 1:
-        return plan
-    return plan.model_copy(update={"shuffled": True})
 
 
 class EarlyEnd:

@@ -3,7 +3,7 @@
 from collections.abc import Hashable, Iterable, Iterator
 from typing import NamedTuple, cast
 
-from flows.document.tested_version import candidates
+from flows.document.tested_batch import candidates
 from flows.gate.equal_worlds import alike_worlds
 from specs.errors import BucketNotFound, ResourceNotFound
 from specs.pipeline.gate_section import NoWorseThan

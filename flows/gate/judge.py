@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pydantic import JsonValue
 
-from flows.document.tested_version import candidates
+from flows.document.tested_batch import candidates
 from flows.gate.baselines import NoBaseline, driven, find_baseline
 from specs.arn import parse_reference
 from specs.base import Spec

@@ -2,7 +2,7 @@
 
 from pydantic import JsonValue
 
-from flows.document.references import tested_bundles
+from flows.document.tested_batch import tested_bundles
 from flows.gate.judge import answered, compared_with
 from specs.data.run_report import StageReport
 from specs.errors import ResourceNotFound

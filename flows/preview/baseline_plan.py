@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 
-from flows.document.tested_version import candidates
+from flows.document.tested_batch import candidates
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from flows.document.references import failing_sources, finder, pins
-from flows.document.tested_version import compared_digest
+from flows.document.references import finder, pins
+from flows.document.tested_batch import compared_digest, failing_sources
 from flows.preview.baseline_plan import Judged, judged_of
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines

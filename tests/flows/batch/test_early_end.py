@@ -6,7 +6,8 @@ import pytest
 from pydantic import JsonValue
 
 from flows.batch.batch_end import close_with_tables
-from flows.batch.early_end import EarlyEnd, endable
+from flows.batch.early_end import EarlyEnd
+from flows.document.tested_batch import shuffle_if_endable
 from flows.gate.judge import material
 from flows.run.stage_summary import batch_report
 from specs.data.episode import EpisodeResult
@@ -26,7 +27,7 @@ GATE = Gate.model_validate({"successRate": {"atLeast": 0.9}, "stopEarly": True})
 
 def started(store: Store, gate: Gate = GATE, name: str = "tok") -> OpenBatch:
     """Returns a batch of 2 worlds and 80 seeds in chunks of 16."""
-    return begun(store, endable(plan(store, seeds=tuple(range(80)), lanes=16), gate), name)
+    return begun(store, shuffle_if_endable(plan(store, seeds=tuple(range(80)), lanes=16), gate), name)
 
 
 def driven(batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = GATE, most: int = 99) -> dict[str, JsonValue]:
@@ -107,13 +108,13 @@ def test_without_stop_early_a_batch_is_neither_shuffled_nor_ended(file_store: St
     batch = started(file_store, plain)
     assert not batch.plan.shuffled
     assert driven(batch, gate=plain) == {}
-    assert endable(batch.plan, None) == batch.plan
+    assert shuffle_if_endable(batch.plan, None) == batch.plan
 
 
 def test_a_batch_of_several_programs_runs_to_its_end_and_is_judged_as_one_that_does(file_store: Store):
     two = plan(file_store, templates=(template(), template(robot=PUSHER)), seeds=tuple(range(40)), lanes=16)
-    assert endable(two, GATE) == two
-    batch = begun(file_store, endable(two, GATE))
+    assert shuffle_if_endable(two, GATE) == two
+    batch = begun(file_store, shuffle_if_endable(two, GATE))
     assert driven(batch) == {}
     found = material(GATE, closed(batch, {}), file_store, None)
     assert not found.lacks.sequential

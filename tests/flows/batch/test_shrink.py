@@ -7,7 +7,8 @@ import yaml
 
 from flows.batch.regression_case import write_case
 from flows.batch.shrink import Shrunk, shrunk
-from flows.document.references import batch_plan, finder
+from flows.document.references import finder
+from flows.document.tested_batch import batch_plan
 from specs.data.episode import EpisodeResult
 from specs.errors import DocumentError
 from tasks.documents.pipeline_file import read_pipeline

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from flows.document import references
-from flows.document.references import batch_plan, deployed_version, finder, numbered_finder, pins, tested_bundles
+from flows.document.references import deployed_version, finder, numbered_finder, pins
+from flows.document.tested_batch import batch_plan, tested_bundles
 from flows.preview.plan import planned
 from specs.digest import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound

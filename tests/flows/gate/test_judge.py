@@ -6,7 +6,7 @@ from typing import cast
 
 import pytest
 
-from flows.document.tested_version import candidates
+from flows.document.tested_batch import candidates
 from flows.gate.baselines import NoBaseline, find_baseline
 from flows.gate.judge import compared_with, facts, gate_answer, material
 from specs.data.episode import ApplicationLaunch, EpisodeResult

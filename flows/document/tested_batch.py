@@ -1,0 +1,134 @@
+"""The batch that a document asks for: its plan, the versions that it tests, and the one that it compares them with."""
+
+import hashlib
+from collections.abc import Sequence
+from functools import cache
+
+from specs.arn import parse_reference
+from specs.base import Fault
+from specs.data.episode import ApplicationLaunch
+from specs.errors import ObjectNotFound, ResourceNotFound
+from specs.pipeline.gate_section import Gate, stops_early
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.robomaker.simulation import DataSourceConfig
+from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.sources import PinnedSource
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.layout import Layout
+from tasks.simulate.plan.resolve import FindVersion, matrix_worlds, plan_batch, requested_worlds
+from tasks.storage.archives import missing_files
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.keys import world_key
+from tasks.storage.base.store import Store
+
+
+def batch_plan(
+    section: SimulationBatch, worlds: Sequence[str], store: Store, find: FindVersion, gate: Gate | None = None
+) -> BatchPlan:
+    """Returns the plan of a batch over the worlds that ``worlds: all`` means, and those that the section names.
+
+    Args:
+        section: The document's section.
+        worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
+        store: Where worlds and data are.
+        find: Finds versions.
+        gate: The document's gate if it may end the batch early; the plan is shuffled then.
+
+    Raises:
+        ResourceNotFound: A world or an application is missing.
+        DocumentError: A request cannot be run.
+    """
+    matrix = matrix_worlds(section, worlds)
+    digests = world_digests([*matrix, *requested_worlds(section)], store)
+
+    @cache
+    def pin(source: str) -> PinnedSource:
+        return pinned(store, cache_folder() / "data", DataSourceConfig.model_validate_json(source))
+
+    plan = plan_batch(section, matrix, digests, find, lambda source: pin(source.model_dump_json()))
+    return shuffle_if_endable(plan, gate)
+
+
+def shuffle_if_endable(plan: BatchPlan, gate: Gate | None) -> BatchPlan:
+    """Returns the plan, shuffled if the gate may end the batch early.
+
+    Episodes of several programs cannot be shuffled into common chunks, so that such a batch runs to its end, and is
+    judged as one that does.
+    """
+    if not stops_early(gate) or len(Layout(plan).programs()) > 1:
+        return plan
+    return plan.model_copy(update={"shuffled": True})
+
+
+def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -> list[str]:
+    """Returns which data sources of a batch cannot be used, and why: the jobs that need them will fail."""
+    sources = batch_plan(section, (), store, find).data_sources.values()
+    return [f"{source.failure_code}: {source.failure_reason}" for source in sources if source.failure_code]
+
+
+def launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
+    """Returns a fault for each launch file that is not in its bundle, told once however many requests launch it."""
+    launches = dict.fromkeys(launch for each in plan.templates for launch in (each.robot, each.scenario))
+    return [
+        Fault(
+            path="simulationBatch.createSimulationJobRequests[*].launchConfig.launchFile",
+            value=repr(launch.launch_file),
+            allowed=f"a module in {launch.name}'s bundle; it has no {missing}",
+        )
+        for launch in launches
+        for missing in missing_files(store, launch.digest, [f"{launch.package}/{launch.launch_file}.py"])
+    ]
+
+
+def world_digests(references: Sequence[str], store: Store) -> dict[str, str]:
+    """Returns the SHA-256 of each world's document, by ``<generation>/<world>``."""
+    paths = dict.fromkeys(parse_reference(reference).path for reference in references)
+    return {path: _world_digest(path, store) for path in paths}
+
+
+def compared_digest(gate: Gate | None, batch: SimulationBatch, find: FindVersion) -> str:
+    """Returns the digest of the version that a gate compares with; empty if it compares with none.
+
+    Args:
+        gate: The document's section.
+        batch: The document's batch.
+        find: Finds versions.
+
+    Raises:
+        ResourceNotFound: There is no such version.
+    """
+    rule = gate.noWorseThan if gate else None
+    uses = [use.application for request in batch.createSimulationJobRequests for use in request.robotApplications or ()]
+    if rule is None or len(set(uses)) != 1:
+        return ""
+    try:
+        return find("robot-application", uses[0], rule.applicationVersion).digest
+    except ResourceNotFound as exc:
+        faults = [fault.model_copy(update={"path": "gate.noWorseThan.applicationVersion"}) for fault in exc.faults]
+        raise ResourceNotFound(faults) from exc
+
+
+def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:
+    """Returns the digests of the robot applications that a batch tests, apart from the one to compare with.
+
+    A batch that has only that one tests it against itself.
+    """
+    own = frozenset(template.robot.digest for template in plan.templates)
+    return own - {baseline} or own
+
+
+def tested_bundles(plan: BatchPlan, other: str) -> dict[str, str]:
+    """Returns the digest of each robot application that a batch tests, by name, but for what it is compared with."""
+    launches: list[ApplicationLaunch] = [template.robot for template in plan.templates]
+    meant = candidates(plan, other)
+    return {launch.name: launch.digest for launch in launches if launch.digest in meant}
+
+
+def _world_digest(path: str, store: Store) -> str:
+    generation, _, name = path.partition("/")
+    try:
+        body = store.get(world_key(generation, name)).body
+    except ObjectNotFound as exc:
+        fault = Fault(path="worlds", value=repr(path), allowed=f"a world in {store.url}; see simyard list worlds")
+        raise ResourceNotFound([fault]) from exc
+    return hashlib.sha256(body).hexdigest()
