@@ -1,12 +1,12 @@
 """Checks of a finished world that share no code with the generator: exact distances, separating axes, a flood fill."""
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import ndimage
 
 from specs.data.world import Door, Furniture, Solid, World, solids
 
@@ -116,23 +116,23 @@ def unreached_rooms(world: World, radius_m: float) -> list[str]:
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1) * _STEP_M
     free = np.ones(grid.shape[:2], dtype=bool)
     for solid in in_the_way(world):
-        free &= (distances(solid, grid.reshape(-1, 2)) >= radius_m).reshape(free.shape)
+        # A cell outside this box is farther than the robot's radius from the solid.
+        reach = math.hypot(*solid.half_extents_m[:2]) + radius_m + _STEP_M
+        near = tuple(
+            slice(*np.searchsorted(cells * _STEP_M, [center - reach, center + reach]))
+            for cells, center in zip((x, y), solid.center_m[:2], strict=True)
+        )
+        free[near] &= (distances(solid, grid[near].reshape(-1, 2)) >= radius_m).reshape(free[near].shape)
     reached = _flood(free, (int(-x[0]), int(-y[0])))
     spots = grid[reached]
     return [room.name for room in world.rooms if not _inside(room.floor.model_dump(), spots, radius_m)]
 
 
 def _flood(free: Bool[np.ndarray, "x y"], start: tuple[int, int]) -> Bool[np.ndarray, "x y"]:
-    reached = np.zeros_like(free)
-    queue = deque([start] if free[start] else [])
-    reached[start] = free[start]
-    while queue:
-        x, y = queue.popleft()
-        for cell in ((x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)):
-            if 0 <= cell[0] < free.shape[0] and 0 <= cell[1] < free.shape[1] and free[cell] and not reached[cell]:
-                reached[cell] = True
-                queue.append(cell)
-    return reached
+    if not free[start]:
+        return np.zeros_like(free)
+    areas, _ = ndimage.label(free)
+    return areas == areas[start]
 
 
 def _inside(floor: dict[str, float], spots: Float[np.ndarray, "spots 2"], margin_m: float) -> bool:
