@@ -9,13 +9,13 @@ import pyarrow as pa
 
 from flows.document.names import named
 from specs.base import Fault
+from specs.data.episode import reason
 from specs.data.world import World
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
 from tasks.applications.registry import unpack
 from tasks.results.playback.deviations import Deviation, recording_deviations, row_deviations
 from tasks.results.playback.playback import Playback, Sight
-from tasks.results.statistics.success import reason
 from tasks.results.tables.recordings import recording_table
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.results.tables.stored_rows import recorded_samples, stored_rows

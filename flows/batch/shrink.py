@@ -7,11 +7,10 @@ from typing import NamedTuple
 from flows.batch.replay_episode import bundles
 from flows.document.names import named
 from specs.base import Fault
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.world import World
 from specs.errors import DocumentError, ObjectExists, ObjectNotFound, ResourceNotFound
 from specs.template.body import TemplateBody
-from tasks.results.statistics.success import reason, success
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import load_worlds
 from tasks.simulate.batch.job import OpenBatch, job_of

@@ -8,11 +8,11 @@ from rich.table import Table
 from rich.text import Text
 
 from flows.batch.replay_episode import Replayed
+from specs.data.result_columns import REQUESTED
 from tasks.results.compare.comparison_svg import flip_text
 from tasks.results.compare.comparison_verdict import Comparison
 from tasks.results.playback.deviations import Deviation
 from tasks.results.statistics.intervals import wilson
-from tasks.results.tables.columns import REQUESTED
 
 FLIPS_SHOWN = 40
 _STYLES = {"NO WORSE": "bold green", "WORSE": "bold red", "INCONCLUSIVE": "bold yellow"}

@@ -5,9 +5,10 @@ from typing import Literal
 from pydantic import Field
 
 from specs.base import Spec
+from specs.data.outcome_reasons import OutcomeReason
 
+CANCELED = "Canceled"
 Outcome = Literal["Passed", "Failed"]
-OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash"]
 
 
 class ApplicationLaunch(Spec):
@@ -139,3 +140,25 @@ def unfinished(
         final_yaw_rad=0.0,
         trajectory=(),
     )
+
+
+def success(result: EpisodeResult) -> bool | None:
+    """Returns whether the episode counts as passed; None for one that was canceled, which counts as nothing.
+
+    A job that RoboMaker would call Failed did not pass, whatever the scenario saw before.
+    """
+    if result.status == CANCELED:
+        return None
+    return result.status == "Completed" and result.outcome == "Passed"
+
+
+def reason(result: EpisodeResult) -> str:
+    """Returns why an episode did not pass, in one or two words to group by; empty for one that passed."""
+    if success(result):
+        return ""
+    return short_reason(result.failure_code, result.outcome_reason, result.status)
+
+
+def short_reason(failure_code: str, outcome_reason: str, status: str) -> str:
+    """Returns why an episode that did not pass did not: the failure code of a job that failed comes first."""
+    return failure_code or outcome_reason or status

@@ -7,30 +7,12 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field
 
 from specs.base import Spec
+from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
 from specs.rules import Finding, Ruled, broken, items, part
 
 MAX_QUANTILES = 20
-MEASURES = (
-    "simulated_s",
-    "goals_reached",
-    "goals_total",
-    "path_length_m",
-    "shortest_path_m",
-    "spl",
-    "collisions",
-    "impulse_ns",
-    "max_impulse_ns",
-    "min_clearance_m",
-    "energy_j",
-    "final_x_m",
-    "final_y_m",
-    "final_yaw_rad",
-    "odometry_error_m",
-)
-"""The columns of ``results.parquet`` that measure an episode with one number; ``metrics.<name>`` are the scenario's."""
-
 RULES = ("successRate", "noWorseThan", "collisionRate", "maxOutcomeFlipRate", "quantiles")
 SEQUENTIAL_RULES = ("successRate", "collisionRate")
 """Rules that count episodes one by one, so that they can be sure before the batch's end."""

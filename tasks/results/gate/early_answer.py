@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from specs.data.episode import EpisodeResult
+from specs.data.episode import CANCELED, EpisodeResult, success
 from specs.data.run_report import Verdict as Answer
 from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, Gate
 from tasks.results.gate.gate import together
 from tasks.results.gate.gate_rules import Completeness, RuleVerdict, collision_rule, success_rule
-from tasks.results.statistics.success import CANCELED, EpisodeCounts, success
+from tasks.results.statistics.success import EpisodeCounts
 
 
 class EarlyAnswer:

@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 from pydantic import JsonValue
 
 from specs.base import Spec
+from specs.data.episode import CANCELED
 from specs.data.run_report import Verdict as Answer
 from specs.pipeline.gate_section import Gate, QuantileRule
 from tasks.results.gate.gate_rules import (
@@ -26,7 +27,7 @@ from tasks.results.gate.gate_rules import (
     success_rule,
 )
 from tasks.results.statistics.pairs import PAIRED_COLUMNS, Pairs
-from tasks.results.statistics.success import CANCELED, EpisodeCounts
+from tasks.results.statistics.success import EpisodeCounts
 
 _WHOLE = Completeness()
 _METRICS = "metrics."

@@ -7,8 +7,7 @@ from typing import cast
 import pyarrow as pa
 
 from specs.base import Spec
-from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.statistics.success import success
+from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from tasks.results.tables.tables import failures_table, results_table
 
 # Says where the recording lies, and nothing of what happened.

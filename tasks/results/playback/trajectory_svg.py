@@ -1,22 +1,14 @@
 """Where failed episodes went wrong, drawn on the floor plan of their world (``tasks.results.playback.plan_scale``)."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from specs.data.episode import EpisodeResult
+from specs.data.episode import EpisodeResult, reason
+from specs.data.outcome_reasons import mark_of
 from tasks.results.playback.plan_scale import drawn_over, plan_page
-from tasks.results.statistics.success import reason
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_OTHER = "#5f6368"
-# Apart in hue and in lightness (Okabe and Ito 2008).
-_COLORS: Mapping[str, str] = {
-    "collision": "#d55e00",
-    "timeout": "#0072b2",
-    "stuck": "#cc79a7",
-    "out of bounds": "#009e73",
-}
 
 
 def failure_map_svg(plan: str, failures: Sequence[tuple[str, EpisodeResult]]) -> str:
@@ -34,7 +26,7 @@ def failure_map_svg(plan: str, failures: Sequence[tuple[str, EpisodeResult]]) ->
     for job, result in failures:
         if result.trajectory:
             points = [page.at((x_m, y_m)) for _, x_m, y_m, _ in result.trajectory]
-            _path(overlay, f"{job}: {reason(result)}", _COLORS.get(reason(result), _OTHER), points)
+            _path(overlay, f"{job}: {reason(result)}", mark_of(reason(result)).plan, points)
     return drawn_over(plan, overlay)
 
 

@@ -3,7 +3,7 @@
 Which failures a report shows: a few that differ, and not the first hundred of one kind.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from specs.arn import arn
 from specs.base import Spec
+from specs.data.outcome_reasons import mark_of
 from tasks.results.report.batch_columns import NOT_SET, PASSED, Episodes, Failure, Failures, read_ways
 from tasks.results.report.facts import BatchFacts
 from tasks.results.report.floor import FloorDrawing, dots_path, draw_floor, fitted, way_path
@@ -71,8 +72,6 @@ def _apart(failures: Failures, rows: Sequence[int]) -> list[int]:
 
 
 MOST_MAPS = 24
-MARKS: Mapping[str, str] = {"collision": "hit", "timeout": "late", "stuck": "stuck", "out of bounds": "out"}
-_OTHER = "other"
 _TOLERANCE_M = 0.03
 # So that the drawn ways of all maps are less than a megabyte, however long episodes are.
 _POINTS = 160
@@ -129,11 +128,6 @@ class WorldMap(Spec):
     failures: int
     not_drawn: int
     not_listed: int
-
-
-def mark(reason: str) -> str:
-    """Returns which mark and colour a reason has."""
-    return MARKS.get(reason, _OTHER)
 
 
 def mapped_worlds(failures: Failures, worlds: Sequence[str]) -> list[str]:
@@ -195,7 +189,7 @@ def _way(failure: Failure, way_m: Float[np.ndarray, "poses 2"], number: str) -> 
     line = fitted(way_m, _TOLERANCE_M, _POINTS)
     x, y = np.rint((line[-1] if len(line) else np.array(failure.final_m)) * _CM).astype(int).tolist()
     title = f"job {failure.index}: {failure.reason} after {failure.simulated_s:.1f} s"
-    return WayDrawing(mark=mark(failure.reason), title=title, path=way_path(line), x=x, y=y, number=number)
+    return WayDrawing(mark=mark_of(failure.reason).name, title=title, path=way_path(line), x=x, y=y, number=number)
 
 
 def _listed(facts: BatchFacts, failure: Failure, number: str) -> ListedFailure:
@@ -209,7 +203,7 @@ def _listed(facts: BatchFacts, failure: Failure, number: str) -> ListedFailure:
     return ListedFailure(
         number=number,
         job=failure.index,
-        mark=mark(failure.reason),
+        mark=mark_of(failure.reason).name,
         reason=f"{failure.reason} after {failure.simulated_s:.1f} s",
         circumstances=", ".join(told),
         what=clipped(failure.failure_reason, _LONGEST),

@@ -9,10 +9,12 @@ A report in short, as Markdown: for Prefect's pages.
 import functools
 import re
 from collections.abc import Sequence
+from typing import Any, cast
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from specs.data.outcome_reasons import MARKS
 from tasks.results.report.rows import Row
 from tasks.results.report.view import View
 
@@ -22,7 +24,12 @@ _UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue00
 
 def report_page(view: View) -> bytes:
     """Returns the page, the same bytes for the same view."""
-    return _templates().get_template("report.html.j2").render(view=view).encode()
+    return _templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
+
+
+def report_styles() -> str:
+    """Returns the page's CSS, with the colours of all marks."""
+    return _templates().get_template("report.css").render().rstrip()
 
 
 def report_picture(view: View) -> bytes:
@@ -32,7 +39,7 @@ def report_picture(view: View) -> bytes:
 
 @functools.cache
 def _templates() -> Environment:
-    return Environment(
+    found = Environment(
         loader=PackageLoader("tasks.results.report"),
         autoescape=True,
         undefined=StrictUndefined,
@@ -41,6 +48,13 @@ def _templates() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    cast("dict[str, Any]", found.globals).update(marks=MARKS, colors=_colors)
+    return found
+
+
+def _colors(ground: str) -> str:
+    """Returns the CSS variables of all marks on a ground: ``light``, ``dark`` or ``paper``."""
+    return "; ".join(f"--{mark.name}: {getattr(mark, ground)}" for mark in MARKS)
 
 
 def _fit(value: object) -> object:

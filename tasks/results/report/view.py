@@ -5,11 +5,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from specs.base import Spec
+from specs.data.outcome_reasons import mark_of
 from tasks.results.report.audit_section import AuditView, audit_view
 from tasks.results.report.batch_columns import NOT_SET, Episodes, Failures, read_episodes, read_failures
 from tasks.results.report.episode_groups import counted, reasons, reasons_by_world, whole
 from tasks.results.report.facts import BatchFacts, Judgement, RuleAnswer
-from tasks.results.report.maps import WorldMap, mark, world_maps
+from tasks.results.report.maps import WorldMap, world_maps
 from tasks.results.report.places import Worlds, end_rooms, start_rooms
 from tasks.results.report.rows import (
     Bar,
@@ -208,7 +209,7 @@ def _reasons(failed: Failures) -> tuple[ReasonRow, ...]:
     return tuple(
         ReasonRow(
             reason=reason,
-            mark=mark(reason),
+            mark=mark_of(reason).name,
             count=count,
             share=percent(count / all_of_them),
             width=f"{100 * count / found[0][1]:.2f}%",

@@ -1,11 +1,9 @@
-"""What counts as a success, in one place: for the tables, the gate and what is printed."""
+"""How many episodes passed, counted in one place: for the tables, the gate, the report and what is printed."""
 
 from collections.abc import Sequence
 
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult
-
-CANCELED = "Canceled"
 
 
 class EpisodeCounts(Spec):
@@ -24,24 +22,7 @@ class EpisodeCounts(Spec):
     canceled: int
 
 
-def success(result: EpisodeResult) -> bool | None:
-    """Returns whether the episode counts as passed; None for one that was canceled, which counts as nothing.
-
-    A job that RoboMaker would call Failed did not pass, whatever the scenario saw before.
-    """
-    if result.status == CANCELED:
-        return None
-    return result.status == "Completed" and result.outcome == "Passed"
-
-
-def reason(result: EpisodeResult) -> str:
-    """Returns why an episode did not pass, in one or two words to group by; empty for one that passed."""
-    if success(result):
-        return ""
-    return result.failure_code or result.outcome_reason or result.status
-
-
-def paired(
+def pair_results(
     requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]
 ) -> list[tuple[EpisodeRequest, EpisodeResult]]:
     """Returns every request with its result, by index.

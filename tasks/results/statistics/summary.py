@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from specs.base import Spec
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.success import EpisodeCounts, paired, reason, success
+from tasks.results.statistics.success import EpisodeCounts, pair_results
 
 _NOT_SET = "(not set)"
 # Of each kind of answer, how many: whether it passed (None: canceled), why not, and whether the job itself failed.
@@ -76,7 +76,7 @@ class Tally:
         Raises:
             ValueError: The requests and results do not pair up.
         """
-        for request, result in paired(requests, results):
+        for request, result in pair_results(requests, results):
             kind = (success(result), reason(result), result.status == "Failed")
             self.simulated_s += result.simulated_s
             self._engines.add(result.engine)

@@ -13,8 +13,8 @@ import numpy as np
 import pyarrow as pa
 
 from specs.field_types import OutputLocation
-from tasks.results.tables.columns import column
 from tasks.results.tables.parquet import ParquetFile
+from tasks.results.tables.tables import described_field
 from tasks.storage.base.keys import checked_name, output_key
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
@@ -25,20 +25,20 @@ _REPEATED = ("index", "t_s", "goal_index")
 _REALS = pa.list_(pa.float32())
 RECORDING = pa.schema(
     [
-        column("index", pa.int32(), "", "Position of the job in the batch, from 0."),
-        column("t_s", pa.float64(), "s", "Simulated time since the episode began."),
-        column("x_m", pa.float32(), "m", "Position of the robot's base, x."),
-        column("y_m", pa.float32(), "m", "Position of the robot's base, y."),
-        column("yaw_rad", pa.float32(), "rad", "Its heading, counter-clockwise from +x."),
-        column("vx_m_s", pa.float32(), "m/s", "Its velocity along the world's x."),
-        column("vy_m_s", pa.float32(), "m/s", "Its velocity along the world's y."),
-        column("yaw_rad_s", pa.float32(), "rad/s", "How fast it turns."),
-        column("goal_index", pa.int32(), "", "The goal that it should go to; how many were reached."),
-        column(
+        described_field("index", pa.int32(), "", "Position of the job in the batch, from 0."),
+        described_field("t_s", pa.float64(), "s", "Simulated time since the episode began."),
+        described_field("x_m", pa.float32(), "m", "Position of the robot's base, x."),
+        described_field("y_m", pa.float32(), "m", "Position of the robot's base, y."),
+        described_field("yaw_rad", pa.float32(), "rad", "Its heading, counter-clockwise from +x."),
+        described_field("vx_m_s", pa.float32(), "m/s", "Its velocity along the world's x."),
+        described_field("vy_m_s", pa.float32(), "m/s", "Its velocity along the world's y."),
+        described_field("yaw_rad_s", pa.float32(), "rad/s", "How fast it turns."),
+        described_field("goal_index", pa.int32(), "", "The goal that it should go to; how many were reached."),
+        described_field(
             "control", _REALS, "", "What the controller decided, a number an actuator; empty in an episode's last row."
         ),
-        column("ranges_m", _REALS, "m", "The scan that it decided on, a number a ray; empty like control."),
-        column("impulse_ns", pa.float32(), "Ns", "What contacts pushed the robot with until the next row."),
+        described_field("ranges_m", _REALS, "m", "The scan that it decided on, a number a ray; empty like control."),
+        described_field("impulse_ns", pa.float32(), "Ns", "What contacts pushed the robot with until the next row."),
     ],
     metadata={"simyard.table": "recording", "simyard.schema_version": SCHEMA_VERSION},
 )

@@ -1,17 +1,36 @@
-"""Episodes as Arrow tables, column by column: nothing in them depends on the store, the machine or the hour."""
+"""Episodes as Arrow tables: nothing in them depends on the store, the machine or the hour.
+
+The columns are those of ``specs.data.result_columns``, and one more for each environment variable that is a number
+everywhere (`sweep_variables`).
+"""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import pyarrow as pa
 
-from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
-from tasks.results.statistics.success import paired, reason, success
-from tasks.results.tables.columns import FAILURES, MEASURED, RESULTS, SWEEP_PREFIX, sweep_field
+from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.data.result_columns import (
+    FAILURES_COLUMNS,
+    RESULTS_COLUMNS,
+    SCHEMA_VERSION,
+    BatchEpisode,
+    Column,
+    ColumnType,
+)
+from tasks.results.statistics.success import pair_results
 
-_MEASURES = tuple(field.name for field in MEASURED)
-_Values = Sequence[object]
-_Columns = dict[str, _Values]
+SWEEP_PREFIX = "env_"
+_ARROW_TYPES: Mapping[ColumnType, pa.DataType] = {
+    "string": pa.string(),
+    "int32": pa.int32(),
+    "int64": pa.int64(),
+    "double": pa.float64(),
+    "bool": pa.bool_(),
+    "list<double>": pa.list_(pa.float64()),
+    "map<string, double>": pa.map_(pa.string(), pa.float64()),
+    "map<string, string>": pa.map_(pa.string(), pa.string()),
+}
 
 
 def results_table(
@@ -31,9 +50,8 @@ def results_table(
     Raises:
         ValueError: The requests and results do not pair up.
     """
-    asked, answered = _split(paired(requests, results))
-    columns = _requested(batch_id, asked, variables) | _answered(answered)
-    return _table(columns, _extended(RESULTS, variables))
+    episodes = [BatchEpisode(batch_id, *pair) for pair in pair_results(requests, results)]
+    return _table("results", RESULTS_COLUMNS, variables, episodes)
 
 
 def failures_table(
@@ -53,10 +71,9 @@ def failures_table(
     Raises:
         ValueError: The requests and results do not pair up.
     """
-    failed = [(request, result) for request, result in paired(requests, results) if success(result) is False]
-    asked, answered = _split(failed)
-    columns = _requested(batch_id, asked, variables) | _answered(answered) | _explained(answered)
-    return _table(columns, _extended(FAILURES, variables))
+    pairs = pair_results(requests, results)
+    episodes = [BatchEpisode(batch_id, *pair) for pair in pairs if success(pair[1]) is False]
+    return _table("failures", FAILURES_COLUMNS, variables, episodes)
 
 
 def sweep_variables(variables: Mapping[str, Iterable[str | None]]) -> list[str]:
@@ -74,81 +91,55 @@ def sweep_variables(variables: Mapping[str, Iterable[str | None]]) -> list[str]:
 
 def extended_schemas(variables: Sequence[str]) -> tuple[pa.Schema, pa.Schema]:
     """Returns the schemas of results and failures with a column for each of the variables."""
-    return _extended(RESULTS, variables), _extended(FAILURES, variables)
+    sweep = _sweep_columns(variables)
+    return _schema("results", (*RESULTS_COLUMNS, *sweep)), _schema("failures", (*FAILURES_COLUMNS, *sweep))
 
 
-def _extended(schema: pa.Schema, variables: Sequence[str]) -> pa.Schema:
-    for variable in variables:
-        schema = schema.append(sweep_field(variable))
-    return schema
+def described_field(name: str, kind: pa.DataType, unit: str, meaning: str, *, nullable: bool = False) -> pa.Field:
+    """Returns an Arrow field with its unit and meaning as metadata.
+
+    Args:
+        name: The column's name.
+        kind: Its Arrow type.
+        unit: Such as ``m``; empty for none.
+        meaning: A sentence.
+        nullable: Whether a value may be missing.
+    """
+    return pa.field(name, kind, nullable=nullable, metadata={"unit": unit, "description": meaning})
 
 
-def _table(columns: Mapping[str, _Values], schema: pa.Schema) -> pa.Table:
-    return pa.table([pa.array(columns[field.name], type=field.type) for field in schema], schema=schema)
+def _schema(table: str, columns: Iterable[Column]) -> pa.Schema:
+    fields = [
+        described_field(each.name, _ARROW_TYPES[each.type], each.unit, each.meaning, nullable=each.nullable)
+        for each in columns
+    ]
+    return pa.schema(fields, metadata={"simyard.table": table, "simyard.schema_version": SCHEMA_VERSION})
 
 
-def _split(
-    episodes: Sequence[tuple[EpisodeRequest, EpisodeResult]],
-) -> tuple[list[EpisodeRequest], list[EpisodeResult]]:
-    return [request for request, _ in episodes], [result for _, result in episodes]
+def _table(
+    name: str, columns: Sequence[Column], variables: Sequence[str], episodes: Sequence[BatchEpisode]
+) -> pa.Table:
+    wanted = (*columns, *_sweep_columns(variables))
+    schema = _schema(name, wanted)
+    arrays = [
+        pa.array(list(map(column.value, episodes)), type=field.type)
+        for column, field in zip(wanted, schema, strict=True)
+    ]
+    return pa.table(arrays, schema=schema)
 
 
-def _requested(batch_id: str, requests: Sequence[EpisodeRequest], variables: Sequence[str]) -> _Columns:
-    environments = [request.environment for request in requests]
-    return {
-        "batch": [batch_id] * len(requests),
-        "job": [f"{batch_id}/{request.index}" for request in requests],
-        "index": [request.index for request in requests],
-        "world": [request.world for request in requests],
-        "seed": [request.seed for request in requests],
-        **_launches("robot", [request.robot for request in requests]),
-        **_launches("simulation", [request.scenario for request in requests]),
-        "environment": [sorted(environment.items()) for environment in environments],
-        "duration_s": [request.duration_s for request in requests],
-        "failure_behavior": [request.failure_behavior for request in requests],
-        **{f"{SWEEP_PREFIX}{name}": [_number(each.get(name)) for each in environments] for name in variables},
-    }
+def _sweep_columns(variables: Sequence[str]) -> tuple[Column, ...]:
+    return tuple(_sweep_column(variable) for variable in variables)
 
 
-def _launches(prefix: str, launches: Sequence[ApplicationLaunch]) -> _Columns:
-    return {
-        f"{prefix}_application": [launch.name for launch in launches],
-        f"{prefix}_version": [launch.version for launch in launches],
-        f"{prefix}_digest": [launch.digest for launch in launches],
-        f"{prefix}_package": [launch.package for launch in launches],
-        f"{prefix}_launch_file": [launch.launch_file for launch in launches],
-    }
+def _sweep_column(variable: str) -> Column:
+    """Returns the column of an environment variable that is a number in every episode that has it."""
 
+    def value(episode: BatchEpisode) -> float | None:
+        return _number(episode.request.environment.get(variable))
 
-def _answered(results: Sequence[EpisodeResult]) -> _Columns:
-    return {
-        "status": [result.status for result in results],
-        "failure_code": [result.failure_code for result in results],
-        "outcome": [result.outcome for result in results],
-        "outcome_reason": [result.outcome_reason for result in results],
-        "success": [success(result) for result in results],
-        "engine": [result.engine for result in results],
-        "device": [result.device for result in results],
-        "recording": [result.recording for result in results],
-        **{name: [getattr(result, name) for result in results] for name in _MEASURES},
-    }
-
-
-def _explained(results: Sequence[EpisodeResult]) -> _Columns:
-    return {
-        "reason": [reason(result) for result in results],
-        "failure_reason": [result.failure_reason for result in results],
-        "trajectory_t_s": _poses(results, lambda pose: pose[0]),
-        "trajectory_x_m": _poses(results, lambda pose: pose[1]),
-        "trajectory_y_m": _poses(results, lambda pose: pose[2]),
-        "trajectory_yaw_rad": _poses(results, lambda pose: pose[3]),
-    }
-
-
-def _poses(
-    results: Sequence[EpisodeResult], part: Callable[[tuple[float, float, float, float]], float]
-) -> list[list[float]]:
-    return [[part(pose) for pose in result.trajectory] for result in results]
+    meaning = f"Environment variable {variable} as a number; null where it is not set."
+    return Column(f"{SWEEP_PREFIX}{variable}", "double", "", meaning, value, nullable=True)
 
 
 def _number(text: str | None) -> float | None:
@@ -158,3 +149,7 @@ def _number(text: str | None) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
+
+
+RESULTS, FAILURES = extended_schemas(())
+"""The schemas of ``results.parquet`` and ``failures.parquet`` without a sweep."""

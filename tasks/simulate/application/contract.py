@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
 
-from specs.data.episode import OutcomeReason
+from specs.data.outcome_reasons import REASON_CODES, OutcomeReason
 from specs.data.world import World
 
 # Whatever a bundle keeps from one control step to the next: a pytree of arrays.
@@ -165,4 +165,4 @@ class Scenario(Protocol):
         ...
 
 
-REASONS: tuple[OutcomeReason, ...] = ("", "collision", "timeout", "stuck", "out of bounds", "crash")
+REASONS: tuple[OutcomeReason, ...] = REASON_CODES

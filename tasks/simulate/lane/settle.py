@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from tasks.simulate.application.calls import Applications
-from tasks.simulate.application.contract import Truth
+from tasks.simulate.application.contract import REASONS, Truth
 from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.lane.lane_state import (
     NO_CRASH,
@@ -24,8 +24,7 @@ from tasks.simulate.lane.sense import feel
 
 # What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.
 _MOST = 1e10
-TIMEOUT = 2  # index in contract.REASONS
-CRASH = 5
+TIMEOUT, CRASH = REASONS.index("timeout"), REASONS.index("crash")
 
 
 def settle(

@@ -6,7 +6,8 @@ import yaml
 
 from benchmarks.results.gate import ALPHA, BAR, EPISODES, saving, table
 from benchmarks.tables import markdown, with_tables
-from specs.pipeline.gate_section import MEASURES, RULES, Gate
+from specs.data.result_columns import MEASURES
+from specs.pipeline.gate_section import RULES, Gate
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
 from tasks.results.statistics.episodes_needed import episodes_needed, episodes_needed_for_quantile, pairs_needed
 from tasks.results.statistics.intervals import quantile_ranks

@@ -10,8 +10,8 @@ import polars as pl
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.result_columns import SCHEMA_VERSION
 from tasks.results.statistics.intervals import wilson
-from tasks.results.tables.columns import SCHEMA_VERSION
 from tasks.results.tables.parquet import write_parquet
 from tasks.results.tables.tables import failures_table, results_table
 from tasks.storage.store_url import connect

@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from tasks.results.tables.columns import FAILURES, RESULTS, SCHEMA_VERSION
+from specs.data.result_columns import SCHEMA_VERSION
 from tasks.results.tables.parquet import write_parquet
 from tasks.results.tables.recordings import recording_table
-from tasks.results.tables.tables import failures_table, results_table
+from tasks.results.tables.tables import FAILURES, RESULTS, failures_table, results_table
 from tests.factories.episodes import batch, request
 from tests.repository import ROOT
 

@@ -17,9 +17,9 @@ from flows.batch.replay_episode import Replayed, replayed
 from flows.batch.replay_files import Wanted, wanted_files, write_files
 from flows.cli.batch_text import replay_answer, show_replay
 from flows.cli.shell import app
+from specs.data.result_columns import REQUESTED
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.results.playback import replay_formats
-from tasks.results.tables.columns import REQUESTED
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch import commit
 from tasks.simulate.batch.job import KIND, OpenBatch

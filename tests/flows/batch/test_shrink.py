@@ -9,10 +9,9 @@ from flows.batch.regression_case import write_case
 from flows.batch.shrink import Shrunk, shrunk
 from flows.document.references import finder
 from flows.document.tested_batch import batch_plan
-from specs.data.episode import EpisodeResult
+from specs.data.episode import EpisodeResult, reason
 from specs.errors import DocumentError
 from tasks.documents.pipeline_file import read_pipeline
-from tasks.results.statistics.success import reason
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.storage.base.keys import world_key

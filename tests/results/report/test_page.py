@@ -9,18 +9,17 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-import tasks.results.report
 from specs.data.episode import EpisodeRequest
 from specs.data.run_report import Verdict
 from tasks.results.report.facts import Judgement, Link, RuleAnswer
-from tasks.results.report.page import report_page, report_picture
+from tasks.results.report.page import report_page, report_picture, report_styles
 from tasks.results.statistics.intervals import Interval
 from tests.factories.episodes import collided, crashed, passed, request
 from tests.factories.reports import WORLDS, episodes, view
 from tests.factories.worlds import apartment
 
 EVIL = '<script>alert(1)</script><img src=x onerror="alert(1)">"\'&'
-STYLES = (Path(tasks.results.report.__file__).parent / "templates" / "report.css").read_text()
+STYLES = report_styles()
 VOID = frozenset({"meta", "link", "br", "img", "input"})
 
 

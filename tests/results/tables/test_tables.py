@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.tables.columns import FAILURES, RESULTS, SCHEMA_VERSION
-from tasks.results.tables.tables import failures_table, results_table, sweep_variables
+from specs.data.result_columns import SCHEMA_VERSION
+from tasks.results.tables.tables import FAILURES, RESULTS, failures_table, results_table, sweep_variables
 from tests.factories.episodes import TRAJECTORY, canceled, collided, crashed, episodes, passed, request
 
 

@@ -5,10 +5,10 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from specs.data.result_columns import MEASURED, MEASURES
 from specs.digest import canonical_document
 from specs.pipeline.document import PipelineSpec
-from specs.pipeline.gate_section import MEASURES, Gate, stops_early
-from tasks.results.tables.columns import MEASURED
+from specs.pipeline.gate_section import Gate, stops_early
 from tests.specs.pipeline.test_document import BATCH, GENERATION
 
 QUANTILE: dict[str, Any] = {"column": "min_clearance_m", "quantile": 0.05, "atLeast": 0.1}

@@ -1,0 +1,193 @@
+"""The columns of the result tables: each a record with its type, unit, meaning, and how it is read from an episode.
+
+Everything else follows from these records: the Parquet schemas and rows (``tasks.results.tables``), the measures that a
+gate's quantile may ask for, and the tables of docs/reference/results-schema.md.
+
+To add a column, add a `Column` below and raise ``SCHEMA_VERSION``.
+"""
+
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Literal, NamedTuple
+
+from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
+from specs.data.outcome_reasons import OUTCOME_REASONS
+
+SCHEMA_VERSION = "3"
+"""Of names, types and meanings: they change only together with it."""
+
+ColumnType = Literal[
+    "string", "int32", "int64", "double", "bool", "list<double>", "map<string, double>", "map<string, string>"
+]
+
+
+class BatchEpisode(NamedTuple):
+    """What a row is made from: an episode of a batch, with what was asked for and what came of it."""
+
+    batch: str
+    request: EpisodeRequest
+    result: EpisodeResult
+
+
+class Column(NamedTuple):
+    """A column of a result table.
+
+    Attributes:
+        name: With its unit as suffix.
+        type: The Arrow type.
+        unit: Such as ``m``; empty for none.
+        meaning: A sentence for the file's metadata and the documentation.
+        value: Reads the column's value from an episode.
+        nullable: Whether a value may be missing.
+        measure: Whether it measures the episode with one number, so that a gate may ask for a quantile of it.
+    """
+
+    name: str
+    type: ColumnType
+    unit: str
+    meaning: str
+    value: Callable[[BatchEpisode], object]
+    nullable: bool = False
+    measure: bool = False
+
+
+def _requested(name: str, kind: ColumnType, unit: str, meaning: str) -> Column:
+    """Returns a column that is a field of the request."""
+    return Column(name, kind, unit, meaning, attrgetter(f"request.{name}"))
+
+
+def _answered(name: str, kind: ColumnType, unit: str, meaning: str) -> Column:
+    """Returns a column that is a field of the result."""
+    return Column(name, kind, unit, meaning, attrgetter(f"result.{name}"))
+
+
+def _measured(name: str, kind: ColumnType, unit: str, meaning: str, *, nullable: bool = False) -> Column:
+    """Returns a column that is a field of the result; a gate may ask for it if it is a number."""
+    measure = kind in {"int32", "double"}
+    return Column(name, kind, unit, meaning, attrgetter(f"result.{name}"), nullable, measure)
+
+
+def _launch(prefix: str, what: str, field: str) -> tuple[Column, ...]:
+    """Returns the columns of an application that took part; ``field`` is the request's field."""
+
+    def part(suffix: str, attribute: str, meaning: str) -> Column:
+        return Column(f"{prefix}_{suffix}", "string", "", meaning, attrgetter(f"request.{field}.{attribute}"))
+
+    return (
+        part("application", "name", f"Name of the {what} application."),
+        part("version", "version", "Its version as asked for: a number, or $LATEST."),
+        part("digest", "digest", "SHA-256 of its bundle, lower-case hex: what really ran."),
+        part("package", "package", "packageName of its launch configuration."),
+        part("launch_file", "launch_file", "launchFile of its launch configuration."),
+    )
+
+
+def _trajectory(name: str, axis: int, unit: str, meaning: str) -> Column:
+    """Returns a column with one number of each pose of the trajectory (t_s, x_m, y_m, yaw_rad)."""
+
+    def values(episode: BatchEpisode) -> list[float]:
+        return [pose[axis] for pose in episode.result.trajectory]
+
+    return Column(name, "list<double>", unit, meaning, values)
+
+
+REQUESTED = (
+    Column("batch", "string", "", "Id of the simulation job batch.", attrgetter("batch")),
+    Column(
+        "job",
+        "string",
+        "",
+        "Id of the simulation job, <batch>/<index>; the last part of its ARN.",
+        lambda episode: f"{episode.batch}/{episode.request.index}",
+    ),
+    _requested("index", "int32", "", "Position of the job in the batch, from 0."),
+    _requested("world", "string", "", "The world, <generation>/<name>."),
+    _requested("seed", "int64", "", "Seed that draws the scenario's goals and the sensors' noise."),
+    *_launch("robot", "robot", "robot"),
+    *_launch("simulation", "simulation", "scenario"),
+    Column(
+        "environment",
+        "map<string, string>",
+        "",
+        "Environment variables, sorted by name.",
+        lambda episode: sorted(episode.request.environment.items()),
+    ),
+    _requested("duration_s", "double", "s", "Simulated time at most (maxJobDurationInSeconds)."),
+    _requested("failure_behavior", "string", "", "What a crash does to the job: Fail or Continue."),
+)
+"""What was asked for."""
+
+_REASONS = ", ".join(each.name for each in OUTCOME_REASONS)
+ANSWERED = (
+    _answered("status", "string", "", "RoboMaker's job status: Completed, Failed or Canceled."),
+    _answered("failure_code", "string", "", "RoboMaker's failure code, or empty."),
+    _answered("outcome", "string", "", "Whether the robot did its task, as the scenario judges: Passed or Failed."),
+    _answered("outcome_reason", "string", "", f"Why not: {_REASONS}; or empty."),
+    Column(
+        "success",
+        "bool",
+        "",
+        "Completed and Passed: what the gate counts; null for Canceled.",
+        lambda episode: success(episode.result),
+        nullable=True,
+    ),
+    _answered(
+        "engine", "string", "", "What drove the robot: planar, mjx or mujoco; empty if it did not start or was stopped."
+    ),
+    _answered("device", "string", "", "The kind of device that it ran on, cpu or gpu; empty like engine."),
+    _answered(
+        "recording", "string", "", "File below recordings/<batch>/ that holds the episode's recording, or empty."
+    ),
+)
+"""How it ended."""
+
+EXPLAINED = (
+    Column(
+        "reason",
+        "string",
+        "",
+        "The failure code of a job that failed, else the outcome's reason; to group by.",
+        lambda episode: reason(episode.result),
+    ),
+    _answered("failure_reason", "string", "", "What happened, for a person, or empty."),
+    _trajectory("trajectory_t_s", 0, "s", "Times of the downsampled trajectory."),
+    _trajectory("trajectory_x_m", 1, "m", "Its positions, x."),
+    _trajectory("trajectory_y_m", 2, "m", "Its positions, y."),
+    _trajectory("trajectory_yaw_rad", 3, "rad", "Its headings, counter-clockwise from +x."),
+)
+"""Why it failed; in ``failures.parquet`` alone."""
+
+_SHORTEST = (
+    "Length of the shortest way from the start to where each goal counts as reached, in order, for a disc of the "
+    "robot's radius; null where there is none, or where goals are no destinations."
+)
+_SPL = "Success weighted by path length, 0 to 1 (Anderson et al. 2018, arXiv:1807.06757); null without a shortest way."
+_ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
+MEASURED = (
+    _measured("simulated_s", "double", "s", "Simulated time until the episode ended."),
+    _measured("goals_reached", "int32", "", "How many of the scenario's goals were reached."),
+    _measured("goals_total", "int32", "", "How many goals there were."),
+    _measured("goal_times_s", "list<double>", "s", "When each goal that was reached was reached, in their order."),
+    _measured("path_length_m", "double", "m", "Length of the driven path."),
+    _measured("shortest_path_m", "double", "m", _SHORTEST, nullable=True),
+    _measured("spl", "double", "", _SPL, nullable=True),
+    _measured("collisions", "int32", "", "Control steps in which a contact began."),
+    _measured("impulse_ns", "double", "Ns", "What contacts pushed the robot with in the plane, summed up."),
+    _measured("max_impulse_ns", "double", "Ns", "The most of it within one control step of 50 ms."),
+    _measured("min_clearance_m", "double", "m", "Smallest distance from the robot's hull to a solid."),
+    _measured("energy_j", "double", "J", "Integral of |actuator force x velocity| over time."),
+    _measured("final_x_m", "double", "m", "Final position, x."),
+    _measured("final_y_m", "double", "m", "Final position, y."),
+    _measured("final_yaw_rad", "double", "rad", "Final heading, counter-clockwise from +x."),
+    _measured("odometry_error_m", "double", "m", _ODOMETRY, nullable=True),
+    _measured("metrics", "map<string, double>", "", "What the scenario measures by itself, by name."),
+)
+"""What was measured."""
+
+RESULTS_COLUMNS = (*REQUESTED, *ANSWERED, *MEASURED)
+"""Of ``results.parquet``: a row an episode."""
+FAILURES_COLUMNS = (*REQUESTED, *ANSWERED, *EXPLAINED, *MEASURED)
+"""Of ``failures.parquet``: a row an episode that did not pass."""
+
+MEASURES = tuple(column.name for column in RESULTS_COLUMNS if column.measure)
+"""What a gate's quantile may be of, besides ``metrics.<name>`` for what the scenario measures."""
