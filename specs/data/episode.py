@@ -6,6 +6,10 @@ from pydantic import Field
 
 from specs.base import Spec
 
+# How often sensors are read and controls decided, and how often physics is stepped between them unless a robot.xml asks
+# for other steps.
+CONTROL_HZ, PHYSICS_HZ = 20, 200
+CONTROL_S = 1 / CONTROL_HZ
 Outcome = Literal["Passed", "Failed"]
 OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash"]
 

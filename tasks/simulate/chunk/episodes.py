@@ -11,23 +11,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.calls import Applications, check_robot, check_scenario
 from tasks.simulate.application.code import BundleCrash, load_factory
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.application.robot_mjcf import CONTROL_S, RobotRefused
 from tasks.simulate.application.sensors import read_sensors
 from tasks.simulate.chunk.timings import ChunkWatch, remember
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.choice import choose_engine
-from tasks.simulate.engine.load import load_program
-from tasks.simulate.engine.program import SLICE_STEPS, Program, Run
+from tasks.simulate.engine.engines import ENGINES
+from tasks.simulate.engine.program import Program, Run
 from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
 from tasks.simulate.lane.recording import Ends, Recorder
 from tasks.simulate.lane.result_rows import canceled_row, failed_row, finished_row
 from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
-from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key, split_environment
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
+from tasks.simulate.refusal import RobotRefused
 
 logger = logging.getLogger(__name__)
 _PROGRAMS_KEPT = 8
@@ -197,7 +197,7 @@ def _program(
     module = folders[0] / robot.package / f"{robot.launch_file}.py"
     try:
         choice = choose_engine(engine, folders[0] / "robot.xml", module, device_kind())
-        return load_program(choice, folders[0] / "robot.xml", applications, lanes)
+        return ENGINES[choice.engine].load(folders[0] / "robot.xml", applications, lanes, plain=choice.plain)
     except RobotRefused as refused:
         raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
 

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64, Int
 
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.application.sensors import ray_angles, read_sensors
 from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Steps
