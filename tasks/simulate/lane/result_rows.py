@@ -19,11 +19,6 @@ _CRASHES: dict[int, tuple[CrashCode, str]] = {
 }
 
 
-def failed_row(request: EpisodeRequest, code: str, reason: str) -> EpisodeResult:
-    """Returns the row of an episode that could not start."""
-    return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
-
-
 def canceled_row(request: EpisodeRequest) -> EpisodeResult:
     """Returns the row of an episode that was stopped before its end; what it had done by then is not kept."""
     return unfinished(request.index, "Canceled", failure_code="", failure_reason="stopped before its end")
