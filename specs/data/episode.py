@@ -1,14 +1,36 @@
 """One episode (one simulation job): what is asked for, and what came of it."""
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pydantic import Field
 
 from specs.base import Spec
 from specs.data.outcome_reasons import OutcomeReason
+from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 
+# How often sensors are read and controls decided, and how often physics is stepped between them unless a robot.xml asks
+# for other steps.
+CONTROL_HZ, PHYSICS_HZ = 20, 200
+CONTROL_S = 1 / CONTROL_HZ
 CANCELED = "Canceled"
 Outcome = Literal["Passed", "Failed"]
+FailureCode = SimulationJobErrorCode | Literal[""]
+
+
+class Failure(NamedTuple):
+    """Why an episode cannot be simulated.
+
+    Attributes:
+        code: RoboMaker's failure code.
+        reason: What happened, for a person.
+    """
+
+    code: SimulationJobErrorCode
+    reason: str
+
+    def __str__(self) -> str:
+        """Returns both in one line."""
+        return f"{self.code}: {self.reason}"
 
 
 class ApplicationLaunch(Spec):
@@ -47,7 +69,7 @@ class EpisodeRequest(Spec):
     scenario: ApplicationLaunch
     environment: dict[str, str]
     duration_s: float
-    failure_behavior: Literal["Fail", "Continue"] = "Fail"
+    failure_behavior: FailureBehavior = "Fail"
 
 
 class EpisodeResult(Spec):
@@ -83,7 +105,7 @@ class EpisodeResult(Spec):
 
     index: int
     status: Literal["Completed", "Failed", "Canceled"]
-    failure_code: str
+    failure_code: FailureCode
     failure_reason: str
     outcome: Outcome
     outcome_reason: OutcomeReason
@@ -114,11 +136,19 @@ def unfinished(
     index: int,
     status: Literal["Failed", "Canceled"],
     *,
-    failure_code: str,
+    failure_code: FailureCode,
     failure_reason: str,
     outcome_reason: OutcomeReason = "",
 ) -> EpisodeResult:
-    """Returns the result of an episode that has nothing to measure: it never started, or was stopped."""
+    """Returns the result of an episode that has nothing to measure: it never started, or was stopped.
+
+    Args:
+        index: The episode's.
+        status: Failed if it could not start, Canceled if it was stopped.
+        failure_code: RoboMaker's failure code, or empty.
+        failure_reason: What happened, for a person, or empty.
+        outcome_reason: Why the robot did not do its task, or empty.
+    """
     return EpisodeResult(
         index=index,
         status=status,
@@ -162,3 +192,8 @@ def reason(result: EpisodeResult) -> str:
 def short_reason(failure_code: str, outcome_reason: str, status: str) -> str:
     """Returns why an episode that did not pass did not: the failure code of a job that failed comes first."""
     return failure_code or outcome_reason or status
+
+
+def failed_result(index: int, failure: Failure) -> EpisodeResult:
+    """Returns the result of an episode that could not start."""
+    return unfinished(index, "Failed", failure_code=failure.code, failure_reason=failure.reason, outcome_reason="crash")

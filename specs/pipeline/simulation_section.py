@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from specs.base import Spec
+from specs.data.episode import CONTROL_HZ
 from specs.field_types import (
     ClientRequestToken,
     EnvironmentVariableKey,
@@ -52,11 +53,12 @@ class RollOutRules(Spec):
 
 MAX_SEEDS = 10_000
 MAX_LOCAL_AGENTS = 20
-MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, 20
+MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, CONTROL_HZ
 AUDITED_LANES, MAX_AUDITED_LANES = 16, 256
 
 Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
-Engine = Literal["auto", "planar", "mjx", "mujoco"]
+EngineName = Literal["planar", "mjx", "mujoco"]
+Engine = Literal["auto", EngineName]
 Seeds = Annotated[
     Annotated[Integer, Field(ge=1, le=MAX_SEEDS), member("number")]
     | Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct), member("list")],

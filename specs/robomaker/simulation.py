@@ -50,6 +50,40 @@ def _lasting(most_s: int, where: str = "") -> AfterValidator:
 FailureBehavior = Literal["Fail", "Continue"]
 DataSourceType = Literal["Prefix", "Archive", "File"]
 ComputeType = Literal["CPU", "GPU_AND_CPU"]
+# Why a simulation job failed or was stopped, as RoboMaker names it; rows, records and answers carry it.
+SimulationJobErrorCode = Literal[
+    "InternalServiceError",
+    "RobotApplicationCrash",
+    "SimulationApplicationCrash",
+    "RobotApplicationHealthCheckFailure",
+    "SimulationApplicationHealthCheckFailure",
+    "BadPermissionsRobotApplication",
+    "BadPermissionsSimulationApplication",
+    "BadPermissionsS3Object",
+    "BadPermissionsS3Output",
+    "BadPermissionsCloudwatchLogs",
+    "SubnetIpLimitExceeded",
+    "ENILimitExceeded",
+    "BadPermissionsUserCredentials",
+    "InvalidBundleRobotApplication",
+    "InvalidBundleSimulationApplication",
+    "InvalidS3Resource",
+    "ThrottlingError",
+    "LimitExceeded",
+    "MismatchedEtag",
+    "RobotApplicationVersionMismatchedEtag",
+    "SimulationApplicationVersionMismatchedEtag",
+    "ResourceNotFound",
+    "RequestThrottled",
+    "BatchTimedOut",
+    "BatchCanceled",
+    "InvalidInput",
+    "WrongRegionS3Bucket",
+    "WrongRegionS3Output",
+    "WrongRegionRobotApplication",
+    "WrongRegionSimulationApplication",
+    "UploadContentMismatchError",
+]
 SimulationUnit = Annotated[Integer, Field(ge=1, le=15)]
 GPUUnit = Annotated[Integer, Field(ge=0, le=1)]
 JobDuration = Annotated[Integer, _lasting(MAX_JOB_DURATION_S)]

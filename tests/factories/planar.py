@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from tasks.simulate.application.robot_mjcf import CONTROL_S, add_obstacle, collision_bits, read_robot
+from specs.data.episode import CONTROL_S
+from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, read_robot
 from tasks.simulate.engine.planar.engine import drive_among, first_body
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.parts import PlanarRobot

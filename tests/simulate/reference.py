@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
+from specs.data.episode import CONTROL_S
 from specs.data.world import World
-from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.application.sensors import Lidar, ray_angles
 from tasks.simulate.engine.mujoco.model import host_robot, world_model
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Literal, ParamSpec, TypeVar
 
-from specs.data.episode import ApplicationLaunch
+from specs.data.episode import ApplicationLaunch, Failure
 from specs.errors import SimyardError
 
 CrashCode = Literal["RobotApplicationCrash", "SimulationApplicationCrash"]
@@ -35,6 +35,11 @@ class BundleCrash(SimyardError):  # noqa: N818 - RoboMaker's name
         # One line, as RoboMaker's reasons are, and with the author's module names instead of the bundle's namespace.
         self.reason = " ".join(_NAMESPACE.sub("", reason).split())[:_REASON_LENGTH]
         super().__init__(f"{code}: {self.reason}")
+
+    @property
+    def failure(self) -> Failure:
+        """Returns both together."""
+        return Failure(self.code, self.reason)
 
 
 def load_factory(

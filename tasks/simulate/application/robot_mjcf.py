@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
+from specs.data.episode import CONTROL_S
 from tasks.simulate.refusal import RobotRefused
 
-CONTROL_S = 0.05
 _JOINTS = (
     (mujoco.mjtJoint.mjJNT_SLIDE, (1.0, 0.0, 0.0)),
     (mujoco.mjtJoint.mjJNT_SLIDE, (0.0, 1.0, 0.0)),

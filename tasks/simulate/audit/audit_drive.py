@@ -22,6 +22,7 @@ from tasks.simulate.audit.audit_report import AuditReport, Flip, FlipRate, devia
 from tasks.simulate.audit.audit_sample import Sampled, row_failed
 from tasks.simulate.chunk.episodes import keep_timing, ran_on, ready_chunk
 from tasks.simulate.devices import device_kind
+from tasks.simulate.engine.engines import REFERENCE
 from tasks.simulate.lane.result_rows import finished_row
 from tasks.simulate.plan.chunks import plan_chunks
 
@@ -89,7 +90,6 @@ def _driven_chunk(
     ]
 
 
-REFERENCE = "mujoco"
 # What a row holds besides what the simulation gave it.
 _BESIDES = {"recording", "failure_reason"}
 # All that is promised of a GPU, where the order of additions is not fixed.

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from specs.base import Spec
+from tasks.simulate.engine.engines import REFERENCE
 
 AuditVerdict = Literal["SOUND", "SUSPECT", "NOT COMPARED", "NOT RUN"]
 # Flips are no surprise in chaotic contacts, so that one is no alarm: it is raised when so many would be seen by
@@ -81,7 +82,7 @@ class AuditReport(Spec):
     sentence: str
     sampled: int = 0
     engine: str = ""
-    reference: str = "mujoco"
+    reference: str = REFERENCE
     lanes: int = 0
     compared: int = 0
     final: Deviation | None = None

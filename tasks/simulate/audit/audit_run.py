@@ -79,7 +79,7 @@ def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) 
         if each.request.world in worlds and not mounted.failure(each.request)
     ]
     if not sample:
-        return not_run(next(iter(missing.values()), "no episode was driven to an end"))
+        return not_run(str(next(iter(missing.values()), "no episode was driven to an end")))
     prepare_devices()
     from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415 - JAX reads its settings when it is imported
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished
 from specs.data.world import World
 from specs.errors import ObjectNotFound, SimyardError
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, committed_chunk
@@ -105,7 +105,7 @@ def run_chunk(
         time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
     if record is not None:
         by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
-    ordered = [by_index.get(each.index) or _lost(each, unable[each.index]) for each in chunk.requests]
+    ordered = [by_index.get(each.index) or failed_result(each.index, unable[each.index]) for each in chunk.requests]
     rows = commit(batch.store, batch.id, number, ordered)
     simulated_s = sum(row.simulated_s for row in rows)
     return ChunkEnd(len(rows), lanes, work_of(timings, simulated_s=simulated_s, wall_s=time.monotonic() - start_s))
@@ -206,21 +206,16 @@ def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
     return row
 
 
-def _unable(chunk: Chunk, missing: Mapping[str, str], mounted: Mounts) -> dict[int, str]:
-    """Returns why episodes cannot be simulated, as code and reason: their world, or what they read."""
+def _unable(chunk: Chunk, missing: Mapping[str, Failure], mounted: Mounts) -> dict[int, Failure]:
+    """Returns why episodes cannot be simulated: their world, or what they read."""
     why = {each.index: missing.get(each.world) or mounted.failure(each) for each in chunk.requests}
-    return {index: reason for index, reason in why.items() if reason}
+    return {index: failure for index, failure in why.items() if failure}
 
 
-def _able(chunk: Chunk, unable: Mapping[int, str], mounted: Mounts) -> Chunk:
+def _able(chunk: Chunk, unable: Mapping[int, Failure], mounted: Mounts) -> Chunk:
     """Returns the episodes that can be simulated, with the folders of their data sources."""
     able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
     return chunk.model_copy(update={"requests": tuple(able)})
-
-
-def _lost(request: EpisodeRequest, why: str) -> EpisodeResult:
-    code, _, reason = why.partition(": ")
-    return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
 
 
 def mounts(batch: OpenBatch) -> Mounts:
@@ -228,17 +223,18 @@ def mounts(batch: OpenBatch) -> Mounts:
     return Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data")
 
 
-def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, str]]:
-    """Returns the episodes' worlds, and of those that cannot be used why, as code and reason."""
+def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, Failure]]:
+    """Returns the episodes' worlds, and why others of them cannot be used."""
     worlds: dict[str, World] = {}
-    missing: dict[str, str] = {}
+    missing: dict[str, Failure] = {}
     for reference in dict.fromkeys(request.world for request in requests):
         try:
             worlds[reference] = _world(batch.store.url, reference, batch.plan.world_digests[reference])
         except ObjectNotFound:
-            missing[reference] = f"InvalidS3Resource: world {reference} does not exist"
+            missing[reference] = Failure("InvalidS3Resource", f"world {reference} does not exist")
         except _WorldChanged:
-            missing[reference] = f"MismatchedEtag: world {reference} is not what it was when the batch was planned"
+            why = f"world {reference} is not what it was when the batch was planned"
+            missing[reference] = Failure("MismatchedEtag", why)
     return worlds, missing
 
 

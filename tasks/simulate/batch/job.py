@@ -13,12 +13,13 @@ missing, and since a chunk's results depend on the plan alone, an unbroken run w
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import cast
+from typing import Literal, cast
 
 from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import ResourceNotFound
+from specs.robomaker.simulation import SimulationJobBatchErrorCode
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
 from tasks.storage.base.store import Store
@@ -165,7 +166,7 @@ def close_batch(
 
     See docs/reference/robomaker.md, section 4.
     """
-    code = "InternalServiceError" if status == "Failed" else ""
+    code: SimulationJobBatchErrorCode | Literal[""] = "InternalServiceError" if status == "Failed" else ""
     return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))
 
 

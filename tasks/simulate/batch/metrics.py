@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from specs.base import Spec
+from specs.data.episode import CONTROL_HZ, PHYSICS_HZ
 from specs.job_kinds import JobKind
 from tasks.simulate.chunk.timings import ChunkTiming
 from tasks.storage.base.store import Store
@@ -16,9 +17,6 @@ from tasks.storage.jobs.records import JobRecord, read
 
 METRICS = "metrics"
 _KIND: JobKind = "simulation-job-batch"
-# A control step is 50 ms and a physics step 5 ms, as `simyard plan` counts them; a robot.xml may ask for others.
-CONTROL_STEPS_A_SECOND = 20
-PHYSICS_STEPS_A_SECOND = 200
 
 
 class ChunkWork(NamedTuple):
@@ -151,8 +149,8 @@ def metrics_of(work: ChunkWork, wall_s: float, workers: int) -> BatchMetrics:
         simulated_s=round(work.simulated_s, 3),
         real_time_factor=round(factor, 2),
         real_time_factor_of_a_lane=round(factor / max(1, work.lanes * workers), 3),
-        control_steps_per_s=round(factor * CONTROL_STEPS_A_SECOND, 1),
-        physics_steps_per_s=round(factor * PHYSICS_STEPS_A_SECOND, 1),
+        control_steps_per_s=round(factor * CONTROL_HZ, 1),
+        physics_steps_per_s=round(factor * PHYSICS_HZ, 1),
         ready_s=round(work.ready_s, 3),
         compile_s=round(work.compile_s, 3),
         drive_s=round(work.drive_s, 3),

@@ -3,19 +3,19 @@
 A batch that is being stopped while nobody works on it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
 from specs.errors import ObjectNotFound
 from tasks.simulate.batch.chunk_store import chunk_numbers, commit, committed_chunk
 from tasks.simulate.batch.job import OpenBatch, canceled_jobs
-from tasks.simulate.batch.stop import canceled_row
+from tasks.simulate.batch.stop import StopCode, canceled_row
 
 # Some 40 MB if all of them failed and left long trajectories.
 PART_EPISODES = 2048
 # Each part of a shuffled batch is spread over all of its chunks, which are read again for the next one.
 SHUFFLED_PART_EPISODES = 16_384
-STOP_CODES = {
+STOP_CODES: Mapping[str, StopCode] = {
     "Canceling": "BatchCanceled",
     "Canceled": "BatchCanceled",
     "TimingOut": "BatchTimedOut",
@@ -39,7 +39,7 @@ def parts(batch: OpenBatch) -> Iterator[tuple[list[EpisodeRequest], list[Episode
         yield requests, _results(batch, first, end, code)
 
 
-def _results(batch: OpenBatch, first: int, end: int, code: str) -> list[EpisodeResult]:
+def _results(batch: OpenBatch, first: int, end: int, code: StopCode) -> list[EpisodeResult]:
     found: dict[int, EpisodeResult] = {}
     for number in batch.layout.chunks_between(first, end):
         rows = committed_chunk(batch.store, batch.id, number)
@@ -66,7 +66,7 @@ def give_up(batch: OpenBatch) -> None:
         commit(batch.store, batch.id, number, rows)
 
 
-def _row(index: int, code: str, alone: frozenset[int]) -> EpisodeResult:
+def _row(index: int, code: StopCode, alone: frozenset[int]) -> EpisodeResult:
     if index in alone:
         return unfinished(index, "Canceled", failure_code="", failure_reason="the job was canceled")
     return canceled_row(index, code)

@@ -62,7 +62,7 @@ class StopWatch:
             self.code = "BatchTimedOut"
 
 
-def canceled_row(index: int, code: str) -> EpisodeResult:
+def canceled_row(index: int, code: StopCode) -> EpisodeResult:
     """Returns the row of an episode that was not ended because its batch was: BatchTimedOut or BatchCanceled."""
     why = "the batch was canceled" if code == "BatchCanceled" else "the batch's time was over"
     return unfinished(index, "Canceled", failure_code=code, failure_reason=why)

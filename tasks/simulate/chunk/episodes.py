@@ -11,27 +11,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
-from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.application.calls import Applications, check_robot, check_scenario
 from tasks.simulate.application.code import BundleCrash, load_factory
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.application.robot_mjcf import CONTROL_S, RobotRefused
 from tasks.simulate.application.sensors import read_sensors
 from tasks.simulate.chunk.timings import ChunkWatch, remember
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.choice import choose_engine
-from tasks.simulate.engine.load import load_program
-from tasks.simulate.engine.program import SLICE_STEPS, Program, Run
+from tasks.simulate.engine.engines import ENGINES
+from tasks.simulate.engine.program import Program, Run
 from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
 from tasks.simulate.lane.recording import Ends, Recorder
-from tasks.simulate.lane.result_rows import canceled_row, failed_row, finished_row
+from tasks.simulate.lane.result_rows import canceled_row, finished_row
 from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
-from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key, split_environment
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
+from tasks.simulate.refusal import RobotRefused
 
 logger = logging.getLogger(__name__)
 _PROGRAMS_KEPT = 8
-_NO_WORLD = "InvalidS3Resource"
 
 
 class ReadyChunk(NamedTuple):
@@ -68,7 +67,9 @@ def run_chunk(
     """Returns a chunk's rows in request order; see ``tasks.simulate.chunk.runner.simulate_chunk``."""
     present = [request for request in chunk.requests if request.world in worlds]
     rows = {
-        request.index: failed_row(request, _NO_WORLD, f"world {request.world} does not exist")
+        request.index: failed_result(
+            request.index, Failure("InvalidS3Resource", f"world {request.world} does not exist")
+        )
         for request in chunk.requests
         if request.world not in worlds
     }
@@ -77,7 +78,7 @@ def run_chunk(
             ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)._replace(timed_as=timed_as)
             rows.update({row.index: row for row in run_ready(ready, should_stop, progress, recorder)})
     except BundleCrash as crash:
-        rows.update({request.index: failed_row(request, crash.code, crash.reason) for request in present})
+        rows.update({request.index: failed_result(request.index, crash.failure) for request in present})
     return [rows[request.index] for request in chunk.requests]
 
 
@@ -197,7 +198,7 @@ def _program(
     module = folders[0] / robot.package / f"{robot.launch_file}.py"
     try:
         choice = choose_engine(engine, folders[0] / "robot.xml", module, device_kind())
-        return load_program(choice, folders[0] / "robot.xml", applications, lanes)
+        return ENGINES[choice.engine].load(folders[0] / "robot.xml", applications, lanes, plain=choice.plain)
     except RobotRefused as refused:
         raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
 
@@ -218,7 +219,7 @@ def _place_all(
             placement = place(scenario, request, worlds[request.world], stage, program.hull)
             _require_same_shapes(placement, placed)
         except BundleCrash as crash:
-            rows.append(failed_row(request, crash.code, crash.reason))
+            rows.append(failed_result(request.index, crash.failure))
         else:
             placed.append((request, stage, placement))
     return with_shortest_paths(placed, program.hull), rows

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished
 from tasks.simulate.plan.chunks import Chunk
 
 logger = logging.getLogger(__name__)
@@ -75,9 +75,4 @@ def _tried(chunk: Chunk, lanes: int, simulate: Simulate) -> tuple[list[EpisodeRe
 
 def _lacking(requests: Sequence[EpisodeRequest], lack: str) -> list[EpisodeResult]:
     reason = f"out of memory even with {FEWEST_LANES} lanes: {' '.join(lack.split())[:500]}"
-    return [
-        unfinished(
-            request.index, "Failed", failure_code="InternalServiceError", failure_reason=reason, outcome_reason="crash"
-        )
-        for request in requests
-    ]
+    return [failed_result(request.index, Failure("InternalServiceError", reason)) for request in requests]

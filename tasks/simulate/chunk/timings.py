@@ -17,6 +17,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from specs.base import Spec
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.plan.chunks import ProgramKey
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.cache_folder import cache_folder
@@ -41,7 +42,7 @@ class ChunkTiming(Spec):
         peak_bytes: The most memory that the process held until then.
     """
 
-    engine: str
+    engine: EngineName
     device: str
     lanes: int
     episodes: int
@@ -68,7 +69,9 @@ class ChunkWatch:
         """Notes the time: when lanes are ready, then at the end of each slice."""
         self._marks_s.append(time.monotonic())
 
-    def timing(self, engine: str, device: str, *, lanes: int, episodes: int, most_slices: int) -> ChunkTiming | None:
+    def timing(
+        self, engine: EngineName, device: str, *, lanes: int, episodes: int, most_slices: int
+    ) -> ChunkTiming | None:
         """Returns what the chunk took; None of one that was not driven."""
         if len(self._marks_s) <= 2:
             return None

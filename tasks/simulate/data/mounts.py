@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from specs.data.episode import EpisodeRequest
+from specs.data.episode import EpisodeRequest, Failure
 from specs.errors import BundleRefused, ObjectNotFound, StoreAccessDenied
 from tasks.simulate.data.content_cache import DataCache, discard
 from tasks.simulate.data.sources import DATA_PREFIX, PinnedSource
@@ -23,11 +23,11 @@ class Mounted(NamedTuple):
 
     Attributes:
         folder: What its variable says; None if it cannot be used.
-        failure: RoboMaker's code, a colon and a reason, if it cannot.
+        failure: Why it cannot.
     """
 
     folder: Path | None
-    failure: str = ""
+    failure: Failure | None = None
 
 
 class Mounts:
@@ -44,13 +44,13 @@ class Mounts:
         self._store, self._sources, self._cache = store, sources, DataCache(cache)
         self._mounted: dict[str, Mounted] = {}
 
-    def failure(self, request: EpisodeRequest) -> str:
-        """Returns why an episode cannot be simulated, as a code, a colon and a reason, or an empty text.
+    def failure(self, request: EpisodeRequest) -> Failure | None:
+        """Returns why an episode cannot be simulated; None if it can.
 
         Raises:
             StoreError: A bucket does not answer, or is gone.
         """
-        return next((found.failure for _, found in self._of(request) if found.failure), "")
+        return next((found.failure for _, found in self._of(request) if found.failure), None)
 
     def resolved(self, request: EpisodeRequest) -> EpisodeRequest:
         """Returns an episode whose variables name folders of this machine; none of its data sources has failed."""
@@ -72,16 +72,16 @@ class Mounts:
 
     def _made(self, digest: str, source: PinnedSource) -> Mounted:
         if source.failure_code:
-            return Mounted(None, f"{source.failure_code}: {source.failure_reason}")
-        root, failure = self._cache.mounted(digest), ""
+            return Mounted(None, Failure(source.failure_code, source.failure_reason))
+        root, failure = self._cache.mounted(digest), None
         if root is None:
             if failure := self._fetch(source):
                 return Mounted(None, failure)
             root, failure = self._installed(digest, source)
         return Mounted(root and root / source.destination, failure)
 
-    def _fetch(self, source: PinnedSource) -> str:
-        """Returns why a file is not in the cache and cannot be fetched again, or an empty text."""
+    def _fetch(self, source: PinnedSource) -> Failure | None:
+        """Returns why a file is not in the cache and cannot be fetched again; None if all are there."""
         for file in source.files:
             if self._cache.path(file.sha256).is_file():
                 continue
@@ -89,35 +89,36 @@ class Mounts:
             try:
                 found = self._cache.fetched(open_bucket(self._store, source.bucket), file.key)
             except ObjectNotFound:
-                return f"InvalidS3Resource: {where} does not exist any more"
+                return Failure("InvalidS3Resource", f"{where} does not exist any more")
             except StoreAccessDenied:
-                return f"BadPermissionsS3Object: {where} must not be read"
+                return Failure("BadPermissionsS3Object", f"{where} must not be read")
             if found.sha256 != file.sha256:
-                return f"MismatchedEtag: {where} is not what it was when the batch was planned"
-        return ""
+                return Failure("MismatchedEtag", f"{where} is not what it was when the batch was planned")
+        return None
 
-    def _installed(self, digest: str, source: PinnedSource) -> tuple[Path | None, str]:
+    def _installed(self, digest: str, source: PinnedSource) -> tuple[Path | None, Failure | None]:
         """Returns the folder of a data source, or why its files cannot be put together."""
         staged, files = self._cache.stage(digest)
         try:
             failure = self._put_together(files / source.destination, source)
-            return (None, failure) if failure else (self._cache.install(staged, digest), "")
+            return (None, failure) if failure else (self._cache.install(staged, digest), None)
         finally:  # whatever went wrong; once installed, nothing is left of it
             discard(staged)
 
-    def _put_together(self, top: Path, source: PinnedSource) -> str:
-        """Returns why the files cannot be put together in a folder, or an empty text."""
+    def _put_together(self, top: Path, source: PinnedSource) -> Failure | None:
+        """Returns why the files cannot be put together in a folder; None if they can."""
         top.mkdir(parents=True, exist_ok=True)
         put = _unpacked if source.type == "Archive" else _copied
         for file in source.files:
             try:
                 put(file.key, self._cache.path(file.sha256), top)
             except BundleRefused as exc:
-                return f"InvalidS3Resource: data source {source.name}: {exc}"
+                return Failure("InvalidS3Resource", f"data source {source.name}: {exc}")
             except (FileExistsError, NotADirectoryError, IsADirectoryError):
                 # What it says names places of this machine, and a row must not.
-                return f"InvalidInput: data source {source.name}: {file.key} would be where another file is"
-        return ""
+                why = f"data source {source.name}: {file.key} would be where another file is"
+                return Failure("InvalidInput", why)
+        return None
 
 
 def _copied(key: str, content: Path, top: Path) -> None:

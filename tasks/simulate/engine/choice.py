@@ -1,26 +1,21 @@
-"""The engines, and which one runs a robot: decided from its files alone, before JAX is imported.
+"""The choice of the engine that runs a robot: made from its files alone, before JAX is imported.
 
 A robot's episodes all run on one engine, chosen from its ``robot.xml``, its controller and the kind of device, so that
-every chunk of a batch, and a batch that is resumed, gets the same one. What loads a robot is imported when one is.
+every chunk of a batch, and a batch that is resumed, gets the same one.
 """
-# ruff: noqa: PLC0415 - see above
 
 import ast
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, cast
+from typing import cast
 
 from specs.base import Spec
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.devices import DeviceKind
+from tasks.simulate.engine.engines import ENGINES, fastest_first
 from tasks.simulate.refusal import RobotRefused
 
-EngineName = Literal["planar", "mjx", "mujoco"]
-# Fastest first, as measured (docs/reference/engines.md); `auto` takes the first that can run the robot.
-_FASTEST: dict[DeviceKind, tuple[EngineName, ...]] = {
-    "cpu": ("planar", "mujoco", "mjx"),
-    "gpu": ("planar", "mjx", "mujoco"),
-}
 _PLAIN = "jax"
 _CULPRIT = re.compile(r"robot\.xml: ([^:]*):")
 _SHOWN = 3
@@ -31,7 +26,7 @@ class EngineChoice(Spec):
 
     Attributes:
         engine: Its name.
-        device: What its controller, sensors and scenario run on, and its physics unless it is ``mujoco``.
+        device: What its controller, sensors and scenario run on, and its physics unless the engine runs on the host.
         why: For a person; names what stands in the way of faster engines.
         plain: Whether its controller is plain Python.
     """
@@ -59,7 +54,7 @@ def choose_engine(asked: str, robot: Path, module: Path, device: DeviceKind) -> 
     refusals: dict[EngineName, str] = {}
     for engine in order:
         try:
-            _LOADERS[engine](robot)
+            ENGINES[engine].read(robot)
         except RobotRefused as refused:
             refusals[engine] = str(refused)
         else:
@@ -88,15 +83,14 @@ def is_plain_python(module: Path) -> bool:
 def _order(asked: str, device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
     if asked != "auto":
         engine = cast("EngineName", asked)
-        if plain and engine != "mujoco":
+        if plain and not ENGINES[engine].plain:
+            able = " or ".join(fastest_first(device, plain=True))
             raise RobotRefused(
-                f"engine {engine}: the controller's module says jax = False, and plain Python runs on engine mujoco "
+                f"engine {engine}: the controller's module says jax = False, and plain Python runs on engine {able} "
                 "only: set engine: auto, or make its step a JAX function"
             )
         return (engine,)
-    if plain:
-        return ("mujoco",)
-    return _FASTEST[device]
+    return fastest_first(device, plain=plain)
 
 
 def _why(asked: str, refusals: Mapping[EngineName, str], *, plain: bool) -> str:
@@ -115,28 +109,3 @@ def _culprits(refusal: str) -> str:
     named = list(dict.fromkeys(_CULPRIT.findall(refusal))) or [" ".join(refusal.split())]
     more = f" and {len(named) - _SHOWN} more" if len(named) > _SHOWN else ""
     return ", ".join(named[:_SHOWN]) + more
-
-
-def _load_planar(robot: Path) -> None:
-    from tasks.simulate.engine.planar.model import planar_robot
-
-    planar_robot(robot)
-
-
-def _load_mjx(robot: Path) -> None:
-    from tasks.simulate.engine.mjx.model import load_robot
-
-    load_robot(robot)
-
-
-def _load_mujoco(robot: Path) -> None:
-    from tasks.simulate.engine.mujoco.model import host_robot
-
-    host_robot(robot)
-
-
-_LOADERS: dict[EngineName, Callable[[Path], object]] = {
-    "planar": _load_planar,
-    "mjx": _load_mjx,
-    "mujoco": _load_mujoco,
-}

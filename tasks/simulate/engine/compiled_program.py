@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jax.sharding import Mesh
 
 from specs.data.world import World
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.engine.program import (
-    SLICE_STEPS,
     lane_mesh,
     padded_lanes,
     put_lanes,
@@ -22,6 +22,7 @@ from tasks.simulate.engine.program import (
 from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Record, begin_lane
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.step import Mechanics, advance_lane
+from tasks.simulate.plan.chunks import SLICE_STEPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class CompiledProgram:
     advance: Callable[[LaneInputs, LaneState], tuple[LaneState, Record]]
 
     @property
-    def engine(self) -> str:
+    def engine(self) -> EngineName:
         """Returns the engine's name."""
         return self.mechanics.engine
 

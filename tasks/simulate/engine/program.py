@@ -12,13 +12,12 @@ import jax.numpy as jnp
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from specs.data.world import World
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Record
 from tasks.simulate.lane.staging import Lane
 
-# 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.
-SLICE_STEPS = 25
 _AXIS = "lanes"
 # Lanes fill whole vectors: three lanes a device, or one, are compiled to other arithmetic for what is left over, and
 # results differ in the last bits. With multiples of eight, and without fused multiply-add (``devices``), they are the
@@ -47,7 +46,7 @@ class Program(Protocol):
     """A robot and its applications on an engine."""
 
     @property
-    def engine(self) -> str:
+    def engine(self) -> EngineName:
         """Returns the engine's name."""
         ...
 

@@ -8,45 +8,16 @@ probe compares this machine with the one of the measurements, and the range is w
 import time
 from collections.abc import Sequence
 from statistics import median
-from typing import NamedTuple
 
 from pydantic import Field
 
 from specs.base import Spec
+from specs.data.episode import CONTROL_HZ
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import ChunkTiming
+from tasks.simulate.engine.engines import ENGINES, EngineCost
+from tasks.simulate.plan.chunks import SLICE_STEPS
 
-SLICE_STEPS = 25
-_MIB = 1 << 20
-
-
-class EngineCost(NamedTuple):
-    """What an engine costs, as measured with the shipped applications in furnished apartments of two rooms.
-
-    Attributes:
-        compile_s: For a program that was never compiled, the first slice included.
-        load_s: Likewise for one that lies in the cache.
-        step_s: For a control step of however many lanes.
-        lane_step_s: For each lane more.
-        ready_s: To make an episode ready.
-        base_bytes: Of a process with Prefect, JAX and the program.
-        lane_bytes: For each lane more: the map and what the controller makes of it above all.
-    """
-
-    compile_s: float
-    load_s: float
-    step_s: float
-    lane_step_s: float
-    ready_s: float
-    base_bytes: int
-    lane_bytes: int
-
-
-# Two cores of a Xeon at 2.x GHz, courier and delivery, 2026-11 (benchmarks/simulation/plan.py).
-_COSTS = {
-    "planar": EngineCost(6.5, 1.5, 90e-6, 4.5e-6, 4e-3, 900 * _MIB, _MIB),
-    "mujoco": EngineCost(4.5, 1.5, 2.2e-3, 80e-6, 4e-3, 750 * _MIB, _MIB),
-    "mjx": EngineCost(11.0, 2.0, 90e-6, 42e-6, 4e-3, 1350 * _MIB, _MIB),
-}
 _PROBE_S = 0.00087
 _MEASURED_DEVICES = 2
 
@@ -96,8 +67,8 @@ def remembered_speed(timings: Sequence[ChunkTiming], lanes: int, *, same_program
     known = [each for each in driven if lanes <= 2 * each.lanes <= 4 * lanes] or driven
     if not known:
         return None
-    drive = [each.slices_s / (each.slices * _slice_s(_COSTS[each.engine], each.lanes)) for each in known]
-    ready = [each.ready_s / (each.episodes * _COSTS[each.engine].ready_s) for each in known]
+    drive = [each.slices_s / (each.slices * _slice_s(ENGINES[each.engine].cost, each.lanes)) for each in known]
+    ready = [each.ready_s / (each.episodes * ENGINES[each.engine].cost.ready_s) for each in known]
     shares = [each.slices / max(1, each.most_slices) for each in known]
     return Speed(
         drive=_spread(drive, 1.25 if same_program else 2.0),
@@ -118,7 +89,7 @@ def probed_speed(devices: int) -> Speed:
     )
 
 
-def driving_s(engine: str, speed: Speed, *, episodes: int, lanes: int, chunks: int, duration_s: float) -> Span:
+def driving_s(engine: EngineName, speed: Speed, *, episodes: int, lanes: int, chunks: int, duration_s: float) -> Span:
     """Returns the wall seconds of a program's chunks, compiling apart.
 
     Args:
@@ -129,25 +100,25 @@ def driving_s(engine: str, speed: Speed, *, episodes: int, lanes: int, chunks: i
         chunks: How many there are.
         duration_s: The longest simulated time of an episode.
     """
-    cost = _COSTS[engine]
-    slices = -(-max(1, round(duration_s * 20)) // SLICE_STEPS)
+    cost = ENGINES[engine].cost
+    slices = -(-max(1, round(duration_s * CONTROL_HZ)) // SLICE_STEPS)
     each_s = slices * _slice_s(cost, lanes)
     drive = Span(low=speed.drive.low * speed.share.low, high=speed.drive.high * speed.share.high).times(each_s * chunks)
     return drive.plus(speed.ready.times(cost.ready_s * episodes))
 
 
-def compiling_s(engine: str, speed: Speed) -> Span:
+def compiling_s(engine: EngineName, speed: Speed) -> Span:
     """Returns the wall seconds until a program's first step: little if it is in the cache, more if it must be made."""
     if speed.first is not None:
         return speed.first
-    cost = _COSTS[engine]
+    cost = ENGINES[engine].cost
     ready = max(0.5, min(2.0, median([speed.ready.low, speed.ready.high])))
     return Span(low=0.5 * cost.load_s * ready, high=2.5 * cost.compile_s * ready)
 
 
-def memory_bytes(engine: str, speed: Speed, lanes: int) -> Span:
+def memory_bytes(engine: EngineName, speed: Speed, lanes: int) -> Span:
     """Returns the most memory that a process takes which drives so many lanes at a time."""
-    cost = _COSTS[engine]
+    cost = ENGINES[engine].cost
     if speed.peak_bytes:
         nearest = min(speed.peak_bytes, key=lambda known: abs(known - lanes))
         seen = speed.peak_bytes[nearest] + (lanes - nearest) * cost.lane_bytes
@@ -159,7 +130,7 @@ def memory_bytes(engine: str, speed: Speed, lanes: int) -> Span:
 def _first(timings: Sequence[ChunkTiming]) -> Span:
     """Returns what a first slice may take: within a process, only the first chunk's has to load its program."""
     most_s = max(each.first_s for each in timings)
-    return Span(low=min(0.5 * most_s, _COSTS[timings[0].engine].load_s), high=1.25 * most_s)
+    return Span(low=min(0.5 * most_s, ENGINES[timings[0].engine].cost.load_s), high=1.25 * most_s)
 
 
 def _slice_s(cost: EngineCost, lanes: int) -> float:

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Literal
 
 from specs.base import Spec
-from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from specs.data.episode import PHYSICS_HZ, ApplicationLaunch, EpisodeRequest
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import recalled, recalled_of_engine
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engine.choice import EngineChoice
+from tasks.simulate.engine.engines import REFERENCE
 from tasks.simulate.forecast.cost import (
     Span,
     Speed,
@@ -28,11 +30,9 @@ from tasks.storage.base.cache_folder import cache_folder
 Basis = Literal["this very program", "other programs", "nothing"]
 # From what is known best.
 _BASES: Sequence[Basis] = ("this very program", "other programs", "nothing")
-_STEPS_A_SECOND = 200
 # Importing JAX and Prefect, the server's start, and for each episode its row in chunk and tables.
 _START_S = Span(low=4.0, high=20.0)
 _ROW_S = Span(low=0.2e-3, high=1e-3)
-_REFERENCE = "mujoco"
 
 
 class RobotPlan(Spec):
@@ -116,7 +116,9 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
 class _Program:
     """A program of a batch, and what is known of its speed."""
 
-    def __init__(self, request: EpisodeRequest, episodes: int, engine: str, device: DeviceKind, lanes: int) -> None:
+    def __init__(
+        self, request: EpisodeRequest, episodes: int, engine: EngineName, device: DeviceKind, lanes: int
+    ) -> None:
         self.device: DeviceKind = device
         self.request, self.episodes, self.engine = request, episodes, engine
         self.speed: Speed
@@ -125,7 +127,7 @@ class _Program:
 
     def reference(self, lanes: int) -> "_Program":
         """Returns the program that audits it."""
-        return _Program(self.request, self.episodes, _REFERENCE, self.device, lanes)
+        return _Program(self.request, self.episodes, REFERENCE, self.device, lanes)
 
     def wall_s(self, episodes: int, lanes: int, longest_s: float) -> Span:
         """Returns what some of its episodes take, with so many lanes."""
@@ -134,7 +136,7 @@ class _Program:
         return drive.plus(compiling_s(self.engine, self.speed))
 
 
-def _speed(request: EpisodeRequest, engine: str, device: DeviceKind, lanes: int) -> tuple[Speed, Basis]:
+def _speed(request: EpisodeRequest, engine: EngineName, device: DeviceKind, lanes: int) -> tuple[Speed, Basis]:
     own = [each for each in recalled(program_key(request)) if (each.engine, each.device) == (engine, device)]
     if (speed := remembered_speed(own, lanes, same_program=True)) is not None:
         return speed, "this very program"
@@ -143,7 +145,7 @@ def _speed(request: EpisodeRequest, engine: str, device: DeviceKind, lanes: int)
 
 
 @functools.cache
-def _speed_of_engine(engine: str, device: DeviceKind, lanes: int, _cache: Path) -> Speed | None:
+def _speed_of_engine(engine: EngineName, device: DeviceKind, lanes: int, _cache: Path) -> Speed | None:
     """Returns what programs of an engine took; read once for each cache folder, however many programs a batch has."""
     return remembered_speed(recalled_of_engine(engine, device), lanes, same_program=False)
 
@@ -163,7 +165,7 @@ def _lane_steps(plan: BatchPlan) -> int:
     settings = 1
     for values in plan.sweep.values():
         settings *= len(values)
-    each = settings * len(plan.seeds) * _STEPS_A_SECOND
+    each = settings * len(plan.seeds) * PHYSICS_HZ
     return round(sum(len(plan.worlds_of(template)) * template.duration_s * each for template in plan.templates))
 
 

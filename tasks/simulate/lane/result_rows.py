@@ -5,24 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float32
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from specs.data.episode import CONTROL_HZ, CONTROL_S, EpisodeRequest, EpisodeResult, unfinished
 from tasks.simulate.application.code import CrashCode
 from tasks.simulate.application.contract import REASONS
-from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
 
 # One pose in half a simulated second is kept of a failed episode.
-POSE_STEPS = 10
+POSE_STEPS = CONTROL_HZ // 2
 _CRASHES: dict[int, tuple[CrashCode, str]] = {
     ROBOT_CRASH: ("RobotApplicationCrash", "controller.step: returned a control that is not finite"),
     ROBOT_CRASH + 1: ("SimulationApplicationCrash", "the robot's position or velocity is not finite, or beyond 1e10"),
 }
-
-
-def failed_row(request: EpisodeRequest, code: str, reason: str) -> EpisodeResult:
-    """Returns the row of an episode that could not start."""
-    return unfinished(request.index, "Failed", failure_code=code, failure_reason=reason, outcome_reason="crash")
 
 
 def canceled_row(request: EpisodeRequest) -> EpisodeResult:

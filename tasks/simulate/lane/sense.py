@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from specs.data.episode import CONTROL_S
 from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.contract import Observation
-from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.application.sensors import is_set, ray_angles
 from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, Motion, Sensed
 from tasks.simulate.lane.noise import drifted, noisy_ranges

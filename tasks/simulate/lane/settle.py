@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
+from specs.data.episode import CONTROL_S
 from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.contract import REASONS, Truth
-from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.lane.lane_state import (
     NO_CRASH,
     ROBOT_CRASH,

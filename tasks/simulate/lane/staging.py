@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from specs.data.episode import EpisodeRequest
+from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash, guarded
 from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Scenario
-from tasks.simulate.application.robot_mjcf import CONTROL_S, Hull
+from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.application.sensors import Lidar
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.noise import seed_words

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import jax
 from jaxtyping import Float
 
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Motion, Record
@@ -27,7 +28,7 @@ class Mechanics:
         drive: Returns what a control step's physics does to it.
     """
 
-    engine: str
+    engine: EngineName
     hull: Hull
     actuators: int
     first_body: Callable[[Float[jax.Array, "3"]], Body]

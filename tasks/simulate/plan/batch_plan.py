@@ -1,12 +1,11 @@
 """What a batch is going to run: its job templates multiplied by worlds, seeds and parameters."""
 
-from typing import Literal
-
 from pydantic import Field
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch
 from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
+from specs.robomaker.simulation import FailureBehavior
 from tasks.simulate.data.sources import PinnedSource
 
 # A CPU gains nothing from more lanes (docs/reference/physics.md, section 4: flat from 256 on), and a chunk that is lost
@@ -31,7 +30,7 @@ class JobTemplate(Spec):
     scenario: ApplicationLaunch
     environment: dict[str, str]
     duration_s: float
-    failure_behavior: Literal["Fail", "Continue"]
+    failure_behavior: FailureBehavior
     worlds: tuple[str, ...] = ()
     record: bool = False
 

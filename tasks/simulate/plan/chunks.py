@@ -18,6 +18,8 @@ from specs.base import Spec
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 
 ProgramKey = tuple[str, ...]
+# 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.
+SLICE_STEPS = 25
 
 
 class Chunk(Spec):

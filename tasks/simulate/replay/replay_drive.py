@@ -7,14 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64, Int
 
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult, failed_result
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.application.sensors import ray_angles, read_sensors
 from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Steps
-from tasks.simulate.lane.result_rows import failed_row
 from tasks.simulate.plan.chunks import split_environment
 
 _EVERY_STEP_HZ = 1.0 / CONTROL_S
@@ -102,7 +100,7 @@ def drive_again(
     try:
         ready = ready_chunk([request], worlds, bundles, lanes=lanes, engine=engine)
     except BundleCrash as crash:
-        return DrivenAgain(failed_row(request, crash.code, crash.reason))
+        return DrivenAgain(failed_result(request.index, crash.failure))
     samples = Recorder(rate_hz, lambda _: True)
     steps = _AlsoAt(_EVERY_STEP_HZ, samples)
     (row,) = run_ready(ready, lambda: False, lambda _: None, steps)

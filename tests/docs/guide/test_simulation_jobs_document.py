@@ -7,8 +7,8 @@ from typing import get_args
 from flows.cli.shell import app
 from flows.preview.plan import planned
 from specs.pipeline.document import PipelineSpec
-from specs.robomaker.simulation import SimulationJobBatchStatus
-from specs.robomaker.simulation_descriptions import SimulationJobErrorCode, SimulationJobStatus
+from specs.robomaker.simulation import SimulationJobBatchStatus, SimulationJobErrorCode
+from specs.robomaker.simulation_descriptions import SimulationJobStatus
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.simulate.data.sources import data_variable
 from tasks.storage.base.store import Store

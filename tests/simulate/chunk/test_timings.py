@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import ChunkTiming, ChunkWatch, recalled, recalled_of_engine, remember
 
 PROGRAM, OTHER = ("courier", "delivery"), ("courier", "coverage")
@@ -15,7 +16,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-def timing(engine: str = "planar", ready_s: float = 1.0) -> ChunkTiming:
+def timing(engine: EngineName = "planar", ready_s: float = 1.0) -> ChunkTiming:
     return ChunkTiming(
         engine=engine,
         device="cpu",

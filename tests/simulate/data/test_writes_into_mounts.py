@@ -35,7 +35,7 @@ def mounted(store: Store, cache: Path) -> Path:
     made = plan(store, templates=(template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"}),))
     request = Layout(made).request(0)
     mounts = Mounts(store, {source.digest: source}, cache)
-    assert mounts.failure(request) == ""
+    assert mounts.failure(request) is None
     return Path(mounts.resolved(request).environment["DATA_SOURCE_MAPS"])
 
 

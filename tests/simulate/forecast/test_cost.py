@@ -3,13 +3,14 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import ChunkTiming
 from tasks.simulate.forecast.cost import Span, compiling_s, driving_s, memory_bytes, probed_speed, remembered_speed
 
-ENGINES = st.sampled_from(["planar", "mjx", "mujoco"])
+ENGINES: st.SearchStrategy[EngineName] = st.sampled_from(["planar", "mjx", "mujoco"])
 
 
-def timing(engine: str, lanes: int, slices_s: float, slices: int = 47) -> ChunkTiming:
+def timing(engine: EngineName, lanes: int, slices_s: float, slices: int = 47) -> ChunkTiming:
     return ChunkTiming(
         engine=engine,
         device="cpu",
@@ -25,7 +26,7 @@ def timing(engine: str, lanes: int, slices_s: float, slices: int = 47) -> ChunkT
 
 
 @given(ENGINES, st.integers(1, 512), st.floats(0.01, 100.0))
-def test_a_chunk_like_those_before_takes_what_those_took(engine: str, lanes: int, slices_s: float):
+def test_a_chunk_like_those_before_takes_what_those_took(engine: EngineName, lanes: int, slices_s: float):
     speed = remembered_speed([timing(engine, lanes, slices_s)], lanes, same_program=True)
     assert speed
     span = driving_s(engine, speed, episodes=lanes, lanes=lanes, chunks=1, duration_s=60.0)
@@ -34,7 +35,7 @@ def test_a_chunk_like_those_before_takes_what_those_took(engine: str, lanes: int
 
 
 @given(ENGINES, st.integers(1, 256), st.integers(1, 20))
-def test_more_lanes_chunks_and_seconds_take_longer(engine: str, lanes: int, chunks: int):
+def test_more_lanes_chunks_and_seconds_take_longer(engine: EngineName, lanes: int, chunks: int):
     speed = probed_speed(2)
 
     def took(lanes: int, chunks: int, duration_s: float) -> Span:
@@ -46,7 +47,7 @@ def test_more_lanes_chunks_and_seconds_take_longer(engine: str, lanes: int, chun
 
 
 @given(ENGINES, st.integers(8, 512))
-def test_ranges_are_ranges_and_a_memory_narrows_them(engine: str, lanes: int):
+def test_ranges_are_ranges_and_a_memory_narrows_them(engine: EngineName, lanes: int):
     guess, known = probed_speed(2), remembered_speed([timing(engine, lanes, 5.0)], lanes, same_program=True)
     assert known
     for speed in (guess, known):

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float32, Int
 
+from specs.data.episode import CONTROL_S
 from tasks.simulate.application.robot_mjcf import (
-    CONTROL_S,
     Base,
     Hull,
     add_obstacle,

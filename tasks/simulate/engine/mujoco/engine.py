@@ -16,6 +16,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float
 
 from specs.data.world import World
+from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.contract import Joints, Observation, State
 from tasks.simulate.application.robot_mjcf import Hull
@@ -23,11 +24,12 @@ from tasks.simulate.devices import device_count
 from tasks.simulate.engine.mujoco.model import HostRobot, host_robot, world_models
 from tasks.simulate.engine.mujoco.plain_python import PlainControllers, StandIn
 from tasks.simulate.engine.mujoco.stepper import HostBody, Stepper
-from tasks.simulate.engine.program import SLICE_STEPS, lane_mesh, padded_lanes, put_lanes, split_over, strong_types
+from tasks.simulate.engine.program import lane_mesh, padded_lanes, put_lanes, split_over, strong_types
 from tasks.simulate.lane.lane_state import Body, Decision, LaneInputs, LaneState, Motion, Record, Work, begin_lane
 from tasks.simulate.lane.sense import decide, observe
 from tasks.simulate.lane.settle import settle
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.plan.chunks import SLICE_STEPS
 from tasks.simulate.surroundings.obstacle_distance import distance_of_all_m
 
 # Those parts of a controller's state that a step changed, by place: what it hands on, such as a plan, stays put.
@@ -58,7 +60,7 @@ class HostProgram:
     decide: Callable[[LaneInputs, LaneState], Decided]
     settle: Callable[[LaneInputs, LaneState, Decided, Body, Work], tuple[LaneState, Record]]
     plain: Callable[..., object] | None
-    engine: str = "mujoco"
+    engine: EngineName = "mujoco"
 
     @property
     def hull(self) -> Hull:

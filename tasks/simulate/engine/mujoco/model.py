@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
+from specs.data.episode import CONTROL_S
 from specs.data.world import Solid, World, solids
 from tasks.simulate.application.robot_mjcf import (
-    CONTROL_S,
     Base,
     Hull,
     add_obstacle,

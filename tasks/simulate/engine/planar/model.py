@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
-from tasks.simulate.application.robot_mjcf import CONTROL_S, add_obstacle, collision_bits, hull_of, read_robot
+from specs.data.episode import CONTROL_S
+from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, hull_of, read_robot
 from tasks.simulate.engine.planar.parts import Disc, DryFriction, Motor, PlanarRobot, Softness
 from tasks.simulate.engine.planar.refusals import colliding_geoms, refuse_what_is_not_planar
 

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from specs.data.episode import CONTROL_S
 from specs.data.world import World
-from tasks.simulate.application.robot_mjcf import CONTROL_S
 from tasks.simulate.engine.planar.parts import PlanarRobot
 from tasks.simulate.surroundings.obstacles import obstacles, padded
 from tests.factories.planar import CAPSULE, ROUGH, Obstacles, Parts, drive_planar, read, write_robot

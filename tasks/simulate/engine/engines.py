@@ -1,0 +1,154 @@
+"""The engines: one record each, of who can use it, how it is loaded, and what it costs.
+
+What loads a robot is imported when one is loaded: to choose an engine, or to predict its cost, imports no JAX.
+"""
+# ruff: noqa: PLC0415 - see above
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from specs.pipeline.simulation_section import EngineName
+from tasks.simulate.devices import DeviceKind
+
+if TYPE_CHECKING:
+    from tasks.simulate.application.calls import Applications
+    from tasks.simulate.engine.program import Program
+
+_MIB = 1 << 20
+
+
+class EngineCost(NamedTuple):
+    """What an engine costs, as measured with the shipped applications in furnished apartments of two rooms.
+
+    Attributes:
+        compile_s: For a program that was never compiled, the first slice included.
+        load_s: Likewise for one that lies in the cache.
+        step_s: For a control step of however many lanes.
+        lane_step_s: For each lane more.
+        ready_s: To make an episode ready.
+        base_bytes: Of a process with Prefect, JAX and the program.
+        lane_bytes: For each lane more: the map and what the controller makes of it above all.
+    """
+
+    compile_s: float
+    load_s: float
+    step_s: float
+    lane_step_s: float
+    ready_s: float
+    base_bytes: int
+    lane_bytes: int
+
+
+class ProgramLoader(Protocol):
+    """Makes the program of a robot and its applications; compiles nothing yet."""
+
+    def __call__(self, robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":
+        """Returns the program.
+
+        Args:
+            robot: The ``robot.xml``.
+            applications: The robot application and the scenario.
+            lanes: At least so many.
+            plain: Whether the controller is plain Python.
+
+        Raises:
+            RobotRefused: The engine cannot represent the robot.
+        """
+        ...
+
+
+class Engine(NamedTuple):
+    """All that the rest of Simyard knows of an engine.
+
+    Attributes:
+        rank: Its place among the engines by measured speed, 1 for the fastest, on each kind of device
+            (docs/reference/engines.md).
+        plain: Whether it runs controllers that are plain Python.
+        read: Reads a ``robot.xml``; raises RobotRefused, with the remedy, if the engine cannot represent the robot.
+        load: Makes the program.
+        cost: Measured on two cores of a Xeon at 2.x GHz, courier and delivery, 2026-11
+            (benchmarks/simulation/plan.py).
+    """
+
+    rank: Mapping[DeviceKind, int]
+    plain: bool
+    read: Callable[[Path], object]
+    load: ProgramLoader
+    cost: EngineCost
+
+
+def _read_planar(robot: Path) -> object:
+    from tasks.simulate.engine.planar.model import planar_robot
+
+    return planar_robot(robot)
+
+
+def _load_planar(robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":  # noqa: ARG001 - it runs none
+    from tasks.simulate.engine.compiled_program import compiled_program
+    from tasks.simulate.engine.planar.engine import planar_mechanics
+
+    return compiled_program(planar_mechanics(robot), applications, lanes)
+
+
+def _read_mjx(robot: Path) -> object:
+    from tasks.simulate.engine.mjx.model import load_robot
+
+    return load_robot(robot)
+
+
+def _load_mjx(robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":  # noqa: ARG001 - it runs none
+    from tasks.simulate.engine.compiled_program import compiled_program
+    from tasks.simulate.engine.mjx.engine import mjx_mechanics
+
+    return compiled_program(mjx_mechanics(robot), applications, lanes)
+
+
+def _read_mujoco(robot: Path) -> object:
+    from tasks.simulate.engine.mujoco.model import host_robot
+
+    return host_robot(robot)
+
+
+def _load_mujoco(robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":
+    from tasks.simulate.engine.mujoco.engine import host_program
+
+    return host_program(robot, applications, lanes, plain=plain)
+
+
+ENGINES: Mapping[EngineName, Engine] = {
+    "planar": Engine(
+        rank={"cpu": 1, "gpu": 1},
+        plain=False,
+        read=_read_planar,
+        load=_load_planar,
+        cost=EngineCost(6.5, 1.5, 90e-6, 4.5e-6, 4e-3, 900 * _MIB, _MIB),
+    ),
+    "mjx": Engine(
+        rank={"cpu": 3, "gpu": 2},
+        plain=False,
+        read=_read_mjx,
+        load=_load_mjx,
+        cost=EngineCost(11.0, 2.0, 90e-6, 42e-6, 4e-3, 1350 * _MIB, _MIB),
+    ),
+    "mujoco": Engine(
+        rank={"cpu": 2, "gpu": 3},
+        plain=True,
+        read=_read_mujoco,
+        load=_load_mujoco,
+        cost=EngineCost(4.5, 1.5, 2.2e-3, 80e-6, 4e-3, 750 * _MIB, _MIB),
+    ),
+}
+# The engine that the others are compared with: it represents every robot, and runs every controller.
+REFERENCE: EngineName = "mujoco"
+
+
+def fastest_first(device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
+    """Returns the engines that can run a controller, fastest first.
+
+    Args:
+        device: What JAX will run on.
+        plain: Whether the controller is plain Python.
+    """
+    able = (name for name, engine in ENGINES.items() if engine.plain or not plain)
+    return tuple(sorted(able, key=lambda name: ENGINES[name].rank[device]))
