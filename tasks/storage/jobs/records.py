@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import JsonValue
 
-from specs.arn import arn
+from specs.arn import RUN_KIND, arn, run_arn
 from specs.base import Fault, Spec
 from specs.errors import (
     IdempotentParameterMismatch,
@@ -232,8 +232,7 @@ def _mismatch(kind: JobKind, old: _Token, new: _Token) -> IdempotentParameterMis
 
 
 def _job_arn(kind: JobKind, store: str, path: str) -> str:
-    # A run of the whole pipeline is Simyard's own and no kind of RoboMaker's resources.
-    return f"arn:simyard:{kind}:{store}:{path}" if kind == "pipeline-run" else arn(kind, store, path)
+    return run_arn(store, path) if kind == RUN_KIND else arn(kind, store, path)
 
 
 def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
