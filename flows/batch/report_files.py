@@ -8,7 +8,7 @@ from urllib.request import url2pathname
 
 from flows.batch.batch_end import settled
 from flows.batch.batch_report import has_tables, report_view_of
-from specs.arn import parse_reference
+from specs.arn import parse_reference, run_id
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.report.page import report_page
@@ -17,8 +17,6 @@ from tasks.simulate.batch.job import KIND
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, job_id
-
-_RUN = "arn:simyard:pipeline-run:"
 
 
 @dataclass(frozen=True)
@@ -69,8 +67,8 @@ def _reportable(store: Store, text: str) -> JobRecord:
 
 
 def _batch(text: str) -> str:
-    if text.startswith(_RUN):
-        return job_id(KIND, f"{text.rpartition(':')[2]}-batch")
+    if run := run_id(text):
+        return job_id(KIND, f"{run}-batch")
     try:
         reference = parse_reference(text)
     except ValueError as exc:

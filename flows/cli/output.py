@@ -48,6 +48,13 @@ def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None
     Console(file=console.file, width=_WIDEST).print(table, soft_wrap=True)
 
 
+def page_rows(page: Spec) -> tuple[list[dict[str, JsonValue]], str | None]:
+    """Returns the rows of a List call's answer, and the token of the next page; None on the last."""
+    document = page.model_dump(mode="json", exclude_none=True)
+    token = document.pop("nextToken", None)
+    return [row for rows in document.values() for row in rows], token
+
+
 def json_lines(documents: Iterable[Spec]) -> Iterable[str]:
     """Yields each document as one line of JSON, without the fields that say nothing."""
     for document in documents:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import JsonValue
 from rich.console import Console
 
 from flows.cli.app_commands import app_app
@@ -108,7 +109,7 @@ def describe(
     """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
     from flows.resource.abandoned_jobs import described_notes
     from flows.resource.answers import described, described_together
-    from specs.arn import parse_reference
+    from specs.arn import resource_kind, resource_name
     from tasks.simulate.batch.metrics import told_metrics
     from tasks.storage.store_url import open_existing_store
 
@@ -117,10 +118,10 @@ def describe(
     typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
     for line in told_metrics(opened, arns[0]) if len(arns) == 1 else ():
         typer.echo(line, err=True)
-    if len(arns) == 1 and ":deployment-job" in arns[0]:
+    if len(arns) == 1 and resource_kind(arns[0]) == "deployment-job":
         from flows.cli.fleet_watch import told_wish
 
-        for line in told_wish(opened, parse_reference(arns[0]).path):  # what RoboMaker's shapes have no field for
+        for line in told_wish(opened, resource_name(arns[0])):  # what RoboMaker's shapes have no field for
             typer.echo(line, err=True)
     for note in described_notes(opened, arns[0]) if len(arns) == 1 else ():
         typer.echo(note, err=True)
@@ -155,22 +156,41 @@ def restart(
 @app.command("list")
 def list_(
     kind: Annotated[str, typer.Argument(help=_KINDS)],
+    *,
     store: StoreUrl = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON document a line.")] = False,  # noqa: FBT002 - a switch
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON document a line; of a page, RoboMaker's answer.")
+    ] = False,
+    max_results: Annotated[int | None, typer.Option(min=1, help="List one page of at most so many.")] = None,
+    next_token: Annotated[str | None, typer.Option(help="List the page that the page before it named.")] = None,
+    filters: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--filter", metavar="NAME=VALUE", help="List a page of what fits, such as status=Failed; any one suffices."
+        ),
+    ] = None,
 ) -> None:
-    """List what a store holds of one kind."""
-    from flows.cli.output import json_lines, show_rows
+    """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
+    from flows.cli.output import json_lines, page_rows, show_rows
     from flows.resource.abandoned_jobs import listed_notes
-    from flows.resource.answers import listed
+    from flows.resource.answers import list_page, listed
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    lines = list(json_lines(listed(opened, kind)))
+    token: str | None = None
+    if request := _page_request(max_results, next_token, filters or []):
+        page = list_page(opened, kind, request)
+        lines, (rows, token) = list(json_lines([page])), page_rows(page)
+    else:
+        lines = list(json_lines(listed(opened, kind)))
+        rows = [json.loads(line) for line in lines] if not as_json else []
     if as_json:
         for line in lines:
             typer.echo(line)
     else:
-        show_rows([json.loads(line) for line in lines], Console())
+        show_rows(rows, Console())
+    if token:
+        typer.echo(f"the next page: --next-token {token}", err=True)
     for note in listed_notes(opened, kind):
         typer.echo(note, err=True)
 
@@ -204,6 +224,17 @@ def agent(context: typer.Context) -> None:
     from tasks.deploy.robot.agent import main as agent_main
 
     raise typer.Exit(agent_main(context.args))
+
+
+def _page_request(max_results: int | None, next_token: str | None, filters: list[str]) -> dict[str, JsonValue]:
+    """Returns the request that the options of `simyard list` make; empty if the list is wanted as a whole."""
+    pairs = [text.partition("=") for text in filters]
+    request: dict[str, JsonValue] = {
+        "maxResults": max_results,
+        "nextToken": next_token,
+        "filters": [{"name": name, "values": [value]} for name, _, value in pairs] or None,
+    }
+    return {name: value for name, value in request.items() if value is not None}
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from specs.arn import parse_reference
+from specs.arn import parse_reference, resource_kind
 from specs.base import Fault
 from specs.data.world import World
 from specs.errors import DocumentError
@@ -114,9 +114,7 @@ def _beside(output: Path) -> Path:
 
 
 def _names_job(reference: str) -> bool:
-    if reference.startswith("arn:"):
-        return parse_reference(reference).kind == KIND
-    return reference.startswith(_JOB_ID)
+    return resource_kind(reference) == KIND or reference.startswith(_JOB_ID)
 
 
 def _of_job(store: Store, job: str, count: int) -> Chosen:

@@ -5,12 +5,12 @@ renewed any more. RoboMaker has no word for this, so the status stays what it is
 """
 
 import logging
-import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
+from specs.arn import resource_kind, resource_name, run_id
 from specs.base import Spec
 from specs.errors import DocumentError, ResourceNotFound, SimyardError
 from specs.job_kinds import JobKind
@@ -76,9 +76,10 @@ def listed_notes(store: Store, plural: str) -> Iterator[str]:
 
 def described_notes(store: Store, arn: str) -> Iterator[str]:
     """Yields a line if the job that an ARN names is known at once to be left; nothing for what is no job."""
+    named = RUN if run_id(arn) else resource_kind(arn)
     for kind in KINDS:
-        if f":{kind}:" in arn or f":{kind}/" in arn:
-            yield from _note(store, read(store, kind, re.split("[:/]", arn)[-1]))
+        if kind == named:
+            yield from _note(store, read(store, kind, resource_name(arn)))
 
 
 def _note(store: Store, record: JobRecord) -> Iterator[str]:

@@ -5,14 +5,21 @@ What a kind needs is imported when it is asked for, so that the shell answers at
 # ruff: noqa: PLC0415 - see above
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import NamedTuple, TypeVar
 
-from specs.arn import KINDS, Reference, ResourceKind, parse_reference
+from pydantic import JsonValue
+
+from specs.arn import KINDS, RUN_KIND, Reference, ResourceKind, parse_reference, run_id
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
+from specs.field_types import FilteredPage
 from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read, records
+
+PageRequest = Mapping[str, JsonValue]
+R = TypeVar("R", bound=FilteredPage)
 
 
 class Family(NamedTuple):
@@ -20,11 +27,13 @@ class Family(NamedTuple):
 
     Attributes:
         describe: RoboMaker's Describe call, by kind.
-        list: Its List call, by the kind's plural.
+        list: Its List call, all pages in one, by the kind's plural.
+        pages: Its List call, a page for a request, by the kind's plural; RoboMaker's request is checked first.
     """
 
     describe: Mapping[ResourceKind, Callable[[Store, str], Spec]]
     list: Mapping[str, Callable[[Store], Iterable[Spec]]]
+    pages: Mapping[str, Callable[[Store, PageRequest], Spec]] = MappingProxyType({})
 
 
 def _worlds() -> Family:
@@ -79,7 +88,18 @@ def _applications() -> Family:
 
 def _simulations() -> Family:
     from flows.resource.cancel import with_settled_batch, with_settled_batches
-    from tasks.simulate.batch.describe import describe_batch, describe_job, list_batches, list_jobs
+    from specs.robomaker.simulation import ListSimulationJobBatchesRequest, ListSimulationJobsRequest
+    from tasks.simulate.batch.describe import (
+        describe_batch,
+        describe_job,
+        list_batches,
+        list_batches_page,
+        list_jobs,
+        list_jobs_page,
+    )
+
+    jobs = _checked(ListSimulationJobsRequest, list_jobs_page)
+    batches = _checked(ListSimulationJobBatchesRequest, list_batches_page)
 
     return Family(
         {
@@ -90,11 +110,18 @@ def _simulations() -> Family:
             "simulation-jobs": lambda store: list_jobs(with_settled_batches(store)),
             "simulation-job-batches": lambda store: list_batches(with_settled_batches(store)),
         },
+        {
+            "simulation-jobs": lambda store, request: jobs(with_settled_batches(store), request),
+            "simulation-job-batches": lambda store, request: batches(with_settled_batches(store), request),
+        },
     )
 
 
 def _fleets() -> Family:
+    from specs.robomaker.deployment import ListDeploymentJobsRequest
+    from specs.robomaker.fleet import ListFleetsRequest, ListRobotsRequest
     from tasks.deploy.answers import describe
+    from tasks.deploy.answers.list_pages import list_deployment_jobs_page, list_fleets_page, list_robots_page
 
     return Family(
         {
@@ -106,6 +133,11 @@ def _fleets() -> Family:
             "fleets": describe.list_fleets,
             "robots": describe.list_robots,
             "deployment-jobs": describe.list_deployment_jobs,
+        },
+        {
+            "fleets": _checked(ListFleetsRequest, list_fleets_page),
+            "robots": _checked(ListRobotsRequest, list_robots_page),
+            "deployment-jobs": _checked(ListDeploymentJobsRequest, list_deployment_jobs_page),
         },
     )
 
@@ -150,8 +182,8 @@ def described(store: Store, text: str) -> Spec:
         ResourceNotFound: The store has no such resource.
         DocumentError: The text is no ARN.
     """
-    if text.startswith("arn:simyard:pipeline-run:"):
-        return read(store, "pipeline-run", text.rpartition(":")[2])
+    if run := run_id(text):
+        return read(store, RUN_KIND, run)
     reference = _reference(text)
     if reference.kind is None:
         raise _refused("arn", text, f"an ARN, arn:simyard:<kind>:...; kinds are {', '.join(KINDS)}")
@@ -178,9 +210,25 @@ def listed(store: Store, kind: str) -> Iterable[Spec]:
     Raises:
         DocumentError: There is no such kind.
     """
-    if kind not in _OF_PLURAL:
-        raise _refused("kind", kind, f"one of {', '.join(_OF_PLURAL)}")
-    return _OF_PLURAL[kind]().list[kind](store)
+    return _family(kind).list[kind](store)
+
+
+def list_page(store: Store, kind: str, request: PageRequest) -> Spec:
+    """Returns what the List call for a kind answers: one page, and the token of the next.
+
+    Args:
+        store: What is listed.
+        kind: The kind's plural.
+        request: The call's request: ``maxResults``, ``nextToken`` and ``filters``, each if wanted.
+
+    Raises:
+        DocumentError: There is no such kind, or it has no pages; or the request is not one that RoboMaker takes.
+    """
+    pages = _family(kind).pages
+    if kind not in pages:
+        allowed = "fleets, robots, deployment-jobs, simulation-jobs or simulation-job-batches; others have no pages"
+        raise _refused("kind", kind, allowed)
+    return pages[kind](store, request)
 
 
 def restart(store: Store, text: str) -> None:
@@ -197,6 +245,23 @@ def restart(store: Store, text: str) -> None:
     from tasks.simulate.batch.cancel_restart import restart_job
 
     restart_job(store, with_settled_batch(store, reference.path))
+
+
+def _family(kind: str) -> Family:
+    if kind not in _OF_PLURAL:
+        raise _refused("kind", kind, f"one of {', '.join(_OF_PLURAL)}")
+    return _OF_PLURAL[kind]()
+
+
+def _checked(request: type[R], page: Callable[[Store, R], Spec]) -> Callable[[Store, PageRequest], Spec]:
+    """Returns a page function that takes a request as a document, and refuses one that breaks RoboMaker's limits."""
+
+    def checked_page(store: Store, document: PageRequest) -> Spec:
+        from tasks.documents.parse import parse
+
+        return page(store, parse(request, {**document}, "simyard"))
+
+    return checked_page
 
 
 def _run_line(run: JobRecord) -> Spec:

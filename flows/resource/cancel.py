@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 
-from specs.arn import ResourceKind, parse_reference
+from specs.arn import ResourceKind, parse_reference, run_id
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound, StageFailed, StoreError
 from tasks.deploy.rollout.operator_commands import steer
@@ -20,7 +20,6 @@ from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import jobs_of
 
 REASON = "canceled on request"
-_RUN_PREFIX = "arn:simyard:pipeline-run:"
 _GOING = frozenset({"Pending", "Running", "Canceling"})
 _CANCEL: Mapping[ResourceKind, Callable[[Store, str], object]] = {
     "simulation-job-batch": cancel_batch,
@@ -39,8 +38,8 @@ def cancel(store: Store, text: str) -> None:
         ResourceNotFound: The store has no such resource.
         DocumentError: The text is no ARN, or its kind is none that is cancelled, or it has ended.
     """
-    if text.startswith(_RUN_PREFIX):
-        cancel_run(store, text.removeprefix(_RUN_PREFIX).rpartition(":")[2])
+    if run := run_id(text):
+        cancel_run(store, run)
         return
     try:
         reference = parse_reference(text)

@@ -12,6 +12,7 @@ from uuid import NAMESPACE_URL, UUID, uuid5
 from prefect.events import emit_event
 
 from flows.gate.judge import GateAnswer
+from specs.arn import resource_name
 from tasks.progress.log_lines import logging_as_asked
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.jobs.transitions import Transition, hearing
@@ -54,7 +55,7 @@ def _announce(change: Transition) -> None:
 
 
 def _send(event: str, arn: str, facts: dict[str, str]) -> None:
-    resource = {"prefect.resource.id": arn, "prefect.resource.name": arn.rpartition(":")[2]}
+    resource = {"prefect.resource.id": arn, "prefect.resource.name": resource_name(arn)}
     payload = {name: value for name, value in facts.items() if value}
     try:  # Prefect adds the flow run that this is in, with its deployment and tags, as related resources
         emit_event(event, resource, payload=payload, id=event_id(event, arn))

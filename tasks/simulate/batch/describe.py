@@ -188,7 +188,7 @@ def _jobs_from(store: Store, batch: str, index: int) -> Iterator[tuple[str, Simu
     skipped = itertools.dropwhile(lambda record: batch not in {"", record.id}, records(store, KIND))
     for record in skipped:
         for summary in Jobs(store, record.id).created(index if record.id == batch else 0):
-            yield str(summary.arn).rpartition(":")[2], summary
+            yield parse_reference(str(summary.arn)).path, summary
 
 
 def _position(token: str | None) -> tuple[str, int]:

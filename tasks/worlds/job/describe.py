@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 
 from pydantic import JsonValue, TypeAdapter
 
-from specs.arn import arn
+from specs.arn import arn, store_id_of
 from specs.base import Fault, Spec
 from specs.data.world import World
 from specs.digest import canonical_json
@@ -87,7 +87,7 @@ def describe_world(world: World, record: JobRecord | None, store: str) -> Descri
 
 def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:
     """Returns the lines of a job's worlds in ListWorlds."""
-    store = _store(record)
+    store = store_id_of(record.arn)
     return tuple(WorldSummary.model_validate(_identity(reference, record, store)) for reference in _worlds(record))
 
 
@@ -124,7 +124,7 @@ def _finished(record: JobRecord) -> dict[str, JsonValue]:
     failed = sum(failure.count for failure in failures.values())
     summary: dict[str, JsonValue] = {"finishedCount": len(worlds) + failed}
     if worlds:
-        summary["succeededWorlds"] = [arn("world", _store(record), reference) for reference in worlds]
+        summary["succeededWorlds"] = [arn("world", store_id_of(record.arn), reference) for reference in worlds]
     if failures:
         listed: list[JsonValue] = [
             {"failureCode": code, "sampleFailureReason": failure.sample_reason, "failureCount": failure.count}
@@ -140,10 +140,6 @@ def _worlds(record: JobRecord) -> list[str]:
 
 def _failures(record: JobRecord) -> dict[str, _Failure]:
     return _FAILURES.validate_python(record.detail.get("failures", {}))
-
-
-def _store(record: JobRecord) -> str:
-    return record.arn.split(":")[3]
 
 
 # Not from the job itself, which imports what makes worlds.
