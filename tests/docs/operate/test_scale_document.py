@@ -13,7 +13,7 @@ from tests.repository import ROOT
 DOCUMENT = (ROOT / "docs/operate/scale.md").read_text()
 
 
-@pytest.mark.parametrize("command", re.findall(r"`\.venv/bin/python -m (benchmarks\.\w+ [^`]*)`", DOCUMENT))
+@pytest.mark.parametrize("command", re.findall(r"`\.venv/bin/python -m (benchmarks\.[\w.]+ [^`]*)`", DOCUMENT))
 def test_a_command_is_one_that_there_is(
     command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -34,7 +34,8 @@ def test_figures_are_there_and_have_their_place(name: str) -> None:
 
 def test_a_piece_is_as_long_as_it_says() -> None:
     shortest_s, a_worker_s, workers = re.findall(
-        r"A piece lasts (\d+) seconds, or ([\d.]+) seconds\s+for each worker where there are more than (\d+)", DOCUMENT
+        r"A piece lasts (\d+) seconds, or ([\d.]+) seconds for each worker where there are more than (\d+)",
+        " ".join(DOCUMENT.split()),
     )[0]
     pace = Pace()
     pace.told(1, 0.1)
