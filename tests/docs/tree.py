@@ -4,14 +4,17 @@
 """
 
 import ast
-from collections.abc import Iterator, Mapping
+import itertools
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from tasks.storage.base import keys
+from specs.job_kinds import JOB_KINDS
 from tests.repository import ROOT
 
 PAGE = ROOT / "docs/architecture.md"
 ROOTS = ("specs", "tasks", "flows")
+KEYS = Path("tasks/storage/base/keys.py")
 
 
 def packages() -> Iterator[Path]:
@@ -28,8 +31,10 @@ def first_line(package: Path) -> str:
 
 def lists() -> Mapping[str, str]:
     """Returns what stands in the page between ``<!-- name -->`` and ``<!-- end of name -->``, by name."""
-    _, *described = (keys.__doc__ or "").strip().split("\n\n")
-    return {"tree": _block("\n".join(map(_line, packages()))), "keys": _block("\n\n".join(described))}
+    return {
+        "tree": _block(map(_line, packages())),
+        "keys": _block(sorted({**_described_keys(), **_job_keys()}.values())),
+    }
 
 
 def between(page: str, name: str) -> str:
@@ -52,7 +57,38 @@ def _line(package: Path) -> str:
     return f"{package.as_posix():<31} {what}"
 
 
-def _block(text: str) -> str:
+def _described_keys() -> dict[str, str]:
+    """Returns the lines of the keys that have a docstring, by their form."""
+    body = ast.parse((ROOT / KEYS).read_text()).body
+    return {
+        form: _key_line(form, _text(after.value).rstrip("."))
+        for each, after in itertools.pairwise(body)
+        if isinstance(each, ast.Assign) and isinstance(after, ast.Expr) and (form := _text(each.value))
+    }
+
+
+def _job_keys() -> dict[str, str]:
+    """Returns the lines of what the jobs of each kind keep, by their form."""
+    return {
+        form: _key_line(f"{'<s3Bucket>/<s3Prefix>/' if objects.in_bucket else ''}{form}", f"{objects.what} of a {kind}")
+        for kind, declaration in JOB_KINDS.items()
+        for objects in declaration.objects
+        for form in objects.forms
+    }
+
+
+def _text(value: ast.expr) -> str:
+    """Returns the text that an expression is; empty for any other."""
+    return value.value if isinstance(value, ast.Constant) and isinstance(value.value, str) else ""
+
+
+def _key_line(form: str, meaning: str) -> str:
+    named = re.sub(r"{(\w+)(?::\w+)?}", r"<\1>", form)
+    return f"{named:<58} {meaning}"
+
+
+def _block(lines: Iterable[str]) -> str:
+    text = "\n".join(lines)
     return f"```text\n{text}\n```\n"
 
 
