@@ -76,4 +76,4 @@ def test_the_codes_are_robomakers():
 
 def test_the_picture_is_there():
     for picture in re.findall(r"!\[.*\]\((.*)\)", DOCUMENT):
-        assert (ROOT / "docs" / picture).stat().st_size > 10_000
+        assert (ROOT / "docs/guide" / picture).stat().st_size > 10_000
