@@ -37,6 +37,7 @@ def checkout(small_run: Path, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(250)
 @pytest.mark.parametrize("block", blocks("sh"))
@@ -48,6 +49,7 @@ def test_each_shell_block_succeeds_line_by_line(checkout: Path, block: str):
     assert done.stdout.strip()
 
 
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.parametrize("block", blocks("python"))
 def test_each_python_block_runs(checkout: Path, block: str):
@@ -88,6 +90,7 @@ def test_every_block_has_a_test():
     assert set(languages) == {"sh", "python", "deployments"}
 
 
+@pytest.mark.long
 @pytest.mark.integration
 def test_the_picture_is_what_the_preview_draws(checkout: Path):
     command = next(line for block in blocks("sh") for line in block.splitlines() if "world preview" in line)

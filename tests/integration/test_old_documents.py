@@ -64,6 +64,7 @@ def answer(store: Store, *command: str) -> Any:  # noqa: ANN401 - JSON
     return json.loads(result.stdout)
 
 
+@pytest.mark.long
 def test_an_old_document_of_a_single_job_runs_as_it_stands(prefect_server: str, tmp_path: Path, store: Store):
     file = document(tmp_path)
     request = json.loads(file.read_text())

@@ -62,6 +62,7 @@ def test_the_command_makes_the_same_page_from_the_arn_of_the_run(small_run: Path
     assert page.read_bytes() == before
 
 
+@pytest.mark.long
 def test_the_commands_of_the_document_run(small_run: Path, tmp_path: Path):
     shutil.copytree(small_run / ".simyard", tmp_path / ".simyard", symlinks=True)
     (tmp_path / ".venv").symlink_to(sys.prefix)

@@ -11,6 +11,7 @@ from tests.integration.runs import finished, jobs, tables, worlds
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
 
+@pytest.mark.long
 def test_a_folder_and_s3_hold_the_same_worlds_and_result_tables(small_run: Path, s3_url: Callable[[], str]):
     url = s3_url()
     result = finished("run", str(small_run / "document.yaml"), "--store", url)

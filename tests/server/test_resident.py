@@ -120,6 +120,7 @@ def test_a_note_of_another_machine_counts_only_while_its_server_answers(tmp_path
     assert kept_server(tmp_path) is None
 
 
+@pytest.mark.long
 @pytest.mark.integration
 def test_a_real_server_is_kept_found_again_and_ended(tmp_path: Path):
     server = keep(tmp_path)

@@ -149,6 +149,7 @@ NOISY = ({"LIDAR_SIGMA": "0.02", "LIDAR_DROPOUT": "0.1", "ODOMETRY_SIGMA": "0.05
 WORLDS = {f"hand/apartment-{seed}": cluttered(seed) for seed in range(4)}
 
 
+@pytest.mark.long
 def test_it_delivers_although_its_wheels_miscount():
     rows = drive(COURIER, DELIVERY, WORLDS, NOISY, seeds=4)
     # The goal counts within 0.3 m of its true place.

@@ -204,6 +204,7 @@ def test_the_courier_sees_all_the_floor():
         assert row.metrics["time_to_90_percent_s"] <= row.simulated_s
 
 
+@pytest.mark.long
 def test_it_is_looked_at_with_the_range_that_is_asked_for():
     near, far = drive(COURIER, COVERAGE, {"hand/hall": BARE}, [{"RANGE": "1.5"}, {"RANGE": "4"}], duration_s=1.0)
     assert near.metrics["covered_share"] < 0.7 * far.metrics["covered_share"]

@@ -129,6 +129,7 @@ def test_it_gets_through_a_door_without_a_map():
     assert sum(row.outcome == "Passed" for row in rows) >= len(rows) // 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seek", ["0", "1"])
 def test_it_sees_most_of_the_floor_with_and_without_being_told_where(seek: str):
     rows = drive(WANDERER, COVERAGE, WORLDS, [{"SEEK": seek}], seeds=4, duration_s=120.0)

@@ -51,6 +51,7 @@ def test_a_folder_with_something_else_in_it_is_refused_and_left_alone(name: str,
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.long
 def test_installing_again_keeps_the_robots_settings(tmp_path: Path) -> None:
     kit, image = tmp_path / "kit", tmp_path / "image"
     write_kit(kit, store_url=URL, root_of_trust=None)

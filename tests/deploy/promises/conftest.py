@@ -22,7 +22,9 @@ def file_store(tmp_path: Path) -> Store:
     return open_store((tmp_path / "store").as_uri())
 
 
-@pytest.fixture(params=["file_store", "s3_store"], ids=["file", "s3"])
+@pytest.fixture(
+    params=[pytest.param("file_store", id="file"), pytest.param("s3_store", id="s3", marks=pytest.mark.long)]
+)
 def yard(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Yard]:
     """A store of each kind in turn with an empty fleet; what robots started is ended with the test."""
     store = request.getfixturevalue(request.param)

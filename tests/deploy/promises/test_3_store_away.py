@@ -56,6 +56,7 @@ def busy(server: Seaweed, tmp_path: Path) -> Iterator[Yard]:
         end_all(yard.root(name))
 
 
+@pytest.mark.long
 @sizes(short=1, long=8)
 def test_a_roll_out_goes_on_after_its_store_was_killed(
     server: Seaweed, busy: Yard, size: int, figures: Figures

@@ -63,6 +63,7 @@ def _ask(yard: Yard, version: Version, deployment: str) -> Desired:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", STEPS)
 def test_an_agent_that_is_killed_in_a_step_finishes_after_its_next_start(
     step: str, yard: Yard, agents: list[subprocess.Popen[bytes]]
@@ -88,6 +89,7 @@ def test_an_agent_that_is_killed_in_a_step_finishes_after_its_next_start(
     assert sorted(path.name for path in (yard.root("r1") / "versions").iterdir()) == sorted([old.digest, new.digest])
 
 
+@pytest.mark.long
 def test_an_agent_that_is_killed_again_and_again_never_breaks_its_version(
     yard: Yard, agents: list[subprocess.Popen[bytes]]
 ) -> None:
@@ -243,6 +245,7 @@ def test_an_agent_outlives_garbage_and_takes_what_comes_after_it(
     assert "UNSIGNED: r1 runs whatever anybody writes" in log.read_text()
 
 
+@pytest.mark.long
 def test_an_agent_waits_quietly_for_a_store_that_is_away_and_keeps_its_application_up(
     s3_store: Store, seaweed: Seaweed, tmp_path: Path, agents: list[subprocess.Popen[bytes]]
 ) -> None:

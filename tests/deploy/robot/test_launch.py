@@ -40,6 +40,7 @@ def test_a_script_that_leaves_a_daemon_leaves_nothing(one: OneRobot) -> None:
     assert (reported.status, one.programs) == ("InSync", ["sleep 1000"])
 
 
+@pytest.mark.long
 def test_an_application_that_ends_is_started_again(one: OneRobot) -> None:
     script = '#!/bin/sh\necho up >> "$HOME/launches"\nsleep 0.3\n'
     one.deploy(one.yard.publish({"run.sh": script}), 1)

@@ -210,6 +210,7 @@ def agents(yard: Yard) -> Iterator[list[str]]:
         kill(agent)
 
 
+@pytest.mark.long
 @pytest.mark.integration
 def test_a_controller_process_that_is_killed_is_continued_and_every_robot_launches_once(
     yard: Yard, agents: list[str]

@@ -35,6 +35,7 @@ class SimulatedFleet:
         return sum(each is phase for each in self.phases.values())
 
 
+@pytest.mark.long
 @settings(max_examples=1000, deadline=None)
 @given(
     robots=st.integers(1, 120),

@@ -147,6 +147,7 @@ def test_two_sets_of_keys_do_not_disturb_each_other(owner: Owner, yard: Yard, tm
 _OPERATIONS = st.lists(st.sampled_from([*ROLES, "renew", "admit"]), min_size=1, max_size=6)
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(operations=_OPERATIONS, looks=st.integers(0, 63), back=st.integers(0, 5))
 def test_whatever_the_owner_does_robots_follow_and_never_go_back(

@@ -76,6 +76,7 @@ def test_a_fleet_on_s3_is_signed_for(s3_store: Store, tmp_path: Path) -> None:
     assert record.status == "Succeeded"
 
 
+@pytest.mark.long
 def test_robots_that_verify_refuse_an_unsigned_deployment_and_run_what_they_ran(yard: Yard) -> None:
     good, newer, signer = yard.publish(GOOD), yard.publish(NEWER), local_signer(yard.store)
     _deploy(yard, good, "one", signer)
@@ -89,6 +90,7 @@ def test_robots_that_verify_refuse_an_unsigned_deployment_and_run_what_they_ran(
     assert yard.current(f"{FLEET}-1") == good.digest
 
 
+@pytest.mark.long
 def test_a_machine_that_lost_its_cache_deploys_again(yard: Yard, cache: Path) -> None:
     good, newer = yard.publish(GOOD), yard.publish(NEWER)
     _deploy(yard, good, "one", local_signer(yard.store))
@@ -98,6 +100,7 @@ def test_a_machine_that_lost_its_cache_deploys_again(yard: Yard, cache: Path) ->
     assert yard.current(f"{FLEET}-1") == newer.digest
 
 
+@pytest.mark.long
 def test_a_fleet_is_synced_by_who_signed_what_it_runs(owner: Owner, yard: Yard) -> None:
     record = _deploy(yard, yard.publish(GOOD), "one", owner.signer)
     create_robot(yard.store, "late")
@@ -122,6 +125,7 @@ def test_a_fleet_is_synced_by_who_signed_what_it_runs(owner: Owner, yard: Yard) 
             kill(late)
 
 
+@pytest.mark.long
 def test_what_was_deployed_unsigned_is_not_synced_with_keys(owner: Owner, yard: Yard) -> None:
     _deploy(yard, yard.publish(GOOD), "one", None)
 

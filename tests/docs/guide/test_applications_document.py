@@ -41,6 +41,7 @@ def rows(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return simulate_chunk(chunk, {"hand/apartment": apartment()}, bundles, lanes=4, should_stop=lambda: False)
 
 
+@pytest.mark.long
 def test_the_documented_robot_does_the_documented_task(rows: list[EpisodeResult]):
     assert [row.failure_reason for row in rows] == ["", "", ""]
     assert [(row.outcome, row.outcome_reason) for row in rows[:2]] == [("Passed", ""), ("Passed", "")]

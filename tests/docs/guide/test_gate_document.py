@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 import yaml
 
 from benchmarks.results.gate import ALPHA, BAR, EPISODES, saving, table
@@ -55,6 +56,7 @@ def test_rules_need_as_many_episodes_as_it_says():
     assert quantile_ranks(least, 0.05, 0.95)[0] == 1
 
 
+@pytest.mark.long
 def test_the_savings_are_what_the_benchmark_finds():
     assert with_tables(DOCUMENT, "saving", markdown(table())) == DOCUMENT
     assert f"For a bar of {100 * BAR:g} % and {EPISODES} episodes" in TEXT

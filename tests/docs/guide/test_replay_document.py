@@ -17,6 +17,7 @@ TEXT = (ROOT / "docs/guide/replay.md").read_text()
 BLOCKS = re.findall(r"^```(sh|python|sql|yaml)\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
 
 
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.usefixtures("prefect_server")
 def test_every_block_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

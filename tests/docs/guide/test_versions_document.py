@@ -36,6 +36,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 @pytest.mark.integration
 def test_what_it_says_one_types_makes_the_versions_that_it_tells_of(folder: Path) -> None:
     store = open_store((folder / "store").as_uri())

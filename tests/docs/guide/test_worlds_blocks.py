@@ -15,6 +15,7 @@ BLOCKS = re.findall(
 )
 
 
+@pytest.mark.long
 @pytest.mark.integration
 def test_every_block_runs_in_order(prefect_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     for name, target in ((".venv", Path(sys.prefix)), ("examples", ROOT / "examples")):

@@ -38,6 +38,7 @@ def robots_ended(tmp_path: Path) -> Iterator[None]:
             end_all(tmp_path / name)
 
 
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(280)
 @pytest.mark.usefixtures("robots_ended")

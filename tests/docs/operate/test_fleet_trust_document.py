@@ -30,6 +30,7 @@ def robot_ended(tmp_path: Path) -> Iterator[None]:
         end_all(tmp_path / "robot")
 
 
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(250)
 @pytest.mark.usefixtures("robot_ended")

@@ -55,6 +55,7 @@ def owner(tmp_path: Path) -> Iterator[Owner]:
         end_all(tmp_path / STATE)
 
 
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(280)
 def test_a_robots_owner_installs_deploys_breaks_sees_it_go_back_repairs_and_syncs(owner: Owner) -> None:

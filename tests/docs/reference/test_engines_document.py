@@ -15,6 +15,7 @@ BLOCKS = re.findall(
 )
 
 
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.usefixtures("prefect_server")
 def test_every_block_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

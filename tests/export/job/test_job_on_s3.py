@@ -97,6 +97,7 @@ def _killed_while_uploading(store_url: str, bucket: str) -> None:
         run(open_store(store_url), bucket)
 
 
+@pytest.mark.long
 def test_an_export_killed_during_its_upload_shows_nothing_finished_and_is_completed_by_the_next_run(
     file_store: Store, buckets_on_s3: pytest.MonkeyPatch, seaweed: Seaweed
 ):
@@ -146,6 +147,7 @@ def test_a_server_that_goes_away_in_the_middle_of_the_upload_fails_the_job_and_s
     assert not [key for key in open_bucket(file_store, "cut-off").keys("") if key.endswith(".zip")]
 
 
+@pytest.mark.long
 def test_a_server_that_goes_away_between_parts_of_the_upload_shows_nothing(
     file_store: Store, buckets_on_s3: pytest.MonkeyPatch, seaweed: Seaweed
 ):

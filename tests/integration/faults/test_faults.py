@@ -119,6 +119,7 @@ def test_work_that_a_full_folder_ends_at_any_write_goes_on_where_it_was(work: Wo
     pytest.fail("there is always one write more")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tried", [(5,), pytest.param((0, 2, 7, 9, 11, 14), marks=pytest.mark.soak)])
 @pytest.mark.parametrize("work", [simulate, generate])
 def test_work_that_a_full_bucket_ends_goes_on_where_it_was(

@@ -10,6 +10,7 @@ from tests.integration.runs import finished, kill_when, simyard, small_document,
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
 
+@pytest.mark.long
 def test_all_changed_files_are_named_by_the_run_that_goes_on(tmp_path: Path):
     gate = {"successRate": {"atLeast": 0.5}, "collisionRate": {"atMost": 0.6}, "stopEarly": True}
     file = write_document(tmp_path, small_document(gate=gate))

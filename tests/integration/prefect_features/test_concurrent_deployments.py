@@ -38,6 +38,7 @@ def _document(folder: Path, robots: int, release: Path) -> Path:
     return write_document(folder, {"name": f"deploy-{robots}", "deployment": deployment})
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("prefect_server")
 def test_a_second_run_is_refused_and_touches_nothing_of_the_first(tmp_path: Path):
     store = open_store((tmp_path / "store").as_uri())

@@ -56,6 +56,7 @@ def test_the_nightly_document_is_the_quickstart_word_for_word():
     assert nightly["parameters"]["spec"] == yaml.safe_load((ROOT / "examples/quickstart.yaml").read_text())
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("worker")
 def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: str, store_url: str):
     parameters = {

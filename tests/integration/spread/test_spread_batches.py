@@ -77,6 +77,7 @@ def test_ray_workers_write_the_tables_of_one_process(tmp_path: Path, small_run: 
     assert same(store, small_run / ".simyard")
 
 
+@pytest.mark.long
 def test_workers_that_there_are_not_are_told_before_anything_runs(tmp_path: Path) -> None:
     store = tmp_path / "store"
     result = finished(

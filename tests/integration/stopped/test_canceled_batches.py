@@ -15,6 +15,7 @@ from tests.servers.eventually import eventually
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
 
 
+@pytest.mark.long
 def test_a_cancelled_batch_ends_canceled_with_the_rows_of_what_was_done(prefect_server: str, tmp_path: Path):
     document = small_document()
     document["simulationBatch"]["matrix"]["seeds"] = 300  # pyright: ignore[reportIndexIssue]

@@ -34,6 +34,7 @@ def own_server(tmp_path: Path) -> Generator[tuple[str, "subprocess.Popen[bytes]"
         end(process)
 
 
+@pytest.mark.long
 def test_a_run_whose_server_is_killed_ends_by_itself(
     endless: Path, tmp_path: Path, own_server: tuple[str, "subprocess.Popen[bytes]"]
 ):
@@ -48,6 +49,7 @@ def test_a_run_whose_server_is_killed_ends_by_itself(
     assert "Traceback" not in err
 
 
+@pytest.mark.long
 def test_an_interrupted_run_ends_its_server_and_says_how_to_go_on(endless: Path, tmp_path: Path):
     environment = {"PREFECT_HOME": str(tmp_path / "prefect"), "PREFECT_API_URL": ""}
     run = simyard("run", str(endless), "--store", (tmp_path / "store").as_uri(), **environment)
@@ -60,6 +62,7 @@ def test_an_interrupted_run_ends_its_server_and_says_how_to_go_on(endless: Path,
     assert eventually(lambda: not Path("/proc", log.stem.removeprefix("server-")).exists())
 
 
+@pytest.mark.long
 def test_two_runs_at_once_on_an_empty_database_both_begin(tmp_path: Path):
     document = small_document()
     worlds = {"name": "worlds", "worldGeneration": document["worldGeneration"]}

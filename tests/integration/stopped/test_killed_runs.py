@@ -32,6 +32,7 @@ _STAGES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "stages",
     [

@@ -52,6 +52,7 @@ def assert_one_job_and_both_told(store: str, runs: list["subprocess.Popen[str]"]
     assert f"waiting for process {runs[1].pid}: " in one or f"waiting for process {runs[0].pid}: " in other
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("prefect_server")
 def test_with_one_server_and_a_store_in_a_folder(document: Path, tmp_path: Path) -> None:
     store = (tmp_path / "store").as_uri()

@@ -300,6 +300,7 @@ def many(count: int) -> tuple[list[EpisodeRequest], list[str]]:
     return [request(index, world=worlds[index % 40], environment=values) for index in range(count)], worlds
 
 
+@pytest.mark.long
 def test_a_page_does_not_grow_with_the_batch(tmp_path: Path):
     line = tuple((float(t), t / 100 % 7, (t * t) % 37 / 10, 0.0) for t in range(600))
     requests, worlds = many(2_000)

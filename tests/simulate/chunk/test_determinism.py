@@ -54,6 +54,7 @@ def large(request: pytest.FixtureRequest, pens: dict[str, World]) -> tuple[str, 
     )
 
 
+@pytest.mark.long
 def test_a_batch_of_one_is_the_lane_in_a_batch_of_256(large: tuple[str, list[EpisodeResult]], pens: dict[str, World]):
     engine, rows = large
     assert sum(row.collisions > 0 for row in rows[::17]) >= 8
@@ -63,6 +64,7 @@ def test_a_batch_of_one_is_the_lane_in_a_batch_of_256(large: tuple[str, list[Epi
         assert alone == [rows[position]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("engine", ["planar", "mujoco"])
 def test_where_in_a_large_batch_a_lane_lies_does_not_matter(engine: str):
     requests = [delivery(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=5.0) for k in range(128)]
@@ -77,6 +79,7 @@ def test_where_in_a_large_batch_a_lane_lies_does_not_matter(engine: str):
     assert run([requests[k] for k in order]) == [in_order[k] for k in order]
 
 
+@pytest.mark.long
 def test_a_larger_world_in_the_chunk_changes_no_bit_of_a_lane():
     small, large = delivery(0, world="hand/small", seed=3, duration_s=8.0), delivery(1, world="hand/large", seed=3)
     worlds = {"hand/small": pen(6.0, 1), "hand/large": pen(30.0, 2)}

@@ -61,6 +61,7 @@ def test_a_robot_that_touches_nothing_gets_no_impulse(rows: list[EpisodeResult])
         assert row.max_impulse_ns <= row.impulse_ns
 
 
+@pytest.mark.long
 def test_episodes_with_more_goals_run_beside_those_with_fewer(deliver: Simulate, rows: list[EpisodeResult]):
     mixed = [
         delivery(k, world="hand/apartment-0", seed=100, duration_s=2.0).model_copy(

@@ -16,6 +16,9 @@ REQUESTS = [
 ]
 
 
+pytestmark = pytest.mark.long
+
+
 def run(engine: str, worlds: dict[str, World]) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(REQUESTS, EPISODES)
     return simulate_chunk(chunk, worlds, FOLDERS, lanes=EPISODES, engine=engine, should_stop=lambda: False)

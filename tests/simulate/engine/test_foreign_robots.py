@@ -66,6 +66,7 @@ def run(
     return simulate_chunk(chunk, {"hand/hall": world}, bundles, lanes=LANES, engine=engine, should_stop=lambda: False)
 
 
+@pytest.mark.long
 def test_gymnasiums_point_delivers(bundles: dict[str, Path]):
     # It is pushed along x alone: in a hall this narrow all floor that it fits on lies ahead or behind.
     requests = [request(k, "point", "to_and_fro", {}, 120.0) for k in range(LANES)]
@@ -75,6 +76,7 @@ def test_gymnasiums_point_delivers(bundles: dict[str, Path]):
     assert all(row.path_length_m > 2.0 for row in rows)
 
 
+@pytest.mark.long
 def test_a_robot_that_mjx_refuses_is_told_why_and_delivers_on_mujoco(bundles: dict[str, Path]):
     requests = [request(0, "drum", "to_and_fro", {}, 120.0)]
     (refused,) = run(requests, hall(1.45), bundles, engine="mjx")

@@ -31,7 +31,7 @@ def children() -> set[int]:
     return {int(pid) for each in listed for pid in each.read_text().split()}
 
 
-@pytest.mark.parametrize("workers", [2, 3])
+@pytest.mark.parametrize("workers", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_workers_make_what_one_process_makes_in_the_same_order(workers: int) -> None:
     alone = list(produce(ORDER, INDICES, 1))
     assert [made.indices for made in alone] == INDICES
@@ -75,6 +75,7 @@ def test_a_worker_ends_with_its_input() -> None:
     assert [[tuple(made["indices"]) for made in line] for line in lines] == [[(1, 1)], [(2, 1), (2, 2)]]
 
 
+@pytest.mark.long
 def test_no_worker_outlives_a_killed_job() -> None:
     script = (
         "import sys, time; from tests.worlds.job.test_production import INDICES, ORDER, children; "

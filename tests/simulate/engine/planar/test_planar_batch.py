@@ -46,6 +46,7 @@ def test_lanes_collide(together: Motion):
     assert (together.work.impulse_ns.max(axis=0) > 0).mean() > 0.5
 
 
+@pytest.mark.long
 def test_eight_lanes_move_as_they_do_among_others(robot: PlanarRobot, together: Motion):
     starts, controls = told()
     alone = run(robot, starts[8:16], controls[:, 8:16])

@@ -82,6 +82,9 @@ ROBOTS: dict[str, dict[str, Parts]] = {
     "lagging less": {"motors": {"motors": LAGGING.replace("EARLY", "true")}},
 }
 
+# Each robot is a program of its own to compile; these have most of the parameters.
+_QUICK = ("soft", "two discs", "implicitfast, heavy", "lagging")
+
 
 def controls() -> np.ndarray:
     """Returns a drive against the wall and along it, beyond the control's limits."""
@@ -94,7 +97,9 @@ def assembled(*parameters: Parts) -> Parts:
     return {key: value for parameter in parameters for key, value in parameter.items()}
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(
+    "robot", [name if name in _QUICK else pytest.param(name, marks=pytest.mark.long) for name in ROBOTS]
+)
 def test_a_robot_moves_as_in_c(tmp_path: Path, robot: str):
     motion, theirs = both(write_robot(tmp_path, assembled(*ROBOTS[robot].values())), WALL, START, controls())
     np.testing.assert_allclose(motion.body.qpos, theirs.pose, atol=3e-6)

@@ -99,7 +99,10 @@ def driven(path: Path, worlds: list[World]) -> Drives:
     )
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(
+    scope="module",
+    params=["sphere", *(pytest.param(name, marks=pytest.mark.long) for name in ROBOTS if name != "sphere")],
+)
 def bumping(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Drives:
     """Each robot in the pens."""
     return driven(write_robot(tmp_path_factory.mktemp("robot"), ROBOTS[request.param]), WORLDS)
