@@ -10,9 +10,9 @@ import numpy as np
 from specs.data.world import Color, Furniture, Solid
 from tasks.worlds.furnishing.placement import turned
 from tasks.worlds.furnishing.scene import Piece
-from tasks.worlds.furniture.catalogue import ModelType
+from tasks.worlds.furniture.catalogue import compose
+from tasks.worlds.furniture.furniture_type import TypeName
 from tasks.worlds.furniture.primitives import Paint, Part, Size, Style
-from tasks.worlds.furniture.shapes import compose
 from tasks.worlds.geometry.boxes import QUARTER_TURN_RAD, rounded
 
 
@@ -92,7 +92,7 @@ def assemble(piece: Piece, name: str, room: str, look: Look) -> Furniture:
 
 
 @lru_cache(maxsize=8192)
-def _turned_parts(kind: ModelType, size: Size, style: Style, quarter: int, askew_rad: float) -> tuple[_Placed, ...]:
+def _turned_parts(kind: TypeName, size: Size, style: Style, quarter: int, askew_rad: float) -> tuple[_Placed, ...]:
     """Returns the primitives of a piece that faces some way; pieces of one size and style share them."""
     return tuple(_turned_part(part, quarter, askew_rad) for part in compose(kind, size, style))
 

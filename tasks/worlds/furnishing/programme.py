@@ -1,23 +1,14 @@
-"""What stands in a room: a programme by room type or the template's list, up to a density.
+"""The furniture programme of a room: what to try first and next, by its type or by the template's list."""
 
-What a room of each type is furnished with when the template leaves it open.
-"""
-
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
 from specs.data.world import RoomType
-from tasks.worlds.brief import RoomWish
-from tasks.worlds.furnishing.arrangements import arrangements
-from tasks.worlds.furnishing.groups.group import Group
-from tasks.worlds.furnishing.placement import place
-from tasks.worlds.furnishing.room_access import ways_open
-from tasks.worlds.furnishing.room_context import Setting
-from tasks.worlds.furnishing.scene import Placed, Scene
-from tasks.worlds.furniture.catalogue import CATALOGUE, ModelType
-from tasks.worlds.furniture.primitives import Style
-from tasks.worlds.furniture.shapes import compose
+from tasks.worlds.furniture.catalogue import CATALOGUE
+from tasks.worlds.furniture.furniture_type import Demand, Tier, TypeName
 
 
 @dataclass(frozen=True)
@@ -27,256 +18,60 @@ class Programme:
     Attributes:
         essential: What makes it that room, in order; of several in one place, one is drawn.
         likely: What most such rooms have, and for how much floor there is one (square metres).
-        also: What some have, likewise.
+        occasional: What some have, likewise.
     """
 
-    essential: tuple[tuple[ModelType, ...], ...]
-    likely: dict[ModelType, float]
-    also: dict[ModelType, float]
+    essential: tuple[tuple[TypeName, ...], ...]
+    likely: dict[TypeName, float]
+    occasional: dict[TypeName, float]
 
 
-PROGRAMMES: dict[RoomType, Programme] = {
-    "Bedroom": Programme(
-        (("Beds",), ("Storage",)),
-        {"Dressers": 18.0, "Desks": 22.0, "LivingRoomChairs": 14.0, "FloorLamps": 16.0, "Storage": 9.0},
-        {"Bookcases": 14.0, "StorageBenches": 22.0, "Ottomans": 24.0, "Beds": 24.0, "Sofas": 45.0},
-    ),
-    "Bathroom": Programme(
-        (("Toilets",), ("VanityCounters",), ("Showers", "Baths")),
-        {"Baths": 18.0, "Showers": 14.0, "WashingMachinesAndDryers": 9.0, "Storage": 8.0},
-        {"CornerCabinets": 30.0, "VanityCounters": 9.0, "Toilets": 14.0, "StorageBenches": 12.0, "Ottomans": 30.0},
-    ),
-    "Living": Programme(
-        (("Sofas",), ("MediaStorage",)),
-        {
-            "LivingRoomChairs": 9.0,
-            "Bookcases": 8.0,
-            "SideboardsAndBuffets": 16.0,
-            "FloorLamps": 12.0,
-            "Ottomans": 14.0,
-        },
-        {
-            "ConsoleTables": 18.0,
-            "DiningTables": 32.0,
-            "Desks": 30.0,
-            "BarCabinets": 28.0,
-            "Sofas": 20.0,
-            "StorageBenches": 26.0,
-            "Storage": 16.0,
-        },
-    ),
-    "Dining": Programme(
-        (("DiningTables",), ("SideboardsAndBuffets",)),
-        {"BarCabinets": 16.0, "CornerCabinets": 20.0, "FloorLamps": 12.0, "ServingCarts": 16.0},
-        {
-            "ConsoleTables": 14.0,
-            "DiningTables": 18.0,
-            "Bookcases": 9.0,
-            "SideboardsAndBuffets": 12.0,
-            "LivingRoomChairs": 12.0,
-            "StorageBenches": 16.0,
-            "Storage": 12.0,
-        },
-    ),
-    "Kitchen": Programme(
-        (("Ovens",), ("DishWashers",), ("Fridges",)),
-        {"DiningTables": 20.0, "KitchenIslandsAndCarts": 20.0, "Storage": 9.0},
-        {
-            "ServingCarts": 20.0,
-            "WashingMachinesAndDryers": 18.0,
-            "SideboardsAndBuffets": 14.0,
-            "BarCabinets": 24.0,
-            "Fridges": 26.0,
-            "Ovens": 18.0,
-            "DishWashers": 18.0,
-            "Bookcases": 20.0,
-        },
-    ),
-    "Hallway": Programme(
-        (("ConsoleTables", "StorageBenches"), ("Storage",)),
-        {"StorageBenches": 9.0, "ConsoleTables": 10.0, "FloorLamps": 10.0, "Storage": 6.0},
-        {"Bookcases": 7.0, "Dressers": 12.0, "SideboardsAndBuffets": 12.0, "LivingRoomChairs": 14.0, "Ottomans": 12.0},
-    ),
-    "Closet": Programme(
-        (("Storage",),),
-        {"Storage": 2.5, "Dressers": 9.0},
-        {"StorageBenches": 12.0, "Bookcases": 7.0, "WashingMachinesAndDryers": 12.0, "Ottomans": 20.0},
-    ),
-}  # fmt: skip
+def programme_of(room: RoomType) -> Programme:
+    """Returns the programme that the catalogue's demands make for a type of room."""
+    places: dict[int, list[TypeName]] = {}
+    for kind, demand in _demands(room, "essential"):
+        places.setdefault(demand.place, []).append(kind)
+    likely, occasional = (
+        {kind: demand.floor_m2 for kind, demand in _demands(room, tier)} for tier in ("likely", "occasional")
+    )
+    return Programme(tuple(map(tuple, places.values())), likely, occasional)
+
+
+def _demands(room: RoomType, tier: Tier) -> list[tuple[TypeName, Demand]]:
+    """Returns a room type's demands of one tier by their places, and in the catalogue's order within a place."""
+    found = [
+        (kind, demand)
+        for kind, model in CATALOGUE.items()
+        for demand in model.demand
+        if (demand.room, demand.tier) == (room, tier)
+    ]
+    return sorted(found, key=lambda each: each[1].place)
+
+
+PROGRAMMES: dict[RoomType, Programme] = {room: programme_of(room) for room in get_args(RoomType)}
 
 # A list is an explicit wish: more of the same is welcome than the programme would have.
 _LISTED_SHARE = 0.5
 
 
-def open_programme(rng: np.random.Generator, room: RoomType) -> tuple[list[ModelType], dict[ModelType, float]]:
+def open_programme(rng: np.random.Generator, room: RoomType) -> tuple[list[TypeName], dict[TypeName, float]]:
     """Returns what to try first, in order, and what next, with the floor for which there is one (square metres)."""
     programme = PROGRAMMES[room]
     first = [choice[int(rng.integers(len(choice)))] for choice in programme.essential]
-    rest = {kind: tier[kind] for tier in (programme.likely, programme.also) for kind in _shuffled(rng, tier)}
+    rest = {kind: tier[kind] for tier in (programme.likely, programme.occasional) for kind in _shuffle(rng, tier)}
     return first, rest
 
 
 def listed_programme(
-    rng: np.random.Generator, room: RoomType, listed: tuple[ModelType, ...]
-) -> tuple[list[ModelType], dict[ModelType, float]]:
-    """Returns the same of a template's list: what makes the room first, then each type by chance."""
+    rng: np.random.Generator, room: RoomType, listed: tuple[TypeName, ...]
+) -> tuple[list[TypeName], dict[TypeName, float]]:
+    """Returns what to try first and next of a template's list: what makes the room first, then each type by chance."""
     kinds = tuple(dict.fromkeys(kind for kind in listed if kind in CATALOGUE))
     essential = dict.fromkeys(kind for choice in PROGRAMMES[room].essential for kind in choice if kind in kinds)
-    others = _shuffled(rng, tuple(kind for kind in kinds if kind not in essential))
-    return [*essential, *others], {kind: _LISTED_SHARE * CATALOGUE[kind].spread_m2 for kind in _shuffled(rng, kinds)}
+    others = _shuffle(rng, tuple(kind for kind in kinds if kind not in essential))
+    return [*essential, *others], {kind: _LISTED_SHARE * CATALOGUE[kind].spread_m2 for kind in _shuffle(rng, kinds)}
 
 
-def _shuffled(rng: np.random.Generator, kinds: tuple[ModelType, ...] | dict[ModelType, float]) -> list[ModelType]:
+def _shuffle(rng: np.random.Generator, kinds: Iterable[TypeName]) -> list[TypeName]:
     names = tuple(kinds)
     return [names[place] for place in np.argsort(rng.random(len(names)), kind="stable").tolist()]
-
-
-_ROUNDS = 12
-# A group may miss the wished density by as much as leaving it out would; what makes the room, by more.
-_SHARE_WITHIN, _ESSENTIAL_WITHIN = 0.5, 0.55
-_NEAR_M2 = 0.12
-_OPTIONAL_M2 = 0.3
-_LARGE_M2 = 1.5
-_MENDS = 4
-
-
-@dataclass
-class _Work:
-    """A room at work.
-
-    Attributes:
-        target_m2: How much floor shall be covered.
-        solids: How many primitives there may still be.
-        radius_m: Radius of the robot that shall get around; only groups that are large must prove that it does.
-        careful: Whether all of them must.
-        hopeless: Types for which there was no place; there will be none later.
-    """
-
-    rng: np.random.Generator
-    wish: RoomWish
-    scene: Scene
-    style: Style
-    target_m2: float
-    solids: int
-    radius_m: float
-    careful: bool
-    covered_m2: float = 0.0
-    hopeless: set[ModelType] = field(default_factory=set[ModelType])
-
-    @property
-    def done(self) -> bool:
-        return self.covered_m2 >= self.target_m2 - _NEAR_M2 or self.solids <= 0
-
-
-def furnish(
-    rng: np.random.Generator,
-    wish: RoomWish,
-    scene: Scene,
-    style: Style,
-    *,
-    solids: int,
-    density: float,
-    radius_m: float,
-    careful: bool = False,
-) -> bool:
-    """Puts furniture into a scene, and returns whether a robot gets around in it.
-
-    Args:
-        rng: The room's own stream.
-        wish: The room as the template wants it.
-        scene: The room; it gets the pieces.
-        style: The shapes of its furniture, which decide how many primitives a piece has.
-        solids: How many primitives there may be, give or take a group.
-        density: Share of the floor to cover, 0-1.
-        radius_m: Radius of the robot that shall get around in the room.
-        careful: Whether each group must prove that it does; if not, only large ones must.
-    """
-    if wish.furniture == ():
-        return True
-    first, rest = (
-        open_programme(rng, wish.type) if wish.furniture is None else listed_programme(rng, wish.type, wish.furniture)
-    )
-    work = _Work(rng, wish, scene, style, density * scene.floor.area, solids, radius_m, careful)
-    for kind in first:
-        if scene.count(kind) == 0 and not (work.done and scene.pieces):
-            _put(work, kind, _ESSENTIAL_WITHIN)
-    _fill(work, rest)
-    if _open(work, len(scene.groups)):
-        return True
-    work.careful = True
-    mended = _mend(work)
-    _fill(work, rest)
-    return mended
-
-
-def _fill(work: _Work, kinds: dict[ModelType, float]) -> None:
-    """Adds groups in rounds until the density is met, or a round adds none.
-
-    Args:
-        work: The room.
-        kinds: What to add, and the floor for which there is one of each.
-    """
-    scene = work.scene
-    for _ in range(_ROUNDS):
-        before = len(scene.pieces)
-        for kind, spread_m2 in kinds.items():
-            if work.done:
-                return
-            if kind not in work.hopeless and scene.count(kind) < 1 + int(scene.floor.area / spread_m2):
-                _put(work, kind, _SHARE_WITHIN)
-        if len(scene.pieces) == before:
-            return
-
-
-def _put(work: _Work, kind: ModelType, within: float) -> None:
-    """Places the first group for a type that fits the density and the room."""
-    left = work.target_m2 - work.covered_m2
-    setting = Setting(work.rng, work.wish.type, work.scene, work.wish.furniture, left)
-    tried = False
-    last: Group | None = None
-    for group in arrangements(setting, kind):
-        last = group
-        if within * group.area > left:
-            continue
-        tried = True
-        if _placed(work, group, left):
-            return
-    if not work.scene.pieces and last is not None and not tried:
-        _placed(work, last, left)
-    elif tried:
-        work.hopeless.add(kind)
-
-
-def _placed(work: _Work, group: Group, left_m2: float) -> bool:
-    care = work.radius_m if work.careful or group.area > _LARGE_M2 else 0.0
-    spare = left_m2 - group.area + _OPTIONAL_M2 if group.area <= left_m2 else 0.0
-    found = place(work.rng, work.scene, group, spare_m2=spare, radius_m=care)
-    if found is None:
-        return False
-    _account(work, found, 1)
-    return True
-
-
-def _mend(work: _Work) -> bool:
-    """Takes out the groups that shut a robot out of a part of the room, the earliest that does first."""
-    groups = work.scene.groups
-    for _ in range(_MENDS):
-        low, high = 0, len(groups)
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if _open(work, middle) else (low, middle)
-        _account(work, work.scene.remove(high - 1), -1)
-        if _open(work, len(groups)):
-            return True
-    return False
-
-
-def _open(work: _Work, count: int) -> bool:
-    """Returns whether a robot gets around when only the first so many groups stand."""
-    bodies = [piece.body for group in work.scene.groups[:count] for piece in group.pieces]
-    return ways_open(work.scene.floor, bodies, work.scene.entries, work.radius_m)
-
-
-def _account(work: _Work, group: Placed, sign: int) -> None:
-    work.covered_m2 += sign * sum(piece.covers_m2 for piece in group.pieces)
-    work.solids -= sign * sum(len(compose(piece.type, piece.size, work.style)) for piece in group.pieces)

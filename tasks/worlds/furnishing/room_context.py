@@ -6,7 +6,8 @@ import numpy as np
 
 from specs.data.world import RoomType
 from tasks.worlds.furnishing.scene import Scene
-from tasks.worlds.furniture.catalogue import CATALOGUE, ModelType, Variant
+from tasks.worlds.furniture.catalogue import CATALOGUE
+from tasks.worlds.furniture.furniture_type import TypeName, Variant
 from tasks.worlds.furniture.primitives import Size
 
 _HALL_M2 = 50.0
@@ -27,7 +28,7 @@ class Setting:
     rng: np.random.Generator
     room: RoomType
     scene: Scene
-    listed: tuple[ModelType, ...] | None
+    listed: tuple[TypeName, ...] | None
     spare_m2: float
 
     @property
@@ -35,21 +36,21 @@ class Setting:
         """The room's floor (square metres)."""
         return self.scene.floor.area
 
-    def allows(self, kind: ModelType) -> bool:
+    def allows(self, kind: TypeName) -> bool:
         """Returns whether the room may hold a type."""
         return self.listed is None or kind in self.listed
 
-    def front_m(self, kind: ModelType) -> float:
+    def front_m(self, kind: TypeName) -> float:
         """Returns how much floor is kept free before a piece: for its use, and for a robot to pass where people do."""
         front = CATALOGUE[kind].front_m
         return max(front, self.scene.way_m) if front >= 0.5 else front
 
-    def size(self, kind: ModelType, variant: Variant | None = None) -> Size:
+    def size(self, kind: TypeName, variant: Variant | None = None) -> Size:
         """Returns a size for a piece: of that variant, or of one that is usual in a room of this area."""
         usual = CATALOGUE[kind].usual(self.area_m2)
         return draw_size(self.rng, variant or usual[int(self.rng.integers(len(usual)))])
 
-    def sizes(self, kind: ModelType) -> list[Size]:
+    def sizes(self, kind: TypeName) -> list[Size]:
         """Returns a size of each usual variant, the one that suits the room best first, then smaller ones.
 
         Halls and half of the other rooms get the largest that is usual, the rest begin with the one below it.
@@ -58,7 +59,7 @@ class Setting:
         skipped = int(self.rng.integers(2)) if len(usual) > 1 and self.area_m2 < _HALL_M2 else 0
         return [draw_size(self.rng, variant) for variant in reversed(usual[: len(usual) - skipped])]
 
-    def smallest(self, kind: ModelType) -> Size:
+    def smallest(self, kind: TypeName) -> Size:
         """Returns the least size of a type."""
         variant = CATALOGUE[kind].variants[0]
         depth = variant.depth_m[0] or variant.width_m[0]

@@ -9,7 +9,7 @@ from tasks.worlds.floorplan.doors import Hanging, hang_doors
 from tasks.worlds.floorplan.floorplan import FloorPlan
 from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.furnishing.assembly import Look, assemble, draw_look
-from tasks.worlds.furnishing.programme import furnish
+from tasks.worlds.furnishing.room_furnisher import furnish
 from tasks.worlds.furnishing.scene import Piece, Scene, open_scene, way_width
 from tasks.worlds.geometry.boxes import Box
 from tasks.worlds.geometry.clearance import Clearance, connected_share, measure_clearance, reaches_room

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from tasks.worlds.floorplan.floorplan import START_CLEAR_M
 from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furniture.catalogue import ModelType
+from tasks.worlds.furniture.furniture_type import TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box
 
@@ -33,7 +33,7 @@ class Piece:
         covers_m2: Floor that it covers and nothing else of its group does.
     """
 
-    type: ModelType
+    type: TypeName
     size: Size
     center: tuple[float, float]
     quarter: int
@@ -158,7 +158,7 @@ class Scene:
             self._taken = np.array(boxes, dtype=np.float64).reshape(-1, 4).T.copy()
         return self._taken
 
-    def count(self, kind: ModelType) -> int:
+    def count(self, kind: TypeName) -> int:
         """Returns how many pieces of a type stand there."""
         return sum(piece.type == kind for piece in self.pieces)
 

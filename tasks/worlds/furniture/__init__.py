@@ -1,1 +1,1 @@
-"""The furniture types: size, shape, place. Furnishing may import it."""
+"""The furniture types, each one record in the file of its family. Furnishing may import it."""

@@ -1,5 +1,15 @@
-"""What sanitary ware and laundry machines are made of."""
+"""Bathroom furniture: toilets, washbasins, showers, baths and laundry machines."""
 
+from tasks.worlds.furniture.furniture_type import (
+    HALLS,
+    FurnitureType,
+    Taste,
+    Variant,
+    essential,
+    likely,
+    occasional,
+    one_size,
+)
 from tasks.worlds.furniture.primitives import (
     DARK,
     FRONT,
@@ -128,3 +138,81 @@ def _porthole(name: str, y: float, z: float) -> tuple[Part, ...]:
             for n, (half, low, high) in enumerate(bars, start=1)
         ),
     )
+
+
+TYPES = (
+    FurnitureType(
+        "Toilets",
+        toilet,
+        one_size((0.4, 0.4), (0.7, 0.7), (0.8, 0.8)),
+        use_width_m=0.85,
+        spread_m2=9.0,
+        taste=Taste(corner=0.5, away=0.4, near=("Showers", "Baths", "Toilets")),
+        demand=(
+            essential("Bathroom", 1),
+            occasional("Bathroom", 14.0, 3),
+        ),
+    ),
+    FurnitureType(
+        "VanityCounters",
+        vanity,
+        (
+            Variant((0.6, 0.8), (0.45, 0.5), (1.8, 1.9)),
+            Variant((0.9, 1.1), (0.5, 0.55), (1.8, 1.9), (8.0, 1e9)),
+            Variant((1.2, 1.6), (0.5, 0.55), (1.8, 1.9), (12.0, 1e9)),
+            Variant((1.8, 2.2), (0.55, 0.6), (1.8, 1.9), HALLS),
+        ),
+        front_m=0.75,
+        row=True,
+        taste=Taste(corner=0.2, near=("Toilets", "VanityCounters")),
+        demand=(
+            essential("Bathroom", 2),
+            occasional("Bathroom", 9.0, 2),
+        ),
+    ),
+    FurnitureType(
+        "Showers",
+        shower,
+        (
+            Variant((0.8, 0.9), (0.8, 0.9), (2.0, 2.1)),
+            Variant((1.0, 1.2), (0.9, 0.9), (2.0, 2.1), (9.0, 1e9)),
+        ),
+        front_m=0.7,
+        anchor="corner",
+        row=True,
+        spread_m2=10.0,
+        taste=Taste(corner=1.0, away=0.4),
+        demand=(
+            essential("Bathroom", 3),
+            likely("Bathroom", 14.0, 2),
+        ),
+    ),
+    FurnitureType(
+        "Baths",
+        bath,
+        one_size((1.6, 1.8), (0.7, 0.8), (0.75, 0.75)),
+        front_m=0.7,
+        anchor="corner",
+        under_window=True,
+        spread_m2=14.0,
+        taste=Taste(corner=1.0, window=0.3, away=0.4),
+        demand=(
+            essential("Bathroom", 3),
+            likely("Bathroom", 18.0, 1),
+        ),
+    ),
+    FurnitureType(
+        "WashingMachinesAndDryers",
+        washing_machine,
+        (Variant((0.6, 0.6), (0.6, 0.6), (0.85, 0.85)), Variant((0.6, 0.6), (0.6, 0.6), (1.7, 1.7))),
+        front_m=0.8,
+        row=True,
+        spread_m2=6.0,
+        group="laundry",
+        demand=(
+            likely("Bathroom", 9.0, 3),
+            occasional("Kitchen", 18.0, 2),
+            occasional("Closet", 12.0, 3),
+        ),
+    ),
+)

@@ -1,5 +1,6 @@
-"""What kitchen units are made of: modules of 0.6 m under one worktop at 0.9 m (EN 1116)."""
+"""Kitchen units in modules of 0.6 m under one worktop at 0.9 m (EN 1116), and islands."""
 
+from tasks.worlds.furniture.furniture_type import HALLS, FurnitureType, Taste, Variant, essential, likely, occasional
 from tasks.worlds.furniture.primitives import (
     BASKET,
     DARK,
@@ -153,3 +154,64 @@ def _cart(size: Size, _style: Style) -> tuple[Part, ...]:
         block("top", (-x, x), (-y, y), (height - 0.05, height), shaded(WOOD, 1.1)),
         block("crate", (-x + 0.12, 0.05), (-y + 0.08, y - 0.08), (0.18, 0.4), BASKET),
     )
+
+
+TYPES = (
+    FurnitureType(
+        "Fridges",
+        fridge,
+        (
+            Variant((0.6, 0.7), (0.65, 0.65), (1.75, 1.85)),
+            Variant((0.9, 0.9), (0.7, 0.7), (1.8, 1.8), (18.0, 1e9)),
+        ),
+        front_m=0.9,
+        row=True,
+        spread_m2=16.0,
+        group="kitchen row",
+        demand=(
+            essential("Kitchen", 3),
+            occasional("Kitchen", 26.0, 5),
+        ),
+    ),
+    FurnitureType(
+        "DishWashers",
+        dishwasher,
+        (Variant((0.6, 0.6), (0.6, 0.6), (0.9, 0.9)), Variant((1.2, 1.4), (0.6, 0.6), (1.15, 1.15), (10.0, 1e9))),
+        front_m=0.9,
+        under_window=True,
+        row=True,
+        spread_m2=14.0,
+        group="kitchen row",
+        demand=(
+            essential("Kitchen", 2),
+            occasional("Kitchen", 18.0, 7),
+        ),
+    ),
+    FurnitureType(
+        "Ovens",
+        oven,
+        (Variant((0.6, 0.6), (0.6, 0.6), (0.92, 0.92)), Variant((1.2, 1.4), (0.6, 0.6), (0.92, 0.92), (10.0, 1e9))),
+        front_m=0.9,
+        row=True,
+        spread_m2=14.0,
+        group="kitchen row",
+        demand=(
+            essential("Kitchen", 1),
+            occasional("Kitchen", 18.0, 6),
+        ),
+    ),
+    FurnitureType(
+        "KitchenIslandsAndCarts",
+        island,
+        (
+            Variant((0.8, 0.9), (0.5, 0.5), (0.9, 0.9), (0.0, 18.0)),
+            Variant((1.2, 1.8), (0.8, 1.0), (0.9, 0.9), (13.0, 1e9)),
+            Variant((2.0, 2.4), (1.0, 1.2), (0.9, 0.9), HALLS),
+        ),
+        front_m=0.9,
+        anchor="center",
+        spread_m2=14.0,
+        taste=Taste(middle=0.8),
+        demand=(likely("Kitchen", 20.0, 2),),
+    ),
+)

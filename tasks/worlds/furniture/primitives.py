@@ -43,6 +43,10 @@ BASKET, BOTTLE, SPIRIT = Paint("", (0.74, 0.63, 0.46)), Paint("", (0.2, 0.36, 0.
 
 FRONT_M = 0.02
 """Thickness of doors and drawer fronts."""
+STAND_M = 0.1
+"""Height of what a cabinet stands on."""
+BOARD_M = 0.03
+"""Thickness of tops and boards."""
 REVEAL_M = 0.01
 """Gap between two fronts, through which one sees the darker body."""
 
@@ -79,7 +83,7 @@ class Style(NamedTuple):
     round: bool
 
 
-Composition = Callable[[Size, Style], tuple[Part, ...]]
+Shape = Callable[[Size, Style], tuple[Part, ...]]
 
 
 def block(name: str, x: Range, y: Range, z: Range, color: Paint) -> Part:
@@ -147,6 +151,21 @@ def fronts(
         for row in range(rows)
         for column in range(columns)
     )
+
+
+def cabinet_body(size: Size, style: Style, *, top: bool = False) -> tuple[Part, ...]:
+    """Returns what a cabinet stands on and its body, with room for fronts; a top reaches over them."""
+    width, depth, height = size
+    x, y = width / 2, depth / 2
+    under = height - BOARD_M if top else height
+    body = block("body", (-x, x), (-y, y - 0.02), (STAND_M, under), shaded(WOOD, 0.72 if top else 0.85))
+    board = block("top", (-x, x), (-y, y), (under, height), WOOD)
+    return (*stand((width, depth), STAND_M, style), body, *((board,) if top else ()))
+
+
+def front_face(size: Size) -> tuple[Range, Range, float]:
+    """Returns where the fronts of a cabinet go: along x, along z, and how far out."""
+    return (-size[0] / 2, size[0] / 2), (STAND_M, size[2] - BOARD_M), size[1] / 2
 
 
 def shaded(paint: Paint, share: float) -> Paint:

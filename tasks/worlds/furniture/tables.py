@@ -1,5 +1,16 @@
-"""What tables, desks and carts with shelves are made of."""
+"""Tables, desks and serving carts."""
 
+from tasks.worlds.furniture.furniture_type import (
+    HALLS,
+    FurnitureType,
+    Taste,
+    Variant,
+    essential,
+    likely,
+    occasional,
+    one_size,
+    usual_and_long,
+)
 from tasks.worlds.furniture.primitives import (
     BOTTLE,
     CUSHION,
@@ -124,3 +135,82 @@ def serving_cart(size: Size, _style: Style) -> tuple[Part, ...]:
         post("bottle_1", (0.08, 0.03), 0.04, (high, height), BOTTLE),
         post("bottle_2", (0.2, -0.05), 0.035, (high, height - 0.04), SPIRIT),
     )
+
+
+TYPES = (
+    FurnitureType(
+        "DiningTables",
+        dining_table,
+        (
+            Variant((0.8, 0.8), (0.0, 0.0), (0.75, 0.75), (0.0, 16.0)),
+            Variant((1.0, 1.2), (0.0, 0.0), (0.75, 0.75), (12.0, 1e9)),
+            Variant((1.2, 1.4), (0.8, 0.85), (0.75, 0.75)),
+            Variant((1.6, 1.8), (0.9, 0.95), (0.75, 0.75), (14.0, 1e9)),
+            Variant((2.0, 2.2), (0.95, 1.0), (0.75, 0.75), (22.0, 1e9)),
+            Variant((2.4, 2.8), (1.1, 1.2), (0.75, 0.75), HALLS),
+        ),
+        front_m=0.8,
+        anchor="center",
+        spread_m2=11.0,
+        group="dining table",
+        demand=(
+            occasional("Living", 32.0, 2),
+            essential("Dining", 1),
+            occasional("Dining", 18.0, 2),
+            likely("Kitchen", 20.0, 1),
+        ),
+    ),
+    FurnitureType(
+        "CoffeeTables",
+        coffee_table,
+        (Variant((0.7, 0.9), (0.0, 0.0), (0.4, 0.45)), Variant((0.9, 1.2), (0.5, 0.6), (0.4, 0.45))),
+        front_m=0.45,
+        anchor="center",
+        taste=Taste(near=("Sofas",), middle=0.3),
+    ),
+    FurnitureType(
+        "EndAndSideTables",
+        side_table,
+        one_size((0.4, 0.5), (0.0, 0.0), (0.5, 0.6)),
+        front_m=0.2,
+        spread_m2=4.0,
+        taste=Taste(near=("Sofas", "LivingRoomChairs", "Beds"), corner=0.4),
+    ),
+    FurnitureType(
+        "ConsoleTables",
+        console_table,
+        usual_and_long((0.9, 1.3), (0.3, 0.4), (1.0, 1.05), (1.6, 2.0)),
+        taste=Taste(middle=0.4, chance=0.5, apart=True),
+        demand=(
+            occasional("Living", 18.0, 1),
+            occasional("Dining", 14.0, 1),
+            essential("Hallway", 1),
+            likely("Hallway", 10.0, 2),
+        ),
+    ),
+    FurnitureType(
+        "Desks",
+        desk,
+        usual_and_long((1.2, 1.6), (0.65, 0.8), (1.2, 1.2), (1.8, 2.0)),
+        front_m=1.0,
+        under_window=True,
+        spread_m2=10.0,
+        group="desk",
+        demand=(
+            likely("Bedroom", 22.0, 2),
+            occasional("Living", 30.0, 3),
+        ),
+    ),
+    FurnitureType(
+        "ServingCarts",
+        serving_cart,
+        one_size((0.7, 0.9), (0.4, 0.45), (0.95, 1.05)),
+        front_m=0.4,
+        spread_m2=10.0,
+        taste=Taste(corner=0.3, near=("DiningTables",)),
+        demand=(
+            likely("Dining", 16.0, 4),
+            occasional("Kitchen", 20.0, 1),
+        ),
+    ),
+)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furnishing.groups.group import Group, Member, Taste
+from tasks.worlds.furnishing.groups.group import Group, Member
 from tasks.worlds.furnishing.placement import place
 from tasks.worlds.furnishing.scene import Piece, Placed, Scene, open_scene
+from tasks.worlds.furniture.furniture_type import Taste
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.rooms import empty_scene
 

@@ -6,9 +6,8 @@ import pytest
 
 from specs.data.world import Furniture, Solid
 from tasks.worlds.furnishing.assembly import Look
-from tasks.worlds.furniture.catalogue import CATALOGUE
+from tasks.worlds.furniture.catalogue import CATALOGUE, compose
 from tasks.worlds.furniture.primitives import Size, Style
-from tasks.worlds.furniture.shapes import COMPOSITIONS, compose
 from tests.worlds.geometry_checks import intersect, polygon, top_m
 from tests.worlds.rooms import LOOK, seen_at, standing
 from tests.worlds.templates import MODEL_TYPES
@@ -104,7 +103,7 @@ def test_worktops_of_a_row_are_level() -> None:
 def test_compositions_are_made_once() -> None:
     first = compose("Sofas", (2.0, 0.9, 0.85), STYLES[0])
     assert compose("Sofas", (2.0, 0.9, 0.85), STYLES[0]) is first
-    assert COMPOSITIONS["Sofas"]((2.0, 0.9, 0.85), STYLES[0]) == first
+    assert CATALOGUE["Sofas"].shape((2.0, 0.9, 0.85), STYLES[0]) == first
 
 
 def part(piece: Furniture, name: str) -> Solid:

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Taste, Zone
+from tasks.worlds.furnishing.groups.group import Group, Member, Zone
 from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furniture.furniture_type import Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box
 
@@ -18,19 +19,19 @@ _MOST = 6
 _SMALL_ROOM_M2 = 16.0
 
 
-def table_groups(setting: Setting) -> Iterator[Group]:
+def table_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
     """Yields tables to try: in the room with chairs all around, then with one end or side at a wall, then alone."""
-    sizes = setting.sizes("DiningTables")
+    sizes = setting.sizes(kind)
     turns = _long_way(setting)
     for size in sizes:
-        yield _free_standing(setting, size, turns)
+        yield _free_standing(setting, Member(kind, size), turns)
     for size in sizes[-2:]:
-        yield _at_wall(setting, size, end=True)
-        yield _at_wall(setting, size, end=False)
-    small = setting.smallest("DiningTables")
-    yield _at_wall(setting, small, end=False)
+        yield _end_at_wall(setting, Member(kind, size, quarter=1))
+        yield _side_at_wall(setting, Member(kind, size))
+    small = Member(kind, setting.smallest(kind))
+    yield _side_at_wall(setting, small)
     if setting.listed is not None:
-        yield Group((Member("DiningTables", small),), ())
+        yield Group((small,), ())
 
 
 def _long_way(setting: Setting) -> tuple[int, ...]:
@@ -41,7 +42,9 @@ def _long_way(setting: Setting) -> tuple[int, ...]:
     return (0,) if floor.width > floor.height else (1,)
 
 
-def _free_standing(setting: Setting, size: Size, turns: tuple[int, ...]) -> Group:
+def _free_standing(setting: Setting, table: Member, turns: tuple[int, ...]) -> Group:
+    """Returns a table in the room, with chairs all around."""
+    size = table.size
     x, y = size[0] / 2, size[1] / 2
     chairs = _long_side(setting, size, -1) + _long_side(setting, size, 1)
     if size[0] >= _END_SEAT_M or size[0] == size[1]:
@@ -50,9 +53,9 @@ def _free_standing(setting: Setting, size: Size, turns: tuple[int, ...]) -> Grou
     around = max(_RISE_M, setting.scene.way_m)
     zone = Zone(Box(-x - around, -y - around, x + around, y + around))
     # The first table of a room takes its middle.
-    middle = 1.2 if setting.scene.count("DiningTables") == 0 else 0.0
+    middle = 1.2 if setting.scene.count(table.kind) == 0 else 0.0
     return Group(
-        (Member("DiningTables", size), *_allowed(setting, chairs[:most])),
+        (table, *_allowed(setting, chairs[:most])),
         (zone,),
         "center",
         Taste(middle=middle, away=0.3, chance=0.4),
@@ -60,20 +63,21 @@ def _free_standing(setting: Setting, size: Size, turns: tuple[int, ...]) -> Grou
     )
 
 
-def _at_wall(setting: Setting, size: Size, *, end: bool) -> Group:
-    """Returns a table with an end, or a long side, at a wall, and chairs on the other sides."""
+def _side_at_wall(setting: Setting, table: Member) -> Group:
+    """Returns a table with a long side at a wall, and chairs along the other."""
+    x, y = table.size[0] / 2, table.size[1] / 2
+    chairs = _long_side(setting, table.size, 1)
+    zone = Zone(Box(-x, y, x, y + max(_RISE_M, setting.scene.way_m)))
+    return Group((table, *_allowed(setting, chairs)), (zone,), taste=Taste(window=0.6, corner=0.2))
+
+
+def _end_at_wall(setting: Setting, table: Member) -> Group:
+    """Returns a table, a quarter turned, whose long side runs from a wall into the room, and chairs along both."""
+    x, y = table.size[1] / 2, table.size[0] / 2
     rise = max(_RISE_M, setting.scene.way_m)
-    if not end:
-        x, y = size[0] / 2, size[1] / 2
-        chairs = _long_side(setting, size, 1)
-        zone = Zone(Box(-x, y, x, y + rise))
-        table = Member("DiningTables", size)
-        return Group((table, *_allowed(setting, chairs)), (zone,), taste=Taste(window=0.6, corner=0.2))
-    x, y = size[1] / 2, size[0] / 2  # a quarter turned: the long side runs into the room
-    chairs = [_turned(chair) for side in (-1, 1) for chair in _long_side(setting, size, side)]
+    chairs = [_quarter_turned(chair) for side in (-1, 1) for chair in _long_side(setting, table.size, side)]
     zone = Zone(Box(-x - rise, -y, x + rise, y))
     front = Zone(Box(-x, y, x, y + setting.scene.way_m))
-    table = Member("DiningTables", size, quarter=1)
     return Group((table, *_allowed(setting, chairs)), (zone, front), taste=Taste(window=0.4, middle=0.4))
 
 
@@ -101,7 +105,7 @@ def _chair(setting: Setting, table: Size, edge: tuple[float, float], quarter: in
     return Member("DiningChairs", _CHAIR, (edge[0] + dx, edge[1] + dy), quarter, needed=False, worth=0.5, under=tuck)
 
 
-def _turned(chair: Member) -> Member:
+def _quarter_turned(chair: Member) -> Member:
     x, y = chair.at
     return replace(chair, at=(-y, x), quarter=(chair.quarter + 1) % 4)
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from tasks.worlds.furniture.catalogue import Anchor, ModelType
+from tasks.worlds.furniture.furniture_type import Anchor, Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box
 
@@ -33,7 +33,7 @@ class Member:
         under: How far its front is pushed under something of its group (metres).
     """
 
-    kind: ModelType
+    kind: TypeName
     size: Size
     at: tuple[float, float] = (0.0, 0.0)
     quarter: int = 0
@@ -65,31 +65,6 @@ class Zone:
 
     box: Box
     member: int = 0
-
-
-@dataclass(frozen=True)
-class Taste:
-    """Where a group likes to stand, among the places where it can; each figure is what missing it costs.
-
-    Attributes:
-        corner: In a corner, or flush beside something.
-        middle: In the middle of its wall, or of the room.
-        window: Below a window.
-        away: Away from passages.
-        chance: How much is left to chance.
-        near: Close to pieces of these types.
-        facing: Across from a piece of this type.
-        apart: Away from others of its own type.
-    """
-
-    corner: float = 0.0
-    middle: float = 0.0
-    window: float = 0.0
-    away: float = 0.0
-    chance: float = 0.3
-    near: tuple[ModelType, ...] = ()
-    facing: ModelType = ""
-    apart: bool = False
 
 
 @dataclass(frozen=True)

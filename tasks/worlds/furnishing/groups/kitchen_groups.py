@@ -2,14 +2,16 @@
 
 from collections.abc import Iterator
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Taste, Zone, front_zone
+from tasks.worlds.furnishing.groups.group import Group, Member, Zone, front_zone
+from tasks.worlds.furnishing.groups.single_groups import single_groups
 from tasks.worlds.furnishing.room_context import Setting
-from tasks.worlds.furniture.catalogue import CATALOGUE, ModelType
+from tasks.worlds.furniture.catalogue import CATALOGUE
+from tasks.worlds.furniture.furniture_type import Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box
 
-ROW = ("Fridges", "DishWashers", "Ovens", "WashingMachinesAndDryers")
-"""What stands in a row, from its tall end on."""
+ROW = tuple(kind for kind, each in CATALOGUE.items() if each.group in ("kitchen row", "laundry"))
+"""What stands in a row, from its tall end on: the catalogue's order."""
 _AISLE_M = 1.1
 _LARDER: Size = (0.6, 0.6, 2.0)
 
@@ -27,14 +29,14 @@ def row_groups(setting: Setting) -> Iterator[Group]:
         yield _row(setting, kinds[1:], (), mirrored=mirrored)
 
 
-def _wanted(setting: Setting, kind: ModelType) -> bool:
+def _wanted(setting: Setting, kind: TypeName) -> bool:
     count = setting.scene.count(kind)
     if kind == "WashingMachinesAndDryers":
         return count == 0 and (setting.listed is not None or (setting.area_m2 > 11.0 and setting.chance(0.3)))
     return count == 0 or setting.scene.count("Ovens") > 0
 
 
-def _row(setting: Setting, kinds: list[ModelType], wide: tuple[ModelType, ...], *, mirrored: bool) -> Group:
+def _row(setting: Setting, kinds: list[TypeName], wide: tuple[TypeName, ...], *, mirrored: bool) -> Group:
     """Returns a row of one unit of each type; those that are wide have drawers or the sink beside the machine."""
     units = [
         (kind, setting.size(kind, CATALOGUE[kind].variants[-1]) if kind in wide else setting.smallest(kind))
@@ -76,7 +78,7 @@ def _island_zone(setting: Setting, island: Member, number: int) -> Zone:
     return Zone(Box(body.x_min - way, body.y_min, body.x_max + way, body.y_max + way), number)
 
 
-def unit_groups(setting: Setting, kind: ModelType) -> Iterator[Group]:
+def unit_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
     """Yields rows that begin with a unit, then that unit alone, beside others where it can."""
     if setting.scene.count(kind) == 0 or setting.chance(0.5):
         yield from row_groups(setting)
@@ -87,3 +89,8 @@ def unit_groups(setting: Setting, kind: ModelType) -> Iterator[Group]:
             taste=Taste(corner=0.5, near=ROW),
             flush=True,
         )
+
+
+def laundry_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+    """Yields rows that begin with a laundry machine in a kitchen, and the machine alone in other rooms."""
+    yield from (unit_groups if setting.room == "Kitchen" else single_groups)(setting, kind)

@@ -1,9 +1,11 @@
 """Sofas with what stands around them, armchairs, and the television across from them."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Taste, Zone, front_zone
+from tasks.worlds.furnishing.groups.group import Group, Member, Zone, front_zone
 from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furniture.furniture_type import Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box
 
@@ -16,28 +18,28 @@ _CHAIR_ASKEW_RAD = 0.25
 _CORNER_ASKEW_RAD = -0.6
 
 
-def sofa_groups(setting: Setting) -> Iterator[Group]:
+def sofa_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
     """Yields sofas to try: across from a television, then with a table and chairs, then small and alone."""
-    sizes = setting.sizes("Sofas")
+    sofas = [Member(kind, size) for size in setting.sizes(kind)]
+    first = setting.scene.count(kind) == 0
     if setting.allows("MediaStorage") and setting.scene.count("MediaStorage") == 0:
-        yield from _televisions(setting, sizes[0])
-        if len(sizes) > 1:
-            yield from _televisions(setting, sizes[-1])
-    facing = "MediaStorage" if setting.scene.count("Sofas") == 0 else ""
-    if setting.area_m2 > 24.0 and setting.scene.count("Sofas") > 0:
-        yield _facing_sofas(setting, sizes[0])
-    for size in sizes:
-        yield _sofa(setting, size, Taste(middle=0.6, window=0.3, away=0.3, facing=facing))
-    yield Group((Member("Sofas", sizes[-1]),), (front_zone(sizes[-1], setting.front_m("Sofas")),), taste=Taste())
+        yield from _televisions(setting, sofas[0])
+        if len(sofas) > 1:
+            yield from _televisions(setting, sofas[-1])
+    facing = "MediaStorage" if first else ""
+    if setting.area_m2 > 24.0 and not first:
+        yield _facing_sofas(setting, sofas[0])
+    for sofa in sofas:
+        yield _sofa(setting, sofa, Taste(middle=0.6, window=0.3, away=0.3, facing=facing))
+    yield Group((sofas[-1],), (front_zone(sofas[-1].size, setting.front_m(kind)),), taste=Taste())
 
 
-def armchair_groups(setting: Setting) -> Iterator[Group]:
+def armchair_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
     """Yields armchairs to try: in a corner with a lamp and a footstool, then at a wall."""
-    size = setting.size("LivingRoomChairs")
-    front = setting.front_m("LivingRoomChairs")
+    size, front = setting.size(kind), setting.front_m(kind)
     near = Taste(corner=0.3, near=("Sofas", "CoffeeTables"), chance=0.6)
     for askew, anchor in ((_CORNER_ASKEW_RAD, "corner"), (0.0, "wall")):
-        chair = Member("LivingRoomChairs", size, askew=askew)
+        chair = Member(kind, size, askew=askew)
         members = [chair]
         if setting.allows("Ottomans") and setting.chance(0.5):
             members.append(_before(setting, "Ottomans", chair, 0.2))
@@ -52,19 +54,19 @@ def armchair_groups(setting: Setting) -> Iterator[Group]:
             yield Group(tuple(members), (zone,), taste=near)
 
 
-def media_groups(setting: Setting) -> Iterator[Group]:
+def television_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
     """Yields a television to try across from the sofa."""
-    size = setting.size("MediaStorage")
+    size = setting.size(kind)
     taste = Taste(middle=0.4, chance=0.3, facing="Sofas")
-    yield Group((Member("MediaStorage", size),), (front_zone(size, setting.front_m("MediaStorage")),), taste=taste)
+    yield Group((Member(kind, size),), (front_zone(size, setting.front_m(kind)),), taste=taste)
 
 
-def _televisions(setting: Setting, sofa: Size) -> Iterator[Group]:
+def _televisions(setting: Setting, sofa: Member) -> Iterator[Group]:
     """Yields a television with a sofa across from it, along the axis with the better view first."""
     floor, media = setting.scene.floor, setting.size("MediaStorage")
     options: list[tuple[float, float, tuple[int, ...]]] = []
     for depth, quarters in ((floor.height, (0, 2)), (floor.width, (1, 3))):
-        at_wall = depth - 2 * _WALL_GAP_M - media[1] - sofa[1]
+        at_wall = depth - 2 * _WALL_GAP_M - media[1] - sofa.size[1]
         floating = min(at_wall - setting.scene.way_m - 0.2, _IDEAL_VIEW_M + 0.4)
         view = at_wall if at_wall <= _VIEW_M[1] else floating
         if view >= _VIEW_M[0]:
@@ -73,33 +75,32 @@ def _televisions(setting: Setting, sofa: Size) -> Iterator[Group]:
         yield _television(setting, media, sofa, round(view, 3), quarters)
 
 
-def _television(setting: Setting, media: Size, sofa: Size, view: float, quarters: tuple[int, ...]) -> Group:
+def _television(setting: Setting, media: Size, sofa: Member, view: float, quarters: tuple[int, ...]) -> Group:
     """Returns a television whose group faces it at a distance of ``view``."""
     front = media[1] / 2
-    seat = Member("Sofas", sofa, (0.0, round(front + view + sofa[1] / 2, 3)), 2)
+    seat = replace(sofa, at=(0.0, round(front + view + sofa.size[1] / 2, 3)), quarter=2)
     members = [Member("MediaStorage", media), seat, *_around_sofa(setting, seat)]
-    x = min(media[0], sofa[0]) / 2
+    x = min(media[0], sofa.size[0]) / 2
     zones = (Zone(Box(-x, front, x, front + view)),)
     return Group(tuple(members), zones, taste=Taste(middle=0.8, away=0.3), quarters=quarters, walls_only=True)
 
 
-def _sofa(setting: Setting, size: Size, taste: Taste) -> Group:
+def _sofa(setting: Setting, sofa: Member, taste: Taste) -> Group:
     """Returns a sofa with its back at a wall, a table before it, and chairs at the table's ends."""
-    seat = Member("Sofas", size)
-    members = (seat, *_around_sofa(setting, seat))
-    return Group(members, (front_zone(size, setting.front_m("Sofas")),), taste=taste)
+    members = (sofa, *_around_sofa(setting, sofa))
+    return Group(members, (front_zone(sofa.size, setting.front_m(sofa.kind)),), taste=taste)
 
 
-def _facing_sofas(setting: Setting, size: Size) -> Group:
+def _facing_sofas(setting: Setting, sofa: Member) -> Group:
     """Returns two sofas that face each other across a table, somewhere in a large room."""
     table = setting.size("CoffeeTables")
-    apart = table[1] + 2 * _TO_TABLE_M + size[1]
-    seat = Member("Sofas", size)
-    members = [seat, Member("Sofas", size, (0.0, round(apart, 3)), 2)]
+    width, depth, _ = sofa.size
+    apart = table[1] + 2 * _TO_TABLE_M + depth
+    members = [sofa, replace(sofa, at=(0.0, round(apart, 3)), quarter=2)]
     if setting.allows("CoffeeTables"):
         members.append(Member("CoffeeTables", table, (0.0, round(apart / 2, 3)), needed=False))
     way = setting.scene.way_m
-    zone = Zone(Box(-size[0] / 2 - way, -size[1] / 2 - way, size[0] / 2 + way, apart + size[1] / 2 + way))
+    zone = Zone(Box(-width / 2 - way, -depth / 2 - way, width / 2 + way, apart + depth / 2 + way))
     return Group(tuple(members), (zone,), "center", Taste(chance=1.0))
 
 

@@ -1,7 +1,17 @@
-"""What sofas, chairs, ottomans and benches are made of."""
+"""Seats: sofas, chairs, ottomans and benches."""
 
 import math
 
+from tasks.worlds.furniture.furniture_type import (
+    FurnitureType,
+    Taste,
+    Variant,
+    essential,
+    likely,
+    occasional,
+    one_size,
+    usual_and_long,
+)
 from tasks.worlds.furniture.primitives import (
     BASKET,
     CUSHION,
@@ -137,3 +147,88 @@ def storage_bench(size: Size, _style: Style) -> tuple[Part, ...]:
         block("seat", (-x, x), (-y, y), (seat, seat + 0.03), WOOD),
         block("cushion", (-x + 0.01, x - 0.01), (-y + 0.01, y - 0.01), (seat + 0.03, height), CUSHION),
     )
+
+
+TYPES = (
+    FurnitureType(
+        "Sofas",
+        sofa,
+        (
+            Variant((1.6, 1.7), (0.85, 0.9), (0.8, 0.85)),
+            Variant((2.0, 2.3), (0.9, 0.95), (0.8, 0.85), (14.0, 1e9)),
+            Variant((2.5, 2.7), (0.95, 1.0), (0.8, 0.85), (26.0, 1e9)),
+        ),
+        front_m=0.8,
+        under_window=True,
+        spread_m2=11.0,
+        group="sofa",
+        demand=(
+            occasional("Bedroom", 45.0, 5),
+            essential("Living", 1),
+            occasional("Living", 20.0, 5),
+        ),
+    ),
+    FurnitureType(
+        "LivingRoomChairs",
+        armchair,
+        one_size((0.75, 0.85), (0.75, 0.85), (0.8, 0.95)),
+        front_m=0.5,
+        spread_m2=5.0,
+        group="armchair",
+        demand=(
+            likely("Bedroom", 14.0, 3),
+            likely("Living", 9.0, 1),
+            occasional("Dining", 12.0, 5),
+            occasional("Hallway", 14.0, 4),
+        ),
+    ),
+    FurnitureType(
+        "DiningChairs",
+        dining_chair,
+        one_size((0.45, 0.45), (0.5, 0.5), (0.85, 0.95)),
+        front_m=0.4,
+        spread_m2=2.5,
+        taste=Taste(near=("DiningTables",), corner=0.3, chance=0.6),
+    ),
+    FurnitureType(
+        "DeskChairs",
+        desk_chair,
+        one_size((0.6, 0.65), (0.6, 0.65), (0.9, 1.0)),
+        front_m=0.4,
+        spread_m2=6.0,
+        taste=Taste(near=("Desks",), chance=0.6),
+    ),
+    FurnitureType(
+        "Ottomans",
+        ottoman,
+        one_size((0.5, 0.6), (0.0, 0.0), (0.4, 0.45)),
+        front_m=0.3,
+        spread_m2=5.0,
+        taste=Taste(near=("LivingRoomChairs", "Sofas"), chance=0.4, apart=True),
+        demand=(
+            occasional("Bedroom", 24.0, 3),
+            occasional("Bathroom", 30.0, 5),
+            likely("Living", 14.0, 5),
+            occasional("Hallway", 12.0, 5),
+            occasional("Closet", 20.0, 4),
+        ),
+    ),
+    FurnitureType(
+        "StorageBenches",
+        storage_bench,
+        usual_and_long((0.9, 1.3), (0.4, 0.45), (0.45, 0.5), (1.6, 2.0)),
+        front_m=0.5,
+        under_window=True,
+        spread_m2=6.0,
+        taste=Taste(middle=0.2, window=0.4, chance=0.5),
+        demand=(
+            occasional("Bedroom", 22.0, 2),
+            occasional("Bathroom", 12.0, 4),
+            occasional("Living", 26.0, 6),
+            occasional("Dining", 16.0, 6),
+            essential("Hallway", 1),
+            likely("Hallway", 9.0, 1),
+            occasional("Closet", 12.0, 1),
+        ),
+    ),
+)

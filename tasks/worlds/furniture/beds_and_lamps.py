@@ -1,5 +1,6 @@
-"""What beds and floor lamps are made of."""
+"""Beds and floor lamps."""
 
+from tasks.worlds.furniture.furniture_type import FurnitureType, Taste, Variant, essential, likely, occasional, one_size
 from tasks.worlds.furniture.primitives import (
     CUSHION,
     DARK,
@@ -68,3 +69,40 @@ def floor_lamp(size: Size, style: Style) -> tuple[Part, ...]:
         post("pole", (0.0, 0.0), 0.015, (0.03, height - 0.28), DARK),
         post("shade", (0.0, 0.0), radius, (height - 0.28, height), shaded(LINEN, 1.02) if style.round else CUSHION),
     )
+
+
+TYPES = (
+    FurnitureType(
+        "Beds",
+        bed,
+        (
+            Variant((1.0, 1.0), (2.1, 2.1), (0.85, 1.0)),
+            Variant((1.5, 1.5), (2.1, 2.1), (0.95, 1.1), (11.0, 1e9)),
+            Variant((1.7, 1.7), (2.1, 2.1), (0.95, 1.1), (12.0, 1e9)),
+            Variant((1.9, 1.9), (2.1, 2.1), (0.95, 1.1), (15.0, 1e9)),
+        ),
+        front_m=0.7,
+        under_window=True,
+        spread_m2=14.0,
+        group="bed",
+        demand=(
+            essential("Bedroom", 1),
+            occasional("Bedroom", 24.0, 4),
+        ),
+    ),
+    FurnitureType(
+        "FloorLamps",
+        floor_lamp,
+        one_size((0.35, 0.4), (0.0, 0.0), (1.5, 1.7)),
+        front_m=0.1,
+        anchor="corner",
+        spread_m2=6.0,
+        taste=Taste(corner=1.0, near=("Sofas", "LivingRoomChairs", "Desks"), apart=True),
+        demand=(
+            likely("Bedroom", 16.0, 4),
+            likely("Living", 12.0, 4),
+            likely("Dining", 12.0, 3),
+            likely("Hallway", 10.0, 3),
+        ),
+    ),
+)
