@@ -23,8 +23,10 @@ CHECKED = [
     "application.coordinates",
     "application.robot_mjcf",
     "engine.mjx.window",
-    "lane.noise",
     "lane.step",
+    "sensor.lidar",
+    "sensor.noise",
+    "sensor.odometry",
     "surroundings",
 ]
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")

@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 
 from specs.data.episode import CONTROL_S
+from tasks.simulate.application.motion import Body, Motion
 from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, read_robot
 from tasks.simulate.engine.planar.engine import drive_among, first_body
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.parts import PlanarRobot
-from tasks.simulate.lane.lane_state import Body, Motion
 
 WHEELS = """
     <velocity name="forward" site="drive" gear="1 0 0 0 0 0" kv="40" ctrlrange="-1 1" forcerange="-15 15"/>

@@ -80,8 +80,8 @@ class Observation(NamedTuple):
 class Controller(Protocol):
     """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
 
-    Beside these functions it may have sensors, as in ``tasks.simulate.application.sensors``: ``lidar``,
-    ``odometry``, ``bumper``.
+    Beside these functions it may have sensors, as in ``tasks.simulate.sensor``: ``lidar``, ``odometry``,
+    ``bumper``.
     """
 
     def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:

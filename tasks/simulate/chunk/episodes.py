@@ -13,21 +13,21 @@ from jaxtyping import Float32
 
 from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
-from tasks.simulate.application.calls import Applications, check_robot, check_scenario
 from tasks.simulate.application.code import BundleCrash, load_factory
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.application.sensors import read_sensors
 from tasks.simulate.chunk.timings import ChunkWatch, remember
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.engine.engines import ENGINES
 from tasks.simulate.engine.program import Program, Run
+from tasks.simulate.lane.calls import Applications, check_robot, check_scenario
 from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
 from tasks.simulate.lane.recording import Ends, Recorder
 from tasks.simulate.lane.result_rows import canceled_row, finished_row
 from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
 from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.sensor.sensors import read_sensors
 
 logger = logging.getLogger(__name__)
 _PROGRAMS_KEPT = 8

@@ -10,7 +10,7 @@ from jax.sharding import Mesh
 
 from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
-from tasks.simulate.application.calls import Applications
+from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.engine.program import (
     lane_mesh,
@@ -19,7 +19,8 @@ from tasks.simulate.engine.program import (
     split_over,
     strong_types,
 )
-from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Record, begin_lane
+from tasks.simulate.lane.calls import Applications
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Record, begin_lane
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.step import Mechanics, advance_lane
 from tasks.simulate.plan.chunks import SLICE_STEPS

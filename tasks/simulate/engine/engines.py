@@ -12,8 +12,8 @@ from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.devices import DeviceKind
 
 if TYPE_CHECKING:
-    from tasks.simulate.application.calls import Applications
     from tasks.simulate.engine.program import Program
+    from tasks.simulate.lane.calls import Applications
 
 _MIB = 1 << 20
 

@@ -13,9 +13,10 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
-from tasks.simulate.application.calls import Applications
+from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
-from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Record
+from tasks.simulate.lane.calls import Applications
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Record
 from tasks.simulate.lane.staging import Lane
 
 _AXIS = "lanes"

@@ -6,9 +6,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
-from tasks.simulate.application.calls import Applications, Numbers
-from tasks.simulate.application.contract import FloorMap, Joints, State
-from tasks.simulate.lane.noise import Seed
+from tasks.simulate.application.contract import FloorMap, State
+from tasks.simulate.application.motion import Body
+from tasks.simulate.lane.calls import Applications, Numbers
+from tasks.simulate.sensor.noise import Seed
+from tasks.simulate.sensor.sensor import Memory
+from tasks.simulate.sensor.sensors import begin_sensors
 from tasks.simulate.surroundings.lidar import Boxes, Cylinders
 from tasks.simulate.surroundings.silhouettes import Silhouettes
 
@@ -22,7 +25,7 @@ class LaneInputs(NamedTuple):
         boxes, cylinders: Obstacles in the hull's band of heights.
         seen: What crosses the lidar's plane.
         given: What the scenario's ``place`` gave besides start and goals.
-        seed: The episode's, as ``noise.seed_words``.
+        seed: The episode's, as ``tasks.simulate.sensor.noise.seed_words``.
         last_step: Control steps until time is up.
         alive: False for a lane that only fills the chunk.
     """
@@ -40,23 +43,6 @@ class LaneInputs(NamedTuple):
     alive: Bool[jax.Array, ""]
 
 
-class Body(NamedTuple):
-    """The robot's mechanical state, and what the solver starts from.
-
-    Attributes:
-        qpos: Pose of its base: (x m, y m, yaw rad).
-        qvel: How that moves along the world's axes.
-        warmstart: The last accelerations; an engine that keeps its own state has none.
-        joints: Of a robot that is more than a planar base; None for the others.
-    """
-
-    qpos: Float[jax.Array, "3"]
-    qvel: Float[jax.Array, "3"]
-    act: Float[jax.Array, "activations"]
-    warmstart: Float[jax.Array, "speeds"]
-    joints: Joints | None = None
-
-
 class Tally(NamedTuple):
     """What is summed up over an episode; fields as in EpisodeResult."""
 
@@ -69,28 +55,17 @@ class Tally(NamedTuple):
     energy_j: Float[jax.Array, ""]
 
 
-class Sensed(NamedTuple):
-    """What the sensors made of the last control step.
-
-    Attributes:
-        pose: Where the robot believes to be; None without odometry, when it knows.
-        bumper: Which sectors were touched.
-    """
-
-    pose: Float[jax.Array, "3"] | None
-    bumper: Bool[jax.Array, "sectors"]
-
-
 class LaneState(NamedTuple):
     """What changes: the robot, both applications' states, and how the episode stands.
 
     Attributes:
+        sensed: What the sensors remember, by name (``tasks.simulate.sensor``).
         goal_steps: After how many control steps each goal was reached; 0 for one that was not.
         metrics: What the scenario measures by itself, by name.
     """
 
     body: Body
-    sensed: Sensed
+    sensed: dict[str, Memory]
     controller: State
     scenario: State
     metrics: dict[str, Float[jax.Array, ""]]
@@ -101,33 +76,6 @@ class LaneState(NamedTuple):
     done: Bool[jax.Array, ""]
     reason: Int[jax.Array, ""]
     crash: Int[jax.Array, ""]
-
-
-class Work(NamedTuple):
-    """What a control step's physics did.
-
-    Attributes:
-        impulse_ns: How much contacts pushed the robot in the plane, whichever way.
-        push_ns: The same as a vector along the world's axes: where it was pushed to, pushes against each other apart.
-        energy_j: What its actuators spent.
-    """
-
-    impulse_ns: Float[jax.Array, ""]
-    push_ns: Float[jax.Array, "2"]
-    energy_j: Float[jax.Array, ""]
-
-
-class Motion(NamedTuple):
-    """What an engine makes of a control step.
-
-    Attributes:
-        body: The robot at the step's end.
-        clearance_m: From its hull to the nearest solid then, below 0 when pressed into it.
-    """
-
-    body: Body
-    work: Work
-    clearance_m: Float[jax.Array, ""]
 
 
 class Decision(NamedTuple):
@@ -169,10 +117,7 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
     scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
     return LaneState(
         body=body,
-        sensed=Sensed(
-            pose=None if applications.sensors.odometry is None else inputs.start,
-            bumper=jnp.zeros(applications.sensors.bumper.sectors, bool),
-        ),
+        sensed=begin_sensors(applications.sensors, inputs.start),
         controller=applications.controller(inputs.numbers).init(inputs.floor, inputs.goals_m),
         scenario=scenario,
         metrics=applications.metrics(inputs.numbers, scenario),

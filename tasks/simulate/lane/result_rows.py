@@ -10,6 +10,7 @@ from tasks.simulate.application.code import CrashCode
 from tasks.simulate.application.contract import REASONS
 from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.sensor.odometry import ODOMETRY
 
 # One pose in half a simulated second is kept of a failed episode.
 POSE_STEPS = CONTROL_HZ // 2
@@ -90,9 +91,10 @@ def _spl(shortest_m: float | None, driven_m: float, *, passed: bool) -> float | 
 
 def _odometry_error_m(state: LaneState, position: int) -> float | None:
     """Returns how far the robot's believed place is from its true one; None for a robot without odometry."""
-    if state.sensed.pose is None:
+    believed = state.sensed[ODOMETRY.name]
+    if believed is None:
         return None
-    return float(np.hypot(*(state.sensed.pose[position] - state.body.qpos[position])[:2]))
+    return float(np.hypot(*(believed[position] - state.body.qpos[position])[:2]))
 
 
 def _finite(value: float) -> float:

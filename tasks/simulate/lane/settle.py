@@ -5,20 +5,18 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from specs.data.episode import CONTROL_S
-from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.contract import REASONS, Truth
+from tasks.simulate.application.motion import Body, Motion, Work
+from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import (
     NO_CRASH,
     ROBOT_CRASH,
     SIMULATION_CRASH,
-    Body,
     Decision,
     LaneInputs,
     LaneState,
-    Motion,
     Record,
     Tally,
-    Work,
 )
 from tasks.simulate.lane.sense import feel
 

@@ -13,10 +13,10 @@ from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash, guarded
 from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Scenario
 from tasks.simulate.application.robot_mjcf import Hull
-from tasks.simulate.application.sensors import Lidar
 from tasks.simulate.lane.lane_state import LaneInputs
-from tasks.simulate.lane.noise import seed_words
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.sensor.lidar import Lidar
+from tasks.simulate.sensor.noise import seed_words
 from tasks.simulate.surroundings.floor_map import floor_maps
 from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, padded
 from tasks.simulate.surroundings.shortest_path import shortest_paths_m

@@ -10,9 +10,10 @@ import jax
 from jaxtyping import Float
 
 from specs.pipeline.simulation_section import EngineName
-from tasks.simulate.application.calls import Applications
+from tasks.simulate.application.motion import Body, Motion
 from tasks.simulate.application.robot_mjcf import Hull
-from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Motion, Record
+from tasks.simulate.lane.calls import Applications
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Record
 from tasks.simulate.lane.sense import decide
 from tasks.simulate.lane.settle import settle
 

@@ -10,10 +10,11 @@ from jaxtyping import Float32, Float64, Int
 from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult, failed_result
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.application.sensors import ray_angles, read_sensors
 from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Steps
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.sensor.lidar import ray_angles
+from tasks.simulate.sensor.sensors import read_sensors
 
 _EVERY_STEP_HZ = 1.0 / CONTROL_S
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from specs.data.world import World
-from tasks.simulate.application.sensors import Lidar, ray_angles
+from tasks.simulate.sensor.lidar import Lidar, ray_angles
 from tasks.simulate.surroundings.lidar import scan_ranges
 from tasks.simulate.surroundings.obstacles import obstacles
 from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, padded_silhouettes, silhouettes

@@ -10,10 +10,11 @@ from jaxtyping import Float
 
 from tasks.simulate.application.contract import Joints
 from tasks.simulate.application.coordinates import placed, pose_of, velocity_of
+from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.engine.mjx.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel, load_robot
 from tasks.simulate.engine.mjx.quiet_mjx import mjx
 from tasks.simulate.engine.mjx.window import distance_m, nearest_obstacles, with_window
-from tasks.simulate.lane.lane_state import Body, LaneInputs, Motion, Work
+from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.step import Mechanics
 
 

@@ -17,15 +17,16 @@ from jaxtyping import Array, Bool, Float
 
 from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
-from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.contract import Joints, Observation, State
+from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.devices import device_count
 from tasks.simulate.engine.mujoco.model import HostRobot, host_robot, world_models
 from tasks.simulate.engine.mujoco.plain_python import PlainControllers, StandIn
 from tasks.simulate.engine.mujoco.stepper import HostBody, Stepper
 from tasks.simulate.engine.program import lane_mesh, padded_lanes, put_lanes, split_over, strong_types
-from tasks.simulate.lane.lane_state import Body, Decision, LaneInputs, LaneState, Motion, Record, Work, begin_lane
+from tasks.simulate.lane.calls import Applications
+from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, Record, begin_lane
 from tasks.simulate.lane.sense import decide, observe
 from tasks.simulate.lane.settle import settle
 from tasks.simulate.lane.staging import Lane

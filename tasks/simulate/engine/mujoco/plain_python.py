@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float, Float32
 
 from tasks.simulate.application.code import BundleCrash, CrashCode, guarded
 from tasks.simulate.application.contract import Observation
-from tasks.simulate.application.sensors import Sensors, read_sensors
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.sensor.sensors import SENSORS, Sensors, read_sensors
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
 
@@ -25,9 +25,8 @@ class StandIn:
     """What compiled functions see of a plain controller: its sensors, no state, and a control that nobody uses."""
 
     def __init__(self, sensors: Sensors, actuators: int) -> None:
-        self.lidar = sensors.lidar if sensors.lidar.rays else None
-        self.odometry = sensors.odometry
-        self.bumper = sensors.bumper if sensors.bumper.sectors else None
+        for sensor, declared in zip(SENSORS, sensors, strict=True):
+            setattr(self, sensor.name, None if declared == sensor.absent else declared)
         self._actuators = actuators
 
     def init(self, floor: object, goals_m: object) -> tuple[()]:  # noqa: ARG002 - as every controller is called

@@ -26,7 +26,7 @@ _MOST = 1e10
 
 
 class HostBody(NamedTuple):
-    """The robots' mechanical states as the applications get them; fields as in ``lane_state.Body``."""
+    """The robots' mechanical states as the applications get them; fields as in ``application.motion.Body``."""
 
     qpos: Float32[np.ndarray, "lanes 3"]
     qvel: Float32[np.ndarray, "lanes 3"]
@@ -35,7 +35,7 @@ class HostBody(NamedTuple):
 
 
 class HostWork(NamedTuple):
-    """What a control step's physics did; fields as in ``lane_state.Work``."""
+    """What a control step's physics did; fields as in ``application.motion.Work``."""
 
     impulse_ns: Float32[np.ndarray, "lanes"]
     push_ns: Float32[np.ndarray, "lanes 2"]

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.engine.planar.algebra import Moving, Planar, Scalar, Symmetric, plus, plus_square, solved, times
 from tasks.simulate.engine.planar.contact import Bearing, Contact, bearing, contact, touch
 from tasks.simulate.engine.planar.model import planar_robot
@@ -20,7 +21,7 @@ from tasks.simulate.engine.planar.motors import Push, push
 from tasks.simulate.engine.planar.parts import PlanarRobot
 from tasks.simulate.engine.planar.solver import contact_force, minimizer
 from tasks.simulate.engine.planar.window import Boxes, Cylinders, Obstacle, distance_m, window
-from tasks.simulate.lane.lane_state import Body, LaneInputs, Motion, Work
+from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.step import Mechanics
 
 # Obstacles that a robot may touch in one control step. They are those nearest to its axis: around it three were always

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 import pytest
 
+from tasks.simulate.application.motion import Motion
 from tasks.simulate.engine.planar.parts import PlanarRobot
-from tasks.simulate.lane.lane_state import Motion
 from tests.factories.planar import ROUGH, Obstacles, box, drive_planar, padded, read, write_robot
 
 LANES = 24

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.simulate.application.sensors import Lidar, Odometry
-from tasks.simulate.lane.noise import drifted, noisy_ranges, seed_words, step_key
+from tasks.simulate.sensor.lidar import Lidar, noisy_ranges
+from tasks.simulate.sensor.noise import seed_words, step_key
+from tasks.simulate.sensor.odometry import Odometry, drifted
+from tasks.simulate.sensor.sensors import SENSORS
 
 QUIET = Lidar(rays=64, range_m=8.0, height_m=0.2)
 NOISY = QUIET._replace(sigma_m=0.02, sigma_share=0.01, dropout=0.1)
@@ -47,13 +49,14 @@ def test_a_lanes_noise_is_the_same_bits_wherever_it_stands():
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**63 - 1), st.integers(0, 2**63 - 1), st.integers(0, 10_000), st.integers(0, 10_000))
 def test_keys_differ_in_seed_sensor_and_step(seed: int, other: int, step: int, later: int):
-    def key(seed: int, step: int, stream: str = "lidar") -> tuple[int, ...]:
-        drawn = step_key(jnp.asarray(seed_words(seed)), stream, jnp.int32(step))  # pyright: ignore[reportArgumentType] - one of its words
+    def key(seed: int, step: int, stream: int = 0) -> tuple[int, ...]:
+        drawn = step_key(jnp.asarray(seed_words(seed)), stream, jnp.int32(step))
         return tuple(np.asarray(jax.random.key_data(drawn)).tolist())
 
     assert (key(seed, step) == key(other, step)) == (seed == other)
     assert (key(seed, step) == key(seed, later)) == (step == later)
-    assert key(seed, step) != key(seed, step, "dropout") != key(seed, step, "odometry")
+    noises = [key(seed, step, stream) for each in SENSORS for stream in each.streams]
+    assert len(set(noises)) == len(noises)
 
 
 def test_the_spread_is_the_constant_part_and_the_share_of_the_distance():

@@ -20,7 +20,8 @@ from tasks.simulate.application.contract import (
     Truth,
     Verdict,
 )
-from tasks.simulate.application.sensors import Lidar, Sensors, read_sensors, require_shared, sensors_of
+from tasks.simulate.sensor.lidar import Lidar
+from tasks.simulate.sensor.sensors import Sensors, blank_fields, read_sensors, require_shared, sensors_of
 
 Numbers = Float[jax.Array, "variables"]
 _ROBOT: CrashCode = "RobotApplicationCrash"
@@ -101,12 +102,11 @@ def check_robot(
         time_s=jnp.zeros(()),
         pose=jnp.zeros(3),
         velocity=jnp.zeros(3),
-        ranges_m=jnp.zeros(applications.lidar.rays),
         goal_index=jnp.zeros((), jnp.int32),
         goal_m=jnp.zeros(2),
         goal_robot_m=jnp.zeros(2),
-        bumper=jnp.zeros(applications.sensors.bumper.sectors, bool),
         joints=joints,
+        **blank_fields(applications.sensors),
     )
 
     def begin() -> State:

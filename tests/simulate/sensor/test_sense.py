@@ -8,12 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.application.calls import Applications
 from tasks.simulate.application.contract import FloorMap, Observation
-from tasks.simulate.application.sensors import read_sensors
-from tasks.simulate.lane.lane_state import Body, LaneInputs, LaneState, Motion, Sensed, Tally, Work
-from tasks.simulate.lane.noise import seed_words
+from tasks.simulate.application.motion import Body, Motion, Work
+from tasks.simulate.lane.calls import Applications
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Tally
 from tasks.simulate.lane.sense import feel, observe
+from tasks.simulate.sensor.noise import seed_words
+from tasks.simulate.sensor.sensors import read_sensors
 from tasks.simulate.surroundings.silhouettes import Silhouettes
 
 RANGE_M = 5.0
@@ -54,7 +55,7 @@ def state(pose: tuple[float, float, float], believed: tuple[float, float, float]
     at, thought = jnp.array(pose), None if believed is None else jnp.array(believed)
     return LaneState(
         body=Body(at, jnp.array([0.5, 0.0, 0.1]), jnp.zeros(0), jnp.zeros(3)),
-        sensed=Sensed(thought, jnp.zeros(0, bool)),
+        sensed={"lidar": (), "odometry": thought, "bumper": jnp.zeros(0, bool)},
         controller=(),
         scenario=(),
         metrics={},
@@ -115,12 +116,12 @@ def test_the_lidar_sees_from_the_true_pose():
 def test_odometry_drifts_while_the_robot_drives():
     robot = applications(odometry={"sigma_m_per_m": 0.1})
     felt = feel(robot, inputs(), state((0.0, 0.0, 0.0), believed=(0.0, 0.0, 0.0)), motion((0.05, 0.0, 0.0)))
-    assert felt.pose is not None
-    assert 1e-4 < abs(float(felt.pose[0]) - 0.05) < 0.1
+    assert felt["odometry"] is not None
+    assert 1e-4 < abs(float(felt["odometry"][0]) - 0.05) < 0.1
 
 
 def test_without_odometry_the_robot_knows_its_pose():
-    assert feel(applications(), inputs(), state((0.0, 0.0, 0.0)), motion((0.05, 0.1, 0.2))).pose is None
+    assert feel(applications(), inputs(), state((0.0, 0.0, 0.0)), motion((0.05, 0.1, 0.2)))["odometry"] is None
     np.testing.assert_allclose(sensed(applications(), state((0.05, 0.1, 0.2))).pose, [0.05, 0.1, 0.2])
 
 
@@ -139,9 +140,9 @@ def test_without_odometry_the_robot_knows_its_pose():
 def test_the_bumper_tells_which_side_was_touched(push: tuple[float, float], yaw_rad: float, sector: int):
     robot = applications(bumper={"sectors": 4})
     felt = feel(robot, inputs(), state((0.0, 0.0, yaw_rad)), motion((0.0, 0.0, yaw_rad), push))
-    assert felt.bumper.tolist() == [k == sector for k in range(4)]
+    assert felt["bumper"].tolist() == [k == sector for k in range(4)]
 
 
 def test_the_bumper_is_silent_without_contact():
     felt = feel(applications(bumper={"sectors": 4}), inputs(), state((0.0, 0.0, 0.0)), motion((0.0, 0.0, 0.0)))
-    assert not felt.bumper.any()
+    assert not felt["bumper"].any()

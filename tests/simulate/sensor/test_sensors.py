@@ -7,7 +7,10 @@ import jax.numpy as jnp
 import pytest
 
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.application.sensors import NO_LIDAR, Bumper, Lidar, Odometry, Sensors, read_sensors, require_shared
+from tasks.simulate.sensor.bumper import Bumper
+from tasks.simulate.sensor.lidar import NO_LIDAR, Lidar
+from tasks.simulate.sensor.odometry import Odometry
+from tasks.simulate.sensor.sensors import SENSORS, Sensors, read_sensors, require_shared
 
 Declared = Mapping[str, object]
 LIDAR: Declared = {"rays": 16, "range_m": 8.0, "height_m": 0.2}
@@ -93,3 +96,9 @@ def test_what_decides_shapes_must_be_the_same_in_a_program(other: Sensors, name:
 def test_noise_may_differ_between_the_episodes_of_a_program():
     one, other = (Sensors(Lidar(16, 8.0, 0.2, sigma_m=sigma), None, Bumper(0)) for sigma in (0.0, 0.1))
     require_shared(one, other)
+
+
+def test_every_sensor_has_its_place_and_noises_of_its_own():
+    assert tuple(sensor.name for sensor in SENSORS) == Sensors._fields
+    streams = [stream for sensor in SENSORS for stream in sensor.streams]
+    assert len(set(streams)) == len(streams)
