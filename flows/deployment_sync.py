@@ -10,7 +10,7 @@ from prefect import flow
 
 from flows.document.references import deployed_version, numbered_finder
 from flows.run.cancellation import cancel_with_flow_run
-from flows.run.stage_run import as_run, run_name
+from flows.run.stage_run import run_name, run_stage
 from specs.digest import canonical_document
 from specs.pipeline.section_requests import deployment_request
 from specs.pipeline.simulation_section import Deployment, LocalFleet
@@ -63,7 +63,7 @@ def deployment_sync(
         )
 
     identity = {"spec": canonical_document(spec), "digest": version.digest}
-    return as_run(opened, "deployment-sync", identity, token, work)
+    return run_stage(opened, "deployment-sync", identity, token, work)
 
 
 def agents_folder(store: Store) -> Path:

@@ -7,15 +7,15 @@ from prefect import flow, tags
 from prefect.artifacts import create_table_artifact
 from pydantic import JsonValue
 
-from flows.batch.batch_artifacts import show_report
-from flows.batch.batch_report import Reported, Unreported, write_report, write_report_of_run
+from flows.batch.batch_artifacts import show_batch_report
+from flows.batch.batch_report import MissingReport, WrittenReport, write_report, write_report_of_run
 from flows.document.references import Numbers, pins
-from flows.resource.cancel import unless_canceled
-from flows.run.cancellation import cancel_with_flow_run, canceled_state, working_on
+from flows.resource.cancel import require_not_canceled
+from flows.run.cancellation import cancel_with_flow_run, cancelable_run, canceled_state
 from flows.run.events import announced
-from flows.run.run_owner import told_waiting
-from flows.run.stage_summary import alarmed, run_alarmed, told
-from flows.stages import Reports, deploy, export, generate, judge, simulate, skipped
+from flows.run.run_owner import waiting_display
+from flows.run.stage_summary import recorded_report, run_with_alarm, with_alarm
+from flows.stages import Reports, deploy, export, generate, judge, simulate, skip_deployment
 from flows.workers.crew import wanted_workers
 from specs.data.run_report import PipelineReport
 from specs.digest import canonical_document
@@ -49,8 +49,8 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     versions = {key: str(version.number) for key, version in own.items()}
     identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
     try:
-        with announced(), begun(opened, identity, told_waiting(opened)) as run:
-            report = told(run) if is_terminal(run) else _ended(spec, opened, base, versions, run)
+        with announced(), begun(opened, identity, waiting_display(opened)) as run:
+            report = recorded_report(run) if is_terminal(run) else _run_to_end(spec, opened, base, versions, run)
     except StageFailed as exc:
         return cast("PipelineReport", canceled_state(exc))  # which Prefect takes for the flow run's
     _show(report)
@@ -59,13 +59,13 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     return report
 
 
-def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
+def _run_to_end(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
     """Returns the report of the run, which is in its terminal state then; a crash leaves it open to be continued."""
     try:
-        with working_on(store, run):
+        with cancelable_run(store, run):
             report = _stages(spec, store, base, versions, run)
             if report.shipped is False:
-                unless_canceled(store, run)
+                require_not_canceled(store, run)
     except ConcurrentDeployment:
         raise  # it passes: the same document continues this run when the fleet is free
     except (DocumentError, StageFailed) as exc:
@@ -76,7 +76,7 @@ def _ended(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: 
     status = "Completed" if report.passed else "Failed"
     advance(store, "pipeline-run", run.id, status, detail={"report": report.model_dump(mode="json")})
     written = write_report_of_run(store, run)  # with what the stages took
-    return run_alarmed(report, written.alarm()) if isinstance(written, Unreported) else report
+    return run_with_alarm(report, written.alarm()) if isinstance(written, MissingReport) else report
 
 
 def _stages(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
@@ -86,17 +86,17 @@ def _stages(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
 
 def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
     worlds, generation = generate(spec, store, base, run)
-    unless_canceled(store, run)
+    require_not_canceled(store, run)
     exported = export(spec, worlds, store, run)
-    unless_canceled(store, run)
+    require_not_canceled(store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
     judged = judge(spec, batch, store, run)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
-        judged = _shown(judged, store, batch)
-    unless_canceled(store, run)
+        judged = _show_verdict(judged, store, batch)
+    require_not_canceled(store, run)
     verdict = judged[0].status if judged else None
     passed = verdict in (None, "PASS")
-    deployed = deploy(spec, batch, store, versions, run) if passed else skipped(spec)
+    deployed = deploy(spec, batch, store, versions, run) if passed else skip_deployment(spec)
     return PipelineReport.model_validate(
         {
             "run": run.id,
@@ -108,13 +108,13 @@ def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
     )
 
 
-def _shown(judged: Reports, store: Store, batch: JobRecord) -> Reports:
+def _show_verdict(judged: Reports, store: Store, batch: JobRecord) -> Reports:
     """Returns the gate's report, the batch's page being written; with an alarm where it could not be."""
     written = write_report(store, batch)
-    if isinstance(written, Reported):
-        show_report(written)
+    if isinstance(written, WrittenReport):
+        show_batch_report(written)
         return judged
-    return tuple(alarmed(stage, written.alarm()) for stage in judged)
+    return tuple(with_alarm(stage, written.alarm()) for stage in judged)
 
 
 def _show(report: PipelineReport) -> None:

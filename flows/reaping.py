@@ -3,14 +3,14 @@
 from prefect import flow
 from prefect.artifacts import create_table_artifact
 
-from flows.resource.abandoned_jobs import Reaped
-from flows.resource.abandoned_jobs import reap as reap_store
+from flows.resource.abandoned_jobs import ReapedJob
+from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.run.events import announced
 from tasks.storage.store_url import open_store
 
 
 @flow(name="reaping", persist_result=False)
-def reaping(store: str | None = None) -> list[Reaped]:
+def reaping(store: str | None = None) -> list[ReapedJob]:
     """Returns what became of the jobs that nobody works on, and leaves a table of them; see `simyard reap`.
 
     Args:

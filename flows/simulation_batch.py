@@ -7,14 +7,14 @@ from pathlib import Path
 from prefect import flow
 from pydantic import JsonValue
 
-from flows.batch.batch_artifacts import noted_metrics, show_metrics, show_report
+from flows.batch.batch_artifacts import metric_fields, show_batch_report, show_metrics
 from flows.batch.batch_end import end_batch
-from flows.batch.batch_report import Reported
+from flows.batch.batch_report import WrittenReport
 from flows.batch.early_end import EarlyEnd
 from flows.document.references import numbered_finder
 from flows.document.tested_batch import batch_plan
 from flows.run.cancellation import cancel_with_flow_run
-from flows.run.stage_run import as_run, ended_well, run_name
+from flows.run.stage_run import require_success, run_name, run_stage
 from flows.workers.crew import wanted_workers
 from flows.workers.spread_batch import spread_batch
 from specs.digest import canonical_document
@@ -74,11 +74,11 @@ def simulation_batch(
         request = simulation_request(spec, store_id=store_id(at), token=given)
         record = open_batch(at, plan, canonical_document(request), request.clientRequestToken or given)
         if is_terminal(record):
-            return ended_well(record)
-        return ended_well(_run(at, record.id, location, gate))
+            return require_success(record)
+        return require_success(_run(at, record.id, location, gate))
 
     identity = {"spec": canonical_document(spec), "plan": plan.model_dump(mode="json")}
-    return as_run(at, "simulation-batch", identity, token, work)
+    return run_stage(at, "simulation-batch", identity, token, work)
 
 
 def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:
@@ -105,11 +105,11 @@ def _simulate(
     """
     workers = None if batch.plan.shuffled else wanted_workers()  # an early end is decided chunk by chunk, in order
     if workers:
-        return noted_metrics(spread_batch(batch, location, workers))
+        return metric_fields(spread_batch(batch, location, workers))
     early, meter = EarlyEnd(batch, gate), BatchMeter()
     note_machine(batch)
     _simulate_here(batch, folders, location, early, meter)
-    return {**early.detail, **noted_metrics(meter.metrics())}
+    return {**early.detail, **metric_fields(meter.metrics())}
 
 
 def _simulate_here(
@@ -127,7 +127,7 @@ def _simulate_here(
             now = time_out(batch) if left_s <= 0 else batch.record()
             if now.status not in GOING:
                 return
-            if early.reached(number):
+            if early.ends_before(number):
                 break
             progress(done, layout.episodes)
 
@@ -160,8 +160,8 @@ def _close(
     audit = partial(_audit, batch, folders, location)
     end = end_batch(batch, record, location, write_tables=_write_tables, audit=audit, more=more)
     show_metrics(end.record)
-    if isinstance(end.report, Reported):
-        show_report(end.report)
+    if isinstance(end.report, WrittenReport):
+        show_batch_report(end.report)
     return end.record
 
 

@@ -97,7 +97,7 @@ def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: 
     return (deployment_report(record, seconds),)
 
 
-def skipped(spec: PipelineSpec) -> Reports:
+def skip_deployment(spec: PipelineSpec) -> Reports:
     """Returns the report of a deployment that the gate stopped."""
     if spec.deployment is None:
         return ()

@@ -4,7 +4,7 @@ from prefect import flow
 from pydantic import JsonValue
 
 from flows.run.cancellation import cancel_with_flow_run
-from flows.run.stage_run import as_run, ended_well, run_name
+from flows.run.stage_run import require_success, run_name, run_stage
 from flows.workers.spread_worlds import world_writers
 from specs.digest import canonical_document
 from specs.pipeline.section_requests import export_request, reference_arn
@@ -39,7 +39,7 @@ def world_export(
         job_token = request.clientRequestToken or given
         # Workers are reached from a flow only: a task would send itself along to them, the store's connections and all.
         write = export_worlds.fn if writers else export_worlds
-        return ended_well(write(opened.url, request, formats=spec.formats, token=job_token, elsewhere=writers))
+        return require_success(write(opened.url, request, formats=spec.formats, token=job_token, elsewhere=writers))
 
     identity: dict[str, JsonValue] = {"spec": canonical_document(spec), "worlds": [*chosen]}
-    return as_run(opened, "world-export", identity, token, work)
+    return run_stage(opened, "world-export", identity, token, work)

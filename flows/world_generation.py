@@ -5,7 +5,7 @@ from pathlib import Path
 from prefect import flow
 
 from flows.run.cancellation import cancel_with_flow_run
-from flows.run.stage_run import as_run, ended_well, run_name
+from flows.run.stage_run import require_success, run_name, run_stage
 from flows.workers.spread_worlds import world_makers
 from specs.arn import arn
 from specs.digest import canonical_document
@@ -41,19 +41,17 @@ def world_generation(
     digest = template_digest(template)
 
     def work(given: str) -> JobRecord:
-        reference = arn("world-template", store_id(opened), digest)
-        request = generation_request(spec, template=reference, token=given)
-        job_token = request.clientRequestToken or given
+        request = generation_request(spec, template=arn("world-template", store_id(opened), digest), token=given)
         # Workers are reached from a flow only: a task would send itself along to them, the store's connections and all.
         make = generate_worlds.fn if makers else generate_worlds
-        record = ended_well(
+        record = require_success(
             make(
                 opened.url,
                 request,
                 template,
                 seed=spec.seed,
                 robot_radius_m=spec.robotRadius,
-                token=job_token,
+                token=request.clientRequestToken or given,
                 elsewhere=makers,
             )
         )
@@ -61,4 +59,4 @@ def world_generation(
         return record
 
     identity = {"spec": canonical_document(spec), "template": digest}
-    return as_run(opened, "world-generation", identity, token, work)
+    return run_stage(opened, "world-generation", identity, token, work)

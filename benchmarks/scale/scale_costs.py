@@ -177,7 +177,7 @@ def _task_runs(server_pid: int, store_url: str) -> tuple[float, float, float]:
                 width=width,
                 going=_always,
                 missing=_none,
-                settled=_settled,
+                on_end=_on_end,
             )
         now = time.perf_counter(), time.process_time(), _cpu_s(server_pid)
         figures.append(tuple((after - before) / _PIECES for after, before in zip(now, at, strict=True)))  # pyright: ignore[reportArgumentType]
@@ -195,7 +195,7 @@ def _none(numbers: Numbers) -> Numbers:
     return numbers[:0]
 
 
-def _settled(end: Ended) -> float:
+def _on_end(end: Ended) -> float:
     if end.failure:
         raise RuntimeError(end.failure)
     return 1.0

@@ -128,7 +128,7 @@ def simulate(cluster: Cluster, cost: Costs, rng: np.random.Generator) -> Outcome
         if piece.dead:
             left, lost = left + piece.size, lost + 1
         else:
-            pace.told(piece.size, piece.took_s)
+            pace.learn(piece.size, piece.took_s)
             useful_s, end_s = useful_s + piece.took_s, now_s
     return Outcome(
         episodes_s=end_s,

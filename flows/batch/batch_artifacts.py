@@ -8,13 +8,13 @@ import base64
 from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
 from pydantic import JsonValue
 
-from flows.batch.batch_report import Reported
+from flows.batch.batch_report import WrittenReport
 from tasks.results.report.page import report_markdown, report_picture
 from tasks.simulate.batch.metrics import METRICS, BatchMetrics, metric_rows, recorded_metrics
 from tasks.storage.jobs.records import JobRecord
 
 
-def noted_metrics(metrics: BatchMetrics | None) -> dict[str, JsonValue]:
+def metric_fields(metrics: BatchMetrics | None) -> dict[str, JsonValue]:
     """Returns what a batch's record says of its speed; nothing if nothing was simulated."""
     return {METRICS: metrics.model_dump(mode="json")} if metrics else {}
 
@@ -27,7 +27,7 @@ def show_metrics(record: JobRecord) -> None:
         create_table_artifact(table=rows, key="batch-metrics", description=f"Speed of {record.id}")
 
 
-def show_report(reported: Reported) -> None:
+def show_batch_report(reported: WrittenReport) -> None:
     """Leaves a report, in short, as the artifacts ``batch-report`` and ``batch-picture`` of the run of the flow."""
     view, batch = reported.view, reported.view.facts.batch
     create_markdown_artifact(report_markdown(view, reported.url), key="batch-report", description=f"Report of {batch}")

@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 
 from pydantic import JsonValue
 
-from flows.batch.batch_report import Reported, Unreported, noted, write_last_report
+from flows.batch.batch_report import MissingReport, WrittenReport, report_fields, write_last_report
 from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import recordings_url
 from tasks.results.tables.table_record import write_batch_tables
@@ -53,7 +53,7 @@ class BatchEnd(NamedTuple):
     """A batch that was closed: its record in its terminal state, and its report."""
 
     record: JobRecord
-    report: Reported | Unreported
+    report: WrittenReport | MissingReport
 
 
 def end_batch(
@@ -82,7 +82,7 @@ def end_batch(
     if status == "Completed":
         detail = with_audit(detail, audit())
     report = write_last_report(batch.store, record, status, detail, why)
-    return BatchEnd(close_batch(batch.store, batch.id, status, detail | noted(report), why), report)
+    return BatchEnd(close_batch(batch.store, batch.id, status, detail | report_fields(report), why), report)
 
 
 def with_audit(detail: Mapping[str, JsonValue], audited: Mapping[str, JsonValue]) -> dict[str, JsonValue]:

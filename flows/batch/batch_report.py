@@ -34,7 +34,7 @@ _TABLES = ("results", "failures", "audit")
 
 
 @dataclass(frozen=True)
-class Reported:
+class WrittenReport:
     """A report that was written: where it is, and what it shows."""
 
     url: str
@@ -42,7 +42,7 @@ class Reported:
 
 
 @dataclass(frozen=True)
-class Unreported:
+class MissingReport:
     """There is no report, and why, for a person."""
 
     why: str
@@ -52,7 +52,7 @@ class Unreported:
         return f"There is no new report: {self.why}"
 
 
-def write_report(store: Store, record: JobRecord) -> Reported | Unreported:
+def write_report(store: Store, record: JobRecord) -> WrittenReport | MissingReport:
     """Writes the report of a batch beside its tables, over the one before.
 
     Args:
@@ -60,14 +60,14 @@ def write_report(store: Store, record: JobRecord) -> Reported | Unreported:
         record: The batch's record, with its tables.
     """
 
-    def write() -> Reported:
+    def write() -> WrittenReport:
         view = report_view_of(store, record)
-        return Reported(put_report(store, recorded_location(record), record.id, report_page(view)), view)
+        return WrittenReport(put_report(store, recorded_location(record), record.id, report_page(view)), view)
 
-    return attempted(write)
+    return try_report(write)
 
 
-def attempted(write: Callable[[], Reported]) -> Reported | Unreported:
+def try_report(write: Callable[[], WrittenReport]) -> WrittenReport | MissingReport:
     """Returns a report that was written, or why it could not be.
 
     A defect in a page must not keep a batch from its end, nor a version that passed from its robots. Nothing is hushed
@@ -77,19 +77,19 @@ def attempted(write: Callable[[], Reported]) -> Reported | Unreported:
         return write()
     except SimyardError as exc:
         logger.warning("no report was written: %s", exc)
-        return Unreported(" ".join(str(exc).split()))
+        return MissingReport(" ".join(str(exc).split()))
     except Exception as exc:
         logger.exception("no report was written")
-        return Unreported(f"this is a defect of Simyard: {' '.join(f'{type(exc).__name__}: {exc}'.split())}")
+        return MissingReport(f"this is a defect of Simyard: {' '.join(f'{type(exc).__name__}: {exc}'.split())}")
 
 
 def write_last_report(
     store: Store, record: JobRecord, status: str, detail: Mapping[str, JsonValue], why: str
-) -> Reported | Unreported:
+) -> WrittenReport | MissingReport:
     """Writes the report of a batch that is about to be closed.
 
-    Before and not after, so that a closed batch has its report, wherever its process was killed; `noted` says of it
-    what the record says.
+    Before and not after, so that a closed batch has its report, wherever its process was killed; `report_fields`
+    returns what the record says of it.
 
     Args:
         store: The store of the batch.
@@ -102,12 +102,12 @@ def write_last_report(
     return write_report(store, record.model_copy(update=closed))
 
 
-def noted(written: Reported | Unreported) -> dict[str, JsonValue]:
+def report_fields(written: WrittenReport | MissingReport) -> dict[str, JsonValue]:
     """Returns what a batch's record says of its report: ``report_url``, or ``report_failed`` and why."""
-    return {"report_url": written.url} if isinstance(written, Reported) else {"report_failed": written.why}
+    return {"report_url": written.url} if isinstance(written, WrittenReport) else {"report_failed": written.why}
 
 
-def write_report_of_run(store: Store, run: JobRecord) -> Reported | Unreported | None:
+def write_report_of_run(store: Store, run: JobRecord) -> WrittenReport | MissingReport | None:
     """Writes the report of a run's batch once more; None if it has none with tables."""
     batch = job_id(KIND, stage_token(run, "batch"))
     try:

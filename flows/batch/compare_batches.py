@@ -8,7 +8,7 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from flows.batch.replay_episode import bundles
-from flows.document.names import named
+from flows.document.names import resource_path
 from flows.gate.equal_worlds import alike_worlds
 from specs.base import Fault
 from specs.errors import DocumentError
@@ -30,7 +30,7 @@ WAYS_A_MAP = 6
 _Way = Float[np.ndarray, "samples 2"]
 
 
-class Batch(NamedTuple):
+class ComparedBatch(NamedTuple):
     """A batch that has its tables, and the rows of its results."""
 
     work: OpenBatch
@@ -45,7 +45,7 @@ class FlipMap(NamedTuple):
     svg: str
 
 
-def batch_named(store: Store, text: str) -> Batch:
+def find_batch(store: Store, text: str) -> ComparedBatch:
     """Returns a batch, by its ARN or id.
 
     Raises:
@@ -53,17 +53,17 @@ def batch_named(store: Store, text: str) -> Batch:
         DocumentError: The text names no batch, or it has not left its tables yet.
         StageFailed: Its results are not what it wrote.
     """
-    work = opened(store, named(text, KIND))
+    work = opened(store, resource_path(text, KIND))
     record = work.record()
     if "results_url" not in record.detail:
         allowed = f"a batch that has its tables; this one is {record.status}"
         raise DocumentError([Fault(path=KIND, value=work.id, allowed=allowed)], source="simyard")
     location = recorded_location(record)
     written = cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]
-    return Batch(work, location, stored_rows(store, location, work.id, RESULTS_FILE, sha256=written))
+    return ComparedBatch(work, location, stored_rows(store, location, work.id, RESULTS_FILE, sha256=written))
 
 
-def pairs_of(first: Batch, second: Batch) -> Pairs:
+def common_episodes(first: ComparedBatch, second: ComparedBatch) -> Pairs:
     """Returns the episodes that two batches have in common.
 
     Raises:
@@ -79,7 +79,7 @@ def pairs_of(first: Batch, second: Batch) -> Pairs:
     return pairs
 
 
-def flip_maps(first: Batch, second: Batch, flips: Sequence[Flip]) -> Iterator[FlipMap]:
+def flip_maps(first: ComparedBatch, second: ComparedBatch, flips: Sequence[Flip]) -> Iterator[FlipMap]:
     """Yields a drawing for each world with flips, those that have most of them first, at most so many.
 
     Ways come from recordings where there are any; others are simulated once more.
@@ -94,7 +94,7 @@ def flip_maps(first: Batch, second: Batch, flips: Sequence[Flip]) -> Iterator[Fl
         yield FlipMap(world, flip_map_svg(plan, ways))
 
 
-def _way(batch: Batch, index: int) -> _Way | None:
+def _way(batch: ComparedBatch, index: int) -> _Way | None:
     work = batch.work
     recording, engine = (str(batch.rows.column(name)[index]) for name in ("recording", "engine"))
     if recording:

@@ -23,8 +23,8 @@ class EarlyEnd:
         self._gate = gate if batch.plan.shuffled else None
         self._answer = EarlyAnswer(self._gate) if self._gate else None
 
-    def reached(self, number: int) -> bool:
-        """Returns whether the gate is certain, the chunks before that one being committed; if so the rest is too."""
+    def ends_before(self, number: int) -> bool:
+        """Returns whether the gate is certain after the chunks before that one; if so, the rest is left out."""
         if self._answer is None or self._gate is None or number == 0:
             return False
         self._answer.add(committed_chunk(self._batch.store, self._batch.id, number - 1) or ())

@@ -6,7 +6,7 @@ from pathlib import Path
 import yaml
 from pydantic import JsonValue
 
-from flows.batch.shrink import Shrunk
+from flows.batch.shrink import ShrunkJob
 from specs.data.episode import ApplicationLaunch
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.trajectory_svg import failure_map_svg
@@ -18,7 +18,7 @@ _BUCKET, _PREFIX = "results", "regressions"
 _Document = dict[str, JsonValue]
 
 
-def write_case(found: Shrunk, folder: Path) -> list[Path]:
+def write_case(found: ShrunkJob, folder: Path) -> list[Path]:
     """Returns the files of a regression case, written: ``case.yaml``, ``world.json``, ``before.svg``, ``after.svg``."""
     folder.mkdir(parents=True, exist_ok=True)
     job, small = found.job, f"{found.small_world.name} seed {found.small_request.seed}"
@@ -33,7 +33,7 @@ def write_case(found: Shrunk, folder: Path) -> list[Path]:
     return [folder / name for name in bodies]
 
 
-def case_document(found: Shrunk) -> str:
+def case_document(found: ShrunkJob) -> str:
     """Returns a pipeline document whose batch is the shrunk job alone, as YAML with what it is about on top.
 
     It names no version, so that it tries the newest one.
@@ -60,7 +60,7 @@ def case_document(found: Shrunk) -> str:
     return "".join(f"# {line}\n" for line in about) + yaml.safe_dump(document, sort_keys=False, width=100)
 
 
-def _entry(found: Shrunk) -> _Document:
+def _entry(found: ShrunkJob) -> _Document:
     request = found.request
     variables = {name: value for name, value in request.environment.items() if not value.startswith(DATA_PREFIX)}
     asked = entries(found.batch.record())[found.batch.layout.template_of(request.index)]

@@ -7,7 +7,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import pyarrow as pa
 
-from flows.document.names import named
+from flows.document.names import resource_path
 from specs.base import Fault
 from specs.data.episode import reason
 from specs.data.world import World
@@ -28,7 +28,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 
 
-class Replayed(NamedTuple):
+class JobReplay(NamedTuple):
     """An episode simulated once more.
 
     Attributes:
@@ -53,19 +53,19 @@ class Replayed(NamedTuple):
         return all(each.same for each in self.deviations)
 
 
-def replayed(store: Store, text: str) -> Replayed:
+def replay_job(store: Store, text: str) -> JobReplay:
     """Returns a simulation job, by its ARN or ``<batch>/<index>``, simulated once more.
 
     Raises:
         ResourceNotFound: There is no such job, or what it needs is gone.
         DocumentError: The text names no job, or one that has not come to an end of its own.
     """
-    batch, index = job_of(store, named(text, "simulation-job"))
+    batch, index = job_of(store, resource_path(text, "simulation-job"))
     record = batch.record()
     location = recorded_location(record)
     recorded = _recorded_row(batch, record, location, index)
     again = replay(batch, index, bundles(batch), engine=str(recorded.column("engine")[0]))
-    return Replayed(
+    return JobReplay(
         job=f"{batch.id}/{index}",
         world=again.world,
         ending=reason(again.driven.row) or again.driven.row.outcome,

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from flows.batch.replay_episode import Replayed
+from flows.batch.replay_episode import JobReplay
 from specs.data.world import World
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.export.picture.film import Scene, filming
@@ -40,7 +40,7 @@ def wanted_files(*, mcap: bool | None, video: bool) -> Wanted:
     return Wanted(is_installed("mcap") if mcap is None else mcap, video)
 
 
-def write_files(again: Replayed, folder: Path, wanted: Wanted) -> list[Path]:
+def write_files(again: JobReplay, folder: Path, wanted: Wanted) -> list[Path]:
     """Returns the files, written; none of an episode that could not start."""
     if again.playback is None:
         return []

@@ -20,14 +20,14 @@ from tasks.storage.jobs.records import JobRecord, job_id
 
 
 @dataclass(frozen=True)
-class Place:
+class ReportPage:
     """A page that was written: where it is, and its bytes."""
 
     url: str
     page: bytes
 
 
-def write_to(store: Store, text: str, output: Path | None) -> Place:
+def write_report_page(store: Store, text: str, output: Path | None) -> ReportPage:
     """Writes the report of the batch that is named, to a file or beside the batch's tables.
 
     Args:
@@ -42,13 +42,13 @@ def write_to(store: Store, text: str, output: Path | None) -> Place:
     record = _reportable(store, text)
     page = report_page(report_view_of(store, record, beside_tables=output is None))
     if output is None:
-        return Place(put_report(store, recorded_location(record), record.id, page), page)
+        return ReportPage(put_report(store, recorded_location(record), record.id, page), page)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(page)
-    return Place(output.resolve().as_uri(), page)
+    return ReportPage(output.resolve().as_uri(), page)
 
 
-def local_copy(place: Place) -> Path:
+def local_copy(place: ReportPage) -> Path:
     """Returns a file with the page that a browser on this machine can open; of one in a folder, that one."""
     parts = urlsplit(place.url)
     if parts.scheme == "file":

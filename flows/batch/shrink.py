@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from flows.batch.replay_episode import bundles
-from flows.document.names import named
+from flows.document.names import resource_path
 from specs.base import Fault
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.world import World
@@ -27,7 +27,7 @@ _SEEDS_AT_MOST = 64
 _DIGEST_SHOWN = 8
 
 
-class Shrunk(NamedTuple):
+class ShrunkJob(NamedTuple):
     """A job that fails, and a smaller one that fails in the same way.
 
     Attributes:
@@ -55,7 +55,7 @@ class Shrunk(NamedTuple):
     broken: tuple[str, ...]
 
 
-def shrunk(store: Store, text: str, budget: int) -> Shrunk:
+def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
     """Returns the smaller job of a simulation job, by its ARN or ``<batch>/<index>``; its world is put into the store.
 
     Args:
@@ -67,7 +67,7 @@ def shrunk(store: Store, text: str, budget: int) -> Shrunk:
         ResourceNotFound: There is no such job, or what it needs is gone.
         DocumentError: The job did not fail, or does not fail again.
     """
-    batch, index = job_of(store, named(text, "simulation-job"))
+    batch, index = job_of(store, resource_path(text, "simulation-job"))
     search = _Search(batch, index, _failed_row(batch, index))
     (again,) = search.rows([Trial(search.world, search.request.seed)])
     if not search.is_same(again):
@@ -77,7 +77,7 @@ def shrunk(store: Store, text: str, budget: int) -> Shrunk:
     seed = search.lowest_seed(search.furnished(found.names), budget - 1)
     world = _stored(store, search.furnished(found.names), batch, index)
     (row,) = search.rows([Trial(world, seed)])
-    return Shrunk(
+    return ShrunkJob(
         batch=batch,
         job=f"{batch.id}/{index}",
         reason=reason(search.row),

@@ -34,13 +34,13 @@ def replay(
     ] = None,
 ) -> None:
     """Simulate an episode once more, compare it bit for bit with its record, and draw it; 1 if it deviates."""
-    from flows.batch.replay_episode import replayed
+    from flows.batch.replay_episode import replay_job
     from flows.batch.replay_files import wanted_files, write_files
     from flows.cli.batch_text import show_replay
     from tasks.storage.store_url import open_existing_store
 
     wanted = wanted_files(mcap=mcap, video=video)
-    again = replayed(open_existing_store(store), job)
+    again = replay_job(open_existing_store(store), job)
     show_replay(again, Console())
     folder = output or Path(f"replay-{again.job.replace('/', '-')}")
     for path in write_files(again, folder, wanted):
@@ -69,14 +69,14 @@ def compare(
     ] = None,
 ) -> None:
     """Compare two batches over the episodes that both have; 0 if B is shown to be no worse than A, else 1."""
-    from flows.batch.compare_batches import batch_named, flip_maps, pairs_of
+    from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
     from flows.cli.batch_text import show_comparison
     from tasks.results.compare.comparison_verdict import comparison
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    first, second = batch_named(opened, batch_a), batch_named(opened, batch_b)
-    pairs = pairs_of(first, second)
+    first, second = find_batch(opened, batch_a), find_batch(opened, batch_b)
+    pairs = common_episodes(first, second)
     found = comparison(first.work.id, second.work.id, pairs, margin=margin, confidence=confidence)
     if as_json:
         typer.echo(found.model_dump_json(indent=2))
@@ -108,10 +108,10 @@ def shrink(
 ) -> None:
     """Find the smallest world and the lowest seed in which a job still fails in the same way; write them as a case."""
     from flows.batch.regression_case import write_case
-    from flows.batch.shrink import shrunk
+    from flows.batch.shrink import shrink_job
     from tasks.storage.store_url import open_existing_store
 
-    found = shrunk(open_existing_store(store), job, budget)
+    found = shrink_job(open_existing_store(store), job, budget)
     before, after = found.world, found.small_world
     typer.echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
     typer.echo(f"  furniture  {len(before.furniture)} -> {len(after.furniture)}" + _pieces(found.minimal))
@@ -143,10 +143,10 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a batch, one HTML file that needs nothing but itself, and print where it is."""
-    from flows.batch.report_files import local_copy, write_to
+    from flows.batch.report_files import local_copy, write_report_page
     from tasks.storage.store_url import open_existing_store
 
-    place = write_to(open_existing_store(store), arn, output)
+    place = write_report_page(open_existing_store(store), arn, output)
     typer.echo(place.url)
     if show:
         typer.launch(local_copy(place).as_uri())

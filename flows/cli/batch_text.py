@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from flows.batch.replay_episode import Replayed
+from flows.batch.replay_episode import JobReplay
 from specs.data.result_columns import REQUESTED
 from tasks.results.compare.comparison_svg import flip_text
 from tasks.results.compare.comparison_verdict import Comparison
@@ -34,14 +34,14 @@ def show_comparison(found: Comparison, console: Console) -> None:
         console.print(Text(f"{'gained' if flip.gained else 'lost'}  {flip_text(flip)}", style=style), soft_wrap=True)
     if len(pairs.flips) > FLIPS_SHOWN:
         console.print(f"and {len(pairs.flips) - FLIPS_SHOWN} flips more; --json has all")
-    for line in told(found):
+    for line in comparison_notes(found):
         console.print(Text(line), soft_wrap=True)
     if warned := warning(found):
         console.print(Text(warned, style="bold yellow"), soft_wrap=True)
     console.print(Text(comparison_answer(found), style=_STYLES[found.answer]), soft_wrap=True)
 
 
-def told(found: Comparison) -> list[str]:
+def comparison_notes(found: Comparison) -> list[str]:
     """Returns what was compared, and what not."""
     pairs = found.pairs
     lines = [f"not the same: {origin}" for origin in pairs.origins]
@@ -82,37 +82,37 @@ _ASKED = frozenset(field.name for field in REQUESTED)
 _UNKNOWN = "nothing that the record names has changed: please report this, with the batch's record"
 
 
-def show_replay(again: Replayed, console: Console) -> None:
+def show_replay(again: JobReplay, console: Console) -> None:
     """Shows each column that came of it beside the replay's, and the answer."""
     table = Table(box=None, pad_edge=False)
     for heading in ("column", "unit", "recorded", "replayed"):
         table.add_column(heading, overflow="fold")
     table.add_column("deviation", justify="right")
-    for each in _shown(again):
+    for each in _deviations_shown(again):
         style = "" if each.same else "bold red"
-        table.add_row(each.column, each.unit, each.recorded, each.replayed, _apart(each), style=style)
+        table.add_row(each.column, each.unit, each.recorded, each.replayed, _deviation(each), style=style)
     console.print(table)
     for line in replay_answer(again):
         console.print(Text(line, style="green" if again.same else "bold red"), soft_wrap=True)
 
 
-def replay_answer(again: Replayed) -> list[str]:
+def replay_answer(again: JobReplay) -> list[str]:
     """Returns whether the replay is what was recorded, and if not, what may be the cause."""
     apart = [each for each in again.deviations if not each.same]
     if not apart:
-        hidden = len(again.deviations) - len(_shown(again))
+        hidden = len(again.deviations) - len(_deviations_shown(again))
         columns = f"{len(again.deviations)} columns, {hidden} of its request not shown"
         return [f"{again.job}: {again.ending}; deviation 0 in all {columns}"]
-    most = ", ".join(f"{each.column} {_apart(each)}" for each in apart[:3])
+    most = ", ".join(f"{each.column} {_deviation(each)}" for each in apart[:3])
     first = f"{again.job}: {again.ending}; {len(apart)} of {len(again.deviations)} columns deviate: {most}"
     return [first, *(f"may be why: {cause}" for cause in again.causes or (_UNKNOWN,))]
 
 
-def _shown(again: Replayed) -> list[Deviation]:
+def _deviations_shown(again: JobReplay) -> list[Deviation]:
     return [each for each in again.deviations if not (each.same and each.column in _ASKED)]
 
 
-def _apart(each: Deviation) -> str:
+def _deviation(each: Deviation) -> str:
     if each.same:
         return "0"
     return "differs" if each.most in {0.0, float("inf")} else f"{each.most:.3g}"

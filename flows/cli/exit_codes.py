@@ -31,7 +31,7 @@ _GRACE_S = 30.0
 _SAME_KEY_S = 0.5
 
 
-def leave_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
+def run_and_exit(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
     """Runs a command and ends the process with Simyard's exit code; tells on stderr what went wrong, in one message.
 
     Args:
@@ -40,16 +40,16 @@ def leave_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoR
     """
     for number in _SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in `nohup` and for jobs in a script's background
-            signal.signal(number, _interrupted)
-    with _heard(grace_s) as heard:
-        code = _code(command, heard)
+            signal.signal(number, _on_signal)
+    with _watch_signals(grace_s) as heard:
+        code = _exit_code(command, heard)
     sys.exit(code)
 
 
-def leave_process_after(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
-    """Does what ``leave_after`` does, and sees to it that the process is gone soon after: for its outermost frame."""
+def run_and_end_process(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
+    """Does what ``run_and_exit`` does, and sees to it that the process is gone soon after: for its outermost frame."""
     try:
-        leave_after(command, grace_s)
+        run_and_exit(command, grace_s)
     except SystemExit as exc:
         _guard_shutdown(exc.code if isinstance(exc.code, int) else int(exc.code is not None), grace_s)
         raise
@@ -65,24 +65,24 @@ def _guard_shutdown(code: int, grace_s: float) -> None:
     Thread(target=end, name="simyard shutdown", daemon=True).start()
 
 
-def _code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:
+def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:
     try:
         command()
     except PipelineNotPassed as exc:
-        return _told(exc, 1)
+        return _fail(exc, 1)
     except DocumentError as exc:
-        return _told(exc, 2)
+        return _fail(exc, 2)
     except SimyardError as exc:
-        return _told(exc, 3)
+        return _fail(exc, 3)
     except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
         if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
             raise
         number = heard()
         if number is not None:  # Prefect answers signals with exceptions of its own
-            return _told(_GO_ON, 128 + number)
+            return _fail(_GO_ON, 128 + number)
         if not isinstance(exc, Exception):
             raise
-        return _told(_accident(exc), 3)
+        return _fail(_accident(exc), 3)
     return 0
 
 
@@ -99,13 +99,13 @@ def _defect(exc: Exception) -> str:
     return f"this is a defect of Simyard: {what} (SIMYARD_DEBUG=1 shows where)"
 
 
-def _interrupted(number: int, _frame: FrameType | None) -> NoReturn:
+def _on_signal(number: int, _frame: FrameType | None) -> NoReturn:
     # Not KeyboardInterrupt: the parser takes that for itself and says nothing.
     raise SystemExit(128 + number)
 
 
 @contextmanager
-def _heard(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
+def _watch_signals(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
     """Yields a function that returns the last signal of ours that came.
 
     Ends the process if the block goes on for long after one, or at once when Ctrl-C comes again.
@@ -116,7 +116,7 @@ def _heard(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
     os.set_blocking(writing, False)
-    hearing = _Hearing(reading)
+    hearing = _SignalPipe(reading)
     watching = Thread(target=hearing.watch, args=(grace_s,), name="simyard signals", daemon=True)
     before = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     watching.start()
@@ -132,7 +132,7 @@ def _heard(grace_s: float) -> Generator[Callable[[], int | None], None, None]:
         os.close(writing)
 
 
-class _Hearing:
+class _SignalPipe:
     """The signals of ours that came, read from a pipe by whoever asks first."""
 
     def __init__(self, pipe: int) -> None:
@@ -166,7 +166,7 @@ def _end_now(number: int) -> None:
     os._exit(128 + number)
 
 
-def _told(about: object, code: int) -> int:
+def _fail(about: object, code: int) -> int:
     _complain(about)
     return code
 

@@ -99,13 +99,13 @@ def register(
 @fleet_app.command("show")
 def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
     """Print a fleet, its robots and its last deployment, as JSON; on stderr, what each robot runs."""
-    from flows.cli.fleet_watch import told_now
+    from flows.cli.fleet_watch import fleet_notes
     from tasks.deploy.answers.describe import describe_fleet
     from tasks.storage.store_url import open_store
 
     opened = open_store(store)
     typer.echo(describe_fleet(opened, fleet).model_dump_json(indent=2, exclude_none=True))
-    for line in told_now(opened, fleet):  # what RoboMaker's shapes have no fields for
+    for line in fleet_notes(opened, fleet):  # what RoboMaker's shapes have no fields for
         typer.echo(line, err=True)
 
 
@@ -121,13 +121,13 @@ def sync(
 
     from tasks.deploy.fleet.robots import members
     from tasks.deploy.rollout.job import run_sync_job
-    from tasks.deploy.rollout.sync import latest_deployment, plan_sync, unbuilt
+    from tasks.deploy.rollout.sync import latest_deployment, plan_sync, robots_without_build
     from tasks.deploy.trust.signer import chosen_signer
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
     plan = plan_sync(opened, latest_deployment(opened, fleet), only_failed=failed)
-    if never := unbuilt(members(opened, plan.fleet), plan):
+    if never := robots_without_build(members(opened, plan.fleet), plan):
         typer.echo(f"left out, the version has no bundle for their architecture: {', '.join(never)}")
     if not (behind := list(plan.environments)):
         typer.echo(
@@ -151,13 +151,13 @@ def sync(
 @fleet_app.command("pause")
 def pause(fleet: _Fleet, store: _StoreUrl = None) -> None:
     """Let the deployment that is under way ask no further robot; those that were asked finish."""
-    _steered(fleet, store, "pause")
+    _steer(fleet, store, "pause")
 
 
 @fleet_app.command("resume")
 def resume(fleet: _Fleet, store: _StoreUrl = None) -> None:
     """Let a paused deployment go on."""
-    _steered(fleet, store, "go")
+    _steer(fleet, store, "go")
 
 
 @fleet_app.command("watch")
@@ -182,7 +182,7 @@ def watch(
     raise typer.Exit(0 if job.status == "Succeeded" else 1)
 
 
-def _steered(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
+def _steer(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
     from tasks.deploy.rollout.operator_commands import active_deployment, steer
     from tasks.storage.store_url import open_existing_store
 

@@ -43,14 +43,14 @@ def rotate(
 ) -> None:
     """Replace keys, as after a theft: what the old ones sign is refused. Needs root's key; for deployer, targets'."""
     from tasks.deploy.trust.keyring import Role, checked_role, keyring
-    from tasks.deploy.trust.repository import opened, rotate
+    from tasks.deploy.trust.repository import open_repository, rotate_key
     from tasks.storage.store_url import open_existing_store
 
     found = open_existing_store(store)
     wanted: list[Role] = [checked_role(name) for name in roles]  # all of them, before one is replaced
     for role in wanted:
-        with opened(found, keyring(keys, found)) as session:
-            rotate(session, role)
+        with open_repository(found, keyring(keys, found)) as session:
+            rotate_key(session, role)
         typer.echo(f"{role} has a new key")
 
 
@@ -58,12 +58,12 @@ def rotate(
 def renew(keys: _Keys, store: _StoreUrl = None) -> None:
     """Sign the metadata anew before it expires; a deployment does so, too. Tells which keys are missing for that."""
     from tasks.deploy.trust.keyring import keyring
-    from tasks.deploy.trust.repository import opened, renew
+    from tasks.deploy.trust.repository import open_repository, renew_metadata
     from tasks.storage.store_url import open_existing_store
 
     found = open_existing_store(store)
-    with opened(found, keyring(keys, found)) as session:
-        due = renew(session)
+    with open_repository(found, keyring(keys, found)) as session:
+        due = renew_metadata(session)
         for role in due:
             typer.echo(f"{role} expires at {session.state.expires(role):%Y-%m-%d}, and its key is not here", err=True)
     typer.echo("renewed")
@@ -73,11 +73,11 @@ def renew(keys: _Keys, store: _StoreUrl = None) -> None:
 def show(keys: _Keys, store: _StoreUrl = None) -> None:
     """Print each role's key, until when its metadata is accepted, and whether its private key is in the folder."""
     from tasks.deploy.trust.keyring import ROLES, keyring
-    from tasks.deploy.trust.repository import opened
+    from tasks.deploy.trust.repository import open_repository
     from tasks.storage.store_url import open_existing_store
 
     found = open_existing_store(store)
-    with opened(found, keyring(keys, found)) as session:
+    with open_repository(found, keyring(keys, found)) as session:
         for role in ROLES:
             (keyid,) = session.state.keyids(role)
             where = "here" if session.at_hand(role) else "not here"

@@ -12,7 +12,7 @@ from rich.text import Text
 from specs.arn import parse_reference
 from specs.robomaker.deployment import DescribeDeploymentJobResponse
 from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.answers.row_summary import COLUMNS, robot_cells, told_robots
+from tasks.deploy.answers.row_summary import COLUMNS, robot_cells, robot_counts
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
 from tasks.deploy.fleet.installed_versions import RobotNow, robots_now
 from tasks.deploy.fleet.robots import members
@@ -28,7 +28,7 @@ _KIND = "deployment-job"
 _LOOK_S = 1.0
 _ENDED = frozenset({"Succeeded", "Failed", "Canceled"})
 _STYLES = {"InSync": "green", "Failed": "red", "NoResponse": "red", "Deploying": "cyan", "PendingNewDeployment": "cyan"}
-LEFT = "nobody works on it: the command that began it, given again, continues; simyard cancel ends it"
+ABANDONED = "nobody works on it: the command that began it, given again, continues; simyard cancel ends it"
 
 
 def watch_deployment(
@@ -41,11 +41,11 @@ def watch_deployment(
     """
     found = describe_deployment_job(store, job)
     claim = ClaimWatch(store, claim_key(_KIND, job))
-    with Live(_shown(store, job, found, claim), console=console, refresh_per_second=4) as live:
+    with Live(_view(store, job, found, claim), console=console, refresh_per_second=4) as live:
         while found.status not in _ENDED:
             sleep(_LOOK_S)
             found = describe_deployment_job(store, job)
-            live.update(_shown(store, job, found, claim))
+            live.update(_view(store, job, found, claim))
     return found
 
 
@@ -63,7 +63,7 @@ def next_deployment(store: Store, fleet: str, sleep: Callable[[float], None] = t
     return latest
 
 
-def told_now(store: Store, fleet: str) -> list[str]:
+def fleet_notes(store: Store, fleet: str) -> list[str]:
     """Returns what RoboMaker's words for a fleet leave out: whether its deployment is paused, and what each robot runs.
 
     Raises:
@@ -71,10 +71,10 @@ def told_now(store: Store, fleet: str) -> list[str]:
     """
     name, job = read_fleet(store, fleet)[0].name, active_deployment(store, fleet)
     robots = robots_now(store, (robot.name for robot in members(store, name)))
-    return [*(told_wish(store, job) if job else ()), *(f"{robot.name} runs {robot.runs}" for robot in robots)]
+    return [*(wish_notes(store, job) if job else ()), *(f"{robot.name} runs {robot.runs}" for robot in robots)]
 
 
-def told_wish(store: Store, job: str) -> list[str]:
+def wish_notes(store: Store, job: str) -> list[str]:
     """Returns a line for a deployment that is under way and paused, or being canceled; nothing for any other.
 
     Raises:
@@ -98,7 +98,7 @@ def deployment_table(
         now: The robots since it ended, by name: what they run is a column.
     """
     wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
-    table = Table(title=f"{job.status}{wanted}: {told_robots(job)}", title_justify="left")
+    table = Table(title=f"{job.status}{wanted}: {robot_counts(job)}", title_justify="left")
     for name in (*COLUMNS, *(("runs now",) if now is not None else ())):
         table.add_column(name, justify="right" if name == "done" else "left", overflow="fold")
     for robot in job.robotDeploymentSummary or ():
@@ -109,7 +109,7 @@ def deployment_table(
     return table
 
 
-def _otherwise(job: DescribeDeploymentJobResponse, now: Mapping[str, RobotNow]) -> list[str]:
+def _changed_robots(job: DescribeDeploymentJobResponse, now: Mapping[str, RobotNow]) -> list[str]:
     """Returns a line for each robot that is otherwise than when its deployment ended."""
     told: list[str] = []
     for robot in job.robotDeploymentSummary or ():
@@ -120,7 +120,7 @@ def _otherwise(job: DescribeDeploymentJobResponse, now: Mapping[str, RobotNow]) 
     return told
 
 
-def _shown(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: ClaimWatch) -> Group:
+def _view(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: ClaimWatch) -> Group:
     """Returns the deployment's id and times, its table, and what there is to know beyond it."""
     record = read(store, _KIND, job)
     head, below = f"{job}, begun at {_time(record.created_at_s)}", [found.failureReason]
@@ -129,10 +129,10 @@ def _shown(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: 
         now = {robot.name: robot for robot in robots_now(store, names)}
         head += f", as it ended at {_time(record.updated_at_s)}"
         table = deployment_table(found, now=now)
-        below += _otherwise(found, now)
+        below += _changed_robots(found, now)
     else:
         table = deployment_table(found, wish_of(store, job))
-        below += [LEFT] if claim.is_left() else []
+        below += [ABANDONED] if claim.is_left() else []
     below += [UNSIGNED_ALARM] if is_unsigned(record) else []
     return Group(Text(head), table, *(Text(line) for line in below if line))
 

@@ -52,7 +52,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         prefect_server() as server,
         _bars(console) as listener,
         listening(listener),
-        _watched(server, console) as watch,
+        _guard_server(server, console) as watch,
     ):
         from prefect.exceptions import CancelledRun  # noqa: PLC0415 - JAX and Prefect load while the server starts
 
@@ -67,7 +67,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
                 flush_prefect()
 
 
-class Serving(NamedTuple):
+class ServerChoice(NamedTuple):
     """The Prefect server of a run, and how many seconds it may be away."""
 
     api_url: str
@@ -75,7 +75,7 @@ class Serving(NamedTuple):
 
 
 @contextmanager
-def prefect_server() -> Generator[Serving, None, None]:
+def prefect_server() -> Generator[ServerChoice, None, None]:
     """Yields the server to use: the user's, the kept one, or a new one for this block, which nobody starts again.
 
     Raises:
@@ -88,16 +88,16 @@ def prefect_server() -> Generator[Serving, None, None]:
     kept = None if chosen else kept_server(home)
     if chosen or kept:
         url = chosen or (kept.api_url if kept else "")
-        with _environment(PREFECT_API_URL=url, **_past_proxies(url), **_patient(wait_s)):
-            yield Serving(url, wait_s)
+        with _environment(PREFECT_API_URL=url, **_proxy_setting(url), **_retry_setting(wait_s)):
+            yield ServerChoice(url, wait_s)
         return
     with (
         process.serving(home) as (server, child),
-        _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home), **_past_proxies(server.api_url)),
+        _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
         _import_engine()
         process.wait_until_healthy(server, child)
-        yield Serving(server.api_url, min(wait_s, _OWN_WAIT_S))
+        yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
 
 
 def _require(api_url: str) -> None:
@@ -108,11 +108,11 @@ def _require(api_url: str) -> None:
         )
 
 
-def _past_proxies(api_url: str) -> dict[str, str]:
+def _proxy_setting(api_url: str) -> dict[str, str]:
     return unproxied(os.environ) if is_local(api_url) else {}
 
 
-def _patient(wait_s: int) -> dict[str, str]:
+def _retry_setting(wait_s: int) -> dict[str, str]:
     """Returns the variable by which Prefect's client goes on asking for longer than so many seconds."""
     if _RETRIES in os.environ:
         return {}
@@ -122,7 +122,7 @@ def _patient(wait_s: int) -> dict[str, str]:
 
 
 @contextmanager
-def _watched(server: Serving, console: Console) -> Generator[Watch, None, None]:
+def _guard_server(server: ServerChoice, console: Console) -> Generator[Watch, None, None]:
     """Ends the run with one message and exit code 3 when the server goes away during the block."""
 
     def leave(failure: StageFailed) -> None:

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from flows.cli.app_commands import app_app
 from flows.cli.batch_commands import compare, replay, report, shrink
-from flows.cli.exit_codes import leave_process_after
+from flows.cli.exit_codes import run_and_end_process
 from flows.cli.fleet_commands import fleet_app
 from flows.cli.store_commands import gc, reap
 from flows.cli.world_commands import world_app
@@ -52,10 +52,10 @@ StoreUrl = Annotated[
 
 def main() -> None:
     """Runs the command line and exits with Simyard's codes."""
-    leave_process_after(_logged)
+    run_and_end_process(_run_app)
 
 
-def _logged() -> None:
+def _run_app() -> None:
     from tasks.progress.log_lines import logging_as_asked
 
     with logging_as_asked():
@@ -71,7 +71,7 @@ def run(file: Document, store: StoreUrl = None) -> None:
 
     console, spec = Console(), read_pipeline(file)
     try:
-        with _about(file):
+        with _name_file(file):
             report = run_document(spec, file.resolve().parent, store, console)
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
@@ -87,7 +87,7 @@ def plan(file: Document, store: StoreUrl = None) -> None:
     from tasks.storage.store_url import open_store
 
     spec = read_pipeline(file)
-    with _about(file):
+    with _name_file(file):
         for line in planned(spec, file.resolve().parent, open_store(store)):
             typer.echo(line)
 
@@ -107,23 +107,23 @@ def describe(
     store: StoreUrl = None,
 ) -> None:
     """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
-    from flows.resource.abandoned_jobs import described_notes
-    from flows.resource.answers import described, described_together
+    from flows.resource.abandoned_jobs import job_notes
+    from flows.resource.answers import describe_jobs, describe_resource
     from specs.arn import resource_kind, resource_name
     from tasks.simulate.batch.metrics import told_metrics
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    answer = described(opened, arns[0]) if len(arns) == 1 else described_together(opened, arns)
+    answer = describe_resource(opened, arns[0]) if len(arns) == 1 else describe_jobs(opened, arns)
     typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
     for line in told_metrics(opened, arns[0]) if len(arns) == 1 else ():
         typer.echo(line, err=True)
     if len(arns) == 1 and resource_kind(arns[0]) == "deployment-job":
-        from flows.cli.fleet_watch import told_wish
+        from flows.cli.fleet_watch import wish_notes
 
-        for line in told_wish(opened, resource_name(arns[0])):  # what RoboMaker's shapes have no field for
+        for line in wish_notes(opened, resource_name(arns[0])):  # what RoboMaker's shapes have no field for
             typer.echo(line, err=True)
-    for note in described_notes(opened, arns[0]) if len(arns) == 1 else ():
+    for note in job_notes(opened, arns[0]) if len(arns) == 1 else ():
         typer.echo(note, err=True)
 
 
@@ -172,7 +172,7 @@ def list_(
 ) -> None:
     """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
     from flows.cli.output import json_lines, page_rows, show_rows
-    from flows.resource.abandoned_jobs import listed_notes
+    from flows.resource.abandoned_jobs import kind_notes
     from flows.resource.answers import list_page, listed
     from tasks.storage.store_url import open_existing_store
 
@@ -191,7 +191,7 @@ def list_(
         show_rows(rows, Console())
     if token:
         typer.echo(f"the next page: --next-token {token}", err=True)
-    for note in listed_notes(opened, kind):
+    for note in kind_notes(opened, kind):
         typer.echo(note, err=True)
 
 
@@ -238,7 +238,7 @@ def _page_request(max_results: int | None, next_token: str | None, filters: list
 
 
 @contextmanager
-def _about(file: Path) -> Generator[None, None, None]:
+def _name_file(file: Path) -> Generator[None, None, None]:
     """Names the file in the faults of what its document refers to."""
     try:
         yield

@@ -124,7 +124,7 @@ def reap(
     ] = None,
 ) -> None:
     """Tell which jobs nobody works on; end those that were being stopped, and ready the others to be run on."""
-    from flows.resource.abandoned_jobs import reap as reap_store
+    from flows.resource.abandoned_jobs import reap_jobs as reap_store
     from tasks.storage.store_url import open_existing_store
 
     found = reap_store(open_existing_store(store))

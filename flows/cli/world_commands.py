@@ -33,14 +33,14 @@ def preview(
     store: _StoreUrl = None,
 ) -> None:
     """Draw a world that a template gives: its floor plan and, where a GL is there, a picture in 3-D."""
-    from flows.preview.world_preview import Asked, make_world, write_drawing
+    from flows.preview.world_preview import WorldRequest, make_world, write_drawing
     from tasks.documents.template_source import find_template
     from tasks.export.drawing.floor_plan import floor_plan_svg
     from tasks.export.picture.render import render_png
     from tasks.storage.store_url import open_store
 
     body = find_template(template, open_store(store), Path.cwd())
-    world = make_world(body, Asked(seed, robot_radius), floorplan, interior)
+    world = make_world(body, WorldRequest(seed, robot_radius), floorplan, interior)
     write_drawing(output, floor_plan_svg(world))
     typer.echo(str(output))
     _picture(output, render_png(world, _WIDTH, _HEIGHT))
@@ -60,12 +60,12 @@ def sheet(
     store: _StoreUrl = None,
 ) -> None:
     """Draw many worlds on one sheet: the first floor plans of a template, or the worlds of a job."""
-    from flows.preview.world_preview import Asked, chosen_worlds, write_drawing
+    from flows.preview.world_preview import WorldRequest, select_worlds, write_drawing
     from tasks.export.picture.contact_sheet import contact_sheet_svg
     from tasks.export.picture.render_sheet import render_sheet_png
     from tasks.storage.store_url import open_store
 
-    chosen = chosen_worlds(worlds, open_store(store), Path.cwd(), count, Asked(seed, robot_radius))
+    chosen = select_worlds(worlds, open_store(store), Path.cwd(), count, WorldRequest(seed, robot_radius))
     for reason in chosen.rejected:
         typer.echo(reason, err=True)
     write_drawing(output, contact_sheet_svg(chosen.worlds, title=chosen.title, total=chosen.total))

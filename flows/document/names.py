@@ -5,7 +5,7 @@ from specs.base import Fault
 from specs.errors import DocumentError
 
 
-def named(text: str, kind: ResourceKind) -> str:
+def resource_path(text: str, kind: ResourceKind) -> str:
     """Returns what an ARN or a plain name names, such as ``<batch>/<index>`` for a simulation job.
 
     Raises:

@@ -29,7 +29,7 @@ class Judged:
     no_baseline: str = ""
 
 
-def judged_of(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: Store) -> Judged:
+def gate_basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: Store) -> Judged:
     """Returns what a gate is going to judge a batch by.
 
     Args:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flows.document.references import finder, pins
 from flows.document.tested_batch import compared_digest, failing_sources
-from flows.preview.baseline_plan import Judged, judged_of
+from flows.preview.baseline_plan import Judged, gate_basis
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines
 from specs.pipeline.document import PipelineSpec, inert_fields
@@ -51,7 +51,7 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         plan = engine_plan(batch, _folders(batch, trial))
         audited, programs = plan.audited, plan.compilations
         if spec.gate:
-            judged = judged_of(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
+            judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
         yield from _batch_lines(plan, batch, section)
         for reason in failing_sources(section, trial, find):
             yield f"jobs will fail    {reason}"

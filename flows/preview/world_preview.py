@@ -22,7 +22,7 @@ _JOB_ID = "wgj-"
 
 
 @dataclass(frozen=True)
-class Asked:
+class WorldRequest:
     """What decides worlds beside their template.
 
     Attributes:
@@ -35,7 +35,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Chosen:
+class WorldSelection:
     """Worlds for a sheet.
 
     Attributes:
@@ -51,7 +51,7 @@ class Chosen:
     rejected: tuple[str, ...] = ()
 
 
-def make_world(template: TemplateBody, asked: Asked, floorplan: int, interior: int) -> World:
+def make_world(template: TemplateBody, asked: WorldRequest, floorplan: int, interior: int) -> World:
     """Returns the world of a template at two indices, from 1.
 
     Raises:
@@ -67,7 +67,7 @@ def make_world(template: TemplateBody, asked: Asked, floorplan: int, interior: i
     )
 
 
-def chosen_worlds(reference: str, store: Store, base: Path, count: int, asked: Asked) -> Chosen:
+def select_worlds(reference: str, store: Store, base: Path, count: int, asked: WorldRequest) -> WorldSelection:
     """Returns the first worlds of a generation job, or the first floor plans that a template gives.
 
     Args:
@@ -117,15 +117,15 @@ def _names_job(reference: str) -> bool:
     return resource_kind(reference) == KIND or reference.startswith(_JOB_ID)
 
 
-def _of_job(store: Store, job: str, count: int) -> Chosen:
+def _of_job(store: Store, job: str, count: int) -> WorldSelection:
     references = cast("list[str]", read(store, KIND, job).detail.get("worlds", []))
     if not references:
         raise DocumentError([Fault(path=KIND, value=repr(job), allowed="a job that has made worlds")])
     worlds = tuple(read_world(store, reference, job) for reference in references[:count])
-    return Chosen(title=job, worlds=worlds, total=len(references))
+    return WorldSelection(title=job, worlds=worlds, total=len(references))
 
 
-def _of_template(template: TemplateBody, title: str, count: int, asked: Asked) -> Chosen:
+def _of_template(template: TemplateBody, title: str, count: int, asked: WorldRequest) -> WorldSelection:
     worlds: list[World] = []
     rejected: list[WorldRejected] = []
     for floorplan in range(1, count + 1):
@@ -135,7 +135,7 @@ def _of_template(template: TemplateBody, title: str, count: int, asked: Asked) -
             rejected.append(exc)
     if not worlds:
         raise rejected[0]
-    return Chosen(title=title, worlds=tuple(worlds), total=len(worlds), rejected=tuple(map(str, rejected)))
+    return WorldSelection(title=title, worlds=tuple(worlds), total=len(worlds), rejected=tuple(map(str, rejected)))
 
 
 def _write(path: Path, body: bytes) -> None:

@@ -33,7 +33,7 @@ _LOOK_S = 0.5
 _PATIENCE_S = 60.0
 
 
-class Reaped(Spec):
+class ReapedJob(Spec):
     """What became of a job that nobody worked on.
 
     Attributes:
@@ -63,7 +63,7 @@ class _Suspect:
         return any(watch.renewed for watch in self.watches)
 
 
-def listed_notes(store: Store, plural: str) -> Iterator[str]:
+def kind_notes(store: Store, plural: str) -> Iterator[str]:
     """Yields a line for each job of a kind, named as `simyard list` names it, that is known at once to be left.
 
     Where a holder on another machine may live, nothing is said: to find that out takes seconds, and is the reaper's.
@@ -74,7 +74,7 @@ def listed_notes(store: Store, plural: str) -> Iterator[str]:
                 yield from _note(store, record)
 
 
-def described_notes(store: Store, arn: str) -> Iterator[str]:
+def job_notes(store: Store, arn: str) -> Iterator[str]:
     """Yields a line if the job that an ARN names is known at once to be left; nothing for what is no job."""
     named = RUN if run_id(arn) else resource_kind(arn)
     for kind in KINDS:
@@ -84,12 +84,12 @@ def described_notes(store: Store, arn: str) -> Iterator[str]:
 
 def _note(store: Store, record: JobRecord) -> Iterator[str]:
     if not is_terminal(record) and _suspect(store, record).is_left():
-        yield f"{record.arn} is {record.status}, and nobody works on it: {_continued(store, record)}"
+        yield f"{record.arn} is {record.status}, and nobody works on it: {_continuation(store, record)}"
 
 
-def reap(
+def reap_jobs(
     store: Store, sleep: Callable[[float], None] = time.sleep, now_s: Callable[[], float] = time.monotonic
-) -> list[Reaped]:
+) -> list[ReapedJob]:
     """Returns what became of the jobs that nobody works on, oldest first of each kind; no other one is touched.
 
     One that was being cancelled or timed out comes to that end; one whose run has ended, so that nothing continues it,
@@ -101,13 +101,13 @@ def reap(
         sleep: Waits so many seconds.
         now_s: A clock that never goes back.
     """
-    found = list[Reaped]()
+    found = list[ReapedJob]()
     active = [record for kind in KINDS for record in records(store, kind) if not is_terminal(record)]
     suspects = [_suspect(store, record, now_s) for record in active]
     end_s = now_s() + _PATIENCE_S
     while suspects and now_s() < end_s:
         left = [suspect for suspect in suspects if suspect.is_left()]
-        found += [_reaped_or_told(store, suspect) for suspect in left]
+        found += [_reap_or_explain(store, suspect) for suspect in left]
         suspects = [each for each in suspects if each not in left and not each.is_alive()]
         if suspects:
             sleep(_LOOK_S)
@@ -122,17 +122,17 @@ def _suspect(store: Store, record: JobRecord, now_s: Callable[[], float] = time.
     return _Suspect(record, tuple(ClaimWatch(store, key, now_s) for key in keys))
 
 
-def _reaped_or_told(store: Store, suspect: _Suspect) -> Reaped:
+def _reap_or_explain(store: Store, suspect: _Suspect) -> ReapedJob:
     record = suspect.record
     try:
-        return _reaped(store, suspect)
+        return _reap_job(store, suspect)
     except SimyardError as exc:  # of this job alone; the others are not left for it
-        return Reaped(arn=record.arn, was=record.status, status=record.status, told=f"cannot be reaped: {exc}")
+        return ReapedJob(arn=record.arn, was=record.status, status=record.status, told=f"cannot be reaped: {exc}")
 
 
-def _reaped(store: Store, suspect: _Suspect) -> Reaped:
+def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
     # `simyard list` and `describe` answer without what these import.
-    from flows.resource.cancel import cancel, with_settled_batch  # noqa: PLC0415 - see above
+    from flows.resource.cancel import cancel, close_stopped_batch  # noqa: PLC0415 - see above
     from tasks.deploy.rollout.controller import CANCELED  # noqa: PLC0415 - see above
 
     record = suspect.record
@@ -140,13 +140,13 @@ def _reaped(store: Store, suspect: _Suspect) -> Reaped:
         with suppress(DocumentError):  # it ended since it was read, or is about to
             cancel(store, record.arn)
     elif record.kind == "simulation-job-batch":
-        with_settled_batch(store, record.id)
+        close_stopped_batch(store, record.id)
     after = read(store, record.kind, record.id)
     if is_terminal(after):
-        return Reaped(arn=record.arn, was=record.status, status=after.status, told=after.failure_reason)
+        return ReapedJob(arn=record.arn, was=record.status, status=after.status, told=after.failure_reason)
     free = suspect.watches[0].release()
-    told = _continued(store, record) if free else "somebody works on it again"
-    return Reaped(arn=record.arn, was=record.status, status=after.status, told=told)
+    told = _continuation(store, record) if free else "somebody works on it again"
+    return ReapedJob(arn=record.arn, was=record.status, status=after.status, told=told)
 
 
 def _is_orphan(store: Store, record: JobRecord) -> bool:
@@ -158,7 +158,7 @@ def _is_orphan(store: Store, record: JobRecord) -> bool:
         return False
 
 
-def _continued(store: Store, record: JobRecord) -> str:
+def _continuation(store: Store, record: JobRecord) -> str:
     """Returns how a job is continued."""
     run: JobRecord | None = record if record.kind == RUN else None
     with suppress(ResourceNotFound):

@@ -87,7 +87,7 @@ def _applications() -> Family:
 
 
 def _simulations() -> Family:
-    from flows.resource.cancel import with_settled_batch, with_settled_batches
+    from flows.resource.cancel import close_stopped_batch, close_stopped_batches
     from specs.robomaker.simulation import ListSimulationJobBatchesRequest, ListSimulationJobsRequest
     from tasks.simulate.batch.describe import (
         describe_batch,
@@ -103,16 +103,16 @@ def _simulations() -> Family:
 
     return Family(
         {
-            "simulation-job": lambda store, path: describe_job(store, with_settled_batch(store, path)),
-            "simulation-job-batch": lambda store, path: describe_batch(store, with_settled_batch(store, path)),
+            "simulation-job": lambda store, path: describe_job(store, close_stopped_batch(store, path)),
+            "simulation-job-batch": lambda store, path: describe_batch(store, close_stopped_batch(store, path)),
         },
         {
-            "simulation-jobs": lambda store: list_jobs(with_settled_batches(store)),
-            "simulation-job-batches": lambda store: list_batches(with_settled_batches(store)),
+            "simulation-jobs": lambda store: list_jobs(close_stopped_batches(store)),
+            "simulation-job-batches": lambda store: list_batches(close_stopped_batches(store)),
         },
         {
-            "simulation-jobs": lambda store, request: jobs(with_settled_batches(store), request),
-            "simulation-job-batches": lambda store, request: batches(with_settled_batches(store), request),
+            "simulation-jobs": lambda store, request: jobs(close_stopped_batches(store), request),
+            "simulation-job-batches": lambda store, request: batches(close_stopped_batches(store), request),
         },
     )
 
@@ -175,7 +175,7 @@ _OF_PLURAL: Mapping[str, Callable[[], Family]] = {
 }
 
 
-def described(store: Store, text: str) -> Spec:
+def describe_resource(store: Store, text: str) -> Spec:
     """Returns what the Describe call for an ARN answers; a run of a document, which RoboMaker had not, as it is kept.
 
     Raises:
@@ -190,7 +190,7 @@ def described(store: Store, text: str) -> Spec:
     return _OF_KIND[reference.kind]().describe[reference.kind](store, reference.path)
 
 
-def described_together(store: Store, arns: Sequence[str]) -> Spec:
+def describe_jobs(store: Store, arns: Sequence[str]) -> Spec:
     """Returns what BatchDescribeSimulationJob answers: the jobs, and the ARNs of those that do not exist.
 
     Raises:
@@ -241,10 +241,10 @@ def restart(store: Store, text: str) -> None:
     reference = _reference(text)
     if reference.kind != "simulation-job":
         raise _refused("arn", text, "an ARN of a simulation-job")
-    from flows.resource.cancel import with_settled_batch
+    from flows.resource.cancel import close_stopped_batch
     from tasks.simulate.batch.cancel_restart import restart_job
 
-    restart_job(store, with_settled_batch(store, reference.path))
+    restart_job(store, close_stopped_batch(store, reference.path))
 
 
 def _family(kind: str) -> Family:

@@ -49,7 +49,7 @@ def cancel(store: Store, text: str) -> None:
         raise _refused(text, f"an ARN of a {' or '.join([*_CANCEL, RUN])}")
     _CANCEL[reference.kind](store, reference.path)
     if reference.kind in {"simulation-job", BATCH}:
-        with_settled_batch(store, reference.path)
+        close_stopped_batch(store, reference.path)
 
 
 def cancel_run(store: Store, run: str) -> JobRecord:
@@ -99,7 +99,7 @@ def cancel_jobs(store: Store, run: JobRecord, but_for: Collection[str] = ()) -> 
     return frozenset(found)
 
 
-def unless_canceled(store: Store, run: JobRecord) -> None:
+def require_not_canceled(store: Store, run: JobRecord) -> None:
     """Does nothing while a run may begin its next stage.
 
     Raises:
@@ -109,7 +109,7 @@ def unless_canceled(store: Store, run: JobRecord) -> None:
         raise StageFailed("Canceled", REASON, run.arn)
 
 
-def with_settled_batch(store: Store, path: str) -> str:
+def close_stopped_batch(store: Store, path: str) -> str:
     """Returns ``<batch>`` or ``<batch>/<index>`` as it stands, having closed a batch that was stopped and left.
 
     One that cannot be closed now, its output bucket being gone, is told as it is: the others are none the worse for it.
@@ -125,10 +125,10 @@ def with_settled_batch(store: Store, path: str) -> str:
     return path
 
 
-def with_settled_batches(store: Store) -> Store:
+def close_stopped_batches(store: Store) -> Store:
     """Returns the store, having closed every batch that was stopped and left."""
     for record in records(store, BATCH):
-        with_settled_batch(store, record.id)
+        close_stopped_batch(store, record.id)
     return store
 
 

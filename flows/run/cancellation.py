@@ -20,7 +20,7 @@ from prefect.client.schemas.objects import FlowRun, State
 from prefect.runtime import flow_run as this_flow_run
 from prefect.states import Cancelled
 
-from flows.resource.cancel import REASON, cancel_jobs, cancel_run, end_canceled, unless_canceled
+from flows.resource.cancel import REASON, cancel_jobs, cancel_run, end_canceled, require_not_canceled
 from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.settings import chosen_workers
 from tasks.simulate.batch.cancel_restart import cancel_batch
@@ -42,7 +42,7 @@ logger = logging.getLogger(__name__)
 
 
 @contextmanager
-def working_on(store: Store, run: JobRecord) -> Generator[None, None, None]:
+def cancelable_run(store: Store, run: JobRecord) -> Generator[None, None, None]:
     """Lets a run be cancelled inside the ``with`` block: its job under way is, and the run ends Canceled.
 
     Args:
@@ -55,14 +55,14 @@ def working_on(store: Store, run: JobRecord) -> Generator[None, None, None]:
     own = str(this_flow_run.id or "")
     advance(store, KIND, run.id, "Running", detail={FLOW_RUN: own} if own else {}, only_from={"Pending", "Running"})
     try:
-        with _heeded(store, run, own):
-            unless_canceled(store, run)
+        with _watch_run(store, run, own):
+            require_not_canceled(store, run)
             yield
     except BaseException as exc:
-        if not _meant(exc, store, run, own):
+        if not _is_cancellation(exc, store, run, own):
             raise
         _end(store, run, exc)
-        if isinstance(exc, Exception) and not _says_canceled(exc):
+        if isinstance(exc, Exception) and not _is_canceled_failure(exc):
             raise StageFailed(_CANCELED, REASON, run.arn) from exc
         raise
 
@@ -94,20 +94,20 @@ def cancel_with_flow_run(flow: Flow[..., Any], flow_run: FlowRun, state: State[A
             cancel_run(store, run.id)
 
 
-def _says_canceled(exc: BaseException) -> bool:
+def _is_canceled_failure(exc: BaseException) -> bool:
     return isinstance(exc, StageFailed) and exc.code == _CANCELED
 
 
-def _meant(exc: BaseException, store: Store, run: JobRecord, own: str) -> bool:
+def _is_cancellation(exc: BaseException, store: Store, run: JobRecord, own: str) -> bool:
     """Returns whether a run that ends with an exception was cancelled, and not only interrupted, or failed."""
-    if _says_canceled(exc):
+    if _is_canceled_failure(exc):
         return True
     try:
         if read(store, KIND, run.id).status == "Canceling":
             return True
     except SimyardError as unread:
         logger.warning("whether %s is canceled could not be read: %s", run.id, unread)
-    return not isinstance(exc, Exception) and _within(_PATIENCE_S, lambda: _is_cancelling(own))
+    return not isinstance(exc, Exception) and _answer_within(_PATIENCE_S, lambda: _is_cancelling(own))
 
 
 def _end(store: Store, run: JobRecord, exc: BaseException) -> None:
@@ -131,7 +131,7 @@ def _let_workers_end(store: Store, run: JobRecord) -> None:
 
 
 @contextmanager
-def _heeded(store: Store, run: JobRecord, own: str) -> Generator[None, None, None]:
+def _watch_run(store: Store, run: JobRecord, own: str) -> Generator[None, None, None]:
     """Inside the block, cancels the jobs of the run, each once, as soon as somebody cancels the run."""
     left = threading.Event()
 
@@ -174,7 +174,7 @@ def _is_cancelling(own: str) -> bool:
     return state is not None and (state.is_cancelling() or state.is_cancelled())
 
 
-def _within(seconds: float, question: Callable[[], bool]) -> bool:
+def _answer_within(seconds: float, question: Callable[[], bool]) -> bool:
     """Returns the answer; False if there is none in time."""
     answers: list[bool] = []
     asking = contextvars.copy_context()

@@ -21,11 +21,11 @@ from tasks.storage.jobs.runs import Waiting, jobs_of
 _PAUSE_S = 1.0
 # Looking at a large batch is a long listing: waiting shall not be a load on the store.
 _LOOKING_SHARE = 0.1
-Progress = tuple[str, int, int]
+StageProgress = tuple[str, int, int]
 logger = logging.getLogger(__name__)
 
 
-def told_waiting(store: Store, clock: Callable[[], float] = time.monotonic) -> Waiting:
+def waiting_display(store: Store, clock: Callable[[], float] = time.monotonic) -> Waiting:
     """Returns what tells the terminal of the run that is waited for, at most once a second.
 
     Args:
@@ -41,23 +41,23 @@ def told_waiting(store: Store, clock: Callable[[], float] = time.monotonic) -> W
             return
         if found.owner != holder:
             holder = found.owner
-            logger.info("%s works on %s, and this process waits for its result", named(found), run.arn)
-        stage, done, total = progress(store, run)
-        tell(f"waiting for {named(found)}: {stage}", done, total)
+            logger.info("%s works on %s, and this process waits for its result", holder_name(found), run.arn)
+        stage, done, total = run_progress(store, run)
+        tell(f"waiting for {holder_name(found)}: {stage}", done, total)
         next_s = clock() + max(_PAUSE_S, (clock() - began_s) / _LOOKING_SHARE)
 
     return waiting
 
 
-def named(holder: ClaimRecord) -> str:
+def holder_name(holder: ClaimRecord) -> str:
     """Returns what a person calls the process that holds a claim."""
     here = holder.process.host and holder.process.host == this_process().host
     return f"process {holder.process.pid}" + ("" if here else " elsewhere")
 
 
-def progress(store: Store, run: JobRecord) -> Progress:
+def run_progress(store: Store, run: JobRecord) -> StageProgress:
     """Returns the stage that a run is at, and how many of how many worlds, episodes or robots of it are done."""
-    at: Progress = ("beginning", 0, 1)
+    at: StageProgress = ("beginning", 0, 1)
     for kind, job in jobs_of(run):
         try:
             record = read(store, kind, job)
@@ -69,29 +69,29 @@ def progress(store: Store, run: JobRecord) -> Progress:
     return at
 
 
-def _worlds(store: Store, record: JobRecord) -> Progress:
+def _worlds(store: Store, record: JobRecord) -> StageProgress:
     counts = WorldCount.model_validate(record.request["worldCount"])
     wanted = (counts.floorplanCount or 1) * (counts.interiorCountPerFloorplan or 1)
     made = sum(1 for key in store.keys(worlds_prefix(record.id)) if key.endswith(".json"))
     return "Worlds", made, wanted
 
 
-def _export(_store: Store, record: JobRecord) -> Progress:
+def _export(_store: Store, record: JobRecord) -> StageProgress:
     return "Export", int(is_terminal(record)), 1
 
 
-def _episodes(store: Store, record: JobRecord) -> Progress:
+def _episodes(store: Store, record: JobRecord) -> StageProgress:
     layout = opened(store, record.id).layout
     done = sum(map(layout.chunk_size, chunk_numbers(store, record.id).committed))
     return "Episodes", done, layout.episodes
 
 
-def _robots(_store: Store, record: JobRecord) -> Progress:
+def _robots(_store: Store, record: JobRecord) -> StageProgress:
     seen = recorded_progress(record)
     return "Deployment", ended(seen), max(1, len(seen))
 
 
-_STAGES: Mapping[JobKind, Callable[[Store, JobRecord], Progress]] = {
+_STAGES: Mapping[JobKind, Callable[[Store, JobRecord], StageProgress]] = {
     "world-generation-job": _worlds,
     "world-export-job": _export,
     "simulation-job-batch": _episodes,

@@ -7,9 +7,9 @@ from prefect.runtime import flow_run
 from pydantic import JsonValue
 
 from flows.resource.cancel import REASON
-from flows.run.cancellation import canceled_state, working_on
+from flows.run.cancellation import cancelable_run, canceled_state
 from flows.run.events import announced
-from flows.run.run_owner import told_waiting
+from flows.run.run_owner import waiting_display
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
@@ -18,7 +18,7 @@ from tasks.storage.jobs.runs import begun, stage_token
 _FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
 
 
-def as_run(
+def run_stage(
     store: Store, stage: str, identity: Mapping[str, JsonValue], token: str | None, work: Callable[[str], JobRecord]
 ) -> JobRecord:
     """Returns the job that the work ended, in a run of its own when no token says that it is part of another's.
@@ -35,17 +35,17 @@ def as_run(
     if token is not None:
         return work(token)
     try:
-        with announced(), begun(store, {"flow": stage, **identity}, told_waiting(store)) as run:
-            return _worked(store, stage, run, work)
+        with announced(), begun(store, {"flow": stage, **identity}, waiting_display(store)) as run:
+            return _work_in_run(store, stage, run, work)
     except StageFailed as exc:
         return cast("JobRecord", canceled_state(exc))  # which Prefect takes for the flow run's
 
 
-def _worked(store: Store, stage: str, run: JobRecord, work: Callable[[str], JobRecord]) -> JobRecord:
+def _work_in_run(store: Store, stage: str, run: JobRecord, work: Callable[[str], JobRecord]) -> JobRecord:
     if run.status == "Canceled":  # maybe before it had a job, and none begins now
         raise StageFailed(run.failure_code, run.failure_reason, run.arn)
     try:
-        with working_on(store, run):
+        with cancelable_run(store, run):
             record = work(stage_token(run, stage))
     except (DocumentError, StageFailed) as exc:
         advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
@@ -60,7 +60,7 @@ def run_name() -> str:
     return str(token or flow_run.flow_name)
 
 
-def ended_well(record: JobRecord) -> JobRecord:
+def require_success(record: JobRecord) -> JobRecord:
     """Returns the record of a job that made something.
 
     Raises:

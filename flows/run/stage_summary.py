@@ -19,7 +19,7 @@ _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
 _SAMPLE_CHARACTERS = 200
 
 
-def told(run: JobRecord) -> PipelineReport:
+def recorded_report(run: JobRecord) -> PipelineReport:
     """Returns the report of a run that another process ended.
 
     Raises:
@@ -69,7 +69,7 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     stage = _stage("simulationBatch", record, summary, seconds, artefacts)
     if "audit" in detail:
         stage = _with_audit(stage, cast("dict[str, JsonValue]", detail["audit"]))
-    return alarmed(stage, f"There is no report: {detail['report_failed']}") if "report_failed" in detail else stage
+    return with_alarm(stage, f"There is no report: {detail['report_failed']}") if "report_failed" in detail else stage
 
 
 def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
@@ -95,17 +95,17 @@ def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     return stage.model_copy(update={"summary": f"{summary}; UNSIGNED", "facts": {**facts, "alarm": UNSIGNED_ALARM}})
 
 
-def alarmed(stage: StageReport, alarm: str) -> StageReport:
+def with_alarm(stage: StageReport, alarm: str) -> StageReport:
     """Returns a stage's report with one more alarm, a line each; one that it tells already is not told twice."""
     before = str(stage.facts.get("alarm", "")).splitlines()
     return stage.model_copy(update={"facts": {**stage.facts, "alarm": "\n".join(dict.fromkeys([*before, alarm]))}})
 
 
-def run_alarmed(report: PipelineReport, alarm: str) -> PipelineReport:
+def run_with_alarm(report: PipelineReport, alarm: str) -> PipelineReport:
     """Returns a run's report with one more alarm, unless one of its stages tells it already."""
     if any(alarm in str(stage.facts.get("alarm", "")) for stage in report.stages):
         return report
-    return report.model_copy(update={"stages": (*report.stages[:-1], alarmed(report.stages[-1], alarm))})
+    return report.model_copy(update={"stages": (*report.stages[:-1], with_alarm(report.stages[-1], alarm))})
 
 
 def _why_not(reasons: Sequence[Mapping[str, JsonValue]]) -> str:

@@ -24,7 +24,7 @@ _DEVICES_FLAG = "--xla_force_host_platform_device_count"
 
 Width = Callable[[], int]
 # Not in the flow's closure: Prefect sends the flow along with each task, and work holds claims and connections.
-_given: ContextVar[Callable[[Width], None]] = ContextVar("_given")
+_work_of_flow: ContextVar[Callable[[Width], None]] = ContextVar("_given")
 
 
 class Crew(NamedTuple):
@@ -62,30 +62,30 @@ def on_workers(workers: Workers, name: str, run: str, work: Callable[[Width], No
     def pieces() -> None:
         context = FlowRunContext.get()
         started = context.task_runner if context else crew.runner  # a flow starts a copy of the runner that it is given
-        _work(_seldom(partial(crew.width, started)))
+        _work(_once_a_second(partial(crew.width, started)))
 
-    token = _given.set(work)
+    token = _work_of_flow.set(work)
     try:
         pieces()
     finally:
-        _given.reset(token)
+        _work_of_flow.reset(token)
 
 
 def _work(width: Width) -> None:
-    _given.get()(width)
+    _work_of_flow.get()(width)
 
 
-def _seldom(width: Width) -> Width:
+def _once_a_second(width: Width) -> Width:
     """Returns what asks at most once a second: a scheduler of a thousand workers tells them all each time."""
     counted, asked_s = 0, -math.inf
 
-    def told() -> int:
+    def count() -> int:
         nonlocal counted, asked_s
         if time.monotonic() - asked_s >= _ASK_EVERY_S:
             counted, asked_s = width(), time.monotonic()
         return counted
 
-    return told
+    return count
 
 
 def crew_of(workers: Workers) -> Crew:

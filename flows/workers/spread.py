@@ -53,7 +53,7 @@ class Pace:
     def __init__(self) -> None:
         self._each_s: float | None = None
 
-    def told(self, numbers: int, wall_s: float) -> None:
+    def learn(self, numbers: int, wall_s: float) -> None:
         """Learns how long a worker took for a piece."""
         each_s = wall_s / max(numbers, 1)
         self._each_s = each_s if self._each_s is None else 0.5 * (self._each_s + each_s)
@@ -73,7 +73,7 @@ def spread(
     width: Callable[[], int],
     going: Callable[[], bool],
     missing: Callable[[Numbers], Numbers],
-    settled: Callable[[Ended], float],
+    on_end: Callable[[Ended], float],
 ) -> None:
     """Hands numbers out in order until all are done, or nobody wants them any more.
 
@@ -85,33 +85,59 @@ def spread(
         width: How many workers there are now.
         going: Whether anything more is wanted.
         missing: Which of some numbers are not done, whatever their workers said.
-        settled: Told of each piece that ended; returns how long its worker took, in seconds.
+        on_end: Called with each piece that ended; returns how long its worker took, in seconds.
 
     Raises:
         StageFailed: A piece was lost four times.
     """
-    left, flying = deque(numbers), 0
-    ended: SimpleQueue[Ended] = SimpleQueue()
-    pace, lost, unwanted = Pace(), Counter[int](), _Unwanted(going)
-    while left or flying:
+    pieces, unwanted = _Pieces(numbers, hand_out, width), _Unwanted(going)
+    pace, lost = Pace(), Counter[int]()
+    while pieces.left or pieces.flying:
         if unwanted():
-            left.clear()
+            pieces.left.clear()
             if unwanted.for_long():
-                _LOG.warning("%d pieces that nobody wants any more are not waited for", flying)
+                _LOG.warning("%d pieces that nobody wants any more are not waited for", pieces.flying)
                 return
-        while left and flying < width() * _AHEAD:
-            piece = tuple(left.popleft() for _ in range(pace.size(len(left), width())))
-            _await(piece, hand_out(piece), ended)
-            flying += 1
-        try:
-            end = ended.get(timeout=_LOOK_S)
-        except Empty:
+        pieces.fill(pace)
+        end = pieces.next_end()
+        if end is None:
             continue
-        flying -= 1
         if end.failure:
-            left.extendleft(reversed(_again(end, missing(end.numbers), lost)))
+            pieces.left.extendleft(reversed(_to_repeat(end, missing(end.numbers), lost)))
         else:
-            pace.told(len(end.numbers), settled(end))
+            pace.learn(len(end.numbers), on_end(end))
+
+
+class _Pieces:
+    """Numbers that nobody has yet, and pieces that workers have.
+
+    Attributes:
+        left: Numbers that are not handed out.
+        flying: How many pieces are handed out and have not ended.
+    """
+
+    def __init__(
+        self, numbers: Sequence[int], hand_out: Callable[[Numbers], PrefectFuture[Any]], width: Callable[[], int]
+    ) -> None:
+        self.left, self.flying = deque(numbers), 0
+        self._hand_out, self._width = hand_out, width
+        self._ended: SimpleQueue[Ended] = SimpleQueue()
+
+    def fill(self, pace: Pace) -> None:
+        """Hands out so many pieces that each worker has the next one there."""
+        while self.left and self.flying < self._width() * _AHEAD:
+            piece = tuple(self.left.popleft() for _ in range(pace.size(len(self.left), self._width())))
+            _await(piece, self._hand_out(piece), self._ended)
+            self.flying += 1
+
+    def next_end(self) -> Ended | None:
+        """Returns a piece that ended; None if none did in half a second."""
+        try:
+            end = self._ended.get(timeout=_LOOK_S)
+        except Empty:
+            return None
+        self.flying -= 1
+        return end
 
 
 class _Unwanted:
@@ -131,7 +157,7 @@ class _Unwanted:
         return self._since_s is not None and time.monotonic() - self._since_s >= _PATIENCE_S
 
 
-def _again(end: Ended, missing: Numbers, lost: Counter[int]) -> Numbers:
+def _to_repeat(end: Ended, missing: Numbers, lost: Counter[int]) -> Numbers:
     """Returns what of a piece has to be handed out again."""
     lost.update(missing)
     if any(lost[number] >= _ATTEMPTS for number in missing):

@@ -31,7 +31,7 @@ from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.store_url import open_store
 
 
-class PieceEnd(NamedTuple):
+class ChunksDone(NamedTuple):
     """What a worker did: episodes of the chunks that it came to, the seconds that it took, and what they went into."""
 
     episodes: int
@@ -57,7 +57,7 @@ def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -
                 width=width,
                 going=work.going,
                 missing=work.missing,
-                settled=work.settled,
+                on_end=work.on_end,
             )
             progress(work.done, batch.layout.episodes)
 
@@ -97,8 +97,8 @@ class _Spread:
     def missing(self, numbers: Numbers) -> Numbers:
         return tuple(number for number in numbers if not is_committed(self._batch.store, self._batch.id, number))
 
-    def settled(self, end: Ended) -> float:
-        piece: PieceEnd = end.result
+    def on_end(self, end: Ended) -> float:
+        piece: ChunksDone = end.result
         self.done += piece.episodes
         self._meter.add(piece.work, piece.worker)
         self._progress(self.done, self._batch.layout.episodes)
@@ -111,7 +111,7 @@ class _Spread:
 @task(name="simulate-chunks", task_run_name="simulate-chunks-{numbers}", cache_policy=NO_CACHE, persist_result=False)
 def simulate_chunks(
     store_url: str, batch: str, numbers: Numbers, *, location: OutputLocation, left_s: float, spent_s: float
-) -> PieceEnd:
+) -> ChunksDone:
     """Returns what was done of some chunks, one after the other; runs on a worker, which may be another machine.
 
     Args:
@@ -128,7 +128,7 @@ def simulate_chunks(
 
 def _simulated(
     work: OpenBatch, numbers: Numbers, location: OutputLocation, *, left_s: float, spent_s: float
-) -> PieceEnd:
+) -> ChunksDone:
     store_url, batch = work.store.url, work.id
     start_s, episodes, done = time.monotonic(), 0, ChunkWork()
     note_machine(work)
@@ -147,12 +147,12 @@ def _simulated(
             lanes=lanes,
             left_s=left_s - took_s,
             spent_s=spent_s + took_s,
-            progress=_nobody,
+            progress=_ignore,
             record=record,
         )
         lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
-    return PieceEnd(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")
+    return ChunksDone(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")
 
 
-def _nobody(_done: int) -> None:
+def _ignore(_done: int) -> None:
     """Drops what is told: the driver counts whole chunks."""

@@ -28,7 +28,7 @@ _LOOK_EVERY_S = 1.0
 _GOING = frozenset({"Pending", "Running"})
 
 
-class PieceEnd(NamedTuple):
+class WorldsDone(NamedTuple):
     """What a worker could not make, and the seconds that it took over its piece."""
 
     rejected: list[Made]
@@ -58,14 +58,14 @@ def world_makers(store: Store) -> generating.Elsewhere | None:
             absent = set(missing_worlds(store, order.generation, [indices[number] for number in numbers]))
             return tuple(number for number in numbers if indices[number] in absent)
 
-        def settled(end: Ended) -> float:
+        def on_end(end: Ended) -> float:
             rejected.update({each.indices: each for each in end.result.rejected})
             done(len(end.numbers))
             return end.result.wall_s
 
         def worlds(width: Width) -> None:
             numbers = range(len(indices))
-            spread(numbers, hand_out, width=width, going=going, missing=missing, settled=settled)
+            spread(numbers, hand_out, width=width, going=going, missing=missing, on_end=on_end)
 
         on_workers(workers, "worlds", order.generation, worlds)
         return rejected
@@ -101,13 +101,13 @@ def world_writers(store: Store) -> exporting.Elsewhere | None:
             there = kept_parts(store, job)
             return tuple(number for number in numbers if wanted[number] not in there)
 
-        def settled(end: Ended) -> float:
+        def on_end(end: Ended) -> float:
             done(len(end.numbers))
             return end.result.wall_s
 
         def parts(width: Width) -> None:
             numbers = range(len(wanted))
-            spread(numbers, hand_out, width=width, going=going, missing=missing, settled=settled)
+            spread(numbers, hand_out, width=width, going=going, missing=missing, on_end=on_end)
 
         done(len(kept))
         on_workers(workers, "world-files", job, parts)
@@ -116,7 +116,7 @@ def world_writers(store: Store) -> exporting.Elsewhere | None:
 
 
 @task(name="make-worlds", cache_policy=NO_CACHE, persist_result=False)
-def make_worlds(store_url: str, told: str, indices: list[Indices]) -> PieceEnd:
+def make_worlds(store_url: str, told: str, indices: list[Indices]) -> WorldsDone:
     """Returns the worlds of a piece that cannot be, having kept the others; runs on a worker, maybe another machine.
 
     Args:
@@ -126,11 +126,11 @@ def make_worlds(store_url: str, told: str, indices: list[Indices]) -> PieceEnd:
     """
     start_s, store, order = time.monotonic(), open_store(store_url), Order.model_validate_json(told)
     rejected = make_and_keep(store, order, indices, _looking(store, generating.KIND, order.generation))
-    return PieceEnd(rejected, time.monotonic() - start_s)
+    return WorldsDone(rejected, time.monotonic() - start_s)
 
 
 @task(name="write-worlds", cache_policy=NO_CACHE, persist_result=False)
-def write_worlds(store_url: str, job: str, references: list[str], formats: tuple[WorldFormat, ...]) -> PieceEnd:
+def write_worlds(store_url: str, job: str, references: list[str], formats: tuple[WorldFormat, ...]) -> WorldsDone:
     """Returns how long it took to keep what the worlds of a piece become; runs on a worker, maybe another machine.
 
     Args:
@@ -141,7 +141,7 @@ def write_worlds(store_url: str, job: str, references: list[str], formats: tuple
     """
     start_s, store = time.monotonic(), open_store(store_url)
     make_parts(store, job, references, formats, _looking(store, exporting.KIND, job))
-    return PieceEnd([], time.monotonic() - start_s)
+    return WorldsDone([], time.monotonic() - start_s)
 
 
 def _looking(store: Store, kind: JobKind, job: str) -> Callable[[], bool]:

@@ -10,7 +10,7 @@ from prefect.cache_policies import NO_CACHE
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.answers.row_summary import robot_rows, told_deployment
+from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.trust.signer import DeploymentSigner
 from tasks.progress.task import watched
@@ -43,5 +43,5 @@ def roll_out(
             signer=signer,
         )
     job = describe_deployment_job(store, record.id)
-    create_table_artifact(robot_rows(job), key="deployment-robots", description=told_deployment(job, record))
+    create_table_artifact(robot_rows(job), key="deployment-robots", description=deployment_sentence(job, record))
     return record

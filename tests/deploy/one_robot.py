@@ -8,10 +8,10 @@ from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.robot.disk import Disk
-from tasks.deploy.robot.launch import Place
+from tasks.deploy.robot.launch import LaunchPlace
 from tasks.deploy.robot.reported_state import Reporter
 from tasks.deploy.robot.shutdown import Stop
-from tasks.deploy.robot.update import Robot
+from tasks.deploy.robot.update import RobotUpdater
 from tests.deploy.yard import STAYS_UP, Yard, programs_of
 
 GOOD = {"run.sh": STAYS_UP}
@@ -26,9 +26,9 @@ class OneRobot:
         self.store: Any = yard.store  # or something in front of it
         self.robot = self.restarted()
 
-    def restarted(self) -> Robot:
-        place = Place(robot=NAME, disk=Disk(self.root), stop=self.stop, grace_s=0.15)
-        self.robot = Robot(self.store, place, Reporter(self.store, NAME))
+    def restarted(self) -> RobotUpdater:
+        place = LaunchPlace(robot=NAME, disk=Disk(self.root), stop=self.stop, grace_s=0.15)
+        self.robot = RobotUpdater(self.store, place, Reporter(self.store, NAME))
         return self.robot
 
     def deploy(self, version: Version, sequence: int, **changes: object) -> Reported:

@@ -29,13 +29,13 @@ def robot_rows(job: DescribeDeploymentJobResponse) -> list[dict[str, str]]:
     return [dict(zip(COLUMNS, robot_cells(robot), strict=True)) for robot in job.robotDeploymentSummary or ()]
 
 
-def told_robots(job: DescribeDeploymentJobResponse) -> str:
+def robot_counts(job: DescribeDeploymentJobResponse) -> str:
     """Returns how many robots are in which state, such as ``2 Failed, 3 InSync``."""
     counts = Counter(robot.status for robot in job.robotDeploymentSummary or ())
     return ", ".join(f"{count} {status}" for status, count in sorted(counts.items(), key=str)) or "no robot"
 
 
-def told_deployment(job: DescribeDeploymentJobResponse, record: JobRecord) -> str:
+def deployment_sentence(job: DescribeDeploymentJobResponse, record: JobRecord) -> str:
     """Returns how a deployment went, in a sentence; the alarm with it when nobody signed it."""
-    sentence = f"{job.status}: {told_robots(job)}" + (f"; {job.failureReason}" if job.failureReason else "")
+    sentence = f"{job.status}: {robot_counts(job)}" + (f"; {job.failureReason}" if job.failureReason else "")
     return f"{sentence}. {UNSIGNED_ALARM}" if is_unsigned(record) else sentence

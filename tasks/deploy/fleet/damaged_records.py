@@ -13,10 +13,10 @@ from tasks.storage.base.store import Store
 _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 1 << 20
 _NOUNS = {FleetRecord: "fleet", RobotRecord: "robot"}
-Record = TypeVar("Record", FleetRecord, RobotRecord)
+FleetOrRobot = TypeVar("FleetOrRobot", FleetRecord, RobotRecord)
 
 
-def listed(store: Store, key: str, kind: type[Record], name: str) -> Record | None:
+def read_listed(store: Store, key: str, kind: type[FleetOrRobot], name: str) -> FleetOrRobot | None:
     """Returns the record under a key that a listing gave; None if it is gone, or is not what Simyard writes there.
 
     Args:
@@ -30,22 +30,22 @@ def listed(store: Store, key: str, kind: type[Record], name: str) -> Record | No
     except ObjectNotFound:  # deleted since it was listed
         return None
     except ObjectTooBig as exc:
-        _left_out(_NOUNS[kind], name, "", str(exc))
+        _warn_once(_NOUNS[kind], name, "", str(exc))
         return None
     try:
         record = kind.model_validate_json(stored.body)
     except ValidationError as exc:
         reason = exc.errors(include_url=False, include_input=False)[0]["msg"]
-        _left_out(_NOUNS[kind], name, stored.etag, f"{store.url}: {key}: {reason}")
+        _warn_once(_NOUNS[kind], name, stored.etag, f"{store.url}: {key}: {reason}")
         return None
     if record.name != name:
-        _left_out(_NOUNS[kind], name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
+        _warn_once(_NOUNS[kind], name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
         return None
     return record
 
 
 @lru_cache(maxsize=4096)
-def _left_out(noun: str, name: str, etag: str, what: str) -> None:
+def _warn_once(noun: str, name: str, etag: str, what: str) -> None:
     """Logs, once, that a record is not what Simyard writes."""
     _LOG.warning(
         "%s %s is left out, its record cannot be read (%s): %s; delete it to make it anew", noun, name, etag, what

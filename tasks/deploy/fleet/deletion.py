@@ -23,7 +23,7 @@ def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
         ResourceNotFound: No such fleet.
         ConcurrentDeployment: A deployment to it is under way.
     """
-    fleet = _marked(store, reference)
+    fleet = _mark_deleted(store, reference)
     left = tuple(robot.name for robot in members(store, fleet.name))
     for robot in left:
         deregister_robot(store, robot)
@@ -31,7 +31,7 @@ def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
     return left
 
 
-def _marked(store: Store, reference: str) -> FleetRecord:
+def _mark_deleted(store: Store, reference: str) -> FleetRecord:
     """Returns a fleet that nobody deploys to from now on: the mark and a deployment's claim exclude each other."""
     while True:
         fleet, etag = read_fleet(store, reference, deleted=True)

@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
-from tasks.deploy.fleet.damaged_records import listed
+from tasks.deploy.fleet.damaged_records import read_listed
 from tasks.deploy.fleet.states import FleetRecord
 from tasks.storage.base.encoding import decoded, encoded
 from tasks.storage.base.keys import fleet_key
@@ -59,7 +59,7 @@ def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[
 def fleets(store: Store) -> list[FleetRecord]:
     """Returns all fleets, oldest first; one whose record was spoilt is left out, and named in the log."""
     found = [
-        fleet for key in store.keys(_FLEETS) if (fleet := listed(store, key, FleetRecord, PurePosixPath(key).stem))
+        fleet for key in store.keys(_FLEETS) if (fleet := read_listed(store, key, FleetRecord, PurePosixPath(key).stem))
     ]
     return sorted((fleet for fleet in found if not fleet.deleted), key=lambda fleet: (fleet.created_at_s, fleet.name))
 

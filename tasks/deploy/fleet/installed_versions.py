@@ -48,12 +48,12 @@ def robots_now(store: Store, names: Iterable[str]) -> list[RobotNow]:
         now = progress_of(desired, reported, now_s=time.time())
         digest = reported.running_digest if reported else ""
         numbers = {**versions(desired.application), desired.digest: desired.version}
-        runs = _told(desired, digest, numbers.get(digest))
+        runs = _version_text(desired, digest, numbers.get(digest))
         found.append(RobotNow(name, desired.deployment, now.status, now.failure_reason, runs))
     return found
 
 
-def _told(desired: Desired, digest: str, number: int | None) -> str:
+def _version_text(desired: Desired, digest: str, number: int | None) -> str:
     if not digest:
         return "nothing"
     return f"{desired.application} {number}" if number else f"bundle {digest[:12]}"

@@ -11,7 +11,7 @@ from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig, ResourceNotFound
 from specs.field_types import Architecture
-from tasks.deploy.fleet.damaged_records import listed
+from tasks.deploy.fleet.damaged_records import read_listed
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.states import Desired, Reported, RobotRecord, Withdrawn
 from tasks.storage.base.encoding import decoded, encoded
@@ -72,7 +72,7 @@ def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
         if record.fleet and record.fleet != name:
             fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
             raise DocumentError([fault])
-        if changed := _changed(store, record, etag, name):
+        if changed := _change_fleet(store, record, etag, name):
             return changed
 
 
@@ -84,7 +84,7 @@ def deregister_robot(store: Store, robot: str) -> RobotRecord:
     """
     while True:
         record, etag = read_robot(store, robot)
-        if changed := _changed(store, record, etag, ""):
+        if changed := _change_fleet(store, record, etag, ""):
             return changed
 
 
@@ -137,7 +137,7 @@ def robots(store: Store) -> list[RobotRecord]:
     One whose record was spoilt is left out, and named in the log: nobody knows its fleet, so nobody asks it anything.
     """
     names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
-    found = [robot for name in names if (robot := listed(store, robot_record_key(name), RobotRecord, name))]
+    found = [robot for name in names if (robot := read_listed(store, robot_record_key(name), RobotRecord, name))]
     return sorted(found, key=lambda robot: (robot.created_at_s, robot.name))
 
 
@@ -157,14 +157,14 @@ def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
     except ObjectNotFound:
         return None, ""
     except ObjectTooBig as exc:
-        _damaged(robot, TOO_BIG, str(exc))
+        _warn_once(robot, TOO_BIG, str(exc))
         return None, TOO_BIG
-    if stored.body.strip() == NOTHING_ASKED or withdrawn(stored.body):
+    if stored.body.strip() == NOTHING_ASKED or parse_withdrawn(stored.body):
         return None, stored.etag
     try:
         return Desired.model_validate_json(stored.body), stored.etag
     except ValidationError as exc:
-        _damaged(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        _warn_once(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
         return None, stored.etag
 
 
@@ -176,16 +176,16 @@ def read_reported(store: Store, robot: str) -> Reported | None:
     except ObjectNotFound:
         return None
     except ObjectTooBig as exc:
-        _damaged(robot, TOO_BIG, str(exc))
+        _warn_once(robot, TOO_BIG, str(exc))
         return None
     try:
         return Reported.model_validate_json(stored.body)
     except ValidationError as exc:
-        _damaged(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        _warn_once(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
         return None
 
 
-def withdrawn(body: bytes) -> Withdrawn | None:
+def parse_withdrawn(body: bytes) -> Withdrawn | None:
     """Returns what lies in the place of a desired state that was taken back, or None for anything else."""
     try:
         return Withdrawn.model_validate_json(body)
@@ -194,7 +194,7 @@ def withdrawn(body: bytes) -> Withdrawn | None:
 
 
 @lru_cache(maxsize=4096)
-def _damaged(robot: str, etag: str, what: str) -> None:
+def _warn_once(robot: str, etag: str, what: str) -> None:
     """Logs, once, that an object of a robot is not what Simyard writes; who asks goes on without it."""
     _LOG.warning("%s is without news, what is written of it cannot be read (%s): %s", robot, etag, what)
 
@@ -203,7 +203,7 @@ def _reason(exc: ValidationError) -> str:
     return exc.errors(include_url=False, include_input=False)[0]["msg"]
 
 
-def _changed(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:
+def _change_fleet(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:
     """Returns the robot in that fleet, or None when somebody else changed it meanwhile and it must be read again."""
     if record.fleet == fleet:
         return record

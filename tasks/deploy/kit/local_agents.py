@@ -13,7 +13,7 @@ from pathlib import Path
 from specs.field_types import Architecture
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, deregister_robot, members, register_robot
-from tasks.deploy.robot.disk import locking
+from tasks.deploy.robot.disk import lock_folder
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.base.store import Store
 
@@ -112,7 +112,7 @@ def _start(store: Store, name: str, root: Path, grace_s: float, trust: Path | No
 def _sweep(root: Path) -> None:
     """Ends what an agent that was killed has left, unless another agent works in the folder: then it is that one's."""
     if root.is_dir():
-        with locking(root) as locked:
+        with lock_folder(root) as locked:
             if locked():
                 end_all(root)
 

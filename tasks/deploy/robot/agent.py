@@ -15,12 +15,12 @@ from pathlib import Path
 from specs.errors import StoreError
 from tasks.deploy.fleet.robots import read_desired
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.robot.disk import Disk, locking
-from tasks.deploy.robot.launch import Place
+from tasks.deploy.robot.disk import Disk, lock_folder
+from tasks.deploy.robot.launch import LaunchPlace
 from tasks.deploy.robot.processes import adopt_orphans
 from tasks.deploy.robot.reported_state import Outage, Reporter
 from tasks.deploy.robot.shutdown import Stop, StopRequested
-from tasks.deploy.robot.update import Check, Robot
+from tasks.deploy.robot.update import Check, RobotUpdater
 from tasks.progress.log_lines import asked_format, logging_as_asked
 from tasks.storage.base.keys import checked_name
 from tasks.storage.base.store import Store
@@ -52,7 +52,7 @@ class Poll:
         return self._pause_s * self._dice.uniform(0.75, 1.25)
 
 
-def serve(robot: Robot, store: Store, name: str, stop: Stop, poll: Poll) -> None:
+def serve(robot: RobotUpdater, store: Store, name: str, stop: Stop, poll: Poll) -> None:
     """Runs a robot until it is told to stop.
 
     Raises:
@@ -79,10 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     with logging_as_asked():
-        return _served(options)
+        return _run(options)
 
 
-def _served(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     if asked_format() is None:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
     stop = Stop(options.parent)
@@ -90,10 +90,10 @@ def _served(options: argparse.Namespace) -> int:
     adopt_orphans()
     disk = Disk(options.root.absolute())
     try:
-        with _alone(disk, stop):
+        with _lock_folder_alone(disk, stop):
             store = connect(options.store)
-            place = Place(robot=options.robot, disk=disk, stop=stop, grace_s=options.grace_s)
-            robot = Robot(store, place, Reporter(store, options.robot), _check(options, store, disk))
+            place = LaunchPlace(robot=options.robot, disk=disk, stop=stop, grace_s=options.grace_s)
+            robot = RobotUpdater(store, place, Reporter(store, options.robot), _check(options, store, disk))
             try:
                 serve(robot, store, options.robot, stop, Poll(options.poll_s, options.longest_poll_s, random.Random()))  # noqa: S311 - jitter
             finally:
@@ -103,7 +103,7 @@ def _served(options: argparse.Namespace) -> int:
     return 0
 
 
-def _accept(robot: Robot, desired: Desired, etag: str, away: Outage) -> str:
+def _accept(robot: RobotUpdater, desired: Desired, etag: str, away: Outage) -> str:
     """Returns the etag of what was accepted or refused; an empty text when the store was away for that."""
     try:
         robot.accept(desired)
@@ -133,9 +133,9 @@ def _look(store: Store, name: str, away: Outage) -> tuple[Desired | None, str]:
 
 
 @contextmanager
-def _alone(disk: Disk, stop: Stop) -> Generator[None]:
+def _lock_folder_alone(disk: Disk, stop: Stop) -> Generator[None]:
     """Waits until no other agent works in the folder."""
-    with locking(disk.root) as locked:
+    with lock_folder(disk.root) as locked:
         while not locked():
             stop.sleep(_LOCK_POLL_S)
         yield

@@ -9,15 +9,15 @@ import stat
 from specs.errors import DocumentError
 from specs.field_types import S3Object
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.robot.install import Patience, StepFailed, retried
-from tasks.deploy.robot.launch import Place, run_program
+from tasks.deploy.robot.install import Patience, StepFailed, retry
+from tasks.deploy.robot.launch import LaunchPlace, run_program
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
 _MOST_BYTES = 16 << 20  # of a script
 
 
-def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Object, patience: Patience) -> None:
+def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition: S3Object, patience: Patience) -> None:
     """Runs the condition; returns when it allows the download.
 
     Raises:
@@ -35,7 +35,7 @@ def ask_condition(store: Store, place: Place, desired: Desired, condition: S3Obj
         script.write_bytes(stored.body)
 
     try:
-        retried(download, desired, patience)
+        retry(download, desired, patience)
     except DocumentError as exc:
         raise StepFailed("DownloadConditionFailed", str(exc)) from exc
     script.chmod(script.stat().st_mode | stat.S_IXUSR)

@@ -149,7 +149,7 @@ LOCK = "agent.lock"
 
 
 @contextmanager
-def locking(root: Path) -> Generator[Callable[[], bool]]:
+def lock_folder(root: Path) -> Generator[Callable[[], bool]]:
     """Yields what tries to take the lock and tells whether this process has it, until the end of the block.
 
     The kernel frees the lock when its holder dies.

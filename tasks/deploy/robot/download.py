@@ -25,7 +25,7 @@ def download(
     digest: str,
     *,
     most_bytes: int | None = None,
-    heard: Callable[[int, int], None] = lambda _done, _size: None,
+    on_block: Callable[[int, int], None] = lambda _done, _size: None,
 ) -> None:
     """Makes the file hold an object, going on from the bytes that it holds already.
 
@@ -35,7 +35,7 @@ def download(
         target: The file.
         digest: The SHA-256 that the object must have.
         most_bytes: More are never written; None for the most that a bundle may have.
-        heard: Called with the bytes that are there and the object's size, for every block.
+        on_block: Called with the bytes that are there and the object's size, for every block.
 
     Raises:
         ObjectNotFound: There is no object.
@@ -51,7 +51,7 @@ def download(
         if size > most:
             raise _too_big(target, f"{store.url}: {key} has {size} bytes", most)
         first = _kept(target)
-        _receive(store, key, target, size, heard)
+        _receive(store, key, target, size, on_block)
         if digest_of(target) == digest:
             return
         target.unlink()
@@ -63,7 +63,7 @@ def _kept(target: Path) -> int:
     return target.stat().st_size if target.exists() else 0
 
 
-def _receive(store: Store, key: str, target: Path, size: int, heard: Callable[[int, int], None]) -> None:
+def _receive(store: Store, key: str, target: Path, size: int, on_block: Callable[[int, int], None]) -> None:
     # Unpacked it takes the same again. A disk that is filled to the brim would end what runs on it.
     done = _kept(target)
     needed, free = 2 * size - done, shutil.disk_usage(target.parent).free
@@ -77,7 +77,7 @@ def _receive(store: Store, key: str, target: Path, size: int, heard: Callable[[i
                     raise _too_big(target, f"{store.url}: {key} goes on", size)
                 file.write(block)
                 file.flush()
-                heard(done, size)
+                on_block(done, size)
     except OSError as exc:
         if exc.errno in _NO_ROOM:
             raise _full(target, str(exc.strerror)) from exc

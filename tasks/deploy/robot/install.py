@@ -70,7 +70,7 @@ class Patience:
             self.stop.sleep(min(left_s, _SLICE_S))
 
 
-def fetch(
+def fetch_bundle(
     store: Store,
     disk: Disk,
     desired: Desired,
@@ -90,8 +90,7 @@ def fetch(
         length_bytes: Of the bundle, where it was signed.
 
     Raises:
-        StepFailed: There is no such bundle, it is not what was published, it does not fit onto this robot, or the store
-            stays away for too long.
+        StepFailed: The bundle is missing, changed, or too big for this robot, or the store stays away for too long.
         StopRequested: The agent has to end.
     """
     target = disk.version(desired.digest)
@@ -99,21 +98,21 @@ def fetch(
         return
     archive = disk.download(desired.digest)
 
-    def heard(part: float, done: int, size: int) -> None:
+    def tell(part: float, done: int, size: int) -> None:
         patience.tick()
         percent(part + _DOWNLOAD_PERCENT * done / max(size, 1))
 
     def bring() -> None:
         key = bundle_key(desired.digest)
-        download(store, key, archive, desired.digest, most_bytes=length_bytes, heard=partial(heard, 0.0))
+        download(store, key, archive, desired.digest, most_bytes=length_bytes, on_block=partial(tell, 0.0))
 
     percent(0.0)
-    retried(bring, desired, patience, progress=lambda: _size(archive))
-    _unpack(archive, desired.digest, target, partial(heard, _DOWNLOAD_PERCENT))
+    retry(bring, desired, patience, progress=lambda: _size(archive))
+    _unpack(archive, desired.digest, target, partial(tell, _DOWNLOAD_PERCENT))
     percent(100.0)
 
 
-def retried(
+def retry(
     action: Callable[[], None], desired: Desired, patience: Patience, progress: Callable[[], int] = lambda: 0
 ) -> None:
     """Does what needs the store, again with growing pauses while the store is away and the robot has time.

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from specs.errors import BundleRefused
 from specs.robomaker.deployment import DeploymentJobErrorCode
-from tasks.deploy.fleet.launch_environment import BASE, faults
+from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, variable_faults
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import StepFailed
-from tasks.deploy.robot.processes import Running, start, wait
+from tasks.deploy.robot.processes import RunningProgram, start, wait
 from tasks.deploy.robot.shutdown import Stop
 from tasks.storage.archives import safe_parts
 
@@ -25,7 +25,7 @@ class CrashLoop(Exception):  # noqa: N818 - a state
 
 
 @dataclass(frozen=True)
-class Place:
+class LaunchPlace:
     """Where programs run.
 
     Attributes:
@@ -41,13 +41,13 @@ class Place:
     grace_s: float
 
 
-def validate(desired: Desired) -> None:
+def check_launch(desired: Desired) -> None:
     """Does nothing for a launch configuration that may run here.
 
     Raises:
         StepFailed: It names files outside the bundle, or variables that no application may set.
     """
-    refused = [fault.value for fault in faults(desired.environment, "environmentVariables")]
+    refused = [fault.value for fault in variable_faults(desired.environment, "environmentVariables")]
     if refused:
         raise StepFailed("EnvironmentSetupError", f"these variables may not be set: {', '.join(refused)}")
     launch = desired.launch
@@ -56,7 +56,7 @@ def validate(desired: Desired) -> None:
             _parts(desired, name)
 
 
-def run_script(place: Place, desired: Desired, name: str, step: str, code: DeploymentJobErrorCode) -> None:
+def run_script(place: LaunchPlace, desired: Desired, name: str, step: str, code: DeploymentJobErrorCode) -> None:
     """Runs one of the bundle's scripts to its end, and ends whatever it leaves behind.
 
     Raises:
@@ -67,7 +67,7 @@ def run_script(place: Place, desired: Desired, name: str, step: str, code: Deplo
     run_program(place, desired, program, step, code)
 
 
-def run_program(place: Place, desired: Desired, program: Path, step: str, code: DeploymentJobErrorCode) -> None:
+def run_program(place: LaunchPlace, desired: Desired, program: Path, step: str, code: DeploymentJobErrorCode) -> None:
     """Runs an executable file to its end, as `run_script` does."""
     running = _start(place, desired, program, step)
     try:
@@ -80,10 +80,10 @@ def run_program(place: Place, desired: Desired, program: Path, step: str, code: 
         raise StepFailed(code, f"{program.name} {_exit(ended)}; its output is in {_log(place, desired, step)}")
 
 
-class Application:
+class RunningApplication:
     """What a robot runs; started again when it ends, with growing pauses."""
 
-    def __init__(self, place: Place, desired: Desired) -> None:
+    def __init__(self, place: LaunchPlace, desired: Desired) -> None:
         """Starts it.
 
         Raises:
@@ -143,16 +143,16 @@ class Application:
         """Ends it and everything that it started."""
         self._running.end()
 
-    def _launch(self) -> Running:
+    def _launch(self) -> RunningProgram:
         name = self.desired.launch.launchFile
         program = _program(self._place.disk, self.desired, name, "MissingRobotDeploymentResource")
         self._started_s = time.monotonic()
         return _start(self._place, self.desired, program, "launch")
 
 
-def _start(place: Place, desired: Desired, program: Path, step: str) -> Running:
+def _start(place: LaunchPlace, desired: Desired, program: Path, step: str) -> RunningProgram:
     own = {"SIMYARD_ROBOT": place.robot, "SIMYARD_DEPLOYMENT": desired.deployment, "HOME": str(place.disk.root)}
-    variables = {**BASE, **desired.environment, **own}
+    variables = {**BASE_VARIABLES, **desired.environment, **own}
     folder = place.disk.version(desired.digest)
     cwd = folder if folder.is_dir() else place.disk.root  # a condition runs before there is a bundle
     try:
@@ -178,7 +178,7 @@ def _parts(desired: Desired, name: str) -> tuple[str, ...]:
         raise StepFailed("MissingRobotDeploymentResource", str(exc)) from exc
 
 
-def _log(place: Place, desired: Desired, step: str) -> Path:
+def _log(place: LaunchPlace, desired: Desired, step: str) -> Path:
     return place.disk.logs / f"{desired.sequence:06d}-{step}.log"
 
 

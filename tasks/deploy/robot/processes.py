@@ -82,7 +82,7 @@ _SWEEPS = 10
 _started: set[int] = set()  # and not waited for
 
 
-class Running:
+class RunningProgram:
     """A program that was started, and all that it started."""
 
     def __init__(self, process: subprocess.Popen[bytes], mark: str, others: frozenset[int]) -> None:
@@ -109,7 +109,7 @@ class Running:
         _sweep(self._mark, self._others)
 
 
-def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], root: Path, log: Path) -> Running:
+def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], root: Path, log: Path) -> RunningProgram:
     """Returns the program, started in a session of its own, without input, its output going to a capped file.
 
     Args:
@@ -136,10 +136,10 @@ def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], roo
     _started.add(process.pid)
     if process.stdout:
         threading.Thread(target=_drain, args=(process.stdout, log), name=f"output {log.name}", daemon=True).start()
-    return Running(process, f"{_RUN_MARK}={run}", others)
+    return RunningProgram(process, f"{_RUN_MARK}={run}", others)
 
 
-def wait(running: Running, timeout_s: float, stop: Stop) -> int | None:
+def wait(running: RunningProgram, timeout_s: float, stop: Stop) -> int | None:
     """Returns the exit code, or None when the program still runs after so many seconds.
 
     Raises:
@@ -156,7 +156,7 @@ def end_all(root: Path) -> None:
     _sweep(f"{_ROOT_MARK}={root}", frozenset())
 
 
-def reap() -> None:
+def reap_orphans() -> None:
     """Lets go of orphans that have ended by themselves."""
     orphans(_started)
 
@@ -179,7 +179,7 @@ def _signal_group(pid: int, number: signal.Signals) -> None:
 def _sweep(mark: str, spared: frozenset[int]) -> None:
     """Kills every process with the mark, and orphans without any; again, because they may be starting others."""
     for _ in range(_SWEEPS):
-        found = {*_marked(mark.encode()), *(pid for pid in orphans(_started) if not _is_anothers(pid, mark, spared))}
+        found = {*_marked(mark.encode()), *(pid for pid in orphans(_started) if not _is_spared(pid, mark, spared))}
         for pid in found:
             _LOG.info("ending process %d, left behind", pid)
             with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -190,7 +190,7 @@ def _sweep(mark: str, spared: frozenset[int]) -> None:
     _LOG.error("processes with %s cannot be ended", mark)
 
 
-def _is_anothers(pid: int, mark: str, spared: frozenset[int]) -> bool:
+def _is_spared(pid: int, mark: str, spared: frozenset[int]) -> bool:
     """Returns whether an orphan was there before, or is of another run, as of the application that runs on."""
     variables = _variables(_PROC / str(pid))
     return pid in spared or (

@@ -16,9 +16,9 @@ from specs.robomaker.deployment import DeploymentJobErrorCode, RobotDeploymentSt
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.condition import ask_condition
 from tasks.deploy.robot.disk import Disk
-from tasks.deploy.robot.install import Patience, StepFailed, fetch
-from tasks.deploy.robot.launch import Application, CrashLoop, Place, run_script, validate
-from tasks.deploy.robot.processes import end_all, reap
+from tasks.deploy.robot.install import Patience, StepFailed, fetch_bundle
+from tasks.deploy.robot.launch import CrashLoop, LaunchPlace, RunningApplication, check_launch, run_script
+from tasks.deploy.robot.processes import end_all, reap_orphans
 from tasks.deploy.robot.reported_state import REASON_CHARACTERS, Attempt, Reporter
 from tasks.storage.base.store import Store
 
@@ -29,7 +29,7 @@ Check = Callable[[Desired], int]
 """Returns how long the bundle is that the keys vouch for, or raises TrustRefused."""
 
 
-class Robot:
+class RobotUpdater:
     """One robot: its folder, its application, and what it tells the store.
 
     Args:
@@ -39,14 +39,14 @@ class Robot:
         check: Refuses what the keys do not vouch for; None for a robot that does what it finds.
     """
 
-    def __init__(self, store: Store, place: Place, reporter: Reporter, check: Check | None = None) -> None:
+    def __init__(self, store: Store, place: LaunchPlace, reporter: Reporter, check: Check | None = None) -> None:
         self._store = store
         self._check = check
         self._place = place
         self._disk: Disk = place.disk
         self._reporter = reporter
         self._state = self._disk.load()
-        self._application: Application | None = None
+        self._application: RunningApplication | None = None
         self._owes_state = False
         self._patience = Patience(place.stop, self._keep_up)
         self._boot_id = uuid4().hex[:12]
@@ -81,7 +81,7 @@ class Robot:
     def supervise(self) -> None:
         """Keeps the application up and tells what is still to be told; returns at once."""
         self._reporter.settle()
-        reap()
+        reap_orphans()
         if self._owes_state:
             self._save()
         try:
@@ -161,20 +161,20 @@ class Robot:
     def _go_through(self, desired: Desired, attempt: Attempt) -> None:
         launch = desired.launch
         self._begin(attempt, "Validating")
-        validate(desired)
+        check_launch(desired)
         if desired.condition:
             self._begin(attempt, "ExecutingDownloadCondition")
             ask_condition(self._store, self._place, desired, desired.condition, self._patience)
         self._begin(attempt, "DownloadingExtracting")
         length_bytes = self._state.length_bytes
-        fetch(self._store, self._disk, desired, self._patience, attempt.percent, length_bytes=length_bytes)
+        fetch_bundle(self._store, self._disk, desired, self._patience, attempt.percent, length_bytes=length_bytes)
         self._begin(attempt, "ExecutingPreLaunch")
         self._end_application()
         if launch.preLaunchFile:
             run_script(self._place, desired, launch.preLaunchFile, "pre-launch", "PreLaunchFileFailure")
         self._begin(attempt, "Launching")
         self._disk.switch(desired.digest)
-        self._application = Application(self._place, desired)
+        self._application = RunningApplication(self._place, desired)
         self._application.settle()
         self._begin(attempt, "ExecutingPostLaunch")
         if launch.postLaunchFile:
@@ -227,7 +227,7 @@ class Robot:
         self._keep_versions()
         if running and self._application is None:
             try:
-                self._application = Application(self._place, running)
+                self._application = RunningApplication(self._place, running)
             except StepFailed:
                 _LOG.exception("cannot start what ran before")
 

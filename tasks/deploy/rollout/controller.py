@@ -17,10 +17,18 @@ from pydantic import JsonValue, TypeAdapter
 
 from specs.errors import StoreError, StoreUnreachable
 from tasks.deploy.fleet.states import Desired, RobotProgress
-from tasks.deploy.rollout.observation import ABORTED, Watch, dumped, ended, phases, recorded_progress, statuses
-from tasks.deploy.rollout.robot_requests import ask, withdraw
-from tasks.deploy.rollout.rollout_plan import Plan
-from tasks.deploy.rollout.verdict import verdict
+from tasks.deploy.rollout.observation import (
+    ABORTED,
+    RobotWatch,
+    ended,
+    phases,
+    progress_document,
+    recorded_progress,
+    statuses,
+)
+from tasks.deploy.rollout.robot_requests import ask_robot, withdraw_request
+from tasks.deploy.rollout.rollout_end import rollout_end
+from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.waves import Move, Wish, next_move
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim
@@ -57,10 +65,10 @@ class Pace:
     sleep: Callable[[float], None] = time.sleep
 
 
-def roll_out(
+def control_rollout(
     store: Store,
     record: JobRecord,
-    plan: Plan,
+    plan: RolloutPlan,
     claim: Claim,
     *,
     pace: Pace,
@@ -104,7 +112,7 @@ class _Controller:
         self,
         store: Store,
         record: JobRecord,
-        plan: Plan,
+        plan: RolloutPlan,
         claim: Claim,
         *,
         pace: Pace,
@@ -119,7 +127,7 @@ class _Controller:
         self._progress = progress
         self._sign = sign
         self._known = recorded_progress(record)
-        self._watch = Watch(store, plan, record.id)
+        self._watch = RobotWatch(store, plan, record.id)
 
     def tick(self) -> JobRecord:
         """Returns the record after one look at the robots and what followed from it."""
@@ -127,11 +135,11 @@ class _Controller:
         record = read(self._store, _KIND, self._job)
         if is_terminal(record):  # somebody closed it: whoever was asked is on its own
             return record
-        self._ask(self._watch.owed(self._known))
+        self._ask(self._watch.unasked(self._known))
         seen, move = self._judged(record)
         if move.verdict:
             self._tell(seen)
-            end = verdict(self._plan, move, seen)
+            end = rollout_end(self._plan, move, seen)
             return self._advance(end.status, seen, end.failure_code, end.failure_reason)
         if statuses(seen) != statuses(self._known):
             record = self._advance("InProgress", seen)
@@ -159,7 +167,9 @@ class _Controller:
         """Returns the robots that had not answered before the cancellation, which are asked nothing any more."""
         silent = [robot for robot, each in seen.items() if each.status == "PendingNewDeployment"]
         taken_back = _aborted(now_s, "the deployment was canceled before this robot answered")
-        return {robot: taken_back for robot in silent if withdraw(self._store, robot, self._job, self._check_claim)}
+        return {
+            robot: taken_back for robot in silent if withdraw_request(self._store, robot, self._job, self._check_claim)
+        }
 
     def _tell(self, seen: Mapping[str, RobotProgress]) -> None:
         if ended(seen) != ended(self._known):
@@ -167,8 +177,8 @@ class _Controller:
 
     def _ask(self, robots: Sequence[str]) -> None:
         for robot in robots:
-            wanted = _wanted(self._plan, self._job, robot, self._claim.epoch, self._pace.now_s())
-            self._watch.asks(ask(self._store, wanted, self._sign, self._check_claim))
+            wanted = _desired_state(self._plan, self._job, robot, self._claim.epoch, self._pace.now_s())
+            self._watch.remember(ask_robot(self._store, wanted, self._sign, self._check_claim))
 
     def _check_claim(self) -> None:
         if self._claim.replaced:
@@ -179,7 +189,7 @@ class _Controller:
     def _advance(
         self, status: str, seen: Mapping[str, RobotProgress], failure_code: str = "", failure_reason: str = ""
     ) -> JobRecord:
-        detail: dict[str, JsonValue] = {"progress": dumped(seen)}
+        detail: dict[str, JsonValue] = {"progress": progress_document(seen)}
         return advance(
             self._store,
             _KIND,
@@ -192,7 +202,7 @@ class _Controller:
         )
 
 
-def _wish(record: JobRecord, plan: Plan, now_s: float) -> Wish:
+def _wish(record: JobRecord, plan: RolloutPlan, now_s: float) -> Wish:
     if CANCELED in record.detail:
         return "cancel"
     if now_s - record.created_at_s > plan.fleet_timeout_s:
@@ -200,7 +210,7 @@ def _wish(record: JobRecord, plan: Plan, now_s: float) -> Wish:
     return _WISH.validate_python(record.detail.get(WISH, "go"))
 
 
-def _wanted(plan: Plan, deployment: str, robot: str, epoch: int, now_s: float) -> Desired:
+def _desired_state(plan: RolloutPlan, deployment: str, robot: str, epoch: int, now_s: float) -> Desired:
     return Desired(
         robot=robot,
         deployment=deployment,

@@ -11,13 +11,13 @@ from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
-from tasks.deploy.rollout.controller import Pace, roll_out
-from tasks.deploy.rollout.job_end import close_left
-from tasks.deploy.rollout.observation import dumped
+from tasks.deploy.rollout.controller import Pace, control_rollout
+from tasks.deploy.rollout.job_end import close_abandoned_job
+from tasks.deploy.rollout.observation import progress_document
 from tasks.deploy.rollout.resolved_request import check_request, plan_deployment
-from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.sync import latest_deployment, plan_sync, sync_request
-from tasks.deploy.trust.trust_record import Signer, check_recorded, vouched
+from tasks.deploy.trust.trust_record import Signer, check_recorded_plan, vouch_for_plan
 from tasks.storage.base.encoding import encoded
 from tasks.storage.base.keys import claim_key, fleet_key
 from tasks.storage.base.store import Store
@@ -38,7 +38,7 @@ class _Work:
     """
 
     request: CreateDeploymentJobRequest
-    plan: Callable[[], Plan]
+    plan: Callable[[], RolloutPlan]
     check: Callable[[], None]
 
 
@@ -112,8 +112,8 @@ def run_sync_job(
         StoreError: The store fails, or another process has taken the job over.
     """
     last = latest_deployment(store, fleet)
-    check_recorded(signer, last)
-    known = _known(store, job_id(_KIND, token))
+    check_recorded_plan(signer, last)
+    known = _find_job(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
     work = _Work(request, plan=lambda: plan_sync(store, last, only_failed=only_failed), check=lambda: None)
     return _run(store, work, token, progress, pace=pace or Pace(), robots=None, signer=signer)
@@ -131,11 +131,11 @@ def _run(
 ) -> JobRecord:
     job, document = job_id(_KIND, token), canonical_document(work.request)
     with claimed(store, claim_key(_KIND, job)) as claim:
-        known = _known(store, job)
+        known = _find_job(store, job)
         if known and is_terminal(known):
             return submit(store, _KIND, document, token)
         fleet = fleet_name(work.request.fleet)
-        check_recorded(signer, known)
+        check_recorded_plan(signer, known)
         plan = _recorded_plan(known)
         if plan is None and robots is None:
             plan = work.plan()
@@ -147,25 +147,25 @@ def _run(
         with robots() if robots else nullcontext():
             plan = plan or work.plan()
             digests = list(dict.fromkeys([plan.digest, *plan.builds.values()]))
-            detail = vouched(signer, record.id, digests, plan.model_dump(mode="json"))
+            detail = vouch_for_plan(signer, record.id, digests, plan.model_dump(mode="json"))
             if (lacking := plan.lacking()) and _recorded_plan(known) is None:
-                detail = {**detail, "progress": dumped(lacking)}
+                detail = {**detail, "progress": progress_document(lacking)}
             status = "Preparing" if known is None else "InProgress"
             record = advance(store, _KIND, record.id, status, detail=detail, epoch=claim.epoch)
             sign = signer.sign if signer else None
-            return roll_out(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
+            return control_rollout(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
 
 
-def _known(store: Store, job: str) -> JobRecord | None:
+def _find_job(store: Store, job: str) -> JobRecord | None:
     try:
         return read(store, _KIND, job)
     except ResourceNotFound:
         return None
 
 
-def _recorded_plan(record: JobRecord | None) -> Plan | None:
+def _recorded_plan(record: JobRecord | None) -> RolloutPlan | None:
     """Returns what was planned at first: that is done, even if robots have joined or left since."""
-    return Plan.model_validate(record.detail["plan"]) if record and "plan" in record.detail else None
+    return RolloutPlan.model_validate(record.detail["plan"]) if record and "plan" in record.detail else None
 
 
 def _take_fleet(store: Store, name: str, job: str) -> None:
@@ -188,7 +188,7 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
         ConcurrentDeployment: One is.
     """
     other = read_fleet(store, name)[0].deployment
-    known = _known(store, other) if other and other != job else None
+    known = _find_job(store, other) if other and other != job else None
     if known is None or is_terminal(known):
         return
     with claimed_unless_alive(store, claim_key(_KIND, other)) as claim:
@@ -198,5 +198,5 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
             )
             raise ConcurrentDeployment([fault], source="deployment")
         reason = f"nobody worked on it any more when {job} was asked for"
-        ended = close_left(store, known, claim, reason)
+        ended = close_abandoned_job(store, known, claim, reason)
     _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)

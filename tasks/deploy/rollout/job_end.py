@@ -20,7 +20,7 @@ from tasks.storage.jobs.records import JobRecord, advance, is_terminal
 _KIND = "deployment-job"
 
 
-def close_left(store: Store, record: JobRecord, claim: Claim, reason: str) -> JobRecord:
+def close_abandoned_job(store: Store, record: JobRecord, claim: Claim, reason: str) -> JobRecord:
     """Returns the record of a deployment job that was left by its controller: Canceled, or as it had ended.
 
     Killed in between, it leaves a job that has not ended, and that the next one closes.

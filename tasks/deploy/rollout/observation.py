@@ -6,7 +6,7 @@ from pydantic import JsonValue, TypeAdapter
 
 from tasks.deploy.fleet.robots import read_desired, read_reported
 from tasks.deploy.fleet.states import WAITING, Desired, RobotProgress, progress_of
-from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.waves import Phase
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -26,7 +26,7 @@ _PHASES: Mapping[str, Phase] = {
 _FIRST_AGAIN_S = 10.0
 
 
-class Watch:
+class RobotWatch:
     """Looks at the robots of a deployment; its memory only saves requests.
 
     Who waits cannot have begun, and who has failed stays so: neither costs a request. Who is in sync may still crash,
@@ -39,18 +39,18 @@ class Watch:
         job: The deployment's id.
     """
 
-    def __init__(self, store: Store, plan: Plan, job: str) -> None:
+    def __init__(self, store: Store, plan: RolloutPlan, job: str) -> None:
         self._store = store
         self._plan = plan
         self._job = job
         self._asked: dict[str, Desired] = {}
         self._again: dict[str, tuple[float, float]] = {}  # when next, and the pause before that
 
-    def asks(self, desired: Desired) -> None:
+    def remember(self, desired: Desired) -> None:
         """Remembers what a robot was asked."""
         self._asked[desired.robot] = desired
 
-    def owed(self, known: Mapping[str, RobotProgress]) -> list[str]:
+    def unasked(self, known: Mapping[str, RobotProgress]) -> list[str]:
         """Returns the robots that the record says are asked, and that nobody asked before its writer died."""
         return [
             robot for robot, each in known.items() if phase_of(each) is Phase.IN_FLIGHT and not self._desired(robot)
@@ -108,11 +108,11 @@ def live_progress(store: Store, record: JobRecord, now_s: float) -> dict[str, Ro
     """Returns how far each robot of a deployment that has not ended is now; nothing before it is planned."""
     if "plan" not in record.detail:
         return {}
-    watch = Watch(store, Plan.model_validate(record.detail["plan"]), record.id)
+    watch = RobotWatch(store, RolloutPlan.model_validate(record.detail["plan"]), record.id)
     return watch.look(recorded_progress(record), now_s)
 
 
-def dumped(seen: Mapping[str, RobotProgress]) -> dict[str, JsonValue]:
+def progress_document(seen: Mapping[str, RobotProgress]) -> dict[str, JsonValue]:
     """Returns robots' progress as a job's record holds it."""
     return {robot: progress.model_dump(mode="json") for robot, progress in seen.items()}
 

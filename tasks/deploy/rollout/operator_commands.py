@@ -12,7 +12,7 @@ from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.rollout.controller import CANCELED, WISH
-from tasks.deploy.rollout.job_end import close_left
+from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import claimed_unless_alive
@@ -43,7 +43,7 @@ def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> Job
     record = advance(store, _KIND, job, before.status, only_from={before.status}, detail=detail)
     while not detail.items() <= record.detail.items() and not is_terminal(record):  # its status changed meanwhile
         record = advance(store, _KIND, job, record.status, only_from={record.status}, detail=detail)
-    return _closed_if_left(store, record) if wish == "cancel" else record
+    return _close_if_abandoned(store, record) if wish == "cancel" else record
 
 
 def wish_of(store: Store, job: str) -> str:
@@ -66,12 +66,12 @@ def active_deployment(store: Store, fleet: str) -> str:
     return job if job and not is_terminal(read(store, _KIND, job)) else ""
 
 
-def _closed_if_left(store: Store, record: JobRecord) -> JobRecord:
+def _close_if_abandoned(store: Store, record: JobRecord) -> JobRecord:
     with claimed_unless_alive(store, claim_key(_KIND, record.id)) as claim:
         if claim is None:
             return record
         reason = "canceled on request, when nobody worked on it"
-        return close_left(store, record, claim, reason)
+        return close_abandoned_job(store, record, claim, reason)
 
 
 def _refused(value: str, allowed: str) -> DocumentError:

@@ -19,7 +19,7 @@ from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.robots import known_robot, members
 from tasks.deploy.fleet.states import RobotRecord
 from tasks.deploy.kit.local_agents import local_names, machine_architecture
-from tasks.deploy.rollout.rollout_plan import Plan, digests_for
+from tasks.deploy.rollout.rollout_plan import RolloutPlan, digests_for
 from tasks.deploy.rollout.waves import Limits, limits
 from tasks.storage.archives import bundled_files, safe_parts
 from tasks.storage.base.encoding import decoded
@@ -38,7 +38,7 @@ _THRESHOLD_PERCENT = 40
 
 def plan_deployment(
     store: Store, request: CreateDeploymentJobRequest, digest: str, extra: RollOutRules | None = None
-) -> Plan:
+) -> RolloutPlan:
     """Returns what the request comes to now.
 
     Args:
@@ -53,12 +53,12 @@ def plan_deployment(
     """
     fleet, _ = read_fleet(store, request.fleet)
     robots = members(store, fleet.name)
-    version = _checked(store, request, digest, _fleet_faults(fleet.name, robots, "fleet"))
+    version = _checked_version(store, request, digest, _fleet_faults(fleet.name, robots, "fleet"))
     config = request.deploymentApplicationConfigs[0]
     rules = request.deploymentConfig or DeploymentConfig()
     bounds = bounds_for(len(robots), request)
     variables, tags = config.launchConfig.environmentVariables or {}, request.tags or {}
-    return Plan(
+    return RolloutPlan(
         fleet=fleet.name,
         application=version.name,
         version=version.number,
@@ -114,7 +114,7 @@ def preflight(
         ),
         *outside_package(launch, path),
         *(fault for digest in bundles for fault in _file_faults(store, launch, digest, path)),
-        *launch_environment.faults(launch.environmentVariables or {}, f"{path}.environmentVariables"),
+        *launch_environment.variable_faults(launch.environmentVariables or {}, f"{path}.environmentVariables"),
     ]
 
 
@@ -181,10 +181,12 @@ def check_request(store: Store, request: CreateDeploymentJobRequest, digest: str
         DocumentError: The version is another than was tested, or a variable or file is not allowed.
     """
     read_fleet(store, request.fleet)
-    _checked(store, request, digest, ())
+    _checked_version(store, request, digest, ())
 
 
-def _checked(store: Store, request: CreateDeploymentJobRequest, digest: str, fleet_faults: Iterable[Fault]) -> Version:
+def _checked_version(
+    store: Store, request: CreateDeploymentJobRequest, digest: str, fleet_faults: Iterable[Fault]
+) -> Version:
     config = request.deploymentApplicationConfigs[0]
     version = _version(store, config)
     faults = [*_faults(config, version, digest), *fleet_faults]
@@ -224,7 +226,7 @@ def _faults(config: DeploymentApplicationConfig, version: Version, digest: str) 
         )
     yield from outside_package(config.launchConfig, f"{_PATH}.launchConfig")
     names = config.launchConfig.environmentVariables or {}
-    yield from launch_environment.faults(names, f"{_PATH}.launchConfig.environmentVariables")
+    yield from launch_environment.variable_faults(names, f"{_PATH}.launchConfig.environmentVariables")
 
 
 def launch_files(launch: DeploymentLaunchConfig) -> dict[str, str]:

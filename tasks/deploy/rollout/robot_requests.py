@@ -3,14 +3,14 @@
 from collections.abc import Callable
 
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig, StoreError
-from tasks.deploy.fleet.robots import MOST_BYTES, TOO_BIG, read_desired, read_reported, withdrawn
+from tasks.deploy.fleet.robots import MOST_BYTES, TOO_BIG, parse_withdrawn, read_desired, read_reported
 from tasks.deploy.fleet.states import Desired, Withdrawn
 from tasks.storage.base.encoding import encoded
 from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import Store
 
 
-def ask(
+def ask_robot(
     store: Store,
     desired: Desired,
     sign: Callable[[Desired], Desired] | None = None,
@@ -47,11 +47,11 @@ def ask(
         return new
 
 
-def withdraw(store: Store, robot: str, deployment: str, check: Callable[[], None] = lambda: None) -> bool:
+def withdraw_request(store: Store, robot: str, deployment: str, check: Callable[[], None] = lambda: None) -> bool:
     """Returns whether a robot is asked nothing of a deployment any more; one that has answered stays asked.
 
     The sequence stays behind: a robot that has just read what is withdrawn takes what it is asked next all the same.
-    ``check`` is that of `ask`.
+    ``check`` is that of `ask_robot`.
 
     Raises:
         StoreError: The store fails.
@@ -75,7 +75,7 @@ def withdraw(store: Store, robot: str, deployment: str, check: Callable[[], None
 def withdrawn_sequence(store: Store, robot: str) -> int:
     """Returns the sequence of what was withdrawn from a robot last; 0 if nothing lies there in its place."""
     try:
-        found = withdrawn(store.get(desired_key(robot), MOST_BYTES).body)
+        found = parse_withdrawn(store.get(desired_key(robot), MOST_BYTES).body)
     except (ObjectNotFound, ObjectTooBig):
         return 0
     return found.withdrawn if found else 0

@@ -13,7 +13,7 @@ from tasks.deploy.rollout.waves import Limits
 FLEET_TIMEOUT_S = 30 * 86_400.0  # docs/reference/robomaker.md, section 8
 
 
-class Plan(Spec):
+class RolloutPlan(Spec):
     """What a deployment job does; written into its record before the first robot is asked, and the same ever after.
 
     Attributes:

@@ -16,7 +16,7 @@ from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.robots import members, read_desired, read_reported
 from tasks.deploy.fleet.states import RobotRecord
 from tasks.deploy.rollout.resolved_request import bounds_for
-from tasks.deploy.rollout.rollout_plan import Plan, digests_for
+from tasks.deploy.rollout.rollout_plan import RolloutPlan, digests_for
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read, records
 
@@ -47,15 +47,15 @@ def sync_request(last: JobRecord, token: str) -> CreateDeploymentJobRequest:
     return CreateDeploymentJobRequest.model_validate({**document, "clientRequestToken": token})
 
 
-def plan_sync(store: Store, last: JobRecord, *, only_failed: bool = False) -> Plan:
+def plan_sync(store: Store, last: JobRecord, *, only_failed: bool = False) -> RolloutPlan:
     """Returns the last deployment's plan for those members of its fleet that are not in sync with it.
 
     Only the failed are those that were asked and failed, or did not answer; not those that joined later, or that a
     roll-out which stopped had left as they were. Bytes and launch are those of the last plan, whatever was published
     since; shares are of those that take part, and variables follow robots' tags. Who can never run the version, because
-    it has no bundle for the robot's architecture, is left out (`unbuilt` names them).
+    it has no bundle for the robot's architecture, is left out (`robots_without_build` names them).
     """
-    plan = Plan.model_validate(last.detail["plan"])
+    plan = RolloutPlan.model_validate(last.detail["plan"])
     request = CreateDeploymentJobRequest.model_validate(last.request)
     # Those of the plan, not of the request: a signature may stand under the plan.
     variables, tags = plan.launch.environmentVariables or {}, request.tags or {}
@@ -63,20 +63,20 @@ def plan_sync(store: Store, last: JobRecord, *, only_failed: bool = False) -> Pl
     plan = plan.model_copy(update={"digests": digests_for(robots, plan.builds)})
     wanted = {robot.name: launch_environment.environment(variables, robot.tags, tags) for robot in robots}
     lacking = {"failed"} if only_failed else {"failed", "other"}
-    never = unbuilt(robots, plan)
+    never = robots_without_build(robots, plan)
     asked = {robot: each for robot, each in wanted.items() if robot not in never}
     given = {robot: each for robot, each in asked.items() if _standing(store, robot, plan, each) in lacking}
     bounds = bounds_for(len(given), request)
     return plan.model_copy(update={"environments": given, "at_once": bounds.at_once, "failures": bounds.failures})
 
 
-def unbuilt(robots: Iterable[RobotRecord], plan: Plan) -> tuple[str, ...]:
+def robots_without_build(robots: Iterable[RobotRecord], plan: RolloutPlan) -> tuple[str, ...]:
     """Returns the robots that can never run a plan's version: it has no bundle for their architecture."""
     return tuple(robot.name for robot in robots if plan.builds and robot.architecture not in plan.builds)
 
 
 def _standing(
-    store: Store, robot: str, plan: Plan, variables: Mapping[str, str]
+    store: Store, robot: str, plan: RolloutPlan, variables: Mapping[str, str]
 ) -> Literal["in sync", "failed", "other"]:
     """Returns whether a robot runs the plan's bytes as the plan launches them, with these variables, or failed to."""
     desired, _ = read_desired(store, robot)

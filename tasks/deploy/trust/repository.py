@@ -110,7 +110,7 @@ class Session:
 
 
 @contextmanager
-def opened(store: Store, ring: Keyring, *, clock: Clock = utc_now) -> Generator[Session]:
+def open_repository(store: Store, ring: Keyring, *, clock: Clock = utc_now) -> Generator[Session]:
     """Yields the repository that the keys are for, to this process alone.
 
     Raises:
@@ -132,7 +132,7 @@ def opened(store: Store, ring: Keyring, *, clock: Clock = utc_now) -> Generator[
             ring.save_notes(notes.model_copy(update={"timestamp": seen}))
 
 
-def renew(session: Session) -> list[Role]:
+def renew_metadata(session: Session) -> list[Role]:
     """Signs everything anew that expires and whose key is at hand; returns what is due, and whose key is not.
 
     Root and targets, whose keys lie elsewhere most of the time, are signed anew in the second half of their time.
@@ -156,7 +156,7 @@ def list_for_deployment(session: Session, digest: str, length: int) -> None:
     if listed and not any(session.due(role) for role in ROLES):
         return
     list_bundle(deployer, digest, length)
-    due = renew(session)
+    due = renew_metadata(session)
     for role in due:
         _LOG.warning(
             "%s expires at %s, and its key is not here: simyard fleet keys renew", role, session.state.expires(role)
@@ -166,7 +166,7 @@ def list_for_deployment(session: Session, digest: str, length: int) -> None:
         raise TrustRefused(f"{' and '.join(expired)} expired; bring their keys and run simyard fleet keys renew")
 
 
-def rotate(session: Session, role: Role) -> None:
+def rotate_key(session: Session, role: Role) -> None:
     """Replaces a key: what the old one signs is refused from now on.
 
     A new deployer's key begins with an empty list of bundles: what a thief may have put on it is gone, and the next

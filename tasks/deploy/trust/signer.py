@@ -12,7 +12,7 @@ from specs.errors import DocumentError, TrustRefused
 from specs.field_types import S3Object
 from tasks.deploy.fleet.states import Desired, Signature
 from tasks.deploy.trust.keyring import ROOT_FILE, Keyring, keyring
-from tasks.deploy.trust.repository import Clock, init_keys, list_for_deployment, opened, utc_now
+from tasks.deploy.trust.repository import Clock, init_keys, list_for_deployment, open_repository, utc_now
 from tasks.deploy.trust.signature import signed
 from tasks.deploy.trust.trust_choice import chosen_keys, trust_faults
 from tasks.deploy.trust.tuf_names import CryptoSigner, RawSignature
@@ -59,7 +59,7 @@ class DeploymentSigner:
             StoreError: The store fails.
         """
         length = _length(self._store, digest)
-        with opened(self._store, self._ring, clock=self._clock) as session:
+        with open_repository(self._store, self._ring, clock=self._clock) as session:
             self._key = self._ring.get("deployer", session.state.keyids("deployer"))
             list_for_deployment(session, digest, length)
 
@@ -93,7 +93,7 @@ class DeploymentSigner:
     @property
     def _deployer(self) -> CryptoSigner:
         if self._key is None:
-            with opened(self._store, self._ring, clock=self._clock) as session:
+            with open_repository(self._store, self._ring, clock=self._clock) as session:
                 self._key = self._ring.get("deployer", session.state.keyids("deployer"))
         return self._key
 

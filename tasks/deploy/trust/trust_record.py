@@ -40,7 +40,7 @@ class Signer(Protocol):
         ...
 
 
-def vouched(
+def vouch_for_plan(
     signer: Signer | None, job: str, digests: Sequence[str], plan: dict[str, JsonValue]
 ) -> dict[str, JsonValue]:
     """Returns what a job's record holds of a plan, once robots will accept its bundles.
@@ -61,7 +61,7 @@ def vouched(
     return {_PLAN: plan, _TRUST: f"signed by {signature.keyid}", _SIGNATURE: signature.model_dump(mode="json")}
 
 
-def check_recorded(signer: Signer | None, record: JobRecord | None) -> None:
+def check_recorded_plan(signer: Signer | None, record: JobRecord | None) -> None:
     """Does nothing for a record whose plan, if it has one, is what the signer signed, or when nothing is signed.
 
     Raises:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.answers.row_summary import robot_rows, told_deployment
+from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.trust.trust_choice import UNSIGNED_ALARM
 from tasks.storage.base.store import Store
@@ -33,6 +33,6 @@ def test_a_deployment_that_nobody_signed_says_so(file_store: Store, tmp_path: Pa
     record = deployed(file_store, tmp_path)
     job = describe_deployment_job(file_store, record.id)
 
-    assert told_deployment(job, record) == f"Succeeded: 1 Failed, 2 InSync. {UNSIGNED_ALARM}"
+    assert deployment_sentence(job, record) == f"Succeeded: 1 Failed, 2 InSync. {UNSIGNED_ALARM}"
     signed = record.model_copy(update={"detail": {**record.detail, "trust": "somebody"}})
-    assert told_deployment(job, signed) == "Succeeded: 1 Failed, 2 InSync"
+    assert deployment_sentence(job, signed) == "Succeeded: 1 Failed, 2 InSync"

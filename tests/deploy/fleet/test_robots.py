@@ -17,7 +17,7 @@ from tasks.deploy.fleet.robots import (
     robots,
 )
 from tasks.deploy.fleet.states import Desired, Reported
-from tasks.deploy.rollout.robot_requests import ask
+from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.base.encoding import encoded
 from tasks.storage.base.keys import desired_key, reported_key
 from tasks.storage.base.store import Store
@@ -125,20 +125,20 @@ def test_a_robot_nobody_made_is_missing(file_store: Store) -> None:
 
 
 def test_asking_twice_for_one_deployment_asks_once(file_store: Store) -> None:
-    first = ask(file_store, _desired("dep-1", epoch=1))
-    again = ask(file_store, _desired("dep-1", epoch=2))
+    first = ask_robot(file_store, _desired("dep-1", epoch=1))
+    again = ask_robot(file_store, _desired("dep-1", epoch=2))
 
     assert again == first
     assert read_desired(file_store, "r1")[0] == first
 
 
 def test_who_was_replaced_asks_nobody(file_store: Store) -> None:
-    first = ask(file_store, _desired("dep-1", epoch=2))
+    first = ask_robot(file_store, _desired("dep-1", epoch=2))
 
     with pytest.raises(StoreError, match="epoch 2"):
-        ask(file_store, _desired("dep-1", epoch=1))
+        ask_robot(file_store, _desired("dep-1", epoch=1))
     with pytest.raises(StoreError, match="lost"):
-        ask(file_store, _desired("dep-2"), check=_lost)
+        ask_robot(file_store, _desired("dep-2"), check=_lost)
 
     assert read_desired(file_store, "r1")[0] == first
 
@@ -148,7 +148,9 @@ def _lost() -> None:
 
 
 def test_the_sequence_grows_with_every_deployment(file_store: Store) -> None:
-    sequences = [ask(file_store, _desired(deployment)).sequence for deployment in ("dep-1", "dep-2", "dep-2", "dep-3")]
+    sequences = [
+        ask_robot(file_store, _desired(deployment)).sequence for deployment in ("dep-1", "dep-2", "dep-2", "dep-3")
+    ]
 
     assert sequences == [1, 2, 2, 3]
 
@@ -164,7 +166,7 @@ def test_garbage_asks_nothing_of_a_robot_and_is_written_over_by_who_asks(
     store.put(desired_key("r1"), body)
     assert read_desired(store, "r1")[0] is None
 
-    asked = ask(store, _desired("dep-1"))
+    asked = ask_robot(store, _desired("dep-1"))
 
     assert (asked.sequence, read_desired(store, "r1")[0]) == (5, asked)
     assert [each for each in caplog.messages if "robots/r1/desired.json" in each]
@@ -177,7 +179,7 @@ def test_a_robot_whose_report_is_garbage_is_without_news(
     file_store.put(reported_key("r1"), body)
 
     assert [read_reported(file_store, "r1") for _ in range(3)] == [None] * 3
-    assert ask(file_store, _desired("dep-1")).sequence == 1
+    assert ask_robot(file_store, _desired("dep-1")).sequence == 1
     assert len([each for each in caplog.messages if "r1 is without news" in each]) == 1, "told once"
 
 

@@ -39,8 +39,8 @@ _AGENT_STEPS: tuple[tuple[object, str], ...] = (
     (update, "fetch"),
     (install, "install"),
     (update, "run_script"),
-    (launch.Application, "_launch"),
-    (launch.Application, "settle"),
+    (launch.RunningApplication, "_launch"),
+    (launch.RunningApplication, "settle"),
 )
 
 

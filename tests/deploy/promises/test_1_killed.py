@@ -11,7 +11,7 @@ from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.deploy.rollout.robot_requests import ask
+from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.jobs.records import records
 from tests.deploy.one_robot import desired
 from tests.deploy.promises.figures import Figures, kind, sizes
@@ -120,7 +120,7 @@ def test_an_agent_that_is_killed_at_any_step_finishes_after_its_next_start(
 
 
 def _ask(yard: Yard, wanted: Desired) -> None:
-    assert ask(yard.store, wanted).sequence == wanted.sequence
+    assert ask_robot(yard.store, wanted).sequence == wanted.sequence
 
 
 def _done(yard: Yard, sequence: int) -> bool:

@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 from specs.errors import BundleRefused
-from tasks.deploy.rollout.robot_requests import ask
+from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.archives import digest_of, install
 from tasks.storage.base.keys import bundle_key
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
@@ -99,7 +99,9 @@ def test_no_script_leaves_anything_behind(yard: Yard, size: int, figures: Figure
     for _ in range(size):
         for name in files:
             sequence += 1
-            wanted = ask(yard.store, desired(version, sequence, launch=scripted(preLaunchFile=name), timeout_s=0.3))
+            wanted = ask_robot(
+                yard.store, desired(version, sequence, launch=scripted(preLaunchFile=name), timeout_s=0.3)
+            )
             wait_for_report(
                 yard, NAME, lambda told, wanted=wanted: told.sequence == wanted.sequence and told.status != "Deploying"
             )

@@ -16,10 +16,10 @@ from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.robot.agent import Poll, _alone, main
+from tasks.deploy.robot.agent import Poll, _lock_folder_alone, main
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.shutdown import Stop, StopRequested
-from tasks.deploy.rollout.robot_requests import ask
+from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import desired
@@ -45,7 +45,7 @@ def _ask(yard: Yard, version: Version, deployment: str) -> Desired:
     launch = DeploymentLaunchConfig(
         packageName="courier", preLaunchFile="before.sh", launchFile="run.sh", postLaunchFile="after.sh"
     )
-    return ask(
+    return ask_robot(
         yard.store,
         Desired(
             robot="r1",
@@ -153,10 +153,10 @@ class _StopAfterOneWait(Stop):
 
 def test_a_folder_belongs_to_one_agent_until_it_lets_go(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
-    with _alone(disk, Stop()), pytest.raises(StopRequested), _alone(disk, _StopAfterOneWait()):
+    with _lock_folder_alone(disk, Stop()), pytest.raises(StopRequested), _lock_folder_alone(disk, _StopAfterOneWait()):
         pass
 
-    with _alone(disk, _StopAfterOneWait()):
+    with _lock_folder_alone(disk, _StopAfterOneWait()):
         pass
 
 
@@ -216,7 +216,7 @@ def test_an_agent_that_verifies_takes_less_than_80_megabytes(
     version = yard.publish({"run.sh": STAYS_UP}, padding_bytes=40 << 20)
     agents.append(yard.start_agent("r1", f"--root-of-trust={owner.folder / 'root.json'}"))
     owner.signer.admit(version.digest)
-    ask(store, desired(version, 1, timeout_s=60.0), owner.signer.sign)
+    ask_robot(store, desired(version, 1, timeout_s=60.0), owner.signer.sign)
 
     wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
 

@@ -19,7 +19,7 @@ from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.resolved_request import preflight
-from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.sync import latest_deployment, plan_sync
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -240,6 +240,6 @@ def _run_signed(yard: Yard, robots: PuppetRobots, version: Version, signer: obje
 def test_a_plan_of_before_there_were_builds_is_read_as_one_bundle_for_all() -> None:
     old = {"fleet": "f", "application": "a", "version": 1, "digest": "0" * 64, "at_once": 1, "failures": 1}
     launch = {"packageName": "courier", "launchFile": "run.sh"}
-    plan = Plan.model_validate({**old, "launch": launch, "environments": {"r": {}}, "timeout_s": 1.0})
+    plan = RolloutPlan.model_validate({**old, "launch": launch, "environments": {"r": {}}, "timeout_s": 1.0})
 
     assert (plan.digest_for("r"), plan.lacking()) == ("0" * 64, {})

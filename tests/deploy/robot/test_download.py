@@ -88,7 +88,7 @@ def test_a_server_that_goes_away_in_the_middle_costs_no_byte_twice(
     arrived = target.stat().st_size
     heard: list[int] = []
 
-    download(s3_store, KEY, target, DIGEST, heard=lambda done, _size: heard.append(done))
+    download(s3_store, KEY, target, DIGEST, on_block=lambda done, _size: heard.append(done))
 
     assert arrived > 500_000
     assert heard[0] > arrived

@@ -8,10 +8,10 @@ import pytest
 from specs.errors import StoreUnreachable
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.robot.disk import Disk, RobotState
-from tasks.deploy.robot.launch import Place
+from tasks.deploy.robot.launch import LaunchPlace
 from tasks.deploy.robot.reported_state import Reporter
 from tasks.deploy.robot.shutdown import Stop, StopRequested
-from tasks.deploy.robot.update import Robot
+from tasks.deploy.robot.update import RobotUpdater
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
@@ -129,8 +129,8 @@ class AwayStore:
 def test_a_store_that_is_away_for_a_while_delays_and_loses_nothing(yard: Yard) -> None:
     version = yard.publish(GOOD)
     away = AwayStore(yard.store, failures=4)
-    place = Place(robot=NAME, disk=Disk(yard.root(NAME)), stop=Stop(), grace_s=0.05)
-    robot = Robot(away, place, Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - forwards every method
+    place = LaunchPlace(robot=NAME, disk=Disk(yard.root(NAME)), stop=Stop(), grace_s=0.05)
+    robot = RobotUpdater(away, place, Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - forwards every method
     try:
         robot.accept(desired(version, 1))
         away.failures = 1
@@ -148,7 +148,7 @@ def test_a_store_that_stays_away_fails_the_deployment_at_its_timeout(yard: Yard)
     version = yard.publish(GOOD)
     away = AwayStore(yard.store, failures=10**9)
     disk = Disk(yard.root(NAME))
-    robot = Robot(away, Place(NAME, disk, Stop(), 0.05), Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - same
+    robot = RobotUpdater(away, LaunchPlace(NAME, disk, Stop(), 0.05), Reporter(away, NAME))  # pyright: ignore[reportArgumentType] - same
 
     robot.accept(desired(version, 1, timeout_s=0.3))
 

@@ -8,8 +8,8 @@ from pydantic import JsonValue
 from specs.errors import StoreError
 from tasks.deploy.fleet.robots import NOTHING_ASKED, read_desired
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.rollout.job_end import close_left
-from tasks.deploy.rollout.robot_requests import ask
+from tasks.deploy.rollout.job_end import close_abandoned_job
+from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.base.keys import claim_key, desired_key
 from tasks.storage.jobs.claim import claimed
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
@@ -31,7 +31,7 @@ def _closed(yard: Yard, record: JobRecord) -> JobRecord:
         with claimed(yard.store, claim_key(KIND, record.id)) as claim:
             pass
     with claimed(yard.store, claim_key(KIND, record.id)) as claim:
-        return close_left(yard.store, record, claim, "left")
+        return close_abandoned_job(yard.store, record, claim, "left")
 
 
 def _wanted(yard: Yard, record: JobRecord) -> Desired:
@@ -55,17 +55,17 @@ def test_a_robot_that_was_never_asked_is_not_asked_by_who_wakes_up(yard: Yard) -
     record = _announcing(yard)
 
     with pytest.raises(StoreError, match="another's"):
-        ask(yard.store, _wanted(yard, record), check=_wakes_up(yard, record))
+        ask_robot(yard.store, _wanted(yard, record), check=_wakes_up(yard, record))
 
     assert read_desired(yard.store, "r1")[0] is None
     assert read(yard.store, KIND, record.id).status == "Canceled"
 
 
 def test_a_robot_keeps_what_another_deployment_asked_of_it(yard: Yard) -> None:
-    record, before = _announcing(yard), ask(yard.store, desired(yard.publish(GOOD), 1, deployment="dep-before"))
+    record, before = _announcing(yard), ask_robot(yard.store, desired(yard.publish(GOOD), 1, deployment="dep-before"))
 
     with pytest.raises(StoreError, match="another's"):
-        ask(yard.store, _wanted(yard, record), check=_wakes_up(yard, record))
+        ask_robot(yard.store, _wanted(yard, record), check=_wakes_up(yard, record))
 
     assert read_desired(yard.store, "r1")[0] == before
 
@@ -75,14 +75,14 @@ def test_what_lies_there_and_is_too_big_asks_nothing_afterwards(yard: Yard) -> N
     yard.store.put(desired_key("r1"), b" " * (1 << 21))
 
     with pytest.raises(StoreError, match="another's"):
-        ask(yard.store, _wanted(yard, record), check=_wakes_up(yard, record))
+        ask_robot(yard.store, _wanted(yard, record), check=_wakes_up(yard, record))
 
     assert yard.store.get(desired_key("r1")).body == NOTHING_ASKED
 
 
 def test_a_robot_that_was_asked_stays_asked(yard: Yard) -> None:
     record = _announcing(yard)
-    ask(yard.store, _wanted(yard, record))
+    ask_robot(yard.store, _wanted(yard, record))
     before = yard.store.get(desired_key("r1"))
 
     assert _closed(yard, record).status == "Canceled"
@@ -94,7 +94,7 @@ def test_after_a_job_was_closed_a_robot_is_asked_as_ever(yard: Yard) -> None:
     record = _announcing(yard)
     _closed(yard, record)
 
-    asked = ask(yard.store, desired(yard.publish(GOOD), 1, deployment="dep-next"))
+    asked = ask_robot(yard.store, desired(yard.publish(GOOD), 1, deployment="dep-next"))
 
     assert read_desired(yard.store, "r1")[0] == asked
 

@@ -9,7 +9,7 @@ from tasks.deploy.fleet.robots import read_desired
 from tasks.deploy.rollout import operator_commands
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.operator_commands import active_deployment, steer
-from tasks.deploy.rollout.robot_requests import withdraw, withdrawn_sequence
+from tasks.deploy.rollout.robot_requests import withdraw_request, withdrawn_sequence
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
 from tests.deploy.puppets import PuppetRobots, run
@@ -183,7 +183,7 @@ def test_a_robot_that_answers_at_the_last_moment_stays_asked(yard: Yard) -> None
     robots, version = PuppetRobots(yard.store, 3), yard.publish({"run.sh": STAYS_UP})
     run(yard, robots, yard.request(version, "one"), version.digest)
 
-    assert not withdraw(yard.store, "r0", job_of(yard))
+    assert not withdraw_request(yard.store, "r0", job_of(yard))
     assert read_desired(yard.store, "r0")[0] is not None
-    assert withdraw(yard.store, "r0", "another")
+    assert withdraw_request(yard.store, "r0", "another")
     assert read_desired(yard.store, "r0")[0] is not None

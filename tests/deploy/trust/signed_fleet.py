@@ -8,13 +8,13 @@ from specs.robomaker.bundle import Version
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.robot.disk import Disk
-from tasks.deploy.robot.launch import Place
+from tasks.deploy.robot.launch import LaunchPlace
 from tasks.deploy.robot.reported_state import Reporter
 from tasks.deploy.robot.shutdown import Stop
-from tasks.deploy.robot.update import Robot
-from tasks.deploy.rollout.robot_requests import ask
+from tasks.deploy.robot.update import RobotUpdater
+from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.deploy.trust.keyring import Keyring, Role
-from tasks.deploy.trust.repository import init_keys, opened, renew, rotate
+from tasks.deploy.trust.repository import init_keys, open_repository, renew_metadata, rotate_key
 from tasks.deploy.trust.signer import DeploymentSigner
 from tasks.deploy.trust.verification import Verifier
 from tasks.storage.base.keys import desired_key, trust_key
@@ -66,12 +66,12 @@ class Owner:
 
     def rotate(self, *roles: Role) -> None:
         for role in roles:
-            with opened(self.store, self.ring, clock=self.clock) as session:
-                rotate(session, role)
+            with open_repository(self.store, self.ring, clock=self.clock) as session:
+                rotate_key(session, role)
 
     def renew(self) -> Sequence[Role]:
-        with opened(self.store, self.ring, clock=self.clock) as session:
-            return renew(session)
+        with open_repository(self.store, self.ring, clock=self.clock) as session:
+            return renew_metadata(session)
 
     def signed(self, version: Version, sequence: int, **changes: object) -> Desired:
         signer = self.signer
@@ -105,8 +105,8 @@ class CarefulRobot:
         self.folder = yard.root(NAME)
         self.disk = Disk(self.folder)
         self.check = Verifier(yard.store, self.folder / "trust", root_of_trust)
-        place = Place(robot=NAME, disk=self.disk, stop=Stop(), grace_s=0.05)
-        self.robot = Robot(yard.store, place, Reporter(yard.store, NAME), self.check)
+        place = LaunchPlace(robot=NAME, disk=self.disk, stop=Stop(), grace_s=0.05)
+        self.robot = RobotUpdater(yard.store, place, Reporter(yard.store, NAME), self.check)
 
     def look(self, wanted: Desired | None = None) -> Reported:
         """Takes what is asked, or what lies in the store, and returns what it reports."""
@@ -128,7 +128,7 @@ def asked(owner: Owner, version: Version, deployment: str) -> Desired:
     """Returns what the owner's controller wrote for the robot."""
     signer = owner.signer
     signer.admit(version.digest)
-    return ask(owner.store, desired(version, 1, deployment=deployment), signer.sign)
+    return ask_robot(owner.store, desired(version, 1, deployment=deployment), signer.sign)
 
 
 def refused(careful: CarefulRobot, installed: Version, reported: Reported, says: str) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from specs.errors import DocumentError
 from tasks.deploy.trust.keyring import ROLES, checked_role, keyring
-from tasks.deploy.trust.repository import init_keys, opened
+from tasks.deploy.trust.repository import init_keys, open_repository
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 
@@ -58,7 +58,7 @@ def test_keys_are_for_one_store(file_store: Store, tmp_path: Path) -> None:
         init_keys(other, tmp_path / "keys")
     with (
         pytest.raises(DocumentError, match="these are for the store with id"),
-        opened(other, keyring(tmp_path / "keys", other)),
+        open_repository(other, keyring(tmp_path / "keys", other)),
     ):
         pass
 
@@ -69,7 +69,7 @@ def test_a_folder_without_keys_is_refused_with_the_remedy(file_store: Store, tmp
     (tmp_path / "empty").mkdir()
     with (
         pytest.raises(DocumentError, match="simyard fleet keys init --keys DIR"),
-        opened(file_store, keyring(tmp_path / "empty", file_store)),
+        open_repository(file_store, keyring(tmp_path / "empty", file_store)),
     ):
         pass
 

@@ -142,7 +142,7 @@ CHILD = """
 import os, signal, sys
 from pathlib import Path
 from tasks.deploy.trust import keyring
-from tasks.deploy.trust.repository import opened, rotate
+from tasks.deploy.trust.repository import open_repository, rotate_key
 from tasks.storage.backends.local import LocalStore
 left = int(sys.argv[3])
 def mortal(write):
@@ -157,8 +157,8 @@ for name in ("put", "create", "replace"):
     setattr(LocalStore, name, mortal(getattr(LocalStore, name)))
 keyring._write = mortal(keyring._write)
 store = LocalStore(Path(sys.argv[1]))
-with opened(store, keyring.keyring(Path(sys.argv[2]), store)) as session:
-    rotate(session, "timestamp")
+with open_repository(store, keyring.keyring(Path(sys.argv[2]), store)) as session:
+    rotate_key(session, "timestamp")
 """
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from specs.errors import DocumentError, TrustRefused
 from tasks.deploy.trust.keyring import ROLES, Role
 from tasks.deploy.trust.metadata import LIFETIMES
-from tasks.deploy.trust.repository import init_keys, opened
+from tasks.deploy.trust.repository import init_keys, open_repository
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD, desired
@@ -84,7 +84,7 @@ def test_a_deployment_renews_what_is_in_the_second_half_of_its_time(role: Role, 
 
     owner.signed(version, 2)
 
-    with opened(owner.store, owner.ring, clock=owner.clock) as session:
+    with open_repository(owner.store, owner.ring, clock=owner.clock) as session:
         assert not any(session.due(each) for each in ROLES)
 
 

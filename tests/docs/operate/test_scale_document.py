@@ -38,7 +38,7 @@ def test_a_piece_is_as_long_as_it_says() -> None:
         " ".join(DOCUMENT.split()),
     )[0]
     pace = Pace()
-    pace.told(1, 0.1)
+    pace.learn(1, 0.1)
     assert 0.1 * pace.size(10**9, 1) == pytest.approx(float(shortest_s))
     assert 0.1 * pace.size(10**9, int(workers)) == pytest.approx(float(shortest_s))
     assert 0.1 * pace.size(10**9, 1000) == pytest.approx(1000 * float(a_worker_s))

@@ -10,7 +10,7 @@ import pytest
 from pydantic import JsonValue
 
 from flows.batch.batch_end import settled, with_audit
-from flows.resource.answers import described, listed
+from flows.resource.answers import describe_resource, listed
 from flows.resource.cancel import cancel
 from flows.run.stage_summary import batch_report
 from flows.simulation_batch import _run
@@ -53,8 +53,8 @@ def test_cancelling_a_batch_that_nobody_works_on_closes_it_with_the_rows_of_what
 
 
 ASK: dict[str, Callable[[Store, str], object]] = {
-    "describe": described,
-    "describe job": lambda store, arn: described(store, f"{arn.replace(BATCH, 'simulation-job')}/0"),
+    "describe": describe_resource,
+    "describe job": lambda store, arn: describe_resource(store, f"{arn.replace(BATCH, 'simulation-job')}/0"),
     "list": lambda store, _: listed(store, "simulation-job-batches"),
     "list jobs": lambda store, _: listed(store, "simulation-jobs"),
 }
@@ -83,7 +83,7 @@ def test_a_batch_that_somebody_works_on_is_left_to_him(left: OpenBatch):
 
 def test_a_batch_that_nobody_stopped_is_left_to_be_continued(left: OpenBatch):
     assert settled(left.store, left.id).status == "InProgress"
-    assert described(left.store, left.record().arn).model_dump()["status"] == "InProgress"
+    assert describe_resource(left.store, left.record().arn).model_dump()["status"] == "InProgress"
 
 
 def test_a_process_that_was_paused_meanwhile_cannot_commit_what_was_given_up(left: OpenBatch):
@@ -111,9 +111,9 @@ def test_a_batch_that_cannot_be_closed_is_told_as_it_stands_and_keeps_no_other_f
         broken.setattr("flows.batch.batch_end.write_batch_tables", gone)
         told = {each.model_dump()["arn"]: each.model_dump()["status"] for each in listed(left.store, f"{BATCH}es")}
         assert told == {left.record().arn: "Canceling", other.record().arn: "InProgress"}
-        assert described(left.store, left.record().arn).model_dump()["status"] == "Canceling"
+        assert describe_resource(left.store, left.record().arn).model_dump()["status"] == "Canceling"
     assert f"batch {left.id} was stopped and cannot be closed: there is no bucket results" in caplog.text
-    assert described(left.store, left.record().arn).model_dump()["status"] == "Canceled"
+    assert describe_resource(left.store, left.record().arn).model_dump()["status"] == "Canceled"
 
 
 def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Path):

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from typer.testing import CliRunner
 
-from flows.batch.compare_batches import batch_named, flip_maps, pairs_of
+from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
 from flows.cli.shell import app
 from specs.errors import DocumentError, StageFailed
 from tasks.results.playback.plan_scale import plan_page
@@ -79,8 +79,8 @@ def test_each_flip_is_told_with_its_reason(run: Run):
 def test_a_map_shows_both_ways_whether_they_were_recorded_or_not(
     batches: tuple[OpenBatch, OpenBatch], run: Run, tmp_path: Path
 ):
-    first, second = (batch_named(batch.store, batch.id) for batch in batches)
-    flips = pairs_of(first, second).flips
+    first, second = (find_batch(batch.store, batch.id) for batch in batches)
+    flips = common_episodes(first, second).flips
     drawn = list(flip_maps(first, second, flips))
     assert {each.world for each in drawn} == {flip.world for flip in flips}
     root = ET.fromstring(drawn[0].svg)  # noqa: S314 - our own document
@@ -103,14 +103,14 @@ def test_a_map_shows_both_ways_whether_they_were_recorded_or_not(
 
 def test_a_batch_without_tables_is_refused(file_store: Store):
     with pytest.raises(DocumentError, match="a batch that has its tables; this one is InProgress"):
-        batch_named(file_store, begun(file_store).id)
+        find_batch(file_store, begun(file_store).id)
 
 
 def test_batches_without_a_common_episode_are_refused(batches: tuple[OpenBatch, OpenBatch]):
     store = batches[0].store
     other = closed_batch(store, pushing_plan(store, seeds=(900, 901)), "other")
     with pytest.raises(DocumentError, match=r"900, 901 only in the second.*batches with episodes in common"):
-        pairs_of(batch_named(store, batches[0].id), batch_named(store, other.id))
+        common_episodes(find_batch(store, batches[0].id), find_batch(store, other.id))
 
 
 def test_a_comparison_of_what_did_not_change_is_a_warning(batches: tuple[OpenBatch, OpenBatch]):
@@ -138,6 +138,6 @@ def test_results_that_are_not_what_the_batch_wrote_are_not_compared(batches: tup
     store.put(key, before + b" ")
     try:
         with pytest.raises(StageFailed, match=r"MismatchedEtag.*is not what the batch wrote"):
-            batch_named(store, record.id)
+            find_batch(store, record.id)
     finally:
         store.put(key, before)

@@ -34,7 +34,7 @@ def driven(batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = GATE, m
     """Drives a batch's chunks as its flow does, until so many were simulated; returns what ended it."""
     early = EarlyEnd(batch, gate)
     for number in range(batch.layout.chunks):
-        if early.reached(number):
+        if early.ends_before(number):
             return cast("dict[str, JsonValue]", early.detail["stopped_early"])
         if number == most:
             raise KeyboardInterrupt

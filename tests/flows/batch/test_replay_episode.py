@@ -13,7 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from flows.batch import replay_episode
-from flows.batch.replay_episode import Replayed, replayed
+from flows.batch.replay_episode import JobReplay, replay_job
 from flows.batch.replay_files import Wanted, wanted_files, write_files
 from flows.cli.batch_text import replay_answer, show_replay
 from flows.cli.shell import app
@@ -41,36 +41,36 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> OpenBatch:
 
 
 @pytest.fixture(scope="module")
-def again(batch: OpenBatch) -> Replayed:
-    return replayed(batch.store, f"{batch.id}/4")
+def again(batch: OpenBatch) -> JobReplay:
+    return replay_job(batch.store, f"{batch.id}/4")
 
 
 def test_twenty_random_episodes_deviate_by_nothing(batch: OpenBatch):
     drawn = np.random.default_rng(7).choice(batch.layout.episodes, 20, replace=False)
     for index in drawn.tolist():
-        found = replayed(batch.store, f"{batch.id}/{index}")
+        found = replay_job(batch.store, f"{batch.id}/{index}")
         assert found.same, replay_answer(found)
         assert {each.most for each in found.deviations} == {0.0}
 
 
-def test_the_row_its_way_and_its_recording_are_compared(again: Replayed):
+def test_the_row_its_way_and_its_recording_are_compared(again: JobReplay):
     columns = {each.column for each in again.deviations}
     assert {"simulated_s", "final_x_m", "energy_j", "goal_times_s", "outcome_reason", "environment"} <= columns
     assert {"trajectory_x_m", "failure_reason", "recording.ranges_m", "recording.impulse_ns"} <= columns
 
 
-def test_a_job_is_named_by_its_arn_too(batch: OpenBatch, again: Replayed):
-    assert replayed(batch.store, f"arn:simyard:simulation-job:0:{batch.id}/4").deviations == again.deviations
+def test_a_job_is_named_by_its_arn_too(batch: OpenBatch, again: JobReplay):
+    assert replay_job(batch.store, f"arn:simyard:simulation-job:0:{batch.id}/4").deviations == again.deviations
 
 
-def test_the_answer_is_zero_in_every_column(again: Replayed):
+def test_the_answer_is_zero_in_every_column(again: JobReplay):
     columns = len(again.deviations)
     assert replay_answer(again) == [
         f"{again.job}: collision; deviation 0 in all {columns} columns, {len(REQUESTED)} of its request not shown"
     ]
 
 
-def test_columns_that_are_not_shown_are_those_left_out_of_the_table(again: Replayed):
+def test_columns_that_are_not_shown_are_those_left_out_of_the_table(again: JobReplay):
     out = io.StringIO()
     show_replay(again, Console(file=out, width=200))
     lines = out.getvalue().splitlines()
@@ -114,7 +114,7 @@ def test_a_number_that_is_off_in_its_last_bit_is_found(batch: OpenBatch, tampere
     location = recorded_location(batch.record())
     x_m = stored_rows(batch.store, location, batch.id, "failures.parquet", index=4).column("final_x_m")[0].as_py()
     tampered("failures.parquet", "final_x_m", float(np.nextafter(x_m, 9.0)))
-    found = replayed(batch.store, f"{batch.id}/4")
+    found = replay_job(batch.store, f"{batch.id}/4")
     (deviation,) = [each for each in found.deviations if not each.same]
     assert deviation.column == "final_x_m"
     assert 0.0 < deviation.most < 1e-12
@@ -130,7 +130,7 @@ def test_a_word_that_differs_is_told_with_what_may_be_why(
 
     monkeypatch.setattr(replay_episode, "batch_metadata", elsewhere)
     monkeypatch.setattr(replay_episode, "this_machine", lambda: "abacus")
-    told = replay_answer(replayed(batch.store, f"{batch.id}/4"))
+    told = replay_answer(replay_job(batch.store, f"{batch.id}/4"))
     assert told[0].endswith("columns deviate: outcome_reason differs")
     assert told[1].startswith("may be why: jax was ")
     assert told[1].endswith(", and is 9.9")
@@ -141,13 +141,13 @@ def test_a_word_that_differs_is_told_with_what_may_be_why(
 def test_a_job_without_an_end_is_refused(file_store: Store):
     batch = begun(file_store)
     with pytest.raises(DocumentError, match="a job of a batch that has its tables; this one is InProgress"):
-        replayed(file_store, f"{batch.id}/0")
+        replay_job(file_store, f"{batch.id}/0")
 
 
 def test_a_job_that_was_cancelled_has_nothing_to_compare(batch: OpenBatch, tampered: Tamper):
     tampered("results.parquet", "success", None)
     with pytest.raises(DocumentError, match="this one was canceled"):
-        replayed(batch.store, f"{batch.id}/4")
+        replay_job(batch.store, f"{batch.id}/4")
 
 
 def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
@@ -156,13 +156,13 @@ def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
     batch.store.put(key, pen(4.5, 9).model_dump_json().encode())
     commit._world.cache_clear()
     with pytest.raises(ResourceNotFound, match="world hand/pen-1 is not what it was"):
-        replayed(batch.store, f"{batch.id}/31")
+        replay_job(batch.store, f"{batch.id}/31")
     batch.store.put(key, before)
 
 
 def test_an_arn_of_something_else_is_refused(batch: OpenBatch):
     with pytest.raises(DocumentError, match="an ARN of a simulation-job"):
-        replayed(batch.store, f"arn:simyard:{KIND}:0:{batch.id}")
+        replay_job(batch.store, f"arn:simyard:{KIND}:0:{batch.id}")
 
 
 def test_the_command_ends_with_0_for_the_same_bits_and_with_1_for_others(
@@ -177,13 +177,13 @@ def test_the_command_ends_with_0_for_the_same_bits_and_with_1_for_others(
     assert (tmp_path / "replay.svg").is_file()
 
 
-def test_drawing_and_mcap_are_written(again: Replayed, tmp_path: Path):
+def test_drawing_and_mcap_are_written(again: JobReplay, tmp_path: Path):
     files = write_files(again, tmp_path / "new" / "folder", Wanted(mcap=True, video=False))
     assert [path.name for path in files] == ["replay.svg", "replay.mcap"]
     assert all(path.stat().st_size > 1000 for path in files)
 
 
-def test_without_a_gl_the_film_is_from_above(again: Replayed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_a_gl_the_film_is_from_above(again: JobReplay, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     assert again.playback
     *_, film = write_files(again, tmp_path, Wanted(mcap=False, video=True))

@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from flows.batch.batch_end import close_with_tables
-from flows.batch.report_files import local_copy, write_to
+from flows.batch.report_files import local_copy, write_report_page
 from flows.cli.batch_commands import report
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.results.report.report_job import stored_worlds
@@ -49,13 +49,13 @@ def test_it_is_made_again_to_the_byte_by_every_name_of_the_batch(file_store: Sto
     job = f"{record.arn.replace('simulation-job-batch', 'simulation-job')}/3"
     for name in (record.id, record.arn, job):
         Path(urlsplit(url).path).unlink()
-        assert write_to(file_store, name, None).url == url
+        assert write_report_page(file_store, name, None).url == url
         assert page(url) == before
 
 
 def test_beside_the_tables_links_are_relative_and_elsewhere_they_are_not(file_store: Store, tmp_path: Path):
     record = closed(file_store)
-    elsewhere = write_to(file_store, record.id, tmp_path / "new" / "folder" / "batch.html")
+    elsewhere = write_report_page(file_store, record.id, tmp_path / "new" / "folder" / "batch.html")
     assert (tmp_path / "new" / "folder" / "batch.html").read_bytes() == elsewhere.page
     assert b'href="results.parquet"' in page(str(record.detail["report_url"]))
     assert f'href="{record.detail["results_url"]}"'.encode() in elsewhere.page
@@ -69,20 +69,20 @@ def test_every_relative_link_leads_to_a_file(file_store: Store):
 
 def test_on_s3_the_page_lies_there_and_a_browser_gets_a_copy(s3_store: Store):
     record = closed(s3_store)
-    place = write_to(s3_store, record.arn, None)
+    place = write_report_page(s3_store, record.arn, None)
     key = place.url.removeprefix(s3_store.url + "/")
     assert s3_store.get(key).body == place.page
     assert local_copy(place).read_bytes() == place.page
 
 
 def test_a_page_in_a_folder_is_opened_where_it_is(file_store: Store):
-    place = write_to(file_store, closed(file_store).id, None)
+    place = write_report_page(file_store, closed(file_store).id, None)
     assert local_copy(place).as_uri() == place.url
 
 
 def test_a_batch_that_has_not_ended_is_refused(file_store: Store):
     with pytest.raises(DocumentError, match="this one is InProgress: its tables come when it ends"):
-        write_to(file_store, begun(file_store).id, None)
+        write_report_page(file_store, begun(file_store).id, None)
 
 
 @pytest.mark.parametrize(
@@ -90,13 +90,13 @@ def test_a_batch_that_has_not_ended_is_refused(file_store: Store):
 )
 def test_what_does_not_exist_is_said_not_to(file_store: Store, name: str):
     with pytest.raises(ResourceNotFound):
-        write_to(file_store, name, None)
+        write_report_page(file_store, name, None)
 
 
 @pytest.mark.parametrize("name", ["arn:simyard:world:0123456789ab:g/w0", "arn:simyard:nothing:0123456789ab:x"])
 def test_what_is_no_batch_is_refused(file_store: Store, name: str):
     with pytest.raises(DocumentError, match="arn"):
-        write_to(file_store, name, None)
+        write_report_page(file_store, name, None)
 
 
 def test_a_world_that_changed_since_the_batch_is_not_drawn(file_store: Store, caplog: pytest.LogCaptureFixture):
@@ -125,4 +125,4 @@ def test_tables_that_are_not_what_the_batch_wrote_are_not_reported_on(file_store
     path = Path(urlsplit(str(record.detail[f"{name}_url"])).path)
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(StageFailed, match=rf"MismatchedEtag: .*{name}\.parquet is not what the batch wrote"):
-        write_to(file_store, record.id, None)
+        write_report_page(file_store, record.id, None)

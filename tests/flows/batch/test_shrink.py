@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from flows.batch.regression_case import write_case
-from flows.batch.shrink import Shrunk, shrunk
+from flows.batch.shrink import ShrunkJob, shrink_job
 from flows.document.references import finder
 from flows.document.tested_batch import batch_plan
 from specs.data.episode import EpisodeResult, reason
@@ -36,23 +36,23 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> OpenBatch:
 
 
 @pytest.fixture(scope="module")
-def found(batch: OpenBatch) -> Shrunk:
-    return shrunk(batch.store, f"arn:simyard:simulation-job:0:{batch.id}/{COLLIDED}", 200)
+def found(batch: OpenBatch) -> ShrunkJob:
+    return shrink_job(batch.store, f"arn:simyard:simulation-job:0:{batch.id}/{COLLIDED}", 200)
 
 
-def test_a_single_piece_is_left_to_run_into(found: Shrunk):
+def test_a_single_piece_is_left_to_run_into(found: ShrunkJob):
     assert len(found.world.furniture) == 14
     assert len(found.small_world.furniture) == 1
     assert found.minimal
     assert found.small_world.furniture[0] in found.world.furniture
 
 
-def test_it_fails_in_the_same_way(found: Shrunk):
+def test_it_fails_in_the_same_way(found: ShrunkJob):
     assert (reason(found.row), reason(found.small_row), found.reason) == ("collision",) * 3
     assert found.small_row.trajectory
 
 
-def test_no_lower_seed_fails_so(batch: OpenBatch, found: Shrunk):
+def test_no_lower_seed_fails_so(batch: OpenBatch, found: ShrunkJob):
     seed = found.small_request.seed
     assert 0 < seed < found.request.seed == SEED
     world = decode_world(batch.store.get(world_key("shrunk", found.small_world.name)).body)
@@ -61,7 +61,7 @@ def test_no_lower_seed_fails_so(batch: OpenBatch, found: Shrunk):
     assert [reason(row) == "collision" for row in _rows(again)] == [False] * seed + [True]
 
 
-def test_the_world_is_in_the_store_with_a_certificate_of_its_own(batch: OpenBatch, found: Shrunk, tmp_path: Path):
+def test_the_world_is_in_the_store_with_a_certificate_of_its_own(batch: OpenBatch, found: ShrunkJob, tmp_path: Path):
     stored = decode_world(batch.store.get(world_key("shrunk", found.small_world.name)).body)
     assert stored == found.small_world
     assert stored.certificate.wishes[-1].found == "1 left"
@@ -69,12 +69,12 @@ def test_the_world_is_in_the_store_with_a_certificate_of_its_own(batch: OpenBatc
     assert add_world(open_store((tmp_path / "other").as_uri()), tmp_path / "world.json") == f"shrunk/{stored.name}"
 
 
-def test_the_same_job_is_shrunk_to_the_same_world_again(batch: OpenBatch, found: Shrunk):
-    again = shrunk(batch.store, f"{batch.id}/{COLLIDED}", 200)
+def test_the_same_job_is_shrunk_to_the_same_world_again(batch: OpenBatch, found: ShrunkJob):
+    again = shrink_job(batch.store, f"{batch.id}/{COLLIDED}", 200)
     assert again._replace(batch=found.batch) == found
 
 
-def test_the_case_is_a_document_whose_batch_fails_in_the_same_way(batch: OpenBatch, found: Shrunk, tmp_path: Path):
+def test_the_case_is_a_document_whose_batch_fails_in_the_same_way(batch: OpenBatch, found: ShrunkJob, tmp_path: Path):
     files = write_case(found, tmp_path / "case")
     assert [path.name for path in files] == ["case.yaml", "world.json", "before.svg", "after.svg"]
     section = read_pipeline(files[0]).simulationBatch
@@ -85,7 +85,7 @@ def test_the_case_is_a_document_whose_batch_fails_in_the_same_way(batch: OpenBat
     assert row.model_copy(update={"index": 0, "recording": ""}) == found.small_row
 
 
-def test_the_case_tells_another_version_apart(batch: OpenBatch, found: Shrunk, tmp_path: Path):
+def test_the_case_tells_another_version_apart(batch: OpenBatch, found: ShrunkJob, tmp_path: Path):
     files = write_case(found, tmp_path / "case")
     pushing_plan(batch.store, robot=slower_pusher(tmp_path))  # publishes the next version
     section = read_pipeline(files[0]).simulationBatch
@@ -96,13 +96,13 @@ def test_the_case_tells_another_version_apart(batch: OpenBatch, found: Shrunk, t
     pushing_plan(batch.store, robot=PUSHER)
 
 
-def test_the_drawings_show_both_ways(found: Shrunk, tmp_path: Path):
+def test_the_drawings_show_both_ways(found: ShrunkJob, tmp_path: Path):
     *_, before, after = write_case(found, tmp_path)
     assert f"{found.job}: collision" in before.read_text()
     assert f"{found.small_world.name} seed {found.small_request.seed}: collision" in after.read_text()
 
 
-def test_the_case_says_what_failed_and_needs_no_other_file(found: Shrunk, tmp_path: Path):
+def test_the_case_says_what_failed_and_needs_no_other_file(found: ShrunkJob, tmp_path: Path):
     text = write_case(found, tmp_path)[0].read_text()
     assert text.startswith(f"# {found.job} fails: collision. Shrunk from 14 pieces of furniture to 1")
     batch = yaml.safe_load(text)["simulationBatch"]
@@ -111,7 +111,7 @@ def test_the_case_says_what_failed_and_needs_no_other_file(found: Shrunk, tmp_pa
 
 @pytest.mark.parametrize("budget", [2, 5])
 def test_a_small_budget_is_kept_and_leaves_more(batch: OpenBatch, budget: int):
-    found = shrunk(batch.store, f"{batch.id}/{COLLIDED}", budget)
+    found = shrink_job(batch.store, f"{batch.id}/{COLLIDED}", budget)
     assert found.episodes <= budget
     assert not found.minimal
     assert found.reason == reason(found.small_row) == "collision"
@@ -121,4 +121,4 @@ def test_a_job_that_passed_is_refused(batch: OpenBatch):
     easy = closed_batch(batch.store, pushing_plan(batch.store, seeds=tuple(range(40, 72))), "easy")
     passed = [row.index for row in _rows(easy) if row.outcome == "Passed"]
     with pytest.raises(DocumentError, match="a job that failed; this one passed"):
-        shrunk(batch.store, f"{easy.id}/{passed[0]}", 9)
+        shrink_job(batch.store, f"{easy.id}/{passed[0]}", 9)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 
 import pytest
 
-from flows.cli.exit_codes import leave_after
+from flows.cli.exit_codes import run_and_exit
 from flows.cli.shell import app
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
@@ -31,7 +31,7 @@ def _raises(exc: BaseException) -> Callable[[], None]:
 
 def _code(command: Callable[[], object]) -> object:
     with pytest.raises(SystemExit) as left:
-        leave_after(command)
+        run_and_exit(command)
     return left.value.code
 
 
@@ -87,7 +87,7 @@ def test_an_interrupt_that_became_another_exception_is_still_one(capsys: pytest.
 def test_an_interrupt_that_is_swallowed_ends_the_process_later():
     script = """
 import signal, threading
-from flows.cli.exit_codes import leave_after
+from flows.cli.exit_codes import run_and_exit
 
 def command():
     try:
@@ -95,7 +95,7 @@ def command():
     except SystemExit:
         threading.Event().wait(250)
 
-leave_after(command, grace_s=0.0)
+run_and_exit(command, grace_s=0.0)
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr.strip()) == (143, "interrupted; the same command continues this run")
@@ -120,7 +120,7 @@ def slow_to_leave():
         threading.Event().wait(250 if "{second}" == "SIGINT" else 2)
         raise SystemExit(5)
 
-exit_codes.leave_after(slow_to_leave, grace_s=240.0)
+exit_codes.run_and_exit(slow_to_leave, grace_s=240.0)
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert ended.returncode == code, ended.stderr
@@ -129,9 +129,9 @@ exit_codes.leave_after(slow_to_leave, grace_s=240.0)
 def test_a_thread_that_never_ends_keeps_no_process_alive():
     script = """
 import threading
-from flows.cli.exit_codes import leave_process_after
+from flows.cli.exit_codes import run_and_end_process
 
-leave_process_after(lambda: threading.Thread(target=threading.Event().wait).start(), grace_s=0.1)
+run_and_end_process(lambda: threading.Thread(target=threading.Event().wait).start(), grace_s=0.1)
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
     assert (ended.returncode, ended.stderr) == (0, "")

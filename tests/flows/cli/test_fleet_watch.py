@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from flows.cli.fleet_watch import LEFT, deployment_table, next_deployment, told_now, watch_deployment
+from flows.cli.fleet_watch import ABANDONED, deployment_table, fleet_notes, next_deployment, watch_deployment
 from flows.cli.shell import app
 from specs.errors import StageFailed
 from tasks.deploy.answers.describe import describe_deployment_job
@@ -113,7 +113,7 @@ def test_an_ended_deployment_is_shown_as_it_ended_and_who_is_otherwise_since(fil
 
 def test_each_robot_of_a_fleet_is_told_with_what_it_runs(file_store: Store, tmp_path: Path) -> None:
     deployed(file_store, tmp_path)
-    assert told_now(file_store, FLEET) == ["r0 runs courier 2", "r1 runs nothing", "r2 runs courier 1"]
+    assert fleet_notes(file_store, FLEET) == ["r0 runs courier 2", "r1 runs nothing", "r2 runs courier 1"]
 
 
 def test_the_next_deployment_is_waited_for_and_one_under_way_is_not(file_store: Store, tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_a_deployment_that_nobody_works_on_says_so(file_store: Store, tmp_path: 
     job = robots.asked()[0].deployment
 
     def end(_seconds: float) -> None:
-        assert LEFT.split(":")[0] in shown.getvalue()
+        assert ABANDONED.split(":")[0] in shown.getvalue()
         advance(file_store, "deployment-job", job, "Canceled")
 
     watch_deployment(file_store, job, Console(file=shown, width=160, force_terminal=True), end)

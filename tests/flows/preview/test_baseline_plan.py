@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.preview.baseline_plan import Judged, judged_of
+from flows.preview.baseline_plan import Judged, gate_basis
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.storage.base.store import Store
 from tests.factories.judged_batches import courier, delivery, ended
@@ -31,7 +31,7 @@ def shelf(file_store: Store, tmp_path: Path) -> Shelf:
 
 
 def _judged(store: Store, shelf: Shelf, *templates: object, rule: NoWorseThan | None = RULE, **changes: object):
-    return judged_of(plan(store, templates=templates, **changes), rule, shelf.old.digest, store)
+    return gate_basis(plan(store, templates=templates, **changes), rule, shelf.old.digest, store)
 
 
 def test_of_both_versions_in_one_batch_the_tested_one_is_counted(file_store: Store, shelf: Shelf):

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from flows.cli.shell import app
 from flows.resource import cancel as cancel_module
-from flows.resource.abandoned_jobs import Reaped, described_notes, listed_notes, reap
+from flows.resource.abandoned_jobs import ReapedJob, job_notes, kind_notes, reap_jobs
 from specs.errors import StoreError
 from specs.job_kinds import JobKind
 from tasks.simulate.batch.cancel_restart import cancel_batch
@@ -40,9 +40,9 @@ class Clock:
         self.passed_s += seconds
 
 
-def reaped(store: Store) -> dict[str, Reaped]:
+def reaped(store: Store) -> dict[str, ReapedJob]:
     clock = Clock()
-    return {each.arn: each for each in reap(store, clock.sleep, clock.now_s)}
+    return {each.arn: each for each in reap_jobs(store, clock.sleep, clock.now_s)}
 
 
 def left_by_another_machine(store: Store, kind: JobKind, job: str, beat: int = 0) -> None:
@@ -62,19 +62,19 @@ def a_run(store: Store) -> tuple[JobRecord, JobRecord]:
 
 def test_what_is_left_is_continued_by_its_document_and_known_to_be_left_at_once(store: Store) -> None:
     run, job = a_run(store)
-    assert list(listed_notes(store, "pipeline-runs")) == []  # its process may live, as far as a glance tells
+    assert list(kind_notes(store, "pipeline-runs")) == []  # its process may live, as far as a glance tells
     found = reaped(store)
     assert {arn: (each.was, each.status) for arn, each in found.items()} == {
         run.arn: ("Running", "Running"),
         job.arn: ("Running", "Running"),
     }
     assert {each.told for each in found.values()} == {"simyard run of nightly continues it"}
-    assert list(listed_notes(store, "pipeline-runs")) == [
+    assert list(kind_notes(store, "pipeline-runs")) == [
         f"{run.arn} is Running, and nobody works on it: simyard run of nightly continues it"
     ]
     with begun(store, {"flow": "pipeline", "spec": SPEC}) as again:
         assert again.id == run.id
-        assert list(listed_notes(store, "pipeline-runs")) == []
+        assert list(kind_notes(store, "pipeline-runs")) == []
 
 
 def test_a_job_whose_run_is_worked_on_is_not_left(file_store: Store) -> None:
@@ -82,8 +82,8 @@ def test_a_job_whose_run_is_worked_on_is_not_left(file_store: Store) -> None:
         pass
     job = submit(file_store, "world-generation-job", {}, stage_token(run, "worlds"))
     with claimed(file_store, claim_key(KIND, run.id), ttl_s=3.0):
-        assert reap(file_store) == []
-        assert list(described_notes(file_store, job.arn)) == []
+        assert reap_jobs(file_store) == []
+        assert list(job_notes(file_store, job.arn)) == []
 
 
 def test_a_holder_elsewhere_that_beats_is_left_alone(file_store: Store) -> None:
@@ -95,7 +95,7 @@ def test_a_holder_elsewhere_that_beats_is_left_alone(file_store: Store) -> None:
         clock.sleep(seconds)
         left_by_another_machine(file_store, EXPORT, job.id, next(beats))
 
-    assert reap(file_store, sleep, clock.now_s) == []
+    assert reap_jobs(file_store, sleep, clock.now_s) == []
 
 
 def test_a_holder_that_slept_goes_on_with_its_claim_after_the_reaper_was_there(
@@ -107,7 +107,7 @@ def test_a_holder_that_slept_goes_on_with_its_claim_after_the_reaper_was_there(
         assert [each.status for each in reaped(file_store).values()] == ["Pending"]
         claim._write(claim._record)  # its next heartbeat
         assert not claim.replaced
-        assert list(described_notes(file_store, job.arn)) == []
+        assert list(job_notes(file_store, job.arn)) == []
 
 
 def test_a_job_that_was_being_cancelled_ends_canceled(file_store: Store) -> None:
@@ -116,7 +116,7 @@ def test_a_job_that_was_being_cancelled_ends_canceled(file_store: Store) -> None
     left_by_another_machine(file_store, EXPORT, job.id)
     clock = Clock()
     file_store.delete(claim_key(EXPORT, job.id))
-    assert [each.status for each in reap(file_store, clock.sleep, clock.now_s)] == ["Canceled"]
+    assert [each.status for each in reap_jobs(file_store, clock.sleep, clock.now_s)] == ["Canceled"]
 
 
 def test_a_deployment_that_was_being_cancelled_ends_canceled(file_store: Store) -> None:
@@ -153,8 +153,8 @@ def test_the_job_of_a_request_of_ones_own_is_continued_by_that(file_store: Store
 
 
 def test_nothing_is_said_of_what_is_no_job(file_store: Store) -> None:
-    assert list(described_notes(file_store, "arn:simyard:world:0:g/w")) == []
-    assert list(listed_notes(file_store, "worlds")) == []
+    assert list(job_notes(file_store, "arn:simyard:world:0:g/w")) == []
+    assert list(kind_notes(file_store, "worlds")) == []
 
 
 def test_describe_tells_of_a_run_that_nobody_works_on(file_store: Store) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.resource.answers import described, described_together, listed
+from flows.resource.answers import describe_jobs, describe_resource, listed
 from flows.resource.cancel import cancel
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
@@ -40,7 +40,7 @@ def test_an_old_arn_of_robomaker_means_the_batch_of_that_name(file_store: Store)
 def test_several_jobs_are_described_at_once_and_those_that_are_not_there_are_named(file_store: Store):
     job = begun(file_store).record().arn.replace("simulation-job-batch", "simulation-job")
     asked = [f"{job}/5", f"{job}/6", f"{job}/0"]
-    answer = described_together(file_store, asked)
+    answer = describe_jobs(file_store, asked)
     assert isinstance(answer, BatchDescribeSimulationJobResponse)
     assert [each.arn for each in answer.jobs or ()] == [asked[0], asked[2]]
     assert answer.unprocessedJobs == (asked[1],)
@@ -49,7 +49,7 @@ def test_several_jobs_are_described_at_once_and_those_that_are_not_there_are_nam
 @pytest.mark.parametrize("arns", [["arn:x"] * 101, ["arn:x", "job"]])
 def test_a_hundred_arns_are_described_at_once_at_most(file_store: Store, arns: list[str]):
     with pytest.raises(DocumentError, match="jobs"):
-        described_together(file_store, arns)
+        describe_jobs(file_store, arns)
 
 
 @pytest.mark.parametrize("kind", ["world-generation-job", "world-export-job"])
@@ -70,7 +70,7 @@ def test_a_world_that_somebody_added_is_listed_and_described_without_a_job(file_
     arn = f"arn:simyard:world:{store_id(file_store)}:shrunk/small"
     file_store.put("worlds/shrunk/contact-sheet.svg", b"<svg/>")
     assert [each.model_dump(exclude_none=True) for each in listed(file_store, "worlds")] == [{"arn": arn}]
-    assert described(file_store, arn).model_dump(exclude_none=True) == {"arn": arn}
+    assert describe_resource(file_store, arn).model_dump(exclude_none=True) == {"arn": arn}
 
 
 def test_a_world_of_a_job_that_goes_on_is_not_taken_for_an_added_one(file_store: Store):

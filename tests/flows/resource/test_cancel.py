@@ -3,7 +3,7 @@
 import pytest
 from pydantic import JsonValue
 
-from flows.resource.cancel import cancel, cancel_jobs, cancel_run, unless_canceled
+from flows.resource.cancel import cancel, cancel_jobs, cancel_run, require_not_canceled
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import claim_key
@@ -39,7 +39,7 @@ def test_whoever_works_on_a_run_is_left_to_end_it(file_store: Store) -> None:
     with claimed(file_store, claim_key(KIND, run.id), ttl_s=3.0):
         assert cancel_run(file_store, run.id).status == "Canceling"
         with pytest.raises(StageFailed, match="Canceled: canceled on request"):
-            unless_canceled(file_store, run)
+            require_not_canceled(file_store, run)
     assert read(file_store, KIND, run.id).status == "Canceling"
     assert cancel_run(file_store, run.id).status == "Canceled"
 

@@ -11,7 +11,7 @@ from prefect.states import Cancelling
 from pydantic import JsonValue
 
 from flows.run import cancellation
-from flows.run.cancellation import cancel_with_flow_run, canceled_state, working_on
+from flows.run.cancellation import cancel_with_flow_run, cancelable_run, canceled_state
 from specs.errors import StageFailed, StoreError
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
@@ -39,7 +39,7 @@ def _work_until_canceled(store: Store, run: JobRecord, job: JobRecord) -> None:
 def test_the_job_under_way_is_cancelled_as_soon_as_its_run_is(file_store: Store) -> None:
     with begun(file_store, IDENTITY) as run:
         job = submit(file_store, "world-export-job", {}, stage_token(run, "world-export"))
-        with pytest.raises(StageFailed, match="Canceled"), working_on(file_store, run):
+        with pytest.raises(StageFailed, match="Canceled"), cancelable_run(file_store, run):
             _work_until_canceled(file_store, run, job)
         assert status(file_store, run) == "Canceled"
 
@@ -47,7 +47,7 @@ def test_the_job_under_way_is_cancelled_as_soon_as_its_run_is(file_store: Store)
 def test_a_run_that_was_cancelled_before_it_is_worked_on_begins_nothing(file_store: Store) -> None:
     with begun(file_store, IDENTITY) as run:
         advance(file_store, KIND, run.id, "Canceling")
-        with pytest.raises(StageFailed, match="canceled on request"), working_on(file_store, run):
+        with pytest.raises(StageFailed, match="canceled on request"), cancelable_run(file_store, run):
             pytest.fail("it began")
         assert status(file_store, run) == "Canceled"
 
@@ -55,7 +55,7 @@ def test_a_run_that_was_cancelled_before_it_is_worked_on_begins_nothing(file_sto
 @pytest.mark.parametrize("exc", [KeyboardInterrupt, SystemExit, StoreError])
 def test_what_only_interrupts_a_run_leaves_it_to_be_continued(file_store: Store, exc: type[BaseException]) -> None:
     with begun(file_store, IDENTITY) as run:
-        with pytest.raises(exc), working_on(file_store, run):
+        with pytest.raises(exc), cancelable_run(file_store, run):
             raise exc
         assert status(file_store, run) == "Running"
 
@@ -66,7 +66,7 @@ def test_a_signal_that_prefect_sent_to_cancel_cancels_the_run(
     monkeypatch.setattr(cancellation, "this_flow_run", SimpleNamespace(id="prefects"))
     monkeypatch.setattr(cancellation, "_is_cancelling", lambda own: own == "prefects")
     with begun(file_store, IDENTITY) as run:
-        with pytest.raises(SystemExit), working_on(file_store, run):
+        with pytest.raises(SystemExit), cancelable_run(file_store, run):
             raise SystemExit(143)
         assert status(file_store, run) == "Canceled"
 
@@ -76,7 +76,7 @@ def test_prefects_cancel_reaches_a_flow_run_that_no_worker_started(
 ) -> None:
     monkeypatch.setattr(cancellation, "this_flow_run", SimpleNamespace(id="prefects"))
     monkeypatch.setattr(cancellation, "_is_cancelling", lambda own: own == "prefects")
-    with begun(file_store, IDENTITY) as run, working_on(file_store, run):
+    with begun(file_store, IDENTITY) as run, cancelable_run(file_store, run):
         assert eventually(lambda: status(file_store, run) == "Canceling")
 
 

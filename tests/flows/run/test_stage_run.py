@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.run.stage_run import ended_well
+from flows.run.stage_run import require_success
 from specs.errors import StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, submit
@@ -12,4 +12,4 @@ def test_a_canceled_job_says_that_somebody_asked_for_it(file_store: Store):
     job = submit(file_store, "world-generation-job", {}, "token").id
     advance(file_store, "world-generation-job", job, "Canceling")
     with pytest.raises(StageFailed, match=r"^Canceled: canceled on request"):
-        ended_well(advance(file_store, "world-generation-job", job, "Canceled"))
+        require_success(advance(file_store, "world-generation-job", job, "Canceled"))

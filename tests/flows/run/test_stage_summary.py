@@ -9,13 +9,13 @@ from rich.console import Console
 
 from flows.cli.output import show_report
 from flows.run.stage_summary import (
-    alarmed,
     batch_report,
     deployment_report,
     gate_report,
     generation_report,
-    run_alarmed,
-    told,
+    recorded_report,
+    run_with_alarm,
+    with_alarm,
 )
 from specs.data.run_report import PipelineReport, StageReport, Verdict
 from specs.errors import DocumentError, StageFailed
@@ -43,19 +43,19 @@ def test_who_waited_is_told_the_report_of_the_run(file_store: Store):
     stage = StageReport(name="gate", arn="", status="PASS", summary="PASS: 9 of 9", seconds=0.5)
     report = PipelineReport(run="run-1", name="nightly", stages=(stage,), verdict="PASS")
     run = _ended(file_store, "pipeline-run", "Completed", {"report": report.model_dump(mode="json")})
-    assert told(run) == report
+    assert recorded_report(run) == report
 
 
 def test_who_waited_for_a_refused_document_is_refused_too(file_store: Store):
     run = _ended(file_store, "pipeline-run", "Failed", {"refused": True}, failure_reason="no such fleet")
     with pytest.raises(DocumentError, match="no such fleet"):
-        told(run)
+        recorded_report(run)
 
 
 def test_who_waited_for_a_stage_that_failed_is_told_its_code(file_store: Store):
     run = _ended(file_store, "pipeline-run", "Failed", {}, failure_code="AccessDenied", failure_reason="read-only")
     with pytest.raises(StageFailed, match="AccessDenied: read-only"):
-        told(run)
+        recorded_report(run)
 
 
 def test_a_partial_generation_says_how_many_worlds_failed(file_store: Store):
@@ -161,11 +161,11 @@ def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: st
 def test_a_second_alarm_stands_beside_the_first_and_none_is_told_twice():
     stage = StageReport(name="gate", arn="", status="PASS", summary="PASS: 9 of 9", seconds=0.5)
     for alarm in ("no page", "no picture", "no page"):
-        stage = alarmed(stage, alarm)
+        stage = with_alarm(stage, alarm)
     assert stage.facts["alarm"] == "no page\nno picture"
     report = PipelineReport(run="run-1", name="n", stages=(stage, stage.model_copy(update={"facts": {}})))
-    assert run_alarmed(report, "no picture") == report
-    assert run_alarmed(report, "no disk").stages[1].facts == {"alarm": "no disk"}
+    assert run_with_alarm(report, "no picture") == report
+    assert run_with_alarm(report, "no disk").stages[1].facts == {"alarm": "no disk"}
 
 
 @pytest.mark.parametrize(("trust", "alarms"), [("unsigned", 1), ("signed by 0123", 0)])

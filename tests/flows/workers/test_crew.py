@@ -13,7 +13,7 @@ def test_a_scheduler_is_asked_once_a_second_however_often_the_flow_asks(monkeypa
         return len(asked)
 
     monkeypatch.setattr(crew.time, "monotonic", lambda: now_s[0])
-    width = crew._seldom(count)
+    width = crew._once_a_second(count)
     assert [width(), width(), width()] == [1, 1, 1]
     now_s[0] += 1.0
     assert [width(), width()] == [2, 2]

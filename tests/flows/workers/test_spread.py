@@ -33,7 +33,7 @@ class Hands:
             width=lambda: self._workers,
             going=lambda: self.wanted,
             missing=lambda numbers: tuple(number for number in numbers if number not in self.done),
-            settled=self._settled,
+            on_end=self._on_end,
         )
 
     def _hand_out(self, numbers: Numbers) -> PrefectFuture[Any]:
@@ -52,7 +52,7 @@ class Hands:
             self.done.add(number)
         return 0.001
 
-    def _settled(self, end: Ended) -> float:
+    def _on_end(self, end: Ended) -> float:
         return end.result
 
 
@@ -122,7 +122,7 @@ def test_a_crew_that_has_lost_all_its_workers_is_not_waited_for_once_nobody_want
         width=lambda: 1,
         going=lambda: next(looks),
         missing=lambda numbers: numbers,
-        settled=lambda _: 0.0,
+        on_end=lambda _: 0.0,
     )
     assert next(looks, None) is None
 
@@ -130,17 +130,17 @@ def test_a_crew_that_has_lost_all_its_workers_is_not_waited_for_once_nobody_want
 def test_pieces_grow_until_they_last_long_and_shrink_towards_the_end() -> None:
     pace = Pace()
     assert pace.size(10_000, 2) == 1
-    pace.told(1, 0.5)
+    pace.learn(1, 0.5)
     assert pace.size(10_000, 2) == 30
     assert pace.size(40, 2) == 10
     assert pace.size(1, 2) == 1
-    pace.told(1, 60.0)
+    pace.learn(1, 60.0)
     assert pace.size(10_000, 2) == 1
 
 
 def test_many_workers_get_longer_pieces_so_that_no_more_of_them_end_in_a_second() -> None:
     pace = Pace()
-    pace.told(1, 1.0)
+    pace.learn(1, 1.0)
     ends_a_second = [width / pace.size(10**9, width) for width in (100, 1000, 10_000)]
     assert ends_a_second == [5.0, 5.0, 5.0]
 

@@ -7,7 +7,7 @@ import sys
 from functools import partial
 
 from flows.batch.batch_end import close_with_tables
-from flows.cli.exit_codes import leave_after
+from flows.cli.exit_codes import run_and_exit
 from specs.data.episode import EpisodeResult
 from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import write_recordings
@@ -42,4 +42,4 @@ def _simulate(part: Part) -> list[EpisodeResult]:
 
 
 if __name__ == "__main__":
-    leave_after(lambda: work(opened(open_store(sys.argv[1]), sys.argv[2])))
+    run_and_exit(lambda: work(opened(open_store(sys.argv[1]), sys.argv[2])))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from tasks.deploy.fleet.states import RobotProgress
 from tasks.deploy.rollout.observation import phase_of
-from tasks.deploy.rollout.rollout_plan import Plan
+from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.waves import Move, Phase
 
 _WHY: Mapping[str, str] = {
@@ -16,7 +16,7 @@ _WHY: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RolloutEnd:
     """Attributes: status, failure_code, failure_reason: As RoboMaker has them; empty for a success."""
 
     status: str
@@ -24,7 +24,7 @@ class Verdict:
     failure_reason: str = ""
 
 
-def verdict(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> Verdict:
+def rollout_end(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]) -> RolloutEnd:
     """Returns how a roll-out ended.
 
     Args:
@@ -33,14 +33,14 @@ def verdict(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> Verdic
         seen: How far the robots are.
     """
     if move.verdict == "Succeeded":
-        return Verdict("Succeeded")
+        return RolloutEnd("Succeeded")
     if move.verdict == "Canceled":
-        return Verdict("Canceled", failure_reason=_left_out(_WHY["canceled"], seen))
+        return RolloutEnd("Canceled", failure_reason=_left_out(_WHY["canceled"], seen))
     code = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
-    return Verdict("Failed", code, _left_out(_failures(plan, move, seen), seen))
+    return RolloutEnd("Failed", code, _left_out(_failures(plan, move, seen), seen))
 
 
-def _failures(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> str:
+def _failures(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]) -> str:
     failed = {robot: each.failure_code for robot, each in seen.items() if phase_of(each) is Phase.FAILED}
     names = ", ".join(f"{robot}: {code}" for robot, code in list(failed.items())[:5])
     what = f"{len(failed)} of {len(seen)} robots failed" + (f" ({names})" if names else "")
