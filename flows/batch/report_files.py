@@ -18,8 +18,6 @@ from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, job_id
 
-_RUN = "arn:simyard:pipeline-run:"
-
 
 @dataclass(frozen=True)
 class Place:
@@ -69,12 +67,12 @@ def _reportable(store: Store, text: str) -> JobRecord:
 
 
 def _batch(text: str) -> str:
-    if text.startswith(_RUN):
-        return job_id(KIND, f"{text.rpartition(':')[2]}-batch")
     try:
         reference = parse_reference(text)
     except ValueError as exc:
         raise _refused(text, str(exc)) from exc
+    if reference.kind == "pipeline-run":
+        return job_id(KIND, f"{reference.path}-batch")
     if reference.kind not in {None, KIND, "simulation-job"}:
         raise _refused(text, f"an ARN of a {KIND}, of one of its jobs, or of a pipeline-run")
     return reference.path.partition("/")[0]

@@ -20,6 +20,7 @@ from flows.cli.exit_codes import leave_process_after
 from flows.cli.fleet_commands import fleet_app
 from flows.cli.store_commands import gc, reap
 from flows.cli.world_commands import world_app
+from flows.resource.kinds import KINDS
 from specs.errors import DocumentError, PipelineNotPassed
 
 app = typer.Typer(
@@ -38,10 +39,7 @@ app.command()(shrink)
 app.command()(reap)
 app.command()(gc)
 
-_KINDS = (
-    "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "
-    "simulation-jobs, simulation-job-batches, fleets, robots, deployment-jobs, or pipeline-runs."
-)
+_KINDS = ", ".join(kind.plural for kind in KINDS.values())
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
 StoreUrl = Annotated[
     str | None,

@@ -4,143 +4,13 @@ What a kind needs is imported when it is asked for, so that the shell answers at
 """
 # ruff: noqa: PLC0415 - see above
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
 
-from specs.arn import KINDS, Reference, ResourceKind, parse_reference
+from flows.resource.kinds import KINDS
+from specs.arn import Reference, parse_reference
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
-from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, read, records
-
-
-class Family(NamedTuple):
-    """What is told of kinds of resources that belong together.
-
-    Attributes:
-        describe: RoboMaker's Describe call, by kind.
-        list: Its List call, by the kind's plural.
-    """
-
-    describe: Mapping[ResourceKind, Callable[[Store, str], Spec]]
-    list: Mapping[str, Callable[[Store], Iterable[Spec]]]
-
-
-def _worlds() -> Family:
-    from tasks.worlds.job.describe import (
-        describe_generation_job,
-        describe_stored_world,
-        describe_template,
-        list_templates,
-        list_worlds,
-        summarise_generation_job,
-    )
-
-    job: JobKind = "world-generation-job"
-    return Family(
-        {
-            "world-template": describe_template,
-            "world-generation-job": lambda store, path: describe_generation_job(read(store, job, path)),
-            "world": describe_stored_world,
-        },
-        {
-            "world-templates": list_templates,
-            "world-generation-jobs": lambda store: [summarise_generation_job(each) for each in records(store, job)],
-            "worlds": list_worlds,
-        },
-    )
-
-
-def _exports() -> Family:
-    from tasks.export.job.describe import describe_export_job, summarise_export_job
-
-    job: JobKind = "world-export-job"
-    return Family(
-        {"world-export-job": lambda store, path: describe_export_job(read(store, job, path))},
-        {"world-export-jobs": lambda store: [summarise_export_job(each) for each in records(store, job)]},
-    )
-
-
-def _applications() -> Family:
-    from tasks.applications import describe
-
-    return Family(
-        {
-            "robot-application": describe.describe_robot_application,
-            "simulation-application": describe.describe_simulation_application,
-        },
-        {
-            "robot-applications": describe.list_robot_applications,
-            "simulation-applications": describe.list_simulation_applications,
-        },
-    )
-
-
-def _simulations() -> Family:
-    from flows.resource.cancel import with_settled_batch, with_settled_batches
-    from tasks.simulate.batch.describe import describe_batch, describe_job, list_batches, list_jobs
-
-    return Family(
-        {
-            "simulation-job": lambda store, path: describe_job(store, with_settled_batch(store, path)),
-            "simulation-job-batch": lambda store, path: describe_batch(store, with_settled_batch(store, path)),
-        },
-        {
-            "simulation-jobs": lambda store: list_jobs(with_settled_batches(store)),
-            "simulation-job-batches": lambda store: list_batches(with_settled_batches(store)),
-        },
-    )
-
-
-def _fleets() -> Family:
-    from tasks.deploy.answers import describe
-
-    return Family(
-        {
-            "deployment-fleet": describe.describe_fleet,
-            "robot": describe.describe_robot,
-            "deployment-job": describe.describe_deployment_job,
-        },
-        {
-            "fleets": describe.list_fleets,
-            "robots": describe.list_robots,
-            "deployment-jobs": describe.list_deployment_jobs,
-        },
-    )
-
-
-def _runs() -> Family:
-    return Family({}, {"pipeline-runs": lambda store: [_run_line(run) for run in records(store, "pipeline-run")]})
-
-
-_OF_KIND: Mapping[ResourceKind, Callable[[], Family]] = {
-    "world-template": _worlds,
-    "world-generation-job": _worlds,
-    "world": _worlds,
-    "world-export-job": _exports,
-    "robot-application": _applications,
-    "simulation-application": _applications,
-    "simulation-job": _simulations,
-    "simulation-job-batch": _simulations,
-    "deployment-fleet": _fleets,
-    "robot": _fleets,
-    "deployment-job": _fleets,
-}
-_OF_PLURAL: Mapping[str, Callable[[], Family]] = {
-    "world-templates": _worlds,
-    "world-generation-jobs": _worlds,
-    "worlds": _worlds,
-    "world-export-jobs": _exports,
-    "robot-applications": _applications,
-    "simulation-applications": _applications,
-    "simulation-jobs": _simulations,
-    "simulation-job-batches": _simulations,
-    "fleets": _fleets,
-    "robots": _fleets,
-    "deployment-jobs": _fleets,
-    "pipeline-runs": _runs,
-}
 
 
 def described(store: Store, text: str) -> Spec:
@@ -150,12 +20,10 @@ def described(store: Store, text: str) -> Spec:
         ResourceNotFound: The store has no such resource.
         DocumentError: The text is no ARN.
     """
-    if text.startswith("arn:simyard:pipeline-run:"):
-        return read(store, "pipeline-run", text.rpartition(":")[2])
     reference = _reference(text)
     if reference.kind is None:
         raise _refused("arn", text, f"an ARN, arn:simyard:<kind>:...; kinds are {', '.join(KINDS)}")
-    return _OF_KIND[reference.kind]().describe[reference.kind](store, reference.path)
+    return KINDS[reference.kind].load().describe(store, reference.path)
 
 
 def described_together(store: Store, arns: Sequence[str]) -> Spec:
@@ -178,9 +46,10 @@ def listed(store: Store, kind: str) -> Iterable[Spec]:
     Raises:
         DocumentError: There is no such kind.
     """
-    if kind not in _OF_PLURAL:
-        raise _refused("kind", kind, f"one of {', '.join(_OF_PLURAL)}")
-    return _OF_PLURAL[kind]().list[kind](store)
+    kinds = {each.plural: each for each in KINDS.values()}
+    if kind not in kinds:
+        raise _refused("kind", kind, f"one of {', '.join(kinds)}")
+    return kinds[kind].load().list(store)
 
 
 def restart(store: Store, text: str) -> None:
@@ -193,23 +62,10 @@ def restart(store: Store, text: str) -> None:
     reference = _reference(text)
     if reference.kind != "simulation-job":
         raise _refused("arn", text, "an ARN of a simulation-job")
-    from flows.resource.cancel import with_settled_batch
+    from flows.resource.stopped_batches import with_settled_batch
     from tasks.simulate.batch.cancel_restart import restart_job
 
     restart_job(store, with_settled_batch(store, reference.path))
-
-
-def _run_line(run: JobRecord) -> Spec:
-    from specs.data.run_report import RunSummary
-
-    name = run.request.get("spec", {})
-    return RunSummary(
-        arn=run.arn,
-        name=str(name.get("name", run.request.get("flow"))) if isinstance(name, dict) else run.id,
-        status=run.status,
-        createdAt=run.created_at_s,
-        failureReason=run.failure_reason or None,
-    )
 
 
 def _reference(text: str) -> Reference:

@@ -3,11 +3,11 @@
 A wall clock is never the same twice, so that these figures stand apart from everything whose bytes are.
 """
 
-import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from specs.arn import parse_reference
 from specs.base import Spec
 from specs.job_kinds import JobKind
 from tasks.simulate.chunk.timings import ChunkTiming
@@ -190,7 +190,8 @@ def recorded_metrics(record: JobRecord) -> BatchMetrics | None:
 
 def told_metrics(store: Store, arn: str) -> Iterator[str]:
     """Yields a line for each figure of the batch that an ARN names; nothing for what is no batch."""
-    if f":{_KIND}:" in arn or f":{_KIND}/" in arn:
-        metrics = recorded_metrics(read(store, _KIND, re.split("[:/]", arn)[-1]))
+    reference = parse_reference(arn)
+    if reference.kind == _KIND:
+        metrics = recorded_metrics(read(store, _KIND, reference.path))
         for row in metric_rows(metrics) if metrics else ():
             yield f"{row['figure']:<22} {row['value']}"
