@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import RobotProgress
 from tasks.deploy.rollout.observation import phase_of
 from tasks.deploy.rollout.rollout_plan import Plan
@@ -20,7 +22,7 @@ class Verdict:
     """Attributes: status, failure_code, failure_reason: As RoboMaker has them; empty for a success."""
 
     status: str
-    failure_code: str = ""
+    failure_code: DeploymentJobErrorCode | Literal[""] = ""
     failure_reason: str = ""
 
 
@@ -36,7 +38,7 @@ def verdict(plan: Plan, move: Move, seen: Mapping[str, RobotProgress]) -> Verdic
         return Verdict("Succeeded")
     if move.verdict == "Canceled":
         return Verdict("Canceled", failure_reason=_left_out(_WHY["canceled"], seen))
-    code = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
+    code: DeploymentJobErrorCode = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
     return Verdict("Failed", code, _left_out(_failures(plan, move, seen), seen))
 
 
