@@ -21,6 +21,7 @@ from specs.data.run_report import PipelineReport
 from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline.document import PipelineSpec
+from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
 from tasks.storage.jobs.runs import begun
@@ -69,7 +70,9 @@ def _run_to_end(spec: PipelineSpec, store: Store, base: str, versions: Numbers, 
     except ConcurrentDeployment:
         raise  # it passes: the same document continues this run when the fleet is free
     except (DocumentError, StageFailed) as exc:
-        code = exc.code if isinstance(exc, StageFailed) else "InvalidInput"
+        code = cast(
+            "JobFailureCode", exc.code if isinstance(exc, StageFailed) else "InvalidInput"
+        )  # as the stage has it
         refused = {"refused": isinstance(exc, DocumentError)}
         advance(store, "pipeline-run", run.id, "Failed", failure_code=code, failure_reason=str(exc), detail=refused)
         raise

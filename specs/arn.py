@@ -22,10 +22,8 @@ ResourceKind = Literal[
     JobKind,
 ]
 RUN_KIND: JobKind = "pipeline-run"
-"""A run of a document: Simyard's own, and no kind of RoboMaker's resources."""
-KINDS: tuple[ResourceKind, ...] = tuple(kind for kind in get_args(ResourceKind) if kind != RUN_KIND)
-"""What a document may refer to."""
-_RUN_PREFIX = f"arn:simyard:{RUN_KIND}:"
+"""A run of a document: a kind that RoboMaker does not have."""
+KINDS: tuple[ResourceKind, ...] = get_args(ResourceKind)
 _CREATION_TIME = re.compile(r"[0-9]{13}")
 
 
@@ -47,18 +45,13 @@ def arn(kind: ResourceKind, store_id: str, path: str) -> str:
     return f"arn:simyard:{kind}:{store_id}:{path}"
 
 
-def run_id(text: str) -> str | None:
-    """Returns the id of the run that an ARN names; None for anything else."""
-    return text.removeprefix(_RUN_PREFIX).rpartition(":")[2] if text.startswith(_RUN_PREFIX) else None
-
-
 def store_id_of(text: str) -> str:
     """Returns the id of the store that one of Simyard's own ARNs belongs to."""
     return text.split(":", 4)[3]
 
 
 def resource_kind(text: str) -> ResourceKind | None:
-    """Returns the kind of what an ARN names; None for a plain name, a run, and what is no ARN of RoboMaker's kinds."""
+    """Returns the kind of what an ARN names; None for a plain name, and for what is no ARN of a known kind."""
     try:
         return parse_reference(text).kind
     except ValueError:
@@ -66,8 +59,8 @@ def resource_kind(text: str) -> ResourceKind | None:
 
 
 def resource_name(text: str) -> str:
-    """Returns the id of the run, or the path of the resource, that an ARN names."""
-    return run_id(text) or parse_reference(text).path
+    """Returns the path of the resource, or the id of the run, that an ARN names."""
+    return parse_reference(text).path
 
 
 def parse_reference(text: str) -> Reference:

@@ -8,7 +8,7 @@ from urllib.request import url2pathname
 
 from flows.batch.batch_end import settled
 from flows.batch.batch_report import has_tables, report_view_of
-from specs.arn import parse_reference, run_id
+from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.report.page import report_page
@@ -67,12 +67,12 @@ def _reportable(store: Store, text: str) -> JobRecord:
 
 
 def _batch(text: str) -> str:
-    if run := run_id(text):
-        return job_id(KIND, f"{run}-batch")
     try:
         reference = parse_reference(text)
     except ValueError as exc:
         raise _refused(text, str(exc)) from exc
+    if reference.kind == "pipeline-run":
+        return job_id(KIND, f"{reference.path}-batch")
     if reference.kind not in {None, KIND, "simulation-job"}:
         raise _refused(text, f"an ARN of a {KIND}, of one of its jobs, or of a pipeline-run")
     return reference.path.partition("/")[0]

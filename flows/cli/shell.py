@@ -21,6 +21,7 @@ from flows.cli.exit_codes import run_and_end_process
 from flows.cli.fleet_commands import fleet_app
 from flows.cli.store_commands import gc, reap
 from flows.cli.world_commands import world_app
+from flows.resource.kinds import KINDS
 from specs.errors import DocumentError, PipelineNotPassed
 
 app = typer.Typer(
@@ -39,10 +40,7 @@ app.command()(shrink)
 app.command()(reap)
 app.command()(gc)
 
-_KINDS = (
-    "world-templates, world-generation-jobs, worlds, world-export-jobs, robot-applications, simulation-applications, "
-    "simulation-jobs, simulation-job-batches, fleets, robots, deployment-jobs, or pipeline-runs."
-)
+_KINDS = ", ".join(kind.plural for kind in KINDS.values())
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
 StoreUrl = Annotated[
     str | None,

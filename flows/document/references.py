@@ -21,7 +21,7 @@ from tasks.applications.registry import publish, resolve, with_digest
 from tasks.deploy.rollout.resolved_request import preflight
 from tasks.deploy.trust.trust_choice import trust_faults
 from tasks.documents.template_source import find_template
-from tasks.export.format.availability import require_writable
+from tasks.export.format.formats import require_writable
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion, output_location
 from tasks.storage.base.store import Store

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from specs.arn import resource_kind, resource_name, run_id
+from flows.resource.kinds import KINDS
+from specs.arn import parse_reference
 from specs.base import Spec
 from specs.errors import DocumentError, ResourceNotFound, SimyardError
-from specs.job_kinds import JobKind
+from specs.job_kinds import JOB_KINDS
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim_state import ClaimWatch
@@ -21,13 +22,6 @@ from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
 from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import run_of
 
-KINDS: tuple[JobKind, ...] = (
-    "world-generation-job",
-    "world-export-job",
-    "simulation-job-batch",
-    "deployment-job",
-    "pipeline-run",
-)
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.5
 _PATIENCE_S = 60.0
@@ -68,18 +62,18 @@ def kind_notes(store: Store, plural: str) -> Iterator[str]:
 
     Where a holder on another machine may live, nothing is said: to find that out takes seconds, and is the reaper's.
     """
-    for kind in KINDS:
-        if plural in {f"{kind}s", f"{kind}es"}:
+    for kind in JOB_KINDS:
+        if KINDS[kind].plural == plural:
             for record in records(store, kind):
                 yield from _note(store, record)
 
 
 def job_notes(store: Store, arn: str) -> Iterator[str]:
     """Yields a line if the job that an ARN names is known at once to be left; nothing for what is no job."""
-    named = RUN if run_id(arn) else resource_kind(arn)
-    for kind in KINDS:
-        if kind == named:
-            yield from _note(store, read(store, kind, resource_name(arn)))
+    reference = parse_reference(arn)
+    for kind in JOB_KINDS:
+        if reference.kind == kind:
+            yield from _note(store, read(store, kind, reference.path))
 
 
 def _note(store: Store, record: JobRecord) -> Iterator[str]:
@@ -102,7 +96,7 @@ def reap_jobs(
         now_s: A clock that never goes back.
     """
     found = list[ReapedJob]()
-    active = [record for kind in KINDS for record in records(store, kind) if not is_terminal(record)]
+    active = [record for kind in JOB_KINDS for record in records(store, kind) if not is_terminal(record)]
     suspects = [_suspect(store, record, now_s) for record in active]
     end_s = now_s() + _PATIENCE_S
     while suspects and now_s() < end_s:
@@ -132,7 +126,8 @@ def _reap_or_explain(store: Store, suspect: _Suspect) -> ReapedJob:
 
 def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
     # `simyard list` and `describe` answer without what these import.
-    from flows.resource.cancel import cancel, close_stopped_batch  # noqa: PLC0415 - see above
+    from flows.resource.cancel import cancel  # noqa: PLC0415 - see above
+    from flows.resource.stopped_batches import close_stopped_batch  # noqa: PLC0415 - see above
     from tasks.deploy.rollout.controller import CANCELED  # noqa: PLC0415 - see above
 
     record = suspect.record

@@ -5,7 +5,7 @@ of the same change is dropped by the server.
 """
 
 import logging
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from contextlib import contextmanager
 from uuid import NAMESPACE_URL, UUID, uuid5
 
@@ -13,18 +13,12 @@ from prefect.events import emit_event
 
 from flows.gate.judge import GateAnswer
 from specs.arn import resource_name
+from specs.job_kinds import JOB_KINDS
 from tasks.progress.log_lines import logging_as_asked
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.jobs.transitions import Transition, hearing
 
 logger = logging.getLogger(__name__)
-_NAMES: Mapping[str, str] = {
-    "world-generation-job": "world-generation",
-    "world-export-job": "world-export",
-    "simulation-job-batch": "simulation-batch",
-    "deployment-job": "deployment",
-    "pipeline-run": "pipeline",
-}
 
 
 @contextmanager
@@ -51,7 +45,7 @@ def event_id(event: str, arn: str) -> UUID:
 
 def _announce(change: Transition) -> None:
     facts = {"was": change.was, "failureCode": change.failure_code, "failureReason": change.failure_reason}
-    _send(f"simyard.{_NAMES[change.kind]}.{change.status}", change.arn, facts)
+    _send(f"simyard.{JOB_KINDS[change.kind].event}.{change.status}", change.arn, facts)
 
 
 def _send(event: str, arn: str, facts: dict[str, str]) -> None:

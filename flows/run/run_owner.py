@@ -2,16 +2,11 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
+from flows.resource.kinds import KINDS, StageProgress
 from specs.errors import ResourceNotFound
-from specs.job_kinds import JobKind
-from specs.robomaker.world_jobs import WorldCount
-from tasks.deploy.rollout.observation import ended, recorded_progress
 from tasks.progress.listener import tell
-from tasks.simulate.batch.chunk_store import chunk_numbers
-from tasks.simulate.batch.job import opened
-from tasks.storage.base.keys import worlds_prefix
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord
 from tasks.storage.jobs.holder import this_process
@@ -21,7 +16,6 @@ from tasks.storage.jobs.runs import Waiting, jobs_of
 _PAUSE_S = 1.0
 # Looking at a large batch is a long listing: waiting shall not be a load on the store.
 _LOOKING_SHARE = 0.1
-StageProgress = tuple[str, int, int]
 logger = logging.getLogger(__name__)
 
 
@@ -63,37 +57,8 @@ def run_progress(store: Store, run: JobRecord) -> StageProgress:
             record = read(store, kind, job)
         except ResourceNotFound:
             continue
-        at = _STAGES[kind](store, record)
+        look = KINDS[kind].load().progress
+        at = look(store, record) if look else at
         if not is_terminal(record):
             break
     return at
-
-
-def _worlds(store: Store, record: JobRecord) -> StageProgress:
-    counts = WorldCount.model_validate(record.request["worldCount"])
-    wanted = (counts.floorplanCount or 1) * (counts.interiorCountPerFloorplan or 1)
-    made = sum(1 for key in store.keys(worlds_prefix(record.id)) if key.endswith(".json"))
-    return "Worlds", made, wanted
-
-
-def _export(_store: Store, record: JobRecord) -> StageProgress:
-    return "Export", int(is_terminal(record)), 1
-
-
-def _episodes(store: Store, record: JobRecord) -> StageProgress:
-    layout = opened(store, record.id).layout
-    done = sum(map(layout.chunk_size, chunk_numbers(store, record.id).committed))
-    return "Episodes", done, layout.episodes
-
-
-def _robots(_store: Store, record: JobRecord) -> StageProgress:
-    seen = recorded_progress(record)
-    return "Deployment", ended(seen), max(1, len(seen))
-
-
-_STAGES: Mapping[JobKind, Callable[[Store, JobRecord], StageProgress]] = {
-    "world-generation-job": _worlds,
-    "world-export-job": _export,
-    "simulation-job-batch": _episodes,
-    "deployment-job": _robots,
-}

@@ -23,35 +23,10 @@ from specs.field_types import (
     TagMap,
     text,
 )
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from specs.rules import Within
 
 DeploymentStatus = Literal["Pending", "Preparing", "InProgress", "Failed", "Succeeded", "Canceled"]
-DeploymentJobErrorCode = Literal[
-    "ResourceNotFound",
-    "EnvironmentSetupError",
-    "EtagMismatch",
-    "FailureThresholdBreached",
-    "RobotDeploymentAborted",
-    "RobotDeploymentNoResponse",
-    "RobotAgentConnectionTimeout",
-    "GreengrassDeploymentFailed",
-    "InvalidGreengrassGroup",
-    "MissingRobotArchitecture",
-    "MissingRobotApplicationArchitecture",
-    "MissingRobotDeploymentResource",
-    "GreengrassGroupVersionDoesNotExist",
-    "LambdaDeleted",
-    "ExtractingBundleFailure",
-    "PreLaunchFileFailure",
-    "PostLaunchFileFailure",
-    "BadPermissionError",
-    "DownloadConditionFailed",
-    "BadLambdaAssociated",
-    "InternalServerError",
-    "RobotApplicationDoesNotExist",
-    "DeploymentFleetDoesNotExist",
-    "FleetDeploymentTimeout",
-]
 RobotStatus = Literal["Available", "Registered", "PendingNewDeployment", "Deploying", "Failed", "InSync", "NoResponse"]
 RobotDeploymentStep = Literal[
     "Validating",

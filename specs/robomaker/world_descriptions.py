@@ -22,13 +22,12 @@ from specs.field_types import (
     PaginationToken,
     TagMap,
 )
+from specs.robomaker.failure_codes import WorldExportJobErrorCode, WorldGenerationJobErrorCode
 from specs.robomaker.world_jobs import (
     Json,
     TemplateName,
     WorldCount,
-    WorldExportJobErrorCode,
     WorldExportJobStatus,
-    WorldGenerationJobErrorCode,
     WorldGenerationJobStatus,
 )
 

@@ -22,23 +22,13 @@ from specs.field_types import (
     TagMap,
     text,
 )
+from specs.robomaker.failure_codes import WorldExportJobErrorCode, WorldGenerationJobErrorCode
 from specs.template.body import TemplateBody
 
 WorldGenerationJobStatus = Literal[
     "Pending", "Running", "Completed", "Failed", "PartialFailed", "Canceling", "Canceled"
 ]
-WorldGenerationJobErrorCode = Literal[
-    "InternalServiceError",
-    "LimitExceeded",
-    "ResourceNotFound",
-    "RequestThrottled",
-    "InvalidInput",
-    "AllWorldGenerationFailed",
-]
 WorldExportJobStatus = Literal["Pending", "Running", "Completed", "Failed", "Canceling", "Canceled"]
-WorldExportJobErrorCode = Literal[
-    "InternalServiceError", "LimitExceeded", "ResourceNotFound", "RequestThrottled", "InvalidInput", "AccessDenied"
-]
 
 
 def _as_json_text(body: object) -> object:

@@ -1,17 +1,7 @@
 """Why a world could not be made."""
 
-from typing import Literal
-
 from specs.errors import SimyardError
-
-FailureCode = Literal[
-    "InternalServiceError",
-    "LimitExceeded",
-    "ResourceNotFound",
-    "RequestThrottled",
-    "InvalidInput",
-    "AllWorldGenerationFailed",
-]
+from specs.robomaker.failure_codes import WorldGenerationJobErrorCode
 
 
 class WorldRejected(SimyardError):  # noqa: N818 - a state, like StageFailed
@@ -22,7 +12,7 @@ class WorldRejected(SimyardError):  # noqa: N818 - a state, like StageFailed
         reason: What stands in the way, for a person.
     """
 
-    def __init__(self, code: FailureCode, reason: str) -> None:
-        self.code: FailureCode = code
+    def __init__(self, code: WorldGenerationJobErrorCode, reason: str) -> None:
+        self.code: WorldGenerationJobErrorCode = code
         self.reason = reason
         super().__init__(f"{code}: {reason}")

@@ -2,19 +2,14 @@
 
 import pytest
 
-from specs.arn import RUN_KIND, arn, resource_kind, resource_name, run_id, store_id_of
+from specs.arn import RUN_KIND, arn, resource_kind, resource_name, store_id_of
 
 
 def test_a_run_has_an_arn_of_its_own():
     text = arn(RUN_KIND, "store", "run-1")
     assert text == "arn:simyard:pipeline-run:store:run-1"
-    assert (run_id(text), resource_name(text), store_id_of(text)) == ("run-1", "run-1", "store")
-    assert resource_kind(text) is None
-
-
-@pytest.mark.parametrize("text", ["robot", "arn:aws:iam::1:role/mine", arn("robot", "store", "r1")])
-def test_what_names_no_run_has_no_run_id(text: str):
-    assert run_id(text) is None
+    assert (resource_name(text), store_id_of(text)) == ("run-1", "store")
+    assert resource_kind(text) == RUN_KIND
 
 
 def test_the_kind_and_the_name_of_a_resource():

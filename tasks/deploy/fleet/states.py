@@ -10,7 +10,8 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.field_types import Architecture, S3Object
-from specs.robomaker.deployment import DeploymentJobErrorCode, DeploymentLaunchConfig, RobotDeploymentStep, RobotStatus
+from specs.robomaker.deployment import DeploymentLaunchConfig, RobotDeploymentStep, RobotStatus
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 
 Seconds = Annotated[float, Field(ge=0, le=1e11)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]

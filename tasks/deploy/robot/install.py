@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from specs.errors import BundleRefused, ObjectNotFound, ObjectTooBig, StoreDamaged, StoreError, StoreFull
-from specs.robomaker.deployment import DeploymentJobErrorCode
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.download import download

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from specs.errors import BundleRefused
-from specs.robomaker.deployment import DeploymentJobErrorCode
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, variable_faults
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.disk import Disk

@@ -7,7 +7,8 @@ import logging
 import time
 
 from specs.errors import StoreError
-from specs.robomaker.deployment import DeploymentJobErrorCode, RobotDeploymentStep
+from specs.robomaker.deployment import RobotDeploymentStep
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.storage.base.encoding import encoded
 from tasks.storage.base.keys import reported_key

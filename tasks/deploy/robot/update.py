@@ -12,7 +12,8 @@ from collections.abc import Callable
 from uuid import uuid4
 
 from specs.errors import TrustRefused
-from specs.robomaker.deployment import DeploymentJobErrorCode, RobotDeploymentStep
+from specs.robomaker.deployment import RobotDeploymentStep
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.condition import ask_condition
 from tasks.deploy.robot.disk import Disk

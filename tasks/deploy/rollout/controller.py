@@ -12,10 +12,12 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from pydantic import JsonValue, TypeAdapter
 
 from specs.errors import StoreError, StoreUnreachable
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired, RobotProgress
 from tasks.deploy.rollout.observation import (
     ABORTED,
@@ -187,7 +189,11 @@ class _Controller:
             raise StoreUnreachable(f"{self._store.url}: the claim on deployment {self._job} could not be renewed")
 
     def _advance(
-        self, status: str, seen: Mapping[str, RobotProgress], failure_code: str = "", failure_reason: str = ""
+        self,
+        status: str,
+        seen: Mapping[str, RobotProgress],
+        failure_code: DeploymentJobErrorCode | Literal[""] = "",
+        failure_reason: str = "",
     ) -> JobRecord:
         detail: dict[str, JsonValue] = {"progress": progress_document(seen)}
         return advance(

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
+from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import RobotProgress
 from tasks.deploy.rollout.observation import phase_of
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
@@ -20,7 +22,7 @@ class RolloutEnd:
     """Attributes: status, failure_code, failure_reason: As RoboMaker has them; empty for a success."""
 
     status: str
-    failure_code: str = ""
+    failure_code: DeploymentJobErrorCode | Literal[""] = ""
     failure_reason: str = ""
 
 
@@ -36,7 +38,7 @@ def rollout_end(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]
         return RolloutEnd("Succeeded")
     if move.verdict == "Canceled":
         return RolloutEnd("Canceled", failure_reason=_left_out(_WHY["canceled"], seen))
-    code = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
+    code: DeploymentJobErrorCode = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
     return RolloutEnd("Failed", code, _left_out(_failures(plan, move, seen), seen))
 
 

@@ -1,12 +1,37 @@
-"""What RoboMaker's calls answer about an export job."""
+"""An export job in RoboMaker's words: the answers of its calls, and why one failed."""
 
 from pydantic import JsonValue
 
+from specs.errors import (
+    BucketNotFound,
+    DocumentError,
+    LimitExceeded,
+    ObjectNotFound,
+    ResourceNotFound,
+    SimyardError,
+    StoreAccessDenied,
+    StoreFull,
+    StoreThrottled,
+)
+from specs.robomaker.failure_codes import WorldExportJobErrorCode
 from specs.robomaker.world_descriptions import DescribeWorldExportJobResponse, WorldExportJobSummary
 from tasks.storage.jobs.records import JobRecord
 
 _SUMMARISED = ("worlds", "outputLocation")
 _DESCRIBED = (*_SUMMARISED, "iamRole", "tags")
+_LONGEST_REASON = 1024  # GenericString
+
+# The first that fits counts, so a subclass stands before its base.
+_CODES: tuple[tuple[type[SimyardError], WorldExportJobErrorCode], ...] = (
+    (StoreAccessDenied, "AccessDenied"),
+    (ObjectNotFound, "ResourceNotFound"),
+    (BucketNotFound, "ResourceNotFound"),  # a bucket that is gone (docs/reference/robomaker.md, section 7)
+    (StoreThrottled, "RequestThrottled"),
+    (StoreFull, "LimitExceeded"),
+    (ResourceNotFound, "ResourceNotFound"),
+    (LimitExceeded, "LimitExceeded"),
+    (DocumentError, "InvalidInput"),
+)
 
 
 def describe_export_job(record: JobRecord) -> DescribeWorldExportJobResponse:
@@ -24,6 +49,17 @@ def describe_export_job(record: JobRecord) -> DescribeWorldExportJobResponse:
 def summarise_export_job(record: JobRecord) -> WorldExportJobSummary:
     """Returns the job's line in ListWorldExportJobs."""
     return WorldExportJobSummary.model_validate({**_state(record), **_from_request(record, _SUMMARISED)})
+
+
+def failure_code(error: SimyardError) -> WorldExportJobErrorCode:
+    """Returns RoboMaker's code for what went wrong; InternalServiceError for what no other fits."""
+    unknown: WorldExportJobErrorCode = "InternalServiceError"
+    return next((code for kind, code in _CODES if isinstance(error, kind)), unknown)
+
+
+def failure_reason(error: SimyardError) -> str:
+    """Returns the error as one line of at most 1,024 characters, as RoboMaker's failureReason must be."""
+    return " ".join(str(error).split())[:_LONGEST_REASON]
 
 
 def _state(record: JobRecord) -> dict[str, JsonValue]:

@@ -21,8 +21,8 @@ from specs.errors import DocumentError, SimyardError, StoreError
 from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
-from tasks.export.format.availability import require_writable
-from tasks.export.job.failure_codes import failure_code, failure_reason
+from tasks.export.format.formats import require_writable
+from tasks.export.job.describe import failure_code, failure_reason
 from tasks.export.job.upload import put, upload
 from tasks.export.job.world_files import WorldFiles, drop_parts, kept_part, world_files
 from tasks.export.job.zip_archive import write_zip

@@ -8,8 +8,8 @@ from zipfile import ZIP_DEFLATED, BadZipFile, ZipFile
 
 from specs.data.world import World
 from specs.errors import DocumentError, ObjectNotFound
-from specs.pipeline.world_sections import FORMATS, WorldFormat
-from tasks.export.format.formats import format_files
+from specs.pipeline.world_sections import WorldFormat
+from tasks.export.format.formats import EXPORT_FORMATS, format_files
 from tasks.storage.base.keys import export_part_key, export_parts_prefix
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import read_world
@@ -42,7 +42,7 @@ def world_files(world: World, formats: Collection[WorldFormat]) -> WorldFiles:
     """
     wanted = {*formats, "world"}
     files: dict[str, bytes] = {}
-    for each in FORMATS:
+    for each in EXPORT_FORMATS:
         if each in wanted:
             files |= format_files(world, each)
     return WorldFiles(world.generation, world.name, files)

@@ -17,10 +17,8 @@ from pydantic import JsonValue
 
 from specs.data.world import World
 from specs.digest import canonical_json
-from specs.pipeline.world_sections import FORMATS, WorldFormat
-from tasks.export.format.formats import SOURCE_FOLDER
-from tasks.export.format.ros_packages import package_files
-from tasks.export.format.sdf import workspace_name
+from specs.pipeline.world_sections import WorldFormat
+from tasks.export.format.formats import EXPORT_FORMATS
 from tasks.export.job.world_files import WorldFiles, world_files
 
 MANIFEST = "manifest.json"
@@ -43,19 +41,19 @@ def write_zip(worlds: Iterable[World | WorldFiles], formats: Collection[WorldFor
         ValueError: A world comes twice.
     """
     wanted: set[WorldFormat] = {*formats, "world"}
-    chosen: list[WorldFormat] = [name for name in FORMATS if name in wanted]
+    chosen = [each for each in EXPORT_FORMATS.values() if each.name in wanted]
     with ZipFile(target, "w", ZIP_DEFLATED) as file:
         bundle = _Bundle(file)
         seen: set[tuple[str, str]] = set()
         for world in worlds:
-            if "sdf" in chosen and not seen:
-                package = package_files(workspace_name(world.generation, world.name))
-                bundle.add({f"{SOURCE_FOLDER}/{path}": body for path, body in package.items()})
+            for each in chosen if not seen else ():
+                if each.shared_files:
+                    bundle.add(each.in_zip(each.shared_files(world.generation, world.name)))
             if (world.generation, world.name) in seen:
                 raise ValueError(f"{world.generation}/{world.name} comes twice")
             seen.add((world.generation, world.name))
-            bundle.add((world_files(world, chosen) if isinstance(world, World) else world).files)
-        bundle.close([*chosen])
+            bundle.add((world_files(world, formats) if isinstance(world, World) else world).files)
+        bundle.close([each.name for each in chosen])
     with target.open("rb") as written:
         return hashlib.file_digest(written, "sha256").hexdigest()
 

@@ -22,6 +22,7 @@ from specs.errors import (
     StoreError,
 )
 from specs.job_kinds import JOB_KINDS, JobKind
+from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.encoding import decoded, encoded
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
@@ -119,7 +120,7 @@ def advance(
     id: str,  # noqa: A002 - the word every caller and record uses
     status: str,
     *,
-    failure_code: str = "",
+    failure_code: JobFailureCode = "",
     failure_reason: str = "",
     detail: Mapping[str, JsonValue] | None = None,
     only_from: Collection[str] = _STATUSES,

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple
 
+from specs.job_kinds import JobKind
+
 logger = logging.getLogger(__name__)
 
 
@@ -25,7 +27,7 @@ class Transition(NamedTuple):
         failure_reason: For a person, or empty.
     """
 
-    kind: str
+    kind: JobKind
     arn: str
     was: str
     status: str

@@ -13,6 +13,7 @@ from specs.data.world import ROBOT_RADIUS_M
 from specs.digest import canonical_document, canonical_json
 from specs.errors import StoreError
 from specs.job_kinds import JobKind
+from specs.robomaker.failure_codes import WorldGenerationJobErrorCode
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.settings import max_worlds_of_job
 from specs.template.body import TemplateBody, template_digest
@@ -52,10 +53,12 @@ class _Finished:
     """What has come of a job so far: references of its worlds, and failures by code with one sample reason."""
 
     worlds: list[str] = field(default_factory=list[str])
-    failures: dict[str, tuple[int, str]] = field(default_factory=dict[str, tuple[int, str]])
+    failures: dict[WorldGenerationJobErrorCode, tuple[int, str]] = field(
+        default_factory=dict[WorldGenerationJobErrorCode, tuple[int, str]]
+    )
     canceled: bool = False
 
-    def failed(self, code: str, reason: str) -> None:
+    def failed(self, code: WorldGenerationJobErrorCode, reason: str) -> None:
         """Counts one world that could not be generated."""
         count, sample = self.failures.get(code, (0, reason))
         self.failures[code] = (count + 1, sample)
@@ -210,7 +213,7 @@ def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int) ->
         f"a job makes 1 to {max_worlds_of_job()} (SIMYARD_MAX_WORLDS raises it)"
     )
     detail = _Finished().detail()
-    code = "AllWorldGenerationFailed"
+    code: WorldGenerationJobErrorCode = "AllWorldGenerationFailed"
     return advance(store, KIND, record.id, "Failed", failure_code=code, failure_reason=reason, detail=detail)
 
 
@@ -228,5 +231,5 @@ def _end(store: Store, record: JobRecord, finished: _Finished) -> JobRecord:
     if finished.worlds:
         return advance(store, KIND, record.id, "PartialFailed", detail=detail)
     reason = next(reason for _, reason in finished.failures.values())[:_REASON_LENGTH]
-    code = "AllWorldGenerationFailed"
+    code: WorldGenerationJobErrorCode = "AllWorldGenerationFailed"
     return advance(store, KIND, record.id, "Failed", failure_code=code, failure_reason=reason, detail=detail)

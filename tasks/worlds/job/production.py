@@ -18,10 +18,11 @@ from pydantic import TypeAdapter
 
 from specs.base import Spec
 from specs.errors import SimyardError
+from specs.robomaker.failure_codes import WorldGenerationJobErrorCode
 from specs.template.body import TemplateBody
 from tasks.storage.worlds import encode_world
 from tasks.worlds.generate import generate_world
-from tasks.worlds.rejection import FailureCode, WorldRejected
+from tasks.worlds.rejection import WorldRejected
 
 # A worker takes about a second to start, in which one process makes about as many worlds.
 _WORLDS_A_WORKER = 100
@@ -50,7 +51,7 @@ class Made(Spec):
 
     indices: Indices
     document: str = ""
-    code: FailureCode | None = None
+    code: WorldGenerationJobErrorCode | None = None
     reason: str = ""
 
 

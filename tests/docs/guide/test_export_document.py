@@ -14,6 +14,7 @@ from specs.pipeline.document import PipelineSpec
 from specs.pipeline.world_sections import FORMATS, WorldExport
 from specs.robomaker.world_jobs import WorldExportJobErrorCode
 from specs.template.body import template_body
+from tasks.export.format.formats import EXPORT_FORMATS
 from tasks.export.job.zip_archive import write_zip
 from tasks.worlds.generate import generate_world
 from tests.repository import ROOT
@@ -53,6 +54,14 @@ def test_the_table_names_every_format_and_the_defaults_are_the_defaults():
     assert sorted(first_cells("format | in the zip | for | needs")) == sorted(FORMATS)
     (said,) = re.findall(r"Without `formats` it writes (.*)\.", DOCUMENT)
     assert set(re.findall(r"`(\w+)`", said)) == set(WorldExport.model_fields["formats"].default)
+
+
+def test_the_table_says_what_opens_a_format_and_what_must_be_installed():
+    table = DOCUMENT.split("| format | in the zip | for | needs |")[1].split("\n\n")[0]
+    rows = {row.split("`")[1]: row for row in table.splitlines()[2:]}
+    for name, each in EXPORT_FORMATS.items():
+        assert f"| {each.opened_by}" in rows[name]
+        assert (f"`simyard[{name}]`" in rows[name]) == bool(each.needs)
 
 
 def test_every_place_that_the_table_names_is_in_the_zip(unpacked: Path):

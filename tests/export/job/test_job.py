@@ -196,7 +196,7 @@ def test_a_bucket_that_answers_again_gets_everything(store: Store, broken: pytes
 def test_a_format_whose_library_is_missing_fails_the_job_and_says_what_to_install(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("tasks.export.format.availability.find_spec", lambda _: None)
+    monkeypatch.setattr("tasks.export.format.formats.find_spec", lambda _: None)
     record = run_export_job(store, request(), formats=("usd",), token=TOKEN, progress=lambda *_: None)
     assert (record.status, record.failure_code) == ("Failed", "InvalidInput")
     assert "pip install 'simyard[usd]'" in record.failure_reason

@@ -240,7 +240,7 @@ def test_a_thousand_requests_look_up_each_application_once(file_store: Store, mo
 def test_a_format_that_cannot_be_written_here_is_refused_before_anything_runs(
     file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("tasks.export.format.availability.find_spec", lambda _: None)
+    monkeypatch.setattr("tasks.export.format.formats.find_spec", lambda _: None)
     world = _put_world(file_store, "world-1-1")
     export = {"worlds": [world], "formats": ["usd", "svg", "glb"], "outputLocation": {"s3Bucket": "worlds"}}
     with pytest.raises(DocumentError) as caught:

@@ -1,0 +1,34 @@
+"""Batches that were stopped and that nobody works on: closed before anybody is told of them."""
+
+import logging
+
+from specs.errors import StoreError
+from tasks.simulate.batch.job import KIND as BATCH
+from tasks.simulate.batch.job import STOPPING
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import read, records
+
+logger = logging.getLogger(__name__)
+
+
+def close_stopped_batch(store: Store, path: str) -> str:
+    """Returns ``<batch>`` or ``<batch>/<index>`` as it stands, having closed a batch that was stopped and left.
+
+    One that cannot be closed now, its output bucket being gone, is told as it is: the others are none the worse for it.
+    """
+    batch = path.partition("/")[0]
+    if read(store, BATCH, batch).status in STOPPING:
+        from flows.batch.batch_end import settled  # noqa: PLC0415 - it imports MuJoCo and Arrow, which describing does not need
+
+        try:
+            settled(store, batch)
+        except StoreError as exc:
+            logger.warning("batch %s was stopped and cannot be closed: %s", batch, exc)
+    return path
+
+
+def close_stopped_batches(store: Store) -> Store:
+    """Returns the store, having closed every batch that was stopped and left."""
+    for record in records(store, BATCH):
+        close_stopped_batch(store, record.id)
+    return store
