@@ -9,7 +9,7 @@ from specs.errors import BucketNotFound, ResourceNotFound
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.applications.registry import resolve
 from tasks.results.gate.evidence import Baseline
-from tasks.results.statistics.pairs import PAIRED_COLUMNS, outcomes, paired_up
+from tasks.results.statistics.pairs import PAIRED_COLUMNS, count_pairs, outcomes
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND, plan_of
@@ -95,7 +95,7 @@ def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Stor
         theirs = driven(store, record, [digest])
     except (ResourceNotFound, BucketNotFound):  # somebody cleared old results away
         return False
-    return paired_up(driven(store, batch, candidates(plan, digest)), theirs).n > 0
+    return count_pairs(driven(store, batch, candidates(plan, digest)), theirs).n > 0
 
 
 def _results_digest(record: JobRecord) -> str:

@@ -14,9 +14,9 @@ from specs.base import Spec
 from specs.data.run_report import Verdict as Answer
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Baseline, Tested, tested
-from tasks.results.gate.gate import Material, columns_needed, counted
-from tasks.results.gate.gate_rules import Completeness
-from tasks.results.statistics.pairs import Pairs, paired_up
+from tasks.results.gate.gate import columns_needed, count_rows
+from tasks.results.gate.rules.rule import Completeness, Material
+from tasks.results.statistics.pairs import PairCounts, count_pairs
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
@@ -105,7 +105,7 @@ def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBas
     if rows is not None and isinstance(other, Baseline):
         meant = candidates(plan_of(batch), other.digest)
         rows = rows.filter(pc.field("robot_digest").isin(list(meant)))
-        counts = counted(rows)
+        counts = count_rows(rows)
     stop = cast("dict[str, JsonValue]", batch.detail.get("stopped_early", {}))
     left_out = cast("int", stop["left_out"]) if stop.get("gate") == gate.model_dump(mode="json") else 0
     return Material(
@@ -147,13 +147,13 @@ def _baseline(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> Bas
     return found
 
 
-def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> Pairs | str:
+def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> PairCounts | str:
     if other is None:
         return ""
     if isinstance(other, NoBaseline):
         return other.why
     ours = driven(store, batch, candidates(plan_of(batch), other.digest))
-    return paired_up(ours, driven(store, read(store, KIND, other.batch), [other.digest]))
+    return count_pairs(ours, driven(store, read(store, KIND, other.batch), [other.digest]))
 
 
 def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:

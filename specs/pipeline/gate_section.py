@@ -13,10 +13,8 @@ from specs.robomaker.deployment import DeploymentVersion
 from specs.rules import Finding, Ruled, broken, items, part
 
 MAX_QUANTILES = 20
-RULES = ("successRate", "noWorseThan", "collisionRate", "maxOutcomeFlipRate", "quantiles")
-SEQUENTIAL_RULES = ("successRate", "collisionRate")
-"""Rules that count episodes one by one, so that they can be sure before the batch's end."""
-
+_STOP_EARLY = "stopEarly"
+_SEQUENTIAL = "counts episodes one by one, so that it can be sure before the batch's end"
 _METRIC = re.compile(r"metrics\..+")
 
 
@@ -112,9 +110,9 @@ class Gate(Ruled):
         quantiles: Bounds for quantiles of measures, at most 20.
     """
 
-    successRate: SuccessRate | None = Field(default=None, title="Success rate")
+    successRate: Annotated[SuccessRate | None, _SEQUENTIAL] = Field(default=None, title="Success rate")
     noWorseThan: NoWorseThan | None = Field(default=None, title="No worse than another version")
-    collisionRate: CollisionRate | None = Field(default=None, title="Collision rate")
+    collisionRate: Annotated[CollisionRate | None, _SEQUENTIAL] = Field(default=None, title="Collision rate")
     maxOutcomeFlipRate: FlipRate | None = Field(default=None, title="Outcomes that differ from C MuJoCo's")
     quantiles: Annotated[tuple[QuantileRule, ...], Field(max_length=MAX_QUANTILES)] | None = Field(
         default=None, title="Quantiles"
@@ -132,10 +130,16 @@ class Gate(Ruled):
         asked = [name for name in RULES if part(data, name) not in (None, [], ())]
         if not asked:
             yield Finding((), data, f"at least one of {', '.join(RULES)}")
-        if part(data, "stopEarly") is True and not set(asked) & set(SEQUENTIAL_RULES):
+        if part(data, _STOP_EARLY) is True and not set(asked) & set(SEQUENTIAL_RULES):
             allowed = f"{' or '.join(SEQUENTIAL_RULES)} beside it, which can be sure early"
-            yield Finding(("stopEarly",), part(data, "stopEarly"), allowed)
+            yield Finding((_STOP_EARLY,), part(data, _STOP_EARLY), allowed)
         yield from _asked_twice(items(part(data, "quantiles")))
+
+
+RULES = tuple(name for name in Gate.model_fields if name != _STOP_EARLY)
+"""The gate's rules, in the order of the document."""
+SEQUENTIAL_RULES = tuple(name for name in RULES if _SEQUENTIAL in Gate.model_fields[name].metadata)
+"""Those that count episodes one by one, so that they can be sure before the batch's end."""
 
 
 def stops_early(gate: Gate | None) -> bool:

@@ -8,18 +8,19 @@ from prefect.artifacts import create_markdown_artifact, create_table_artifact
 from prefect.cache_policies import NO_CACHE
 from pydantic import JsonValue
 
-from specs.data.run_report import Verdict as Answer
+from specs.data.run_report import Verdict
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Baseline, Tested, evidence_digest, gather, write_evidence
-from tasks.results.gate.gate import Material, Verdict, judge
+from tasks.results.gate.gate import GateVerdict, judge
+from tasks.results.gate.rules.rule import Material
 from tasks.results.statistics.summary import summary_rows
 from tasks.results.tables.result_files import Part, Variables
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.storage.store_url import open_store
 
 _HEADINGS = ("episodes", "passed", "rate", "interval", "why not")
-_MARKS: Mapping[Answer, str] = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}
+_MARKS: Mapping[Verdict, str] = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}
 # A page with more lines is read by nobody; the tables have them all.
 _ROWS_SHOWN = 200
 
@@ -63,7 +64,7 @@ def judge_batch(
     material: Callable[[], Material],
     tested: Tested,
     baseline: Baseline | None = None,
-) -> tuple[Verdict, str, str]:
+) -> tuple[GateVerdict, str, str]:
     """Returns the gate's verdict, and the URL and the SHA-256 of its evidence.
 
     Args:

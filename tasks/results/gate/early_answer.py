@@ -1,13 +1,14 @@
 """Whether a gate is certain before its batch has ended; ``sequential`` says why one may ask repeatedly."""
 
+from collections import Counter
 from collections.abc import Sequence
 
-from specs.data.episode import CANCELED, EpisodeResult, success
-from specs.data.run_report import Verdict as Answer
-from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, Gate
-from tasks.results.gate.gate import together
-from tasks.results.gate.gate_rules import Completeness, RuleVerdict, collision_rule, success_rule
-from tasks.results.statistics.success import EpisodeCounts
+from specs.data.episode import CANCELED, EpisodeResult
+from specs.data.run_report import Verdict
+from specs.pipeline.gate_section import SEQUENTIAL_RULES, Gate
+from tasks.results.gate.gate import GATE_RULES, combine
+from tasks.results.gate.rules.rule import Completeness, Material, Share
+from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending
 
 
 class EarlyAnswer:
@@ -15,47 +16,36 @@ class EarlyAnswer:
 
     def __init__(self, gate: Gate) -> None:
         """Begins to count."""
-        self._gate = gate
-        self._counts = EpisodeCounts(episodes=0, successes=0, failed_jobs=0, canceled=0)
-        self._collided, self._unknown = 0, 0
+        asked = [(rule, label, section) for rule in GATE_RULES for label, section in rule.asked(gate)]
+        self._rules = [each for each in asked if each[0].name in SEQUENTIAL_RULES]
+        self._all_can_be_sure = len(self._rules) == len(asked)
+        self._endings: Counter[Ending] = Counter()
+        self._shares = {label: Share() for rule, label, _ in self._rules if rule.count}
 
     def add(self, results: Sequence[EpisodeResult]) -> None:
         """Counts episodes."""
+        self._endings.update(map(ending, results))
         ended = [result for result in results if result.status != CANCELED]
-        touched = [result.collisions > 0 for result in ended]
-        failed = [result.status == "Failed" for result in ended]
-        before = self._counts
-        self._counts = EpisodeCounts(
-            episodes=before.episodes + len(ended),
-            successes=before.successes + sum(success(result) is True for result in ended),
-            failed_jobs=before.failed_jobs + sum(failed),
-            canceled=before.canceled + len(results) - len(ended),
-        )
-        self._collided += sum(touched)
-        self._unknown += sum(job and not contact for job, contact in zip(failed, touched, strict=True))
+        for rule, label, asked in self._rules:
+            if rule.count:
+                values = {name: [getattr(result, name) for result in ended] for name in rule.columns(asked)}
+                self._shares[label] = self._shares[label].plus(rule.count(values))
 
     def episodes(self) -> int:
         """Returns how many came to an end so far."""
-        return self._counts.episodes
+        return self._counts().episodes
 
-    def answer(self) -> Answer | None:
+    def answer(self) -> Verdict | None:
         """Returns what the gate will answer whatever comes; None as long as that is open.
 
         A rule that fails fails the gate. That it passes needs all of its rules, and only those that count episodes one
         by one can be asked before the end.
         """
-        answers: list[Answer] = [rule.verdict for rule in self._rules()]
-        if "FAIL" in answers:
-            return "FAIL"
-        asked = [name for name in RULES if getattr(self._gate, name) is not None]
-        return "PASS" if set(asked) <= set(SEQUENTIAL_RULES) and together(answers) == "PASS" else None
-
-    def _rules(self) -> list[RuleVerdict]:
-        counts, gate = self._counts, self._gate
+        counts = self._counts()
         lacks = Completeness(canceled=counts.canceled, sequential=True)
-        found: list[RuleVerdict] = []
-        if gate.successRate:
-            found.append(success_rule(counts, gate.successRate, lacks))
-        if gate.collisionRate:
-            found.append(collision_rule(self._collided, self._unknown, counts.episodes, gate.collisionRate, lacks))
-        return found
+        material = Material(counts, lacks, shares=self._shares)
+        answer = combine([rule.judge(asked, material, label).verdict for rule, label, asked in self._rules])
+        return answer if answer == "FAIL" or (answer == "PASS" and self._all_can_be_sure) else None
+
+    def _counts(self) -> EpisodeCounts:
+        return count_endings(self._endings)

@@ -9,11 +9,11 @@ from typing import Literal
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch
-from specs.data.run_report import Verdict as Answer
+from specs.data.run_report import Verdict
 from specs.digest import canonical_document, canonical_json
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.gate import Verdict
-from tasks.results.gate.gate_rules import RuleVerdict
+from tasks.results.gate.gate import GateVerdict
+from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
@@ -92,7 +92,7 @@ class Evidence(Tested):
 
     version: Literal["3"] = EVIDENCE_VERSION
     batch: str
-    verdict: Answer
+    verdict: Verdict
     sentence: str
     rule: Gate
     numbers: EpisodeCounts
@@ -147,7 +147,7 @@ def tested(
 def gather(
     batch_id: str,
     rule: Gate,
-    verdict: Verdict,
+    verdict: GateVerdict,
     facts: Tested,
     *,
     left_out: int = 0,

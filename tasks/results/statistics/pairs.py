@@ -14,7 +14,7 @@ PAIRED_COLUMNS = (*_ASKED, *_SAME, "robot_digest", "success")
 Outcomes = Mapping[Hashable, bool]
 
 
-class Pairs(Spec):
+class PairCounts(Spec):
     """What two versions came to on the same episodes.
 
     Attributes:
@@ -66,10 +66,10 @@ def outcomes(table: pa.Table, worlds: Mapping[str, str], digests: Iterable[str])
     return {key: success for key, success in zip(keys, passed, strict=True) if success is not None}
 
 
-def paired_up(new: Outcomes, other: Outcomes) -> Pairs:
+def count_pairs(new: Outcomes, other: Outcomes) -> PairCounts:
     """Returns how the new version compares with another one on the episodes that both drove."""
     common = [key for key in new if key in other]
-    return Pairs(
+    return PairCounts(
         n=len(common),
         gains=sum(new[key] and not other[key] for key in common),
         losses=sum(other[key] and not new[key] for key in common),

@@ -4,13 +4,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from specs.base import Spec
-from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
+from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.success import EpisodeCounts, pair_results
+from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending, pair_results
 
 _NOT_SET = "(not set)"
-# Of each kind of answer, how many: whether it passed (None: canceled), why not, and whether the job itself failed.
-_Counts = Counter[tuple[bool | None, str, bool]]
+_Counts = Counter[Ending]
 
 
 class Group(Spec):
@@ -77,20 +76,20 @@ class Tally:
             ValueError: The requests and results do not pair up.
         """
         for request, result in pair_results(requests, results):
-            kind = (success(result), reason(result), result.status == "Failed")
+            ended = ending(result)
             self.simulated_s += result.simulated_s
             self._engines.add(result.engine)
             self._devices.add(result.device)
-            self._total[kind] += 1
-            self._worlds.setdefault(request.world, Counter())[kind] += 1
+            self._total[ended] += 1
+            self._worlds.setdefault(request.world, Counter())[ended] += 1
             for name, groups in self._variables.items():
-                groups.setdefault(request.environment.get(name, _NOT_SET), Counter())[kind] += 1
-            if kind[0] is False:
-                self._samples.setdefault(kind[1], result.failure_reason)
+                groups.setdefault(request.environment.get(name, _NOT_SET), Counter())[ended] += 1
+            if ended.success is False:
+                self._samples.setdefault(ended.reason, result.failure_reason)
 
     def counts(self) -> EpisodeCounts:
         """Returns what a gate judges by."""
-        return _counted(self._total)
+        return count_endings(self._total)
 
     def ran_on(self) -> dict[str, str]:
         """Returns ``engine`` and ``device``, comma-separated where episodes differ; ``none`` if nothing ran."""
@@ -128,21 +127,11 @@ def _named(names: set[str]) -> str:
     return ", ".join(sorted(name for name in names if name)) or "none"
 
 
-def _counted(counts: _Counts) -> EpisodeCounts:
-    canceled = sum(count for (answer, _, _), count in counts.items() if answer is None)
-    return EpisodeCounts(
-        episodes=counts.total() - canceled,
-        successes=sum(count for (answer, _, _), count in counts.items() if answer),
-        failed_jobs=sum(count for (_, _, failed), count in counts.items() if failed),
-        canceled=canceled,
-    )
-
-
 def _reasons(counts: _Counts) -> list[tuple[str, int]]:
     reasons: Counter[str] = Counter()
-    for (answer, why, _), count in counts.items():
-        if answer is False:
-            reasons[why] += count
+    for ended, count in counts.items():
+        if ended.success is False:
+            reasons[ended.reason] += count
     return sorted(reasons.items(), key=lambda pair: (-pair[1], pair[0]))
 
 
@@ -151,7 +140,7 @@ def _groups(members: Mapping[str, _Counts], confidence: float) -> tuple[Group, .
 
 
 def _group(label: str, counts: _Counts, confidence: float) -> Group:
-    found = _counted(counts)
+    found = count_endings(counts)
     return Group(
         label=label,
         episodes=found.episodes,

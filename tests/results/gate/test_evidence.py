@@ -12,7 +12,8 @@ from tasks.results.gate.evidence import (
     tested,
     write_evidence,
 )
-from tasks.results.gate.gate import Material, judge
+from tasks.results.gate.gate import judge
+from tasks.results.gate.rules.rule import Material
 from tasks.storage.store_url import open_store
 from tests.factories.episodes import ROBOT, SCENARIO, batch, counted
 

@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
-from specs.pipeline.gate_section import Gate, SuccessRate
-from tasks.results.gate.gate import Material, Verdict, columns_needed, judge
-from tasks.results.gate.gate import counted as counted_rows
-from tasks.results.gate.gate_rules import Completeness
-from tasks.results.statistics.pairs import Pairs
+from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, Gate, SuccessRate
+from tasks.results.gate.gate import GATE_RULES, GateVerdict, columns_needed, count_rows, judge
+from tasks.results.gate.rules.rule import Completeness, Material
+from tasks.results.statistics.pairs import PairCounts
 from tasks.results.tables.tables import results_table
 from tests.factories.episodes import batch, canceled, collided, counted, crashed, passed, request
 
@@ -25,7 +24,7 @@ def gate(**rules: object) -> Gate:
     return Gate.model_validate(rules)
 
 
-def judged(successes: int, failures: int, cancels: int = 0, *, rule: Gate = GATE, missing: int = 0) -> Verdict:
+def judged(successes: int, failures: int, cancels: int = 0, *, rule: Gate = GATE, missing: int = 0) -> GateVerdict:
     counts = counted(batch(successes, failures, cancels))
     return judge(rule, Material(counts, Completeness(canceled=cancels, missing=missing)))
 
@@ -145,7 +144,7 @@ def test_what_a_scenario_measures_by_itself_is_a_column_too():
 def test_a_version_is_no_worse_when_the_interval_of_the_difference_is_above_the_margin(
     gains: int, losses: int, verdict: str
 ):
-    material = Material(counted(batch(300, 0)), pairs=Pairs(n=300, gains=gains, losses=losses, unpaired=0))
+    material = Material(counted(batch(300, 0)), pairs=PairCounts(n=300, gains=gains, losses=losses, unpaired=0))
     assert judge(gate(noWorseThan={"applicationVersion": "1", "margin": 0.03}), material).verdict == verdict
 
 
@@ -235,4 +234,9 @@ def test_rows_are_counted_as_the_batch_counts_them():
     results = [passed(0), collided(1), crashed(2), canceled(3), passed(4)]
     table = results_table("simb-1", [request(index) for index in range(5)], results)
     assert isinstance(table, pa.Table)
-    assert counted_rows(table) == counted(results)
+    assert count_rows(table) == counted(results)
+
+
+def test_every_rule_of_the_document_is_judged_in_its_order():
+    assert tuple(rule.name for rule in GATE_RULES) == RULES
+    assert set(SEQUENTIAL_RULES) == {"successRate", "collisionRate"}

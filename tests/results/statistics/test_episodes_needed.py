@@ -3,8 +3,8 @@
 import pytest
 
 from specs.pipeline.gate_section import Gate, SuccessRate
-from tasks.results.gate.gate import Material, judge
-from tasks.results.gate.gate_rules import Completeness
+from tasks.results.gate.gate import judge
+from tasks.results.gate.rules.rule import Completeness, Material
 from tasks.results.statistics.episodes_needed import (
     episodes_needed,
     episodes_needed_at_any_look,

@@ -3,7 +3,7 @@
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.statistics.pairs import Pairs, outcomes, paired_up
+from tasks.results.statistics.pairs import PairCounts, count_pairs, outcomes
 from tasks.results.tables.tables import results_table
 from tests.factories.episodes import ROBOT, SCENARIO, canceled, collided, passed, request
 
@@ -19,7 +19,7 @@ def found(*episodes: tuple[EpisodeRequest, EpisodeResult]):
 def test_gains_and_losses_are_counted_over_the_episodes_that_both_have():
     new = found(*((request(k, seed=k), passed(k) if k % 2 else collided(k)) for k in range(6)))
     old = found(*((request(k, seed=k), passed(k) if k < 2 else collided(k)) for k in range(5)))
-    assert paired_up(new, old) == Pairs(n=5, gains=1, losses=1, unpaired=1)
+    assert count_pairs(new, old) == PairCounts(n=5, gains=1, losses=1, unpaired=1)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_gains_and_losses_are_counted_over_the_episodes_that_both_have():
 )
 def test_what_is_asked_of_the_robot_makes_the_episode(change: dict[str, object], same: bool):  # noqa: FBT001
     other = request(0).model_copy(update=change)
-    assert paired_up(found((request(0), passed(0))), found((other, passed(0)))).n == int(same)
+    assert count_pairs(found((request(0), passed(0))), found((other, passed(0)))).n == int(same)
 
 
 def test_canceled_episodes_and_other_robots_are_left_out():
@@ -48,10 +48,10 @@ def test_canceled_episodes_and_other_robots_are_left_out():
 def test_equal_requests_are_paired_by_their_turn():
     new = found((request(0), passed(0)), (request(1), collided(1)))
     old = found((request(0), collided(0)), (request(1), collided(1)))
-    assert paired_up(new, old) == Pairs(n=2, gains=1, losses=0, unpaired=0)
+    assert count_pairs(new, old) == PairCounts(n=2, gains=1, losses=0, unpaired=0)
 
 
 def test_a_canceled_one_of_equal_requests_keeps_its_turn():
     new = found((request(0), canceled(0)), (request(1), collided(1)))
     old = found((request(0), collided(0)), (request(1), passed(1)))
-    assert paired_up(new, old) == Pairs(n=1, gains=0, losses=1, unpaired=0)
+    assert count_pairs(new, old) == PairCounts(n=1, gains=0, losses=1, unpaired=0)

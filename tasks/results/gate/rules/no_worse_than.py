@@ -1,0 +1,63 @@
+"""The rule ``noWorseThan``: the tested version passes as often as another one on the same episodes, less a margin."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from specs.pipeline.gate_section import NoWorseThan
+from tasks.results.gate.rules.rule import GateRule, Material, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.wording import answer_above, confidence_text, needed_line, nothing_counted, sentence
+from tasks.results.statistics.episodes_needed import pairs_needed
+from tasks.results.statistics.intervals import mcnemar, paired_difference
+
+_EXPECTED_DISAGREEMENT = (0.0, 0.02, 0.1)
+
+
+def _columns(_: NoWorseThan) -> Sequence[str]:
+    # They tell the tested version's episodes from the other one's, in the same batch.
+    return ("robot_digest", "status", "success")
+
+
+def _judge(asked: NoWorseThan, material: Material, label: str) -> RuleVerdict:
+    pairs, lacks = material.pairs, material.lacks
+    if isinstance(pairs, str) or pairs.n == 0:
+        return nothing_counted(label, pairs if isinstance(pairs, str) else "no episode of both versions is the same")
+    interval = paired_difference(pairs.gains, pairs.losses, pairs.n, asked.confidence)
+    answer = answer_above(interval, -asked.margin, pairs.n, sound=lacks.whole())
+    estimate = (pairs.gains - pairs.losses) / pairs.n
+    lower, upper = math.floor(1000 * interval.lower) / 10, math.ceil(1000 * interval.upper) / 10
+    seen = (
+        f"against version {asked.applicationVersion} on the same {pairs.n} episodes, {pairs.gains} that failed pass "
+        f"now and {pairs.losses} that passed fail now: {100 * estimate:+.1f} points "
+        f"({100 * asked.confidence:g} % interval {lower:+.1f} to {upper:+.1f})"
+    )
+    return RuleVerdict(
+        rule=label,
+        verdict=answer,
+        sentence=sentence(answer, seen, f"at most {100 * asked.margin:g} points worse asked for", lacks),
+        method="Tango",
+        counted=pairs.n,
+        estimate=estimate,
+        lower=interval.lower,
+        upper=interval.upper,
+        facts={
+            "gains": pairs.gains,
+            "losses": pairs.losses,
+            "unpaired": pairs.unpaired,
+            "mcnemar_p": float(f"{mcnemar(pairs.gains, pairs.losses):.6g}"),
+        },
+    )
+
+
+def _plan(asked: NoWorseThan, planned: PlannedEpisodes) -> Iterator[str]:
+    points = f"at most {100 * asked.margin:g} points worse than version {asked.applicationVersion}"
+    yield f"{points}, {confidence_text(asked.confidence)}"
+    if planned.no_baseline:
+        yield f"will be INCONCLUSIVE: {planned.no_baseline}"
+        return
+    for share in _EXPECTED_DISAGREEMENT:
+        needed = pairs_needed(asked.margin, asked.confidence, share)
+        case = f"if equal, and {100 * share:g} % end otherwise"
+        yield from needed_line(case, needed, planned.pairs, " driven by both")
+
+
+NO_WORSE_THAN = GateRule("noWorseThan", _judge, _plan, _columns)

@@ -1,0 +1,187 @@
+"""What a rule of the gate is, what it judges by, and what it answers.
+
+Each rule answers PASS when its whole interval is within the bar, FAIL when the whole interval is beyond it, and else
+INCONCLUSIVE. What is not known speaks against whoever needs it: where a job crashed before there was anything to
+measure, a PASS takes the worst and a FAIL the best. A canceled or missing episode lets nothing pass.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import pyarrow as pa
+import pyarrow.compute as pc
+from pydantic import Field, JsonValue
+
+from specs.base import Spec
+from specs.data.episode import CANCELED
+from specs.data.run_report import Verdict
+from specs.pipeline.gate_section import Gate
+from tasks.results.statistics.pairs import PairCounts
+from tasks.results.statistics.success import EpisodeCounts
+
+Section = TypeVar("Section", bound=Spec)
+ColumnValues = Mapping[str, Sequence[Any]]
+
+
+class RuleVerdict(Spec):
+    """One rule's answer.
+
+    Attributes:
+        rule: Where it stands in the gate, such as ``successRate`` or ``quantiles[0]``.
+        sentence: The answer and why, for a person.
+        method: What the interval is: ``Wilson``, ``confidence sequence``, ``Tango`` or ``order statistics``.
+        counted: Episodes, or pairs of them.
+        estimate: The share, difference or quantile as it was seen; None of nothing.
+        lower: Lower bound of the interval; None if it has none.
+        upper: Upper bound; None likewise.
+        facts: More numbers, by name.
+    """
+
+    rule: str
+    verdict: Verdict
+    sentence: str
+    method: str = ""
+    counted: int = 0
+    estimate: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    facts: dict[str, JsonValue] = Field(default_factory=dict[str, JsonValue])
+
+    @property
+    def title(self) -> str:
+        """Returns what a person calls the rule: its name in the document, and of a quantile what it is of."""
+        return f"quantile of {self.facts['column']}" if "column" in self.facts else self.rule
+
+
+class Completeness(NamedTuple):
+    """What of a batch is not there to be judged.
+
+    Attributes:
+        canceled: Episodes that somebody canceled.
+        missing: Episodes that never got a result.
+        left_out: Episodes that were not needed any more, because the gate was certain.
+        sequential: Whether the batch may have been ended by what was counted, so that only a confidence sequence holds.
+    """
+
+    canceled: int = 0
+    missing: int = 0
+    left_out: int = 0
+    sequential: bool = False
+
+    def all_counted(self) -> bool:
+        """Returns whether nobody canceled an episode and none lacks its result."""
+        return not (self.canceled or self.missing)
+
+    def whole(self) -> bool:
+        """Returns whether all episodes came to an end."""
+        return self.all_counted() and not self.left_out
+
+    def text(self) -> list[str]:
+        """Returns what a sentence says of it."""
+        said = [f"{self.canceled} canceled"] * bool(self.canceled)
+        said += [f"{self.missing} without a result"] * bool(self.missing)
+        return said + [f"{self.left_out} not needed any more"] * bool(self.left_out)
+
+
+_COMPLETE = Completeness()
+
+
+class Share(NamedTuple):
+    """How many episodes show something.
+
+    Attributes:
+        shown: Episodes that show it.
+        unknown: Episodes that might show it: their job failed before.
+        n: All episodes, these included.
+    """
+
+    shown: int = 0
+    unknown: int = 0
+    n: int = 0
+
+    def plus(self, more: "Share") -> "Share":
+        """Returns the share of the episodes of both."""
+        return Share(self.shown + more.shown, self.unknown + more.unknown, self.n + more.n)
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a gate judges by.
+
+    Attributes:
+        counts: What the episodes came to; of the tested version alone, where another one is in the same batch.
+        lacks: What of the batch is not there to be counted.
+        rows: The columns that the gate's rules need, of the same episodes; None if no rule needs any.
+        pairs: How the tested version compares with the other one; or why it cannot be said.
+        audit: What the batch's record says of its parity audit; None if there was none.
+        shares: What rules that count episodes have counted, by the rule's name; the gate fills it in.
+    """
+
+    counts: EpisodeCounts
+    lacks: Completeness = _COMPLETE
+    rows: pa.Table | None = None
+    pairs: PairCounts | str = "there is no other version to compare with"
+    audit: Mapping[str, JsonValue] | None = None
+    shares: Mapping[str, Share] = field(default_factory=dict[str, Share])
+
+    def ended_rows(self) -> pa.Table:
+        """Returns the rows of the episodes that came to an end.
+
+        Raises:
+            ValueError: There are no rows.
+        """
+        if self.rows is None:
+            raise ValueError("a rule looks at columns of the results, and there are none")
+        return self.rows.filter(pc.field("status") != CANCELED)
+
+
+@dataclass(frozen=True)
+class PlannedEpisodes:
+    """What a gate is going to judge a planned batch by.
+
+    Attributes:
+        episodes: Of the tested version.
+        pairs: Episodes that the tested version and the other one drive both.
+        audited: Episodes that are driven again on C MuJoCo.
+        no_baseline: Why there is nothing to compare with, where that is certain beforehand; else empty.
+        any_look: Whether the gate is asked after each chunk, and not at the end alone.
+    """
+
+    episodes: int
+    pairs: int
+    audited: int
+    no_baseline: str = ""
+    any_look: bool = False
+
+
+def _no_columns(_: Spec) -> Sequence[str]:
+    return ()
+
+
+@dataclass(frozen=True)
+class GateRule(Generic[Section]):
+    """A rule of the gate: how it judges, what it looks at, and what `simyard plan` says of it.
+
+    Attributes:
+        name: Its field in the document's gate section. A field of several, such as ``quantiles``, is one rule each.
+        judge: Answers it, given what the document asks for, the material, and where the rule stands in the gate.
+        plan: Yields what `simyard plan` prints of it: the rule, and how many episodes it needs.
+        columns: The columns of ``results.parquet`` that it looks at; none if the batch's counts are enough.
+        count: Counts the episodes that it is about from the values of its columns, as `judge` finds them in the
+            material's ``shares``. A rule that can be sure before the batch's end counts with it, or by the counts
+            alone; its columns are fields of an episode's result then.
+    """
+
+    name: str
+    judge: Callable[[Section, Material, str], RuleVerdict]
+    plan: Callable[[Section, PlannedEpisodes], Iterator[str]]
+    columns: Callable[[Section], Sequence[str]] = _no_columns
+    count: Callable[[ColumnValues], Share] | None = None
+
+    def asked(self, gate: Gate) -> list[tuple[str, Section]]:
+        """Returns what the document asks of this rule, each with where it stands; nothing if it asks for nothing."""
+        found = getattr(gate, self.name)
+        if isinstance(found, tuple):
+            return [(f"{self.name}[{number}]", section) for number, section in enumerate(found)]
+        return [] if found is None else [(self.name, found)]

@@ -1,0 +1,50 @@
+"""The rule ``successRate``: enough episodes pass."""
+
+from collections.abc import Iterator
+
+from specs.pipeline.gate_section import SuccessRate
+from tasks.results.gate.rules.rule import GateRule, Material, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.wording import (
+    answer_above,
+    confidence_text,
+    needed_line,
+    nothing_counted,
+    rate_text,
+    sentence,
+    share_interval,
+    share_needed,
+)
+
+_EXPECTED_RATES = (1.0, 0.98, 0.95)
+
+
+def _judge(asked: SuccessRate, material: Material, label: str) -> RuleVerdict:
+    counts, lacks = material.counts, material.lacks
+    if counts.episodes == 0:
+        return nothing_counted(label, "no episode has a result to count")
+    interval, method = share_interval(counts.successes, counts.episodes, asked.confidence, lacks)
+    answer = answer_above(interval, asked.atLeast, counts.episodes, sound=lacks.all_counted())
+    rate = counts.successes / counts.episodes
+    text = rate_text(rate, interval, asked.confidence, method)
+    seen = f"{counts.successes} of {counts.episodes} episodes passed ({text})"
+    return RuleVerdict(
+        rule=label,
+        verdict=answer,
+        sentence=sentence(answer, seen, f"at least {100 * asked.atLeast:g} % asked for", lacks),
+        method=method,
+        counted=counts.episodes,
+        estimate=rate,
+        lower=interval.lower,
+        upper=interval.upper,
+        facts={"successes": counts.successes},
+    )
+
+
+def _plan(asked: SuccessRate, planned: PlannedEpisodes) -> Iterator[str]:
+    yield f"at least {100 * asked.atLeast:g} % pass, {confidence_text(asked.confidence)}"
+    for rate in _EXPECTED_RATES:
+        needed = share_needed(planned, asked.atLeast, asked.confidence, rate)
+        yield from needed_line(f"if {100 * rate:g} % pass", needed, planned.episodes)
+
+
+SUCCESS_RATE = GateRule("successRate", _judge, _plan)
