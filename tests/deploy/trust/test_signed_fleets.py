@@ -68,6 +68,7 @@ def test_a_fleet_of_this_machine_is_signed_for_with_keys_outside_the_store(yard:
     assert not list((yard.folder / "store").rglob("*.pem"))
 
 
+@pytest.mark.long
 def test_a_fleet_on_s3_is_signed_for(s3_store: Store, tmp_path: Path) -> None:
     yard = Yard(s3_store, tmp_path)
     create_fleet(s3_store, FLEET)

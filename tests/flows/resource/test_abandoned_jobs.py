@@ -45,8 +45,8 @@ def reaped(store: Store) -> dict[str, ReapedJob]:
     return {each.arn: each for each in reap_jobs(store, clock.sleep, clock.now_s)}
 
 
-def left_by_another_machine(store: Store, kind: JobKind, job: str, beat: int = 0) -> None:
-    holder = ClaimRecord(owner="other", process=ELSEWHERE, epoch=1, beat=beat, ttl_s=15.0, released=False)
+def left_by_another_machine(store: Store, kind: JobKind, job: str, beat: int = 0, ttl_s: float = 15.0) -> None:
+    holder = ClaimRecord(owner="other", process=ELSEWHERE, epoch=1, beat=beat, ttl_s=ttl_s, released=False)
     store.put(claim_key(kind, job), holder.model_dump_json().encode())
 
 
@@ -191,5 +191,5 @@ def test_a_token_that_looks_like_a_runs_and_is_none_leaves_its_job_to_its_reques
 
 def a_left_export(store: Store, name: str) -> JobRecord:
     job = submit(store, EXPORT, {}, name)
-    left_by_another_machine(store, EXPORT, job.id)
+    left_by_another_machine(store, EXPORT, job.id, ttl_s=1.0)  # a cancellation really waits for it
     return advance(store, EXPORT, job.id, "Canceling")

@@ -73,6 +73,7 @@ def messages() -> Generator[tuple[str, list[dict[str, str]]], None, None]:
         server.shutdown()
 
 
+@pytest.mark.long
 def test_the_example_tells_of_a_batch_that_failed_and_once(
     prefect_server: str, tmp_path: Path, messages: tuple[str, list[dict[str, str]]]
 ) -> None:

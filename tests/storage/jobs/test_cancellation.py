@@ -19,7 +19,7 @@ def test_a_job_that_nobody_works_on_is_canceled_at_once(file_store: Store) -> No
 
 def test_whoever_works_on_a_job_is_left_to_end_it(file_store: Store) -> None:
     job = submit(file_store, KIND, {}, "one").id
-    with claimed(file_store, claim_key(KIND, job)):
+    with claimed(file_store, claim_key(KIND, job), ttl_s=4.5):
         advance(file_store, KIND, job, "Running")
         assert cancel_job(file_store, KIND, job).status == "Canceling"
     assert read(file_store, KIND, job).status == "Canceling"
