@@ -88,8 +88,8 @@ def test_the_steps_of_a_life_are_counted_and_name_modules(heading: str):
     assert [text for _, text in steps if not re.match(r"`[\w/]+\.py`", text)] == []
 
 
-@pytest.mark.parametrize("name", ["tree", "keys"])
-def test_the_page_has_the_folders_and_the_keys_that_the_code_has(name: str):
+@pytest.mark.parametrize("name", ["tree", "layers", "keys"])
+def test_the_page_has_the_folders_layers_and_keys_that_the_code_has(name: str):
     assert between(ARCHITECTURE, name) == lists()[name], "python -m tests.docs.tree writes it anew"
 
 

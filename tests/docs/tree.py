@@ -1,11 +1,13 @@
-"""The two lists of docs/architecture.md that the code decides: its folders, and the keys of the store.
+"""The lists of docs/architecture.md that the code decides: its folders, their layers, and the keys of the store.
 
 ``python -m tests.docs.tree`` writes them into the page.
 """
 
 import ast
 import itertools
+import os
 import re
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -31,9 +33,11 @@ def first_line(package: Path) -> str:
 
 def lists() -> Mapping[str, str]:
     """Returns what stands in the page between ``<!-- name -->`` and ``<!-- end of name -->``, by name."""
+    keys = {**_described_keys(), **_job_keys()}
     return {
         "tree": _block(map(_line, packages())),
-        "keys": _block(sorted({**_described_keys(), **_job_keys()}.values())),
+        "layers": _block(_layers()),
+        "keys": _block(sorted(keys.values())),
     }
 
 
@@ -55,6 +59,17 @@ def _line(package: Path) -> str:
     """Returns a folder with what lives in it; who may import it stands in the folder alone."""
     what, _, _ = first_line(package).rpartition(". ")
     return f"{package.as_posix():<31} {what}"
+
+
+def _layers() -> Iterator[str]:
+    """Yields a line for each contract about layers inside a package: the highest layer first."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    for layers in (contract["layers"] for contract in contracts if contract["type"] == "layers"):
+        inside = [layer.replace(".", "/").split(" | ") for layer in layers]
+        package = os.path.commonpath([path for paths in inside for path in paths])
+        if package:
+            below = (" | ".join(path.removeprefix(f"{package}/") for path in paths) for paths in inside)
+            yield f"{package:<21} {' > '.join(below)}"
 
 
 def _described_keys() -> dict[str, str]:
