@@ -1,0 +1,364 @@
+"""Each recipe of CONTRIBUTING.md, "How to add ...", is followed on a copy of the tree, and what was added works."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.docs.recipes.tree_copy import TreeCopy
+from tests.repository import ROOT
+
+HEADINGS = [
+    "a furniture type",
+    "a results column",
+    "a gate rule",
+    "an outcome reason",
+    "a job kind",
+    "an engine",
+    "a failure code",
+    "a sensor",
+    "an export format",
+]
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> TreeCopy:
+    """A copy of the source to change."""
+    return TreeCopy(tmp_path)
+
+
+def simulated(tree: TreeCopy, engine: str) -> str:
+    """The status of an episode of the test's robot, whose bundle may have been changed, on an engine of the copy."""
+    return tree.run(
+        "from pathlib import Path\n"
+        "from tasks.simulate.devices import prepare_devices; prepare_devices()\n"
+        "from tasks.simulate.chunk.runner import simulate_chunk\n"
+        "from tasks.simulate.plan.chunks import plan_chunks\n"
+        "from tests.factories.simulations import DRIFT, FAULTY, BUNDLES, pen, pushing\n"
+        "(chunk,) = plan_chunks([pushing(0, world='w', duration_s=0.5)], 1)\n"
+        "folders = {FAULTY: Path('bundle'), DRIFT: BUNDLES / 'drift'}\n"
+        f"options = dict(lanes=1, engine={engine!r}, should_stop=lambda: False)\n"
+        "(row,) = simulate_chunk(chunk, {'w': pen(4.0, 1)}, folders, **options)\n"
+        "print(row.status, row.failure_reason)"
+    ).strip()
+
+
+def _sections() -> dict[str, list[str]]:
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    parts = text.split("\n## How to add ")[1:]
+    return {part.splitlines()[0]: part.split("\n## ")[0].splitlines()[1:] for part in parts}
+
+
+def test_each_thing_that_people_add_has_a_recipe_of_at_most_five_steps():
+    sections = _sections()
+    assert sorted(sections) == sorted(HEADINGS)
+    for thing, lines in sections.items():
+        assert 1 <= len([line for line in lines if line[:1].isdigit()]) <= 5, thing
+
+
+def test_a_furniture_type_is_one_record(tree: TreeCopy):
+    tree.add_before(
+        "tasks/worlds/furniture/bathroom.py",
+        '    FurnitureType(\n        "Showers",',
+        '    FurnitureType(\n        "TowelHeaters",\n        washing_machine,\n'
+        "        one_size((0.6, 0.6), (0.6, 0.6), (0.85, 0.85)),\n"
+        '        demand=(essential("Bathroom", 1),),\n    ),\n',
+    )
+    made = tree.run(
+        "import json\n"
+        "from specs.template.body import template_body\n"
+        "from tasks.worlds.generate import generate_world\n"
+        "from tasks.export.drawing.floor_plan import floor_plan_svg\n"
+        "room = {'Type': 'Bathroom', 'Name': 'bath', 'DesiredShape': {'Area': 12, 'AspectRatio': {'x': 1, 'y': 1}}}\n"
+        "body = template_body({'Version': '2', 'Buildings': [{'Floors': [{'Floorplan': {'Rooms': [room]}}]}]})\n"
+        "world = generate_world(body, seed=1, generation='g', floorplan_index=1, interior_index=1)\n"
+        "floor_plan_svg(world)\n"
+        "print(*[piece.model_type for piece in world.furniture])"
+    )
+    assert "TowelHeaters" in made.split()
+    tree.followed("a furniture type")
+
+
+def test_a_results_column_is_one_record(tree: TreeCopy):
+    tree.add_before(
+        "specs/data/result_columns.py",
+        '    _measured("path_length_m",',
+        '    Column("half_path_m", "double", "m", "Half of it.", lambda each: each.result.path_length_m / 2, '
+        "measure=True),\n",
+    )
+    made = tree.run(
+        "from tasks.results.tables.tables import results_table\n"
+        "from specs.pipeline.gate_section import Gate\n"
+        "from tests.factories.episodes import passed, request\n"
+        "table = results_table('simb-1', [request(0)], [passed(0)])\n"
+        "Gate.model_validate({'quantiles': [{'column': 'half_path_m', 'quantile': 0.5, 'atMost': 9.0}]})\n"
+        "print(table.column('half_path_m').to_pylist(), table.column('path_length_m').to_pylist())"
+    )
+    halves, whole = made.strip().split("] [")
+    assert 2 * float(halves.strip("[")) == float(whole.strip("]"))
+    tree.followed("a results column")
+
+
+def test_an_outcome_reason_is_one_record(tree: TreeCopy):
+    path = "specs/data/outcome_reasons.py"
+    tree.replace(path, '"out of bounds", "crash"]', '"out of bounds", "crash", "overheated"]')
+    tree.replace(
+        path,
+        'there is nothing to judge.", OTHER_MARK),\n',
+        'there is nothing to judge.", OTHER_MARK),\n'
+        '    ReasonRecord("overheated", "The motor was too hot.", Mark("hot", "<path/>", *["#ff0000"] * 4)),\n',
+    )
+    made = tree.run(
+        "from specs.data.outcome_reasons import MARKS, mark_of\n"
+        "from tasks.simulate.application.contract import REASONS\n"
+        "from tests.factories.episodes import collided\n"
+        "from specs.data.episode import EpisodeResult, reason\n"
+        "row = EpisodeResult.model_validate({**collided(0).model_dump(), 'outcome_reason': 'overheated'})\n"
+        "print(REASONS.index('overheated'), reason(row), mark_of('overheated').name, mark_of('overheated') in MARKS)"
+    )
+    assert made.split() == ["6", "overheated", "hot", "True"]
+    tree.followed("an outcome reason")
+
+
+def test_an_export_format_is_a_writer_and_a_record(tree: TreeCopy):
+    tree.write(
+        "tasks/export/format/names.py",
+        '"""The names of a world\'s rooms."""\n\nfrom specs.data.world import World\n\n\n'
+        "def names_text(world: World) -> bytes:\n"
+        '    """Returns a line a room."""\n'
+        '    return "\\n".join(room.name for room in world.rooms).encode()\n',
+    )
+    tree.replace("specs/pipeline/world_sections.py", '"glb", "usd"]', '"glb", "usd", "names"]')
+    tree.add_before(
+        "tasks/export/format/formats.py",
+        "_RECORDS = (",
+        "def _names(world: World) -> Mapping[str, bytes]:\n"
+        "    from tasks.export.format.names import names_text\n\n"
+        '    return {f"{_place(world)}.txt": names_text(world)}\n\n\n',
+    )
+    tree.replace(
+        "tasks/export/format/formats.py",
+        'needs=("pxr",)),\n',
+        'needs=("pxr",)),\n    ExportFormat("names", "a text editor", _names),\n',
+    )
+    made = tree.run(
+        "from specs.pipeline.document import PipelineSpec\n"
+        "from tasks.export.format.formats import format_files\n"
+        "from tests.factories.worlds import apartment\n"
+        "worlds = {'template': 't', 'worldCount': {'floorplanCount': 1}}\n"
+        "PipelineSpec.model_validate({'name': 'n', 'worldGeneration': worlds, 'worldExport': "
+        "{'outputLocation': {'s3Bucket': 'worlds', 's3Prefix': 'n'}, 'formats': ['names']}})\n"
+        "print(*format_files(apartment(), 'names'))"
+    )
+    assert made.strip().startswith("names/")
+    assert made.strip().endswith(".txt")
+    tree.followed("an export format")
+
+
+def test_a_failure_code_is_one_name(tree: TreeCopy):
+    path = "specs/robomaker/failure_codes.py"
+    tree.replace(path, '    "AllWorldGenerationFailed",\n', '    "AllWorldGenerationFailed",\n    "RoofOnFire",\n')
+    made = tree.run(
+        "from specs.robomaker.world_descriptions import DescribeWorldGenerationJobResponse as Answer\n"
+        "from tasks.storage.jobs.records import advance, submit\n"
+        "from tasks.storage.store_url import open_store\n"
+        "from pathlib import Path\n"
+        "store = open_store(Path('store').absolute().as_uri())\n"
+        "kind = 'world-generation-job'\n"
+        "record = submit(store, kind, {}, 'token')\n"
+        "record = advance(store, kind, record.id, 'Failed', failure_code='RoofOnFire')\n"
+        "print(record.failure_code, 'RoofOnFire' in str(Answer.model_json_schema()))"
+    )
+    assert made.split() == ["RoofOnFire", "True"]
+    tree.followed("a failure code")
+
+
+def test_a_gate_rule_is_a_section_and_a_module(tree: TreeCopy):
+    section = "specs/pipeline/gate_section.py"
+    tree.add_before(
+        section,
+        "class QuantileRule(Ruled):",
+        "class SpeedLimit(Spec):\n"
+        '    """How fast an episode may be on average."""\n\n'
+        '    atMost: Number = Field(title="At most")\n\n\n',
+    )
+    tree.add_before(
+        section,
+        "    # None, not False: documents without it",
+        '    speedLimit: SpeedLimit | None = Field(default=None, title="Speed limit")\n',
+    )
+    tree.write("tasks/results/gate/rules/speed_limit.py", SPEED_LIMIT)
+    gate = "tasks/results/gate/gate.py"
+    tree.add_before(
+        gate,
+        "from tasks.results.gate.rules.success_rate",
+        "from tasks.results.gate.rules.speed_limit import SPEED_LIMIT\n",
+    )
+    tree.replace(gate, "OUTCOME_FLIP_RATE, QUANTILES)", "OUTCOME_FLIP_RATE, QUANTILES, SPEED_LIMIT)")
+    made = tree.run(
+        "from flows.preview.gate_plan import PlannedEpisodes\n"
+        "from specs.pipeline.gate_section import Gate\n"
+        "from tasks.results.gate.gate import GATE_RULES, columns_needed, count_rows, judge\n"
+        "from tasks.results.gate.rules.rule import Material\n"
+        "from tasks.results.tables.tables import results_table\n"
+        "from tests.factories.episodes import passed, request\n"
+        "gate = Gate.model_validate({'speedLimit': {'atMost': 5.0}})\n"
+        "rows = results_table('b', [request(0)], [passed(0)]).select(columns_needed(gate))\n"
+        "verdict = judge(gate, Material(counts=count_rows(rows), rows=rows))\n"
+        "planned = PlannedEpisodes(episodes=1, pairs=0, audited=0)\n"
+        "(rule,) = [rule for rule in GATE_RULES if rule.asked(gate)]\n"
+        "print(verdict.verdict, *rule.plan(gate.speedLimit, planned), sep='|')"
+    )
+    assert made.strip() == "PASS|at most 5 m/s on average"
+    tree.followed("a gate rule")
+
+
+SPEED_LIMIT = '''"""The rule ``speedLimit``: no episode is faster on average than a bar."""
+
+from tasks.results.gate.rules.rule import GateRule, RuleVerdict
+
+
+def _judge(asked, material, label):
+    rows = material.ended_rows()
+    paths, times = (rows.column(name).to_pylist() for name in ("path_length_m", "simulated_s"))
+    fast = any(path > asked.atMost * time for path, time in zip(paths, times, strict=True))
+    return RuleVerdict(rule=label, verdict="FAIL" if fast else "PASS", sentence="", counted=len(paths))
+
+
+def _plan(asked, _planned):
+    yield f"at most {asked.atMost:g} m/s on average"
+
+
+SPEED_LIMIT = GateRule("speedLimit", _judge, _plan, lambda _: ("path_length_m", "simulated_s"))
+'''
+
+
+def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
+    kinds = "specs/job_kinds.py"
+    tree.replace(kinds, '"deployment-job", "pipeline-run"]', '"deployment-job", "map-survey-job", "pipeline-run"]')
+    tree.add_before(
+        kinds,
+        "    # Runs of a document are numbered",
+        "    JobDeclaration(\n"
+        '        "map-survey-job",\n        prefix="msj",\n        part="survey",\n        event="map-survey",\n'
+        '        objects=(JobObjects("surveys", ("surveys/{survey}.json",)),),\n    ),\n',
+    )
+    commands = "flows/resource/kinds.py"
+    tree.add_before(
+        commands,
+        "KINDS: Mapping[ResourceKind, Kind] = {\n",
+        "def _map_survey_job() -> Resource:\n"
+        "    from tasks.storage.jobs.cancellation import cancel_job\n\n"
+        '    kind: JobKind = "map-survey-job"\n'
+        "    return Resource(\n"
+        "        lambda store, path: read(store, kind, path),\n"
+        "        lambda store: records(store, kind),\n"
+        "        cancel=lambda store, path: cancel_job(store, kind, path),\n    )\n\n\n",
+    )
+    tree.add_before(
+        commands, '    "pipeline-run": Kind(', '    "map-survey-job": Kind("map-survey-jobs", _map_survey_job),\n'
+    )
+    made = tree.run(
+        "from pathlib import Path\n"
+        "from flows.resource.answers import describe_resource, listed\n"
+        "from flows.resource.cancel import cancel\n"
+        "from tasks.housekeeping.object_kinds import place_of\n"
+        "from tasks.storage.jobs.records import submit\n"
+        "from tasks.storage.store_url import open_store\n"
+        "store = open_store(Path('store').absolute().as_uri())\n"
+        "job = submit(store, 'map-survey-job', {}, 'token')\n"
+        "cancel(store, job.arn)\n"
+        "print(job.id[:4], describe_resource(store, job.arn).status, len(list(listed(store, 'map-survey-jobs'))), "
+        "place_of(f'surveys/{job.id}.json').what)"
+    )
+    assert made.split() == ["msj-", "Canceled", "1", "surveys"]
+    tree.followed("a job kind")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
+def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine: str):
+    tree.write("tasks/simulate/sensor/imu.py", IMU)
+    table = "tasks/simulate/sensor/sensors.py"
+    tree.add_before(
+        table, "from tasks.simulate.sensor.lidar import", "from tasks.simulate.sensor.imu import IMU, Imu\n"
+    )
+    tree.replace(table, "    bumper: Bumper\n", "    bumper: Bumper\n    imu: Imu\n")
+    tree.replace(table, "ODOMETRY, BUMPER)", "ODOMETRY, BUMPER, IMU)")
+    tree.replace(
+        "tasks/simulate/application/contract.py",
+        "    joints: Joints | None = None\n",
+        '    joints: Joints | None = None\n    imu_rad_s: Float[jax.Array, "axes"] | None = None\n',
+    )
+    shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")
+    controller = tree.root / "bundle/faulty/pushing.py"
+    text = controller.read_text().replace("    lidar = Lidar()\n", "    lidar = Lidar()\n    imu = Lidar()\n", 1)
+    text = text.replace("class Lidar(NamedTuple):", "class Lidar(NamedTuple):\n    axes: int = 1")
+    controller.write_text(text.replace("jnp.float32(0.4)", "jnp.float32(0.4) + observation.imu_rad_s[0]"))
+    assert simulated(tree, engine) == "Completed"
+    tree.followed("a sensor")
+
+
+IMU = '''"""The inertial measurement unit: how fast the robot turns."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from tasks.simulate.sensor.sensor import Sensor
+
+
+class Imu(NamedTuple):
+    """A gyroscope around the vertical axis; 0 axes are none."""
+
+    axes: int
+
+
+def _observe(shared, _own, _memory, situation):
+    return {"imu_rad_s": jnp.broadcast_to(situation.body.qvel[2], (shared.axes,))}
+
+
+IMU = Sensor(
+    name="imu",
+    kind=Imu,
+    absent=Imu(axes=0),
+    blank=lambda shared: {"imu_rad_s": jnp.zeros(shared.axes)},
+    observe=_observe,
+    limits={"axes": (1, 1)},
+    whole=("axes",),
+    shared=("axes",),
+)
+'''
+
+
+@pytest.mark.long
+def test_an_engine_is_a_folder_and_a_record(tree: TreeCopy):
+    tree.write(
+        "tasks/simulate/engine/tin/engine.py",
+        '"""The tin engine."""\n\nfrom dataclasses import replace\n\n'
+        "from tasks.simulate.engine.planar.engine import planar_mechanics\n\n\n"
+        "def tin_mechanics(path):\n    return replace(planar_mechanics(path), engine='tin')\n",
+    )
+    tree.replace(
+        "specs/pipeline/simulation_section.py",
+        'Literal["planar", "mjx", "mujoco"]',
+        'Literal["planar", "mjx", "mujoco", "tin"]',
+    )
+    engines = "tasks/simulate/engine/engines.py"
+    tree.add_before(
+        engines,
+        "ENGINES: Mapping[EngineName, Engine] = {\n",
+        "def _load_tin(robot, applications, lanes, *, plain):\n"
+        "    from tasks.simulate.engine.compiled_program import compiled_program\n"
+        "    from tasks.simulate.engine.tin.engine import tin_mechanics\n\n"
+        "    return compiled_program(tin_mechanics(robot), applications, lanes)\n\n\n",
+    )
+    tree.add_before(
+        engines,
+        '    "mjx": Engine(\n',
+        '    "tin": Engine({"cpu": 4, "gpu": 4}, False, _read_planar, _load_tin, '
+        "EngineCost(1.0, 1.0, 1e-6, 1e-6, 1e-3, _MIB, _MIB)),\n",
+    )
+    shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")
+    assert simulated(tree, "tin") == "Completed"
+    tree.followed("an engine")
