@@ -1,4 +1,4 @@
-"""Which tests run in one process of `pytest --numprocesses`, and in which order these processes take them."""
+"""Which tests run in one process of `pytest --numprocesses`."""
 
 from xdist.scheduler import LoadScopeScheduling
 
@@ -6,9 +6,14 @@ from xdist.scheduler import LoadScopeScheduling
 _ONE_SERVER = ("tests/docs/", "tests/integration/")
 
 
+def unit(test: str) -> str:
+    """Returns the unit that a test is handed out with: its file, or all files that share a server."""
+    file = test.split("::", maxsplit=1)[0]
+    return "Prefect" if file.startswith(_ONE_SERVER) else file
+
+
 class FileScheduling(LoadScopeScheduling):
     """Hands out the tests of a file together, so that what they share is made once."""
 
     def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.split("::", maxsplit=1)[0]
-        return "Prefect" if file.startswith(_ONE_SERVER) else file
+        return unit(nodeid)

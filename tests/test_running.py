@@ -1,0 +1,45 @@
+"""How the tests run: a missing tool skips a test but fails it in CI, and each file stays in one process."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.repository import ROOT
+from tests.scheduling import unit
+from tests.servers.tools import need_tool
+
+_CALL = re.compile(r'need_tool\("([\w-]+)"(?:, "([\w -]+)")?')
+_SOAK_ONLY = {"postgresql"}
+
+
+def test_without_a_tool_a_test_is_skipped_and_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("CI", raising=False)
+    with pytest.raises(pytest.skip.Exception, match="nobody-has-this is not installed: apt-get install some-package"):
+        need_tool("nobody-has-this", "some-package")
+
+
+def test_in_ci_a_missing_tool_is_a_failure(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("CI", "true")
+    with pytest.raises(pytest.fail.Exception, match="nobody-has-this is not installed"):
+        need_tool("nobody-has-this")
+
+
+def test_ci_installs_what_the_tests_look_for():
+    script = (ROOT / ".ci/run").read_text()
+    texts = [path.read_text() for path in Path(ROOT / "tests").rglob("*.py") if path != Path(__file__)]
+    packages = {match[2] or match[1] for text in texts for match in _CALL.finditer(text)} - _SOAK_ONLY
+    assert packages >= {"chromium", "npm", "systemd", "ignition-tools libsdformat-dev"}
+    assert [package for package in packages if f"+=({package})" not in script] == []
+
+
+@pytest.mark.parametrize(
+    ("test", "expected"),
+    [
+        ("tests/specs/test_digest.py::test_one[a::b]", "tests/specs/test_digest.py"),
+        ("tests/integration/test_report.py::test_one", "Prefect"),
+        ("tests/docs/test_readme.py::test_one", "Prefect"),
+    ],
+)
+def test_a_file_stays_together_and_so_do_those_that_share_a_server(test: str, expected: str):
+    assert unit(test) == expected
