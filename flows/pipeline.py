@@ -1,4 +1,4 @@
-"""The whole document: worlds, export, simulation, gate, deployment."""
+"""The flow `pipeline`: runs a whole document from worlds to deployment, and reports on it."""
 
 from pathlib import Path
 from typing import cast

@@ -1,4 +1,4 @@
-"""Jobs that nobody works on any more, found by a schedule."""
+"""The flow `reaping`: looks for jobs that nobody works on any more, on a schedule."""
 
 from prefect import flow
 from prefect.artifacts import create_table_artifact

@@ -1,4 +1,4 @@
-"""A robot application driven through worlds, seeds and parameters."""
+"""The flow `simulation-batch`: drives a robot application through worlds, seeds and parameters."""
 
 import time
 from functools import partial

@@ -1,4 +1,4 @@
-"""Worlds to files that other programs open."""
+"""The flow `world-export`: writes worlds as files that other programs open."""
 
 from prefect import flow
 from pydantic import JsonValue

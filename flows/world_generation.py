@@ -1,4 +1,4 @@
-"""Worlds from a template."""
+"""The flow `world-generation`: makes worlds from a template."""
 
 from pathlib import Path
 

@@ -1,9 +1,9 @@
-"""A batch's report: what the store's records say of it, put together for its page beside its tables.
+"""A batch's report: collects the facts from the store's records, and writes the page beside the tables.
 
-It is written when the batch ends, again when the gate has judged it, and again when its run has ended, which tells
-what the stages took; each time over the one before, and from records and tables alone, so that `simyard report` makes
-the same bytes. It decides nothing: what it is about is ended, judged and shipped without it, too, and tells that it is
-missing.
+A report is written when the batch ends, when the gate has judged it, and when its run has ended and the times of the
+stages are known. Each report replaces the one before. It is made from records and tables alone, so that `simyard
+report` makes the same bytes. A report decides nothing: a batch ends, is judged and is shipped without it, and its
+record then says that the report is missing.
 """
 
 import logging

@@ -75,7 +75,7 @@ def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
         raise _refused(batch, index, allowed)
     found = smaller(tuple(piece.name for piece in search.world.furniture), search.still_fails, budget - 2)
     seed = search.lowest_seed(search.furnished(found.names), budget - 1)
-    world = _stored(store, search.furnished(found.names), batch, index)
+    world = _store_world(store, search.furnished(found.names), batch, index)
     (row,) = search.rows([Trial(world, seed)])
     return ShrunkJob(
         batch=batch,
@@ -149,7 +149,7 @@ def _template(store: Store, world: World) -> TemplateBody | None:
         return None
 
 
-def _stored(store: Store, world: World, batch: OpenBatch, index: int) -> World:
+def _store_world(store: Store, world: World, batch: OpenBatch, index: int) -> World:
     """Returns a world under a name that its content has, put into the store; the same one may be there already."""
     bare = world.model_copy(update={"generation": SHRUNK, "name": f"{batch.id}-{index}"})
     digest = hashlib.sha256(encode_world(bare)).hexdigest()[:_DIGEST_SHOWN]

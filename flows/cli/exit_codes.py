@@ -1,8 +1,8 @@
-"""How `simyard` ends: exit codes, and what a person is told.
+"""Exit codes of `simyard`, the message that goes with each, and the answer to signals.
 
-0 done and passed, 1 the gate or the deployment failed, a replay deviates, or a batch is not shown to be no worse than
-another, 2 a bad document or command, 3 a stage failed or Simyard has a defect, 130 and 143 interrupted. Never 1 for
-anything else: whoever ships on 0 must know a verdict from an accident.
+0: done and passed. 1: the gate or the deployment failed, a replay deviates, or a batch is not shown to be no worse than
+another. 2: a bad document or command. 3: a stage failed, or Simyard has a defect. 130 and 143: interrupted. Nothing
+else ends with 1, so that a script can tell a verdict from an accident.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""`simyard fleet watch`: a deployment in the terminal, as the records tell it, and the robots as they are since."""
+"""`simyard fleet watch`: shows a deployment in the terminal, robot by robot, until it ends."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -35,6 +35,12 @@ def watch_deployment(
     store: Store, job: str, console: Console, sleep: Callable[[float], None] = time.sleep
 ) -> DescribeDeploymentJobResponse:
     """Returns a deployment job as it ended, having shown it until then.
+
+    Args:
+        store: Where the job is.
+        job: Its id.
+        console: Where it is shown.
+        sleep: Waits so many seconds.
 
     Raises:
         ResourceNotFound: No such job.

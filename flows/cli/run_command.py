@@ -1,4 +1,4 @@
-"""`simyard run`: a document is read, a server is found or started, and the pipeline is driven with progress bars.
+"""`simyard run`: finds or starts a Prefect server, and runs the pipeline with progress bars.
 
 The server starts while JAX and Prefect are imported, so most of its start costs no time.
 """

@@ -1,4 +1,4 @@
-"""What a command line names: an ARN of the one kind that the command is about, or the bare name."""
+"""Names on the command line: an ARN of the one kind that the command takes, or the bare name."""
 
 from specs.arn import ResourceKind, parse_reference
 from specs.base import Fault

@@ -1,4 +1,4 @@
-"""The batch that a document asks for: its plan, the versions that it tests, and the one that it compares them with."""
+"""The batch that a document asks for: its plan, the versions it tests, and the version it compares them with."""
 
 import hashlib
 from collections.abc import Sequence

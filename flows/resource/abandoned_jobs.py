@@ -1,7 +1,7 @@
-"""Jobs that are under way and that nobody works on: told where they are shown, and made ready to be continued.
+"""Abandoned jobs, which are under way while nobody works on them: finds them, and ends or releases them.
 
-A process that was killed leaves its job as it was, InProgress or Running, and its claim. That claim tells: it is not
-renewed any more. RoboMaker has no word for this, so the status stays what it is.
+A process that was killed leaves its job InProgress or Running, and leaves its claim. Nobody renews the claim any more,
+and that shows that the job is abandoned. RoboMaker has no word for this, so the status stays what it is.
 """
 
 import logging
@@ -33,13 +33,13 @@ class ReapedJob(Spec):
     Attributes:
         was: Its status before.
         status: Its status now; a terminal one if it was being stopped, or can never be continued.
-        told: What that means, for a person.
+        meaning: What that means, for a person.
     """
 
     arn: str
     was: str
     status: str
-    told: str
+    meaning: str
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _reap_or_explain(store: Store, suspect: _Suspect) -> ReapedJob:
     try:
         return _reap_job(store, suspect)
     except SimyardError as exc:  # of this job alone; the others are not left for it
-        return ReapedJob(arn=record.arn, was=record.status, status=record.status, told=f"cannot be reaped: {exc}")
+        return ReapedJob(arn=record.arn, was=record.status, status=record.status, meaning=f"cannot be reaped: {exc}")
 
 
 def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
@@ -138,10 +138,10 @@ def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
         close_stopped_batch(store, record.id)
     after = read(store, record.kind, record.id)
     if is_terminal(after):
-        return ReapedJob(arn=record.arn, was=record.status, status=after.status, told=after.failure_reason)
+        return ReapedJob(arn=record.arn, was=record.status, status=after.status, meaning=after.failure_reason)
     free = suspect.watches[0].release()
-    told = _continuation(store, record) if free else "somebody works on it again"
-    return ReapedJob(arn=record.arn, was=record.status, status=after.status, told=told)
+    meaning = _continuation(store, record) if free else "somebody works on it again"
+    return ReapedJob(arn=record.arn, was=record.status, status=after.status, meaning=meaning)
 
 
 def _is_orphan(store: Store, record: JobRecord) -> bool:

@@ -1,4 +1,4 @@
-"""`simyard cancel`: what an ARN names is cancelled, whatever its kind; of a run of a document, the job under way."""
+"""`simyard cancel`: cancels the job that an ARN names, or the job under way of a run."""
 
 from collections.abc import Collection
 from contextlib import suppress

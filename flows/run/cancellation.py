@@ -1,7 +1,7 @@
-"""A run that is worked on, cancelled meanwhile: by `simyard cancel`, or by Prefect's button or command.
+"""Cancellation of a run while this process works on it: by `simyard cancel`, or by Prefect's button or command.
 
-Prefect cancels a flow run by marking it and sending SIGTERM to its process, if a worker started it; a machine that goes
-down sends SIGTERM, too. So whether a run is cancelled, or is only interrupted and to be continued, is asked of Prefect.
+Prefect cancels a flow run by marking it, and sends SIGTERM to its process if a worker started it. A machine that goes
+down sends SIGTERM, too. So this module asks Prefect whether a run was cancelled, or only interrupted and may continue.
 """
 
 import contextvars

@@ -1,4 +1,4 @@
-"""Somebody else works on the same run: who, and how far it is, for whoever waits for its result."""
+"""Progress of a run that another process works on, shown while this process waits for its result."""
 
 import logging
 import time

@@ -1,4 +1,4 @@
-"""How flows of a single stage begin and end: as a run of their own, or as a part of the pipeline's."""
+"""The run of a single stage: a run of its own, or a part of the pipeline's run."""
 
 from collections.abc import Callable, Mapping
 from typing import cast

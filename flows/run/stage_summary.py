@@ -1,4 +1,4 @@
-"""A stage's record as one line for a person, and where its artefacts lie."""
+"""The report of a stage: one line for a person, made from the job's record, and links to its files."""
 
 from collections.abc import Mapping, Sequence
 from typing import cast
@@ -73,7 +73,14 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
 
 
 def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
-    """Returns what the gate answered; the verdict, which is the status, is not told once more."""
+    """Returns what the gate answered; the verdict is the status, so the summary leaves it out.
+
+    Args:
+        verdict: The gate's.
+        sentence: Why, beginning with the verdict.
+        evidence_url: Where the evidence is.
+        seconds: How long judging took.
+    """
     evidence = Artefact(label="evidence", url=evidence_url)
     said = sentence.removeprefix(f"{verdict}: ")
     return StageReport(name="gate", arn="", status=verdict, summary=said, seconds=seconds, artefacts=(evidence,))

@@ -1,4 +1,4 @@
-"""Dask's and Ray's workers behind Prefect's task runners; both are extras, and imported where they are asked for."""
+"""Dask and Ray behind Prefect's task runners; both are extras, and imported only when they are used."""
 # ruff: noqa: PLC0415 - see above
 
 import math

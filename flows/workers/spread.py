@@ -1,7 +1,7 @@
-"""Work handed to the workers of a crew, a little ahead of them; what was lost is handed out again.
+"""Spreads pieces of work over workers, and hands out again what was lost.
 
-Whether a piece is done is never read from its future: a worker that dies after it has committed has done its work. The
-store says what is missing.
+The store says which pieces are done, not the future of a task: a worker that dies after it has committed has done its
+work.
 """
 
 import asyncio

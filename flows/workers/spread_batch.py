@@ -1,6 +1,6 @@
-"""A batch's chunks on the workers of a Dask or Ray cluster: they need the store, and Simyard; nothing else is sent.
+"""Spreads a batch's chunks over the workers of a Dask or Ray cluster, which share nothing but the store.
 
-Chunks are what they are on one machine, and committed by whoever simulated them, so that the tables are the same bytes.
+Chunks are the same as on one machine, and whoever simulates one commits it, so that the tables are the same bytes.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""A deployment for a person: a row a robot, and how it went in a sentence."""
+"""Summary of a deployment for a person: a row for each robot, and a sentence."""
 
 from collections import Counter
 

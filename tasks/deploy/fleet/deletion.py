@@ -1,4 +1,4 @@
-"""DeleteFleet and DeleteRobot. What a robot runs goes on running: nobody is left to say otherwise.
+"""DeleteFleet and DeleteRobot. A robot goes on running what it runs.
 
 See docs/reference/robomaker.md, section 8.
 """

@@ -1,4 +1,4 @@
-"""Fleets: made once, and the place where a fleet's one active deployment is written."""
+"""Fleets in the store. A fleet's record names its one active deployment."""
 
 import time
 from collections.abc import Mapping

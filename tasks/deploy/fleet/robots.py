@@ -1,4 +1,4 @@
-"""Robots: who they are, which fleet they belong to, what was asked of them, and what they say."""
+"""Robots in the store: their records, their desired states, and what they report."""
 
 import logging
 import time

@@ -1,4 +1,4 @@
-"""What the store holds of fleets, robots and roll-outs; each object has one writer.
+"""The objects that the store holds for fleets, robots and roll-outs; each object has one writer.
 
 The controller of a deployment writes ``desired``, only the robot writes ``reported``, and everything else about a
 roll-out is computed from the two.

@@ -1,4 +1,4 @@
-"""Robots for a demonstration: agents as processes of this machine, which never outlive who started them."""
+"""Agents for a demonstration: processes of this machine that end with the process that started them."""
 
 import contextlib
 import logging

@@ -1,4 +1,4 @@
-"""The process that runs on a robot: asks the store what it shall run, and makes it so.
+"""The agent, the process on a robot: looks up its desired state in the store, and deploys it.
 
 ``python -m tasks.deploy.robot.agent --robot NAME --root DIR --store URL``. Needs Python, pydantic, fsspec and tuf,
 nothing else of what Simyard needs. Ends at SIGTERM with exit code 0, and takes its application along.
@@ -54,6 +54,13 @@ class Poll:
 
 def serve(robot: RobotUpdater, store: Store, name: str, stop: Stop, poll: Poll) -> None:
     """Runs a robot until it is told to stop.
+
+    Args:
+        robot: Deploys what is asked.
+        store: Where the desired state is.
+        name: The robot's name.
+        stop: Says when to stop.
+        poll: How long to wait between two looks.
 
     Raises:
         StopRequested: Always; there is no other end.

@@ -1,13 +1,13 @@
-"""A robot's folder: what survives a power cut, and in which order it is written.
+"""A robot's folder: its state, its versions and its lock, all safe against a power cut.
 
 agent.lock             held by the one agent that works here
 state.json             which sequence was accepted, what runs, what ran before, how the last deployment ended
 sequence               the sequence once more, for who cannot read state.json
 versions/<digest>/     installed bundles, complete or absent
 current, previous      links into versions; replaced in one step, so never broken
-downloads/ logs/       what has arrived of a bundle so far, and other leavings of no consequence
+downloads/ logs/       what has arrived of a bundle so far, and other files that may go
 
-The lock on a robot's folder: who has it alone may start what runs there, and end it.
+The agent that holds the lock alone may start programs in the folder, and end them.
 """
 
 import fcntl
@@ -26,6 +26,7 @@ from tasks.deploy.fleet.states import Desired, Reported
 from tasks.storage.base.atomic_file import make_folder, settle_names, whole_file
 
 _LOG = logging.getLogger(__name__)
+LOCK = "agent.lock"
 _SEQUENCE, _PARTIAL = "sequence", ".part"
 
 
@@ -76,11 +77,11 @@ class Disk:
         try:
             return RobotState.model_validate_json(path.read_bytes())
         except FileNotFoundError:
-            return self._forgetful()
+            return self._fresh_state()
         except ValidationError as exc:
             _LOG.error("%s is set aside: %s", path, exc)
             path.replace(path.with_suffix(".unreadable"))
-            return self._forgetful()
+            return self._fresh_state()
 
     def save(self, state: RobotState) -> None:
         """Writes what the robot remembers, whole, and settled on the disk.
@@ -94,7 +95,7 @@ class Disk:
         with whole_file(self.root / "state.json") as file:
             file.write(state.model_dump_json().encode())
 
-    def _forgetful(self) -> RobotState:
+    def _fresh_state(self) -> RobotState:
         return RobotState(sequence=max(0, self._sequence() - 1))
 
     def _sequence(self) -> int:
@@ -145,9 +146,6 @@ def _link(link: Path, digest: str | None) -> None:
     settle_names(link.parent)
 
 
-LOCK = "agent.lock"
-
-
 @contextmanager
 def lock_folder(root: Path) -> Generator[Callable[[], bool]]:
     """Yields what tries to take the lock and tells whether this process has it, until the end of the block.
@@ -159,12 +157,12 @@ def lock_folder(root: Path) -> Generator[Callable[[], bool]]:
     """
     descriptor = os.open(root / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
-        yield lambda: _locked(descriptor)
+        yield lambda: _try_lock(descriptor)
     finally:
         os.close(descriptor)
 
 
-def _locked(descriptor: int) -> bool:
+def _try_lock(descriptor: int) -> bool:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

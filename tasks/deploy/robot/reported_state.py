@@ -1,6 +1,6 @@
-"""What a robot tells the store about itself; a store that is away delays the telling, never the doing.
+"""The reports that a robot writes to the store; when the store is away, the reports wait and the work goes on.
 
-What the log says while the store is away: that it went, that it is still away, and that it is back.
+The log says that the store went away, that it is still away, and that it is back.
 """
 
 import logging
@@ -16,6 +16,8 @@ from tasks.storage.base.store import Store
 
 _LOG = logging.getLogger(__name__)
 _AGAIN_S = 600.0
+_PERCENT_INTERVAL_S = 0.5
+REASON_CHARACTERS = 1024
 
 
 class Outage:
@@ -46,10 +48,6 @@ class Outage:
         if self._kind is not None:
             _LOG.warning("can %s again after %.0f s", self._what, time.monotonic() - self._since_s)
         self._kind = None
-
-
-_PERCENT_INTERVAL_S = 0.5
-REASON_CHARACTERS = 1024
 
 
 class Reporter:

@@ -1,4 +1,4 @@
-"""A deployment as one robot goes through it, and the way back when it fails (docs/reference/robomaker.md, section 8).
+"""One robot's update, step by step, and its return to the old version (docs/reference/robomaker.md, section 8).
 
 The robot's state is written before each thing that cannot be undone: what is accepted, then what runs. Whatever is cut
 short is begun again from the first step at the next start; each step finds what the last attempt finished. RoboMaker
@@ -76,7 +76,7 @@ class RobotUpdater:
         if desired.robot != self._place.robot or self._is_old(desired):
             asked = (desired.deployment, desired.robot, desired.sequence, desired.epoch)
             _LOG.warning("refused %s for %s: sequence %d, epoch %d", *asked)
-        elif desired.sequence > self._state.sequence and self._kept(desired):
+        elif desired.sequence > self._state.sequence and self._try_accept(desired):
             self._deploy(desired)
 
     def supervise(self) -> None:
@@ -104,7 +104,7 @@ class RobotUpdater:
         again = desired.deployment == self._state.deployment
         return desired.sequence < self._state.sequence or (again and desired.epoch < self._state.epoch)
 
-    def _kept(self, desired: Desired) -> bool:
+    def _try_accept(self, desired: Desired) -> bool:
         """Returns whether it was accepted and kept; else why not is told, and nothing else changes.
 
         The sequence of what the keys do not vouch for is not kept: whoever can write to the store could make the robot

@@ -138,7 +138,7 @@ class _Controller:
         if is_terminal(record):  # somebody closed it: whoever was asked is on its own
             return record
         self._ask(self._watch.unasked(self._known))
-        seen, move = self._judged(record)
+        seen, move = self._judge(record)
         if move.verdict:
             self._tell(seen)
             end = rollout_end(self._plan, move, seen)
@@ -151,13 +151,13 @@ class _Controller:
             self._ask(move.start)
         return record
 
-    def _judged(self, record: JobRecord) -> tuple[dict[str, RobotProgress], Move]:
+    def _judge(self, record: JobRecord) -> tuple[dict[str, RobotProgress], Move]:
         """Returns how far the robots are, those announced that are to begin now, and what to do."""
         now_s = self._pace.now_s()
         wish = _wish(record, self._plan, now_s)
         seen = self._watch.look(self._known, now_s)
         if wish == "cancel":
-            seen |= self._withdrawn(seen, now_s)
+            seen |= self._withdraw_silent(seen, now_s)
         move = next_move(phases(seen), self._plan.limits, wish)
         if move.verdict:
             seen = self._watch.look(seen, now_s, everyone=True)
@@ -165,7 +165,7 @@ class _Controller:
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
         return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
 
-    def _withdrawn(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
+    def _withdraw_silent(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
         """Returns the robots that had not answered before the cancellation, which are asked nothing any more."""
         silent = [robot for robot, each in seen.items() if each.status == "PendingNewDeployment"]
         taken_back = _aborted(now_s, "the deployment was canceled before this robot answered")

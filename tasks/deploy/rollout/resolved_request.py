@@ -1,4 +1,4 @@
-"""What a request for a deployment comes to: which bytes, to whom, how many at a time; or every reason why not."""
+"""Turns a request for a deployment into a plan, or reports every reason why that is not possible."""
 
 from collections.abc import Iterable, Iterator, Mapping
 

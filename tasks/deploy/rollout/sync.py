@@ -1,4 +1,4 @@
-"""SyncDeploymentJob: what a fleet ran last, on those of its robots that do not run it.
+"""SyncDeploymentJob: brings a fleet's latest deployment to those of its robots that do not run it.
 
 See docs/reference/robomaker.md, section 8.
 

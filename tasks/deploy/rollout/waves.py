@@ -1,4 +1,4 @@
-"""Which robots start next, which never will, and when a roll-out is over: pure functions of what is known of each.
+"""The rules of a roll-out: which robots start next, which never will, and when it is over. Pure functions.
 
 In flight at most ``max(1, floor(share x robots))``; ``ceil(threshold x robots)`` failures stop new starts, those in
 flight finish, and the rest is aborted (docs/reference/robomaker.md, section 8). When every robot has ended, both

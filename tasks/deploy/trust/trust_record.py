@@ -1,4 +1,4 @@
-"""What a deployment's record says of its trust, and the signature under its plan. Imports nothing heavy.
+"""The trust in a deployment's record, and the signature under its plan. Imports nothing heavy.
 
 The plan is read again when a controller takes over, and when a fleet is synced. Whoever can write to the store could
 change it between, and have the deployer's key sign the change.
