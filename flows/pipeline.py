@@ -44,7 +44,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         StageFailed: A stage ended Failed.
         PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
     """
-    wanted_workers()  # told of before anything runs
+    wanted_workers()  # refuses workers that are not installed, before anything runs
     opened = open_store(store)
     found, own = pins(spec, opened, Path(base))
     versions = {key: str(version.number) for key, version in own.items()}

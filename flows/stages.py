@@ -144,7 +144,7 @@ def skip_deployment(spec: PipelineSpec) -> Reports:
 def _ended_batch(store: Store, run: JobRecord) -> JobRecord | None:
     """Returns the batch of a run that goes on after it, or None.
 
-    What it tested is not looked up anew: where that has changed since, the deployment is refused, and told why.
+    What it tested is not looked up anew: if that has changed since, the deployment is refused with the reason.
     """
     try:
         record = read(store, KIND, job_id(KIND, stage_token(run, "batch")))

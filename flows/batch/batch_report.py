@@ -48,7 +48,7 @@ class MissingReport:
     why: str
 
     def alarm(self) -> str:
-        """Returns what is told of it, loudly."""
+        """Returns the alarm about it."""
         return f"There is no new report: {self.why}"
 
 
@@ -70,8 +70,8 @@ def write_report(store: Store, record: JobRecord) -> WrittenReport | MissingRepo
 def try_report(write: Callable[[], WrittenReport]) -> WrittenReport | MissingReport:
     """Returns a report that was written, or why it could not be.
 
-    A defect in a page must not keep a batch from its end, nor a version that passed from its robots. Nothing is hushed
-    up: records and the terminal tell of it, and `simyard report` ends with it.
+    A defect in a page must not keep a batch from its end, nor a version that passed from its robots. The records and
+    the terminal name the defect, and `simyard report` fails with it.
     """
     try:
         return write()
@@ -88,7 +88,7 @@ def write_last_report(
 ) -> WrittenReport | MissingReport:
     """Writes the report of a batch that is about to be closed.
 
-    Before and not after, so that a closed batch has its report, wherever its process was killed; `report_fields`
+    The report is written before the record is closed, so that a closed batch always has its report; `report_fields`
     returns what the record says of it.
 
     Args:

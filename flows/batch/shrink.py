@@ -136,8 +136,8 @@ def _failed_row(batch: OpenBatch, index: int) -> EpisodeResult:
     rows = committed_chunk(batch.store, batch.id, batch.layout.chunk_of(index)) or ()
     row = next((row for row in rows if row.index == index), None)
     if row is None or success(row) is not False:
-        told = "has no result yet" if row is None else reason(row) or "passed"
-        raise _refused(batch, index, f"a job that failed; this one {told}")
+        state = "has no result yet" if row is None else reason(row) or "passed"
+        raise _refused(batch, index, f"a job that failed; this one {state}")
     return row
 
 
@@ -150,7 +150,7 @@ def _template(store: Store, world: World) -> TemplateBody | None:
 
 
 def _store_world(store: Store, world: World, batch: OpenBatch, index: int) -> World:
-    """Returns a world under a name that its content has, put into the store; the same one may be there already."""
+    """Puts a world into the store under a name made from its content, and returns it; it may be there already."""
     bare = world.model_copy(update={"generation": SHRUNK, "name": f"{batch.id}-{index}"})
     digest = hashlib.sha256(encode_world(bare)).hexdigest()[:_DIGEST_SHOWN]
     found = bare.model_copy(update={"name": f"{bare.name}-{digest}"})

@@ -46,7 +46,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         SimyardError: The document, the store or a stage is at fault.
     """
     store = open_store(store_url)
-    pins(spec, OverlayStore(store), base)  # a document that cannot be run is told so before a server starts
+    pins(spec, OverlayStore(store), base)  # a document with faults is refused before a server starts
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
         prefect_server() as server,

@@ -67,7 +67,7 @@ def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -
 
 
 def launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
-    """Returns a fault for each launch file that is not in its bundle, told once however many requests launch it."""
+    """Returns a fault for each launch file that is not in its bundle, once however many requests launch it."""
     launches = dict.fromkeys(launch for each in plan.templates for launch in (each.robot, each.scenario))
     return [
         Fault(

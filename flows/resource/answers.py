@@ -14,7 +14,7 @@ from tasks.storage.base.store import Store
 
 
 def describe_resource(store: Store, text: str) -> Spec:
-    """Returns what the Describe call for an ARN answers; a run of a document, which RoboMaker had not, as it is kept.
+    """Returns what the Describe call for an ARN answers; for a run of a document, its record.
 
     Raises:
         ResourceNotFound: The store has no such resource.

@@ -145,7 +145,7 @@ def write_worlds(store_url: str, job: str, references: list[str], formats: tuple
 
 
 def _going_check(store: Store, kind: JobKind, job: str) -> Callable[[], bool]:
-    """Returns what tells whether a job goes on, looking at its record at most once a second."""
+    """Returns a function that says whether a job goes on, and reads its record at most once a second."""
     looked_s, going = -_LOOK_EVERY_S, True
 
     def look() -> bool:
