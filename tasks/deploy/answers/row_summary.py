@@ -36,6 +36,6 @@ def robot_counts(job: DescribeDeploymentJobResponse) -> str:
 
 
 def deployment_sentence(job: DescribeDeploymentJobResponse, record: JobRecord) -> str:
-    """Returns how a deployment went, in a sentence; the alarm with it when nobody signed it."""
+    """Returns how a deployment went, in a sentence, with the alarm if it is unsigned."""
     sentence = f"{job.status}: {robot_counts(job)}" + (f"; {job.failureReason}" if job.failureReason else "")
     return f"{sentence}. {UNSIGNED_ALARM}" if is_unsigned(record) else sentence

@@ -53,7 +53,7 @@ class Poll:
 
 
 def serve(robot: RobotUpdater, store: Store, name: str, stop: Stop, poll: Poll) -> None:
-    """Runs a robot until it is told to stop.
+    """Runs a robot until it is stopped.
 
     Args:
         robot: Deploys what is asked.
@@ -79,7 +79,7 @@ def serve(robot: RobotUpdater, store: Store, name: str, stop: Stop, poll: Poll) 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns 0 after the agent was told to end.
+    """Runs the agent, and returns 0 when it was stopped.
 
     Args:
         arguments: The command line, by default this process's.

@@ -2,7 +2,7 @@
 
 agent.lock             held by the one agent that works here
 state.json             which sequence was accepted, what runs, what ran before, how the last deployment ended
-sequence               the sequence once more, for who cannot read state.json
+sequence               the sequence once more, for an agent that cannot read state.json
 versions/<digest>/     installed bundles, complete or absent
 current, previous      links into versions; replaced in one step, so never broken
 downloads/ logs/       what has arrived of a bundle so far, and other files that may go
@@ -69,9 +69,8 @@ class Disk:
     def load(self) -> RobotState:
         """Returns what the robot remembers; nothing on a new robot.
 
-        A state that cannot be read, as another version of Simyard may leave it, is set aside: a robot that takes its
-        latest desired state again is better off than one whose agent does not start. Only the latest, though: the
-        sequence is kept beside it, so that nobody brings an old version back.
+        A state that cannot be read, because another version of Simyard wrote it, is set aside: the robot then takes its
+        latest desired state again. The sequence stands in a file of its own, so that no older state is accepted.
         """
         path = self.root / "state.json"
         try:
@@ -148,9 +147,9 @@ def _link(link: Path, digest: str | None) -> None:
 
 @contextmanager
 def lock_folder(root: Path) -> Generator[Callable[[], bool]]:
-    """Yields what tries to take the lock and tells whether this process has it, until the end of the block.
+    """Yields a function that tries to take the lock, and returns whether this process has it.
 
-    The kernel frees the lock when its holder dies.
+    The lock is free again at the end of the block, or when its holder dies.
 
     Args:
         root: The robot's folder, which exists.

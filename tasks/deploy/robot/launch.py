@@ -133,7 +133,7 @@ class RunningApplication:
         """Starts it again if it has ended and its pause is over; returns at once.
 
         Raises:
-            CrashLoop: It has ended five times, none of them long after its start; told again after five more.
+            CrashLoop: It has ended five times, none of them long after its start; raised again after five more.
             StepFailed: The launch file is missing or cannot be executed.
         """
         code = self._running.exit_code

@@ -1,11 +1,13 @@
 """Rolls one version out to a fleet, wave by wave.
 
-What the controller believes is computed at every tick from what robots were asked and what they report; its memory only
-saves requests. So it may be killed at any moment: the next one finds who was asked, asks nobody twice, forgets nobody.
+At every tick the controller computes its view from the desired states and the reports of the robots; its memory only
+saves requests. So it may be killed at any moment: the next controller finds which robots were asked, asks none of them
+twice, and forgets none.
 
-Before robots are asked, the job's record says that they will be, with the epoch of the controller's claim. Whoever
-takes over writes its own epoch into the record first: one that was paused and wakes up can announce nobody any more,
-and whom it had announced its successor has asked by then, so that its writes meet an object that has changed.
+Before robots are asked, the job's record announces them, with the epoch of the controller's claim. A controller that
+takes over writes its own epoch into the record first. So a controller that was paused and wakes up can announce no
+robot any more; and its successor has asked the robots that it had announced, so that its writes fail because the
+objects have changed.
 """
 
 import logging
@@ -40,14 +42,14 @@ _LOG = logging.getLogger(__name__)
 _KIND = "deployment-job"
 WISH = "wish"
 CANCELED = "canceled"
-"""Where a job's detail says what somebody wants of it (tasks.deploy.rollout.operator_commands)."""
+"""The keys of an operator's wish in a job's detail (tasks.deploy.rollout.operator_commands)."""
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
-_PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and nobody else can take over either
+_PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and no other controller can take over
 
 
 def steady_clock() -> Callable[[], float]:
-    """Returns a clock of seconds since 1970 that is right now, and from then on goes as time does, whatever is set."""
+    """Returns a clock of seconds since 1970 that does not jump when the machine's clock is set."""
     ahead_s = time.time() - time.monotonic()
     return lambda: time.monotonic() + ahead_s
 
@@ -135,7 +137,7 @@ class _Controller:
         """Returns the record after one look at the robots and what followed from it."""
         self._check_claim()
         record = read(self._store, _KIND, self._job)
-        if is_terminal(record):  # somebody closed it: whoever was asked is on its own
+        if is_terminal(record):  # another process closed it; robots that were asked go on alone
             return record
         self._ask(self._watch.unasked(self._known))
         seen, move = self._judge(record)
@@ -145,7 +147,7 @@ class _Controller:
             return self._advance(end.status, seen, end.failure_code, end.failure_reason)
         if statuses(seen) != statuses(self._known):
             record = self._advance("InProgress", seen)
-        self._tell(seen)  # who is told may look into the record
+        self._tell(seen)  # after the record: a listener may read it
         self._known = seen
         if not is_terminal(record):
             self._ask(move.start)

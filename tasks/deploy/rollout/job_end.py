@@ -29,7 +29,7 @@ def close_abandoned_job(store: Store, record: JobRecord, claim: Claim, reason: s
         store: Where the job is.
         record: The job's.
         claim: On the job, which its controller has lost.
-        reason: Why nobody goes on with it.
+        reason: Why it is not continued.
 
     Raises:
         StoreError: The store fails, or a later epoch has the job.

@@ -51,7 +51,7 @@ class RobotWatch:
         self._asked[desired.robot] = desired
 
     def unasked(self, known: Mapping[str, RobotProgress]) -> list[str]:
-        """Returns the robots that the record says are asked, and that nobody asked before its writer died."""
+        """Returns the robots that the record announces, and that were not asked before its writer died."""
         return [
             robot for robot, each in known.items() if phase_of(each) is Phase.IN_FLIGHT and not self._desired(robot)
         ]

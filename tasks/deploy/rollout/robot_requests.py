@@ -19,8 +19,8 @@ def ask_robot(
     """Returns the desired state that the robot has for this deployment, written if there was none.
 
     Asking twice, also after a crash between two robots, asks once: a robot that has a desired state of this deployment
-    keeps it, sequence and all. The sequence of a new one follows that of the one before it and of the robot's report:
-    somebody who puts an old one back, or deletes it, does not make the robot deaf.
+    keeps it, sequence and all. The sequence of a new one is higher than that of the one before it and of the robot's
+    report, so that an old state that is put back, or deleted, does not make the robot deaf.
 
     Args:
         store: Where robots look.

@@ -126,7 +126,7 @@ def local_signer(store: Store) -> DeploymentSigner:
 def chosen_signer(store: Store, trust: Literal["signed", "unsigned"], *, local: bool) -> DeploymentSigner | None:
     """Returns what vouches for a deployment: the keys in SIMYARD_KEYS, else those of this machine for its own robots.
 
-    None where somebody has said that nobody shall.
+    None for a deployment that shall be unsigned.
 
     Args:
         store: What is signed for.

@@ -76,7 +76,7 @@ def check_recorded_plan(signer: Signer | None, record: JobRecord | None) -> None
 
 
 def is_unsigned(record: JobRecord) -> bool:
-    """Returns whether a deployment's record says that nobody vouched for it."""
+    """Returns whether a deployment's record says that it is unsigned."""
     return record.detail.get(_TRUST) == UNSIGNED
 
 
