@@ -1,4 +1,4 @@
-"""`simyard describe`, `list` and `restart`: RoboMaker's answers, whatever the kind of resource.
+"""`simyard describe`, `list` and `restart`: RoboMaker's answers for every kind of resource.
 
 What a kind needs is imported when it is asked for, so that the shell answers at once.
 """
