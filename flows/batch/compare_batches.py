@@ -8,8 +8,8 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from flows.batch.replay_episode import bundles
-from flows.document.names import resource_path
 from flows.gate.equal_worlds import alike_worlds
+from specs.arn import resource_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation

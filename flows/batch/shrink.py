@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from flows.batch.replay_episode import bundles
-from flows.document.names import resource_path
+from specs.arn import resource_path
 from specs.base import Fault
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.world import World
