@@ -1,4 +1,4 @@
-"""A tested version to a fleet, in waves."""
+"""The flow `deployment-sync`: rolls a tested version out to a fleet, in waves."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager

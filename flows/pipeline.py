@@ -1,4 +1,4 @@
-"""The whole document: worlds, export, simulation, gate, deployment."""
+"""The flow `pipeline`: runs a whole document from worlds to deployment, and reports on it."""
 
 from pathlib import Path
 from typing import cast
@@ -44,7 +44,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         StageFailed: A stage ended Failed.
         PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
     """
-    wanted_workers()  # told of before anything runs
+    wanted_workers()  # refuses workers that are not installed, before anything runs
     opened = open_store(store)
     found, own = pins(spec, opened, Path(base))
     versions = {key: str(version.number) for key, version in own.items()}

@@ -1,4 +1,4 @@
-"""Jobs that nobody works on any more, found by a schedule."""
+"""The flow `reaping`: looks for jobs that nobody works on any more, on a schedule."""
 
 from prefect import flow
 from prefect.artifacts import create_table_artifact
@@ -11,7 +11,7 @@ from tasks.storage.store_url import open_store
 
 @flow(name="reaping", persist_result=False)
 def reaping(store: str | None = None) -> list[ReapedJob]:
-    """Returns what became of the jobs that nobody works on, and leaves a table of them; see `simyard reap`.
+    """Returns the abandoned jobs that were found, and leaves a table of them; see `simyard reap`.
 
     Args:
         store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.

@@ -1,4 +1,4 @@
-"""A robot application driven through worlds, seeds and parameters."""
+"""The flow `simulation-batch`: drives a robot application through worlds, seeds and parameters."""
 
 import time
 from functools import partial
@@ -65,7 +65,7 @@ def simulation_batch(
         DocumentError: A request cannot be run, or names what does not exist.
         StageFailed: The batch timed out, was cancelled, or failed for a reason of Simyard's own.
     """
-    wanted_workers()  # told of before anything is recorded
+    wanted_workers()  # refuses workers that are not installed, before anything is recorded
     at = open_store(store)
     plan = batch_plan(spec, worlds or [], at, numbered_finder(at, versions), gate)
     location = output_location(spec)
@@ -85,7 +85,7 @@ def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None =
     with claimed(store, claim_key(KIND, batch)):
         work = opened(store, batch)
         record = work.record()
-        if is_terminal(record):  # somebody who cancelled it closed it, while this process waited for the claim
+        if is_terminal(record):  # a cancellation closed it while this process waited for the claim
             return record
         try:
             folders = {digest: unpack_application(store.url, digest) for digest in work.plan.digests()}
@@ -99,9 +99,9 @@ def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None =
 def _simulate(
     batch: OpenBatch, folders: dict[str, Path], location: OutputLocation, gate: Gate | None
 ) -> dict[str, JsonValue]:
-    """Commits all chunks, or as many as there is time for and nobody cancels.
+    """Commits all chunks, or those before the batch is cancelled or its time is over.
 
-    Returns how fast that was, and why it ended early, if it did.
+    Returns the batch's speed, and why it ended early, if it did.
     """
     workers = None if batch.plan.shuffled else wanted_workers()  # an early end is decided chunk by chunk, in order
     if workers:

@@ -1,4 +1,4 @@
-"""The pipeline's stages: each runs its section, if the document has it, and tells what came of it."""
+"""The pipeline's stages: each runs its section, if the document has it, and returns a report."""
 
 import time
 from collections.abc import Callable
@@ -34,27 +34,49 @@ Reports = tuple[StageReport, ...]
 
 
 def generate(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> tuple[list[str], Reports]:
-    """Returns the worlds of this run, and the stage's report."""
+    """Returns the worlds of this run, and the stage's report.
+
+    Args:
+        spec: The document.
+        store: The run's store.
+        base: Folder that the document's relative paths start from.
+        run: The run's record.
+    """
     section = spec.worldGeneration
     if section is None:
         return [], ()
-    record, seconds = _timed(lambda: world_generation(section, store.url, base, stage_token(run, "worlds")))
+    record, seconds = _measure(lambda: world_generation(section, store.url, base, stage_token(run, "worlds")))
     return texts(record.detail, "worlds"), (generation_report(record, store, seconds),)
 
 
 def export(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) -> Reports:
-    """Returns the report of the export."""
+    """Returns the report of the export.
+
+    Args:
+        spec: The document.
+        worlds: ``<generation>/<world>`` of each world of this run.
+        store: The run's store.
+        run: The run's record.
+    """
     section = spec.worldExport
     if section is None:
         return ()
-    record, seconds = _timed(lambda: world_export(section, worlds, store.url, stage_token(run, "export")))
+    record, seconds = _measure(lambda: world_export(section, worlds, store.url, stage_token(run, "export")))
     return (export_report(record, seconds),)
 
 
 def simulate(
     spec: PipelineSpec, worlds: list[str], store: Store, versions: Numbers, run: JobRecord
 ) -> tuple[JobRecord | None, Reports]:
-    """Returns the batch, and the stage's report."""
+    """Returns the batch, and the stage's report.
+
+    Args:
+        spec: The document.
+        worlds: ``<generation>/<world>`` of each world of this run.
+        store: The run's store.
+        versions: Numbers of the applications that the document brings, by ``<kind>/<name>``.
+        run: The run's record.
+    """
     section = spec.simulationBatch
     if section is None:
         return None, ()
@@ -62,17 +84,24 @@ def simulate(
     if ended is not None:
         return ended, (batch_report(ended, 0.0),)
     gate, token = spec.gate if stops_early(spec.gate) else None, stage_token(run, "batch")
-    record, seconds = _timed(lambda: simulation_batch(section, worlds, store.url, versions, token, gate=gate))
+    record, seconds = _measure(lambda: simulation_batch(section, worlds, store.url, versions, token, gate=gate))
     return record, (batch_report(record, seconds),)
 
 
 def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
-    """Returns the report of the gate."""
+    """Returns the report of the gate.
+
+    Args:
+        spec: The document.
+        batch: The batch's record, or None.
+        store: The run's store.
+        run: The run's record.
+    """
     gate = spec.gate
     if gate is None or batch is None:
         return ()
     said_before = answered(store, run)
-    answer, seconds = _timed(lambda: gate_answer(gate, batch, store, run))
+    answer, seconds = _measure(lambda: gate_answer(gate, batch, store, run))
     if said_before is None:
         announce_verdict(answer, run, batch)
     return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
@@ -81,7 +110,14 @@ def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRec
 def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: Numbers, run: JobRecord) -> Reports:
     """Returns the report of the roll-out of the application that the batch tested.
 
-    Right before, all that the gate saw is held against its evidence; whatever has changed, nothing is shipped.
+    Right before, all that the gate saw is compared with its evidence; if anything has changed, nothing is shipped.
+
+    Args:
+        spec: The document.
+        batch: The record of the batch that was tested, or None.
+        store: The run's store.
+        versions: Numbers of the applications that the document brings, by ``<kind>/<name>``.
+        run: The run's record.
     """
     section = spec.deployment
     if section is None:
@@ -89,11 +125,11 @@ def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: 
     token = stage_token(run, "deployment")
     tested = shippable(batch, store, run) if batch else None
     version = deployed_version(section, store, numbered_finder(store, versions), tested)
-    found, seconds = _timed(lambda: changes(version.digest, store, run))
+    found, seconds = _measure(lambda: changes(version.digest, store, run))
     if found:
         withdraw(store, section.clientRequestToken or token)
         return (refused(found, seconds),)
-    record, seconds = _timed(lambda: deployment_sync(section, store.url, tested, versions, token))
+    record, seconds = _measure(lambda: deployment_sync(section, store.url, tested, versions, token))
     return (deployment_report(record, seconds),)
 
 
@@ -108,7 +144,7 @@ def skip_deployment(spec: PipelineSpec) -> Reports:
 def _ended_batch(store: Store, run: JobRecord) -> JobRecord | None:
     """Returns the batch of a run that goes on after it, or None.
 
-    What it tested is not looked up anew: where that has changed since, the deployment is refused, and told why.
+    What it tested is not looked up anew: if that has changed since, the deployment is refused with the reason.
     """
     try:
         record = read(store, KIND, job_id(KIND, stage_token(run, "batch")))
@@ -117,6 +153,6 @@ def _ended_batch(store: Store, run: JobRecord) -> JobRecord | None:
     return record if record.status == "Completed" else None
 
 
-def _timed(work: Callable[[], T]) -> tuple[T, float]:
+def _measure(work: Callable[[], T]) -> tuple[T, float]:
     start_s = time.perf_counter()
     return work(), time.perf_counter() - start_s

@@ -1,4 +1,4 @@
-"""Worlds to files that other programs open."""
+"""The flow `world-export`: writes worlds as files that other programs open."""
 
 from prefect import flow
 from pydantic import JsonValue
@@ -30,14 +30,14 @@ def world_export(
         StageFailed: The worlds could not be read or written; carries RoboMaker's code.
     """
     opened = open_store(store)
-    writers = world_writers(opened)  # workers that there are not are told of before anything is recorded
+    writers = world_writers(opened)  # refuses workers that are not installed, before anything is recorded
     chosen = tuple(worlds or ()) if spec.worlds == "all" else spec.worlds
     references = [reference_arn("world", world, store_id(opened)) for world in chosen]
 
     def work(given: str) -> JobRecord:
         request = export_request(spec, worlds=references, token=given)
         job_token = request.clientRequestToken or given
-        # Workers are reached from a flow only: a task would send itself along to them, the store's connections and all.
+        # Only a flow reaches workers: a task would send itself to them, with the store's connections.
         write = export_worlds.fn if writers else export_worlds
         return require_success(write(opened.url, request, formats=spec.formats, token=job_token, elsewhere=writers))
 

@@ -1,4 +1,4 @@
-"""Worlds from a template."""
+"""The flow `world-generation`: makes worlds from a template."""
 
 from pathlib import Path
 
@@ -36,13 +36,13 @@ def world_generation(
         DocumentError: The template is missing or none.
     """
     opened = open_store(store)
-    makers = world_makers(opened)  # workers that there are not are told of before anything is recorded
+    makers = world_makers(opened)  # refuses workers that are not installed, before anything is recorded
     template = find_template(spec.template, opened, Path(base))
     digest = template_digest(template)
 
     def work(given: str) -> JobRecord:
         request = generation_request(spec, template=arn("world-template", store_id(opened), digest), token=given)
-        # Workers are reached from a flow only: a task would send itself along to them, the store's connections and all.
+        # Only a flow reaches workers: a task would send itself to them, with the store's connections.
         make = generate_worlds.fn if makers else generate_worlds
         record = require_success(
             make(

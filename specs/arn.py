@@ -8,7 +8,8 @@ creation time that RoboMaker appended.
 import re
 from typing import Literal, get_args
 
-from specs.base import Spec
+from specs.base import Fault, Spec
+from specs.errors import DocumentError
 from specs.job_kinds import JobKind
 
 ResourceKind = Literal[
@@ -63,6 +64,21 @@ def resource_name(text: str) -> str:
     return parse_reference(text).path
 
 
+def resource_path(text: str, kind: ResourceKind) -> str:
+    """Returns what an ARN of that kind, or a plain name, names, such as ``<batch>/<index>`` for a simulation job.
+
+    Raises:
+        DocumentError: It is the ARN of something else.
+    """
+    try:
+        reference = parse_reference(text)
+    except ValueError as exc:
+        raise _refused(text, str(exc)) from exc
+    if reference.kind not in {None, kind}:
+        raise _refused(text, f"an ARN of a {kind}")
+    return reference.path
+
+
 def parse_reference(text: str) -> Reference:
     """Returns what an ARN (ours or RoboMaker's) or a plain name refers to.
 
@@ -86,3 +102,7 @@ def _kind(text: str, whole: str) -> ResourceKind:
         if text == kind:
             return kind
     raise ValueError(f"{whole!r} names no kind of resource; kinds are {', '.join(KINDS)}")
+
+
+def _refused(text: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path="arn", value=repr(text), allowed=allowed)], source="simyard")

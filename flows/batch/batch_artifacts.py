@@ -1,7 +1,4 @@
-"""How fast a batch was: in its record, and on its flow's page.
-
-A batch's report in Prefect's pages: in short, and its picture.
-"""
+"""Prefect artifacts of a batch: its speed, and a short form of its report."""
 
 import base64
 

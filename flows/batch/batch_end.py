@@ -1,6 +1,6 @@
 """How a batch ends: its tables, audit and report are written, and its record is closed.
 
-Its flow ends it; one that was stopped while no process worked on it is ended by whoever asks about it.
+The batch's flow ends it. If a batch was stopped while no process worked on it, the next command that reads it ends it.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,10 +23,10 @@ from tasks.storage.jobs.records import JobRecord
 
 
 def settled(store: Store, batch: str) -> JobRecord:
-    """Returns a batch's record; one that is being stopped and that nobody works on is closed first.
+    """Returns a batch's record; a batch that is being stopped, and that no process works on, is closed first.
 
-    Its tables have the rows of what was done, and Canceled ones for the rest. Where somebody works on it, or may
-    (a process on another machine is given 15 s to show that it lives), the record is returned as it stands.
+    Its tables have the rows of the episodes that were driven, and Canceled rows for the rest. If a process works on it,
+    or may (a process on another machine has 15 s to show that it lives), the record is returned as it stands.
 
     Raises:
         ResourceNotFound: No such batch.

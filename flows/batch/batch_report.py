@@ -1,9 +1,9 @@
-"""A batch's report: what the store's records say of it, put together for its page beside its tables.
+"""A batch's report: collects the facts from the store's records, and writes the page beside the tables.
 
-It is written when the batch ends, again when the gate has judged it, and again when its run has ended, which tells
-what the stages took; each time over the one before, and from records and tables alone, so that `simyard report` makes
-the same bytes. It decides nothing: what it is about is ended, judged and shipped without it, too, and tells that it is
-missing.
+A report is written when the batch ends, when the gate has judged it, and when its run has ended and the times of the
+stages are known. Each report replaces the one before. It is made from records and tables alone, so that `simyard
+report` makes the same bytes. A report decides nothing: a batch ends, is judged and is shipped without it, and its
+record then says that the report is missing.
 """
 
 import logging
@@ -48,7 +48,7 @@ class MissingReport:
     why: str
 
     def alarm(self) -> str:
-        """Returns what is told of it, loudly."""
+        """Returns the alarm about it."""
         return f"There is no new report: {self.why}"
 
 
@@ -70,8 +70,8 @@ def write_report(store: Store, record: JobRecord) -> WrittenReport | MissingRepo
 def try_report(write: Callable[[], WrittenReport]) -> WrittenReport | MissingReport:
     """Returns a report that was written, or why it could not be.
 
-    A defect in a page must not keep a batch from its end, nor a version that passed from its robots. Nothing is hushed
-    up: records and the terminal tell of it, and `simyard report` ends with it.
+    A defect in a page must not keep a batch from its end, nor a version that passed from its robots. The records and
+    the terminal name the defect, and `simyard report` fails with it.
     """
     try:
         return write()
@@ -88,7 +88,7 @@ def write_last_report(
 ) -> WrittenReport | MissingReport:
     """Writes the report of a batch that is about to be closed.
 
-    Before and not after, so that a closed batch has its report, wherever its process was killed; `report_fields`
+    The report is written before the record is closed, so that a closed batch always has its report; `report_fields`
     returns what the record says of it.
 
     Args:

@@ -8,8 +8,8 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from flows.batch.replay_episode import bundles
-from flows.document.names import resource_path
 from flows.gate.equal_worlds import alike_worlds
+from specs.arn import resource_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
@@ -24,7 +24,7 @@ from tasks.simulate.replay.replay import replay
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import read_world
 
-# Looking at more is done by nobody, and each way that was not recorded is simulated.
+# Nobody looks at more, and each way that was not recorded costs a simulation.
 MAPS_AT_MOST = 12
 WAYS_A_MAP = 6
 _Way = Float[np.ndarray, "samples 2"]

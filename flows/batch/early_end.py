@@ -1,4 +1,4 @@
-"""A batch that its gate may end before its last episode: whether, when, and what its record says of it."""
+"""The early end of a batch: ends it after the chunk that makes its gate certain, and records why."""
 
 from pydantic import JsonValue
 

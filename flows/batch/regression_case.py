@@ -1,4 +1,4 @@
-"""A shrunk failure as files: its world, a pipeline document that simulates it, and drawings of before and after."""
+"""Files of a shrunk failure: its world, a pipeline document that simulates it, and drawings of before and after."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -7,7 +7,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import pyarrow as pa
 
-from flows.document.names import resource_path
+from specs.arn import resource_path
 from specs.base import Fault
 from specs.data.episode import reason
 from specs.data.world import World

@@ -1,4 +1,4 @@
-"""The files that `simyard replay` leaves: a drawing always, and what is asked for or can be written here."""
+"""The files that `simyard replay` writes: a drawing, and MCAP or a film if asked for."""
 
 from pathlib import Path
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Where `simyard report` puts its page."""
+"""`simyard report`: finds the batch, and writes its page to a file or beside the batch's tables."""
 
 import tempfile
 from dataclasses import dataclass

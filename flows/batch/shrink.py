@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from flows.batch.replay_episode import bundles
-from flows.document.names import resource_path
+from specs.arn import resource_path
 from specs.base import Fault
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.world import World
@@ -75,7 +75,7 @@ def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
         raise _refused(batch, index, allowed)
     found = smaller(tuple(piece.name for piece in search.world.furniture), search.still_fails, budget - 2)
     seed = search.lowest_seed(search.furnished(found.names), budget - 1)
-    world = _stored(store, search.furnished(found.names), batch, index)
+    world = _store_world(store, search.furnished(found.names), batch, index)
     (row,) = search.rows([Trial(world, seed)])
     return ShrunkJob(
         batch=batch,
@@ -136,8 +136,8 @@ def _failed_row(batch: OpenBatch, index: int) -> EpisodeResult:
     rows = committed_chunk(batch.store, batch.id, batch.layout.chunk_of(index)) or ()
     row = next((row for row in rows if row.index == index), None)
     if row is None or success(row) is not False:
-        told = "has no result yet" if row is None else reason(row) or "passed"
-        raise _refused(batch, index, f"a job that failed; this one {told}")
+        state = "has no result yet" if row is None else reason(row) or "passed"
+        raise _refused(batch, index, f"a job that failed; this one {state}")
     return row
 
 
@@ -149,8 +149,8 @@ def _template(store: Store, world: World) -> TemplateBody | None:
         return None
 
 
-def _stored(store: Store, world: World, batch: OpenBatch, index: int) -> World:
-    """Returns a world under a name that its content has, put into the store; the same one may be there already."""
+def _store_world(store: Store, world: World, batch: OpenBatch, index: int) -> World:
+    """Puts a world into the store under a name made from its content, and returns it; it may be there already."""
     bare = world.model_copy(update={"generation": SHRUNK, "name": f"{batch.id}-{index}"})
     digest = hashlib.sha256(encode_world(bare)).hexdigest()[:_DIGEST_SHOWN]
     found = bare.model_copy(update={"name": f"{bare.name}-{digest}"})

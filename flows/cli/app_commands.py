@@ -1,4 +1,4 @@
-"""`simyard app`: applications and their versions."""
+"""The commands of `simyard app`: make applications, and publish their versions."""
 # ruff: noqa: PLC0415 - what a command needs is imported when it runs
 
 from collections.abc import Sequence

@@ -1,11 +1,4 @@
-"""`simyard replay`. Thin; what it needs is imported when it runs.
-
-`simyard compare`. Thin; what it needs is imported when it runs.
-
-`simyard shrink`. Thin; what it needs is imported when it runs.
-
-`simyard report`. Thin; what it needs is imported when it runs.
-"""
+"""The commands `simyard replay`, `compare`, `shrink` and `report`. Each imports what it needs when it runs."""
 # ruff: noqa: PLC0415 - see above
 
 from pathlib import Path

@@ -1,7 +1,4 @@
-"""What `simyard compare` tells.
-
-What `simyard replay` tells: each column beside what was recorded, and why it may deviate.
-"""
+"""The terminal output of `simyard compare` and `simyard replay`."""
 
 from rich.console import Console
 from rich.table import Table
@@ -15,6 +12,9 @@ from tasks.results.playback.deviations import Deviation
 from tasks.results.statistics.intervals import wilson
 
 FLIPS_SHOWN = 40
+# What it was asked for says nothing of what came of it.
+_ASKED = frozenset(field.name for field in REQUESTED)
+_UNKNOWN = "nothing that the record names has changed: please report this, with the batch's record"
 _STYLES = {"NO WORSE": "bold green", "WORSE": "bold red", "INCONCLUSIVE": "bold yellow"}
 
 
@@ -75,11 +75,6 @@ def comparison_answer(found: Comparison) -> str:
         f"difference {found.difference:+.3f} ({low:+.3f} to {high:+.3f}), margin {found.margin:g}, "
         f"McNemar p = {found.p_value:.3g}"
     )
-
-
-# What it was asked for says nothing of what came of it.
-_ASKED = frozenset(field.name for field in REQUESTED)
-_UNKNOWN = "nothing that the record names has changed: please report this, with the batch's record"
 
 
 def show_replay(again: JobReplay, console: Console) -> None:

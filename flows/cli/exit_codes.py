@@ -1,8 +1,8 @@
-"""How `simyard` ends: exit codes, and what a person is told.
+"""Exit codes of `simyard`, the message that goes with each, and the answer to signals.
 
-0 done and passed, 1 the gate or the deployment failed, a replay deviates, or a batch is not shown to be no worse than
-another, 2 a bad document or command, 3 a stage failed or Simyard has a defect, 130 and 143 interrupted. Never 1 for
-anything else: whoever ships on 0 must know a verdict from an accident.
+0: done and passed. 1: the gate or the deployment failed, a replay deviates, or a batch is not shown to be no worse than
+another. 2: a bad document or command. 3: a stage failed, or Simyard has a defect. 130 and 143: interrupted. Nothing
+else ends with 1, so that a script can tell a verdict from an accident.
 """
 
 import os
@@ -32,7 +32,7 @@ _SAME_KEY_S = 0.5
 
 
 def run_and_exit(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
-    """Runs a command and ends the process with Simyard's exit code; tells on stderr what went wrong, in one message.
+    """Runs a command and ends the process with Simyard's exit code; writes one message to stderr if it fails.
 
     Args:
         command: May end the process itself, as the parser does after a usage error.
@@ -47,7 +47,7 @@ def run_and_exit(command: Callable[[], object], grace_s: float = _GRACE_S) -> No
 
 
 def run_and_end_process(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
-    """Does what ``run_and_exit`` does, and sees to it that the process is gone soon after: for its outermost frame."""
+    """Does what ``run_and_exit`` does, and ends the process soon after, for its outermost frame."""
     try:
         run_and_exit(command, grace_s)
     except SystemExit as exc:
@@ -56,7 +56,7 @@ def run_and_end_process(command: Callable[[], object], grace_s: float = _GRACE_S
 
 
 def _guard_shutdown(code: int, grace_s: float) -> None:
-    """Ends the process soon, although threads of a library, such as one that asks for a dead server, never end."""
+    """Ends the process soon, even if a thread of a library never ends, such as one that polls a dead server."""
 
     def end() -> None:
         time.sleep(grace_s)
@@ -110,8 +110,8 @@ def _watch_signals(grace_s: float) -> Generator[Callable[[], int | None], None, 
 
     Ends the process if the block goes on for long after one, or at once when Ctrl-C comes again.
 
-    Whatever becomes of the exception that a handler raises, and whoever put another handler in place of ours, as
-    Prefect does, Python writes the number of each signal to a pipe.
+    A handler's exception may be caught, and Prefect puts handlers of its own in place of ours; but Python writes the
+    number of each signal to a pipe, and this reads it there.
     """
     reading, writing = os.pipe()
     os.set_blocking(reading, False)
@@ -133,7 +133,7 @@ def _watch_signals(grace_s: float) -> Generator[Callable[[], int | None], None, 
 
 
 class _SignalPipe:
-    """The signals of ours that came, read from a pipe by whoever asks first."""
+    """The signals that came, read from a pipe by the first thread that asks."""
 
     def __init__(self, pipe: int) -> None:
         self.left = Event()

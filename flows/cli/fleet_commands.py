@@ -1,7 +1,4 @@
-"""`simyard fleet`: a fleet of real robots, made by hand. Thin; what it needs is imported when it runs.
-
-`simyard fleet agent-kit`: what one carries to a robot. Thin; what it needs is imported when it runs.
-"""
+"""The commands of `simyard fleet`, `agent-kit` among them. Each imports what it needs when it runs."""
 # ruff: noqa: PLC0415 - see above
 
 from pathlib import Path

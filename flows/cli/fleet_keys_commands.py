@@ -1,4 +1,4 @@
-"""`simyard fleet keys`: the keys that vouch for deployments. Thin; what it needs is imported when it runs."""
+"""The commands of `simyard fleet keys`, which manage signing keys. Each imports what it needs when it runs."""
 # ruff: noqa: PLC0415 - see above
 
 from pathlib import Path

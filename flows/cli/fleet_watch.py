@@ -1,4 +1,4 @@
-"""`simyard fleet watch`: a deployment in the terminal, as the records tell it, and the robots as they are since."""
+"""`simyard fleet watch`: shows a deployment in the terminal, robot by robot, until it ends."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -36,6 +36,12 @@ def watch_deployment(
 ) -> DescribeDeploymentJobResponse:
     """Returns a deployment job as it ended, having shown it until then.
 
+    Args:
+        store: Where the job is.
+        job: Its id.
+        console: Where it is shown.
+        sleep: Waits so many seconds.
+
     Raises:
         ResourceNotFound: No such job.
     """
@@ -64,7 +70,7 @@ def next_deployment(store: Store, fleet: str, sleep: Callable[[float], None] = t
 
 
 def fleet_notes(store: Store, fleet: str) -> list[str]:
-    """Returns what RoboMaker's words for a fleet leave out: whether its deployment is paused, and what each robot runs.
+    """Returns what RoboMaker's answer leaves out: whether the fleet's deployment is paused, and what each robot runs.
 
     Raises:
         ResourceNotFound: No such fleet.
@@ -94,7 +100,7 @@ def deployment_table(
 
     Args:
         job: What is shown.
-        wish: What somebody wants of it.
+        wish: ``go``, ``pause`` or ``cancel``.
         now: The robots since it ended, by name: what they run is a column.
     """
     wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
@@ -110,14 +116,14 @@ def deployment_table(
 
 
 def _changed_robots(job: DescribeDeploymentJobResponse, now: Mapping[str, RobotNow]) -> list[str]:
-    """Returns a line for each robot that is otherwise than when its deployment ended."""
-    told: list[str] = []
+    """Returns a line for each robot whose status has changed since its deployment ended."""
+    lines: list[str] = []
     for robot in job.robotDeploymentSummary or ():
         name = parse_reference(robot.arn or "").path
         since = now.get(name)
         if since and since.deployment == parse_reference(job.arn or "").path and since.status != robot.status:
-            told.append(f"since then {name} is {since.status}, and runs {since.runs}; {since.why}".rstrip("; "))
-    return told
+            lines.append(f"since then {name} is {since.status}, and runs {since.runs}; {since.why}".rstrip("; "))
+    return lines
 
 
 def _view(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: ClaimWatch) -> Group:

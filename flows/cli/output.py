@@ -1,4 +1,4 @@
-"""What the command line shows: tables in a terminal, JSON lines for programs."""
+"""Output of the command line: tables in a terminal, JSON lines for programs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime

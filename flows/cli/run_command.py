@@ -1,4 +1,4 @@
-"""`simyard run`: a document is read, a server is found or started, and the pipeline is driven with progress bars.
+"""`simyard run`: finds or starts a Prefect server, and runs the pipeline with progress bars.
 
 The server starts while JAX and Prefect are imported, so most of its start costs no time.
 """
@@ -46,7 +46,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         SimyardError: The document, the store or a stage is at fault.
     """
     store = open_store(store_url)
-    pins(spec, OverlayStore(store), base)  # a document that cannot be run is told so before a server starts
+    pins(spec, OverlayStore(store), base)  # a document with faults is refused before a server starts
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
         prefect_server() as server,

@@ -1,7 +1,4 @@
-"""`simyard gc`: what nobody names any more, told, and removed with `--yes`.
-
-`simyard reap`.
-"""
+"""The commands `simyard gc` and `simyard reap`, which clean up a store."""
 # ruff: noqa: PLC0415 - what a command needs is imported when it runs
 
 import re
@@ -130,6 +127,6 @@ def reap(
     found = reap_store(open_existing_store(store))
     for each in found:
         change = each.status if each.status == each.was else f"{each.was} -> {each.status}"
-        typer.echo(f"{each.arn}  {change}: {each.told}")
+        typer.echo(f"{each.arn}  {change}: {each.meaning}")
     if not found:
         typer.echo("somebody works on every job that is under way")

@@ -1,4 +1,4 @@
-"""`simyard world`: looking at worlds before and after a job. Thin; what it needs is imported when it runs."""
+"""The commands of `simyard world`: preview, sheet, add. Each imports what it needs when it runs."""
 # ruff: noqa: PLC0415 - see above
 
 from pathlib import Path

@@ -1,1 +1,1 @@
-"""What a document refers to: references, the tested version, names of resources. All of flows may import it."""
+"""What a document refers to: its references, and the batch that it tests. All of flows may import it."""

@@ -1,4 +1,4 @@
-"""What a document refers to, found before anything runs; all that is missing is told at once."""
+"""References of a document: looks all of them up before anything runs, and reports all faults at once."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -49,7 +49,7 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
     found: Pins = {}
     own: dict[str, Version] = {}
     for source in spec.applications:
-        _keep(faults, lambda source=source: own.update(_published(source, store, base)))
+        _keep(faults, lambda source=source: own.update(_publish(source, store, base)))
     find = finder(store, own)
     if spec.worldGeneration:
         template = spec.worldGeneration.template
@@ -139,7 +139,7 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
     return version
 
 
-def _published(source: ApplicationSource, store: Store, base: Path) -> dict[str, Version]:
+def _publish(source: ApplicationSource, store: Store, base: Path) -> dict[str, Version]:
     kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
     return {_key(kind, source.name): publish(store, kind, source.name, base / source.source)}
 

@@ -1,4 +1,4 @@
-"""The batch that a document asks for: its plan, the versions that it tests, and the one that it compares them with."""
+"""The batch that a document asks for: its plan, the versions it tests, and the version it compares them with."""
 
 import hashlib
 from collections.abc import Sequence
@@ -67,7 +67,7 @@ def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -
 
 
 def launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
-    """Returns a fault for each launch file that is not in its bundle, told once however many requests launch it."""
+    """Returns a fault for each launch file that is not in its bundle, once however many requests launch it."""
     launches = dict.fromkeys(launch for each in plan.templates for launch in (each.robot, each.scenario))
     return [
         Fault(

@@ -1,4 +1,4 @@
-"""What a gate is going to judge a planned batch by: the tested version's episodes, and those to compare them with."""
+"""What a gate will judge a planned batch by: how many episodes, and how many pairs with the other version."""
 
 import math
 from collections import Counter
@@ -11,7 +11,7 @@ from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import is_terminal, records
 
-_Asked = tuple[str, ...]
+_Conditions = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def _episodes(plan: BatchPlan, templates: list[JobTemplate]) -> int:
 
 
 def _common(plan: BatchPlan, tested: list[JobTemplate], other: list[JobTemplate]) -> int:
-    ours, theirs = (Counter(_asked(plan, templates)) for templates in (tested, other))
+    ours, theirs = (Counter(_conditions(plan, templates)) for templates in (tested, other))
     return (ours & theirs).total() * _variants(plan)
 
 
@@ -75,7 +75,7 @@ def _variants(plan: BatchPlan) -> int:
     return len(plan.seeds) * math.prod(map(len, plan.sweep.values()))
 
 
-def _asked(plan: BatchPlan, templates: list[JobTemplate]) -> list[_Asked]:
+def _conditions(plan: BatchPlan, templates: list[JobTemplate]) -> list[_Conditions]:
     """Returns what is asked of the robot in each world of each request, as ``pairs`` pairs episodes."""
     return [
         (world, scenario.digest, scenario.package, scenario.launch_file, str(template.duration_s), *own)

@@ -1,4 +1,4 @@
-"""What `simyard plan` tells of a deployment: which version to whom, in which waves, and what stops it."""
+"""`simyard plan` for a deployment: which version goes to which fleet, in which waves, and what stops it."""
 
 from collections.abc import Iterator
 from math import ceil

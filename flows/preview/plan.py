@@ -59,8 +59,8 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield from gate_lines(spec.gate, judged, audited, programs)
     if spec.deployment:
         tested, digest = spec.simulationBatch is not None, str(found["deployment"])
-        told = deployment_lines(spec.deployment, trial, finder(trial, own), digest, tested=tested)
-        yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(told))
+        lines = deployment_lines(spec.deployment, trial, finder(trial, own), digest, tested=tested)
+        yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(lines))
     for field in inert_fields(spec):
         yield f"no effect         {field}"
 

@@ -1,4 +1,4 @@
-"""What `simyard world` draws: worlds of a template or a job, and the files that they are drawn into."""
+"""`simyard world preview` and `sheet`: selects worlds of a template or a job, and writes their drawings."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +53,12 @@ class WorldSelection:
 
 def make_world(template: TemplateBody, asked: WorldRequest, floorplan: int, interior: int) -> World:
     """Returns the world of a template at two indices, from 1.
+
+    Args:
+        template: What worlds are made from.
+        asked: What decides worlds beside their template.
+        floorplan: Index of the floor plan, from 1.
+        interior: Index of the interior of that floor plan, from 1.
 
     Raises:
         WorldRejected: It cannot be made.

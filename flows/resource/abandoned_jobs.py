@@ -1,7 +1,7 @@
-"""Jobs that are under way and that nobody works on: told where they are shown, and made ready to be continued.
+"""Abandoned jobs, which are under way while nobody works on them: finds them, and ends or releases them.
 
-A process that was killed leaves its job as it was, InProgress or Running, and its claim. That claim tells: it is not
-renewed any more. RoboMaker has no word for this, so the status stays what it is.
+A process that was killed leaves its job InProgress or Running, and leaves its claim. Nobody renews the claim any more,
+and that shows that the job is abandoned. RoboMaker has no word for this, so the status stays what it is.
 """
 
 import logging
@@ -28,23 +28,23 @@ _PATIENCE_S = 60.0
 
 
 class ReapedJob(Spec):
-    """What became of a job that nobody worked on.
+    """An abandoned job after it was reaped.
 
     Attributes:
         was: Its status before.
         status: Its status now; a terminal one if it was being stopped, or can never be continued.
-        told: What that means, for a person.
+        meaning: What that means, for a person.
     """
 
     arn: str
     was: str
     status: str
-    told: str
+    meaning: str
 
 
 @dataclass(frozen=True)
 class _Suspect:
-    """A job under way, and the claims of which one is renewed if somebody works on it: its own, and its run's."""
+    """A job under way, with its own claim and its run's; a process that works on the job renews one of them."""
 
     record: JobRecord
     watches: tuple[ClaimWatch, ...]
@@ -58,9 +58,9 @@ class _Suspect:
 
 
 def kind_notes(store: Store, plural: str) -> Iterator[str]:
-    """Yields a line for each job of a kind, named as `simyard list` names it, that is known at once to be left.
+    """Yields a line for each job of a kind, by its plural, that is abandoned for certain.
 
-    Where a holder on another machine may live, nothing is said: to find that out takes seconds, and is the reaper's.
+    Where a process on another machine may live, nothing is said: to find that out takes seconds, and `reap_jobs` does.
     """
     for kind in JOB_KINDS:
         if KINDS[kind].plural == plural:
@@ -69,7 +69,7 @@ def kind_notes(store: Store, plural: str) -> Iterator[str]:
 
 
 def job_notes(store: Store, arn: str) -> Iterator[str]:
-    """Yields a line if the job that an ARN names is known at once to be left; nothing for what is no job."""
+    """Yields a line if the job that an ARN names is abandoned for certain; nothing for what is no job."""
     reference = parse_reference(arn)
     for kind in JOB_KINDS:
         if reference.kind == kind:
@@ -84,11 +84,11 @@ def _note(store: Store, record: JobRecord) -> Iterator[str]:
 def reap_jobs(
     store: Store, sleep: Callable[[float], None] = time.sleep, now_s: Callable[[], float] = time.monotonic
 ) -> list[ReapedJob]:
-    """Returns what became of the jobs that nobody works on, oldest first of each kind; no other one is touched.
+    """Ends or releases the abandoned jobs, and returns them, oldest first of each kind; other jobs are not touched.
 
-    One that was being cancelled or timed out comes to that end; one whose run has ended, so that nothing continues it,
-    is Canceled; every other one is left as it is for who runs its document, and known to be left by all from then on.
-    Whether a process on another machine lives is found out by watching its claim: no clocks are compared.
+    A job that was being cancelled or timed out comes to that end. A job whose run has ended is Canceled, because
+    nothing will continue it. Every other job keeps its status, and its claim is released, so that the next run of its
+    document continues it. A process on another machine lives if it renews its claim: no clocks are compared.
 
     Args:
         store: Where the jobs are.
@@ -121,7 +121,7 @@ def _reap_or_explain(store: Store, suspect: _Suspect) -> ReapedJob:
     try:
         return _reap_job(store, suspect)
     except SimyardError as exc:  # of this job alone; the others are not left for it
-        return ReapedJob(arn=record.arn, was=record.status, status=record.status, told=f"cannot be reaped: {exc}")
+        return ReapedJob(arn=record.arn, was=record.status, status=record.status, meaning=f"cannot be reaped: {exc}")
 
 
 def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
@@ -138,10 +138,10 @@ def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
         close_stopped_batch(store, record.id)
     after = read(store, record.kind, record.id)
     if is_terminal(after):
-        return ReapedJob(arn=record.arn, was=record.status, status=after.status, told=after.failure_reason)
+        return ReapedJob(arn=record.arn, was=record.status, status=after.status, meaning=after.failure_reason)
     free = suspect.watches[0].release()
-    told = _continuation(store, record) if free else "somebody works on it again"
-    return ReapedJob(arn=record.arn, was=record.status, status=after.status, told=told)
+    meaning = _continuation(store, record) if free else "somebody works on it again"
+    return ReapedJob(arn=record.arn, was=record.status, status=after.status, meaning=meaning)
 
 
 def _is_orphan(store: Store, record: JobRecord) -> bool:

@@ -1,4 +1,4 @@
-"""`simyard describe`, `list` and `restart`: RoboMaker's answers, whatever the kind of resource.
+"""`simyard describe`, `list` and `restart`: RoboMaker's answers for every kind of resource.
 
 What a kind needs is imported when it is asked for, so that the shell answers at once.
 """
@@ -14,7 +14,7 @@ from tasks.storage.base.store import Store
 
 
 def describe_resource(store: Store, text: str) -> Spec:
-    """Returns what the Describe call for an ARN answers; a run of a document, which RoboMaker had not, as it is kept.
+    """Returns what the Describe call for an ARN answers; for a run of a document, its record.
 
     Raises:
         ResourceNotFound: The store has no such resource.

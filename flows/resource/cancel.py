@@ -1,4 +1,4 @@
-"""`simyard cancel`: what an ARN names is cancelled, whatever its kind; of a run of a document, the job under way."""
+"""`simyard cancel`: cancels the job that an ARN names, or the job under way of a run."""
 
 from collections.abc import Collection
 from contextlib import suppress
@@ -19,7 +19,7 @@ _GOING = frozenset({"Pending", "Running", "Canceling"})
 
 
 def cancel(store: Store, text: str) -> None:
-    """Cancels what an ARN names: whoever works on it stops within seconds; where nobody does, it ends here and now.
+    """Cancels what an ARN names: a process that works on it stops within seconds; without one, it ends here and now.
 
     Raises:
         ResourceNotFound: The store has no such resource.
@@ -37,7 +37,7 @@ def cancel(store: Store, text: str) -> None:
 
 
 def cancel_run(store: Store, run: str) -> JobRecord:
-    """Returns the record of a run that is being cancelled, or is Canceled at once where nobody works on it.
+    """Returns the record of a run that is being cancelled, or is Canceled at once if no process works on it.
 
     Its jobs that have ended keep their results; the one that is under way is cancelled, and no other begins.
 

@@ -12,9 +12,9 @@ logger = logging.getLogger(__name__)
 
 
 def close_stopped_batch(store: Store, path: str) -> str:
-    """Returns ``<batch>`` or ``<batch>/<index>`` as it stands, having closed a batch that was stopped and left.
+    """Closes a batch that was stopped and abandoned; returns its path, ``<batch>`` or ``<batch>/<index>``, unchanged.
 
-    One that cannot be closed now, its output bucket being gone, is told as it is: the others are none the worse for it.
+    A batch that cannot be closed now, because its output bucket is gone, stays as it is, and a warning says so.
     """
     batch = path.partition("/")[0]
     if read(store, BATCH, batch).status in STOPPING:
@@ -28,7 +28,7 @@ def close_stopped_batch(store: Store, path: str) -> str:
 
 
 def close_stopped_batches(store: Store) -> Store:
-    """Returns the store, having closed every batch that was stopped and left."""
+    """Closes every batch that was stopped and abandoned; returns the store."""
     for record in records(store, BATCH):
         close_stopped_batch(store, record.id)
     return store

@@ -1,7 +1,7 @@
-"""A run that is worked on, cancelled meanwhile: by `simyard cancel`, or by Prefect's button or command.
+"""Cancellation of a run while this process works on it: by `simyard cancel`, or by Prefect's button or command.
 
-Prefect cancels a flow run by marking it and sending SIGTERM to its process, if a worker started it; a machine that goes
-down sends SIGTERM, too. So whether a run is cancelled, or is only interrupted and to be continued, is asked of Prefect.
+Prefect cancels a flow run by marking it, and sends SIGTERM to its process if a worker started it. A machine that goes
+down sends SIGTERM, too. So this module asks Prefect whether a run was cancelled, or only interrupted and may continue.
 """
 
 import contextvars
@@ -43,7 +43,7 @@ logger = logging.getLogger(__name__)
 
 @contextmanager
 def cancelable_run(store: Store, run: JobRecord) -> Generator[None, None, None]:
-    """Lets a run be cancelled inside the ``with`` block: its job under way is, and the run ends Canceled.
+    """Watches a run inside the ``with`` block: if it is cancelled, its job under way is too, and the run ends Canceled.
 
     Args:
         store: Where the run is.
@@ -85,7 +85,7 @@ def cancel_with_flow_run(flow: Flow[..., Any], flow_run: FlowRun, state: State[A
     """
     own_environment: dict[str, str] = (flow_run.job_variables or {}).get("env") or {}
     url = flow_run.parameters.get("store") or own_environment.get("SIMYARD_STORE") or os.environ.get("SIMYARD_STORE")
-    if not url:  # a pool of containers tells its own environment to nobody; the worker's folder is not their store
+    if not url:  # a pool of containers does not show its environment, and the worker's folder is not their store
         logger.warning("flow run %s was canceled, and its worker has no SIMYARD_STORE: cancel its job", flow_run.id)
         return
     store = open_store(url)

@@ -1,4 +1,4 @@
-"""What automations hang on: an event in Prefect for each change of a job's status, and for each verdict of a gate.
+"""Prefect events for automations: one for each change of a job's status, and for each verdict of a gate.
 
 An event is sent when the change is in the store. Its id is made from the job and the status, so that a second sending
 of the same change is dropped by the server.

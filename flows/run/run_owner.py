@@ -1,4 +1,4 @@
-"""Somebody else works on the same run: who, and how far it is, for whoever waits for its result."""
+"""Progress of a run that another process works on, shown while this process waits for its result."""
 
 import logging
 import time
@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 
 def waiting_display(store: Store, clock: Callable[[], float] = time.monotonic) -> Waiting:
-    """Returns what tells the terminal of the run that is waited for, at most once a second.
+    """Returns a function that shows the progress of the run that is waited for, at most once a second.
 
     Args:
         store: Where the run is.

@@ -1,4 +1,4 @@
-"""How flows of a single stage begin and end: as a run of their own, or as a part of the pipeline's."""
+"""The run of a single stage: a run of its own, or a part of the pipeline's run."""
 
 from collections.abc import Callable, Mapping
 from typing import cast
@@ -23,7 +23,7 @@ def run_stage(
 ) -> JobRecord:
     """Returns the job that the work ended, in a run of its own when no token says that it is part of another's.
 
-    Work is recognised by its token, so a run that another process ended while this one waited is simply told.
+    Work is recognised by its token, so that this returns the job of a run that another process ended meanwhile.
 
     Args:
         store: Where runs are recorded.
@@ -67,6 +67,6 @@ def require_success(record: JobRecord) -> JobRecord:
         StageFailed: The job Failed, TimedOut or was Canceled; carries its code and reason.
     """
     if record.status in _FAILED:
-        told = record.failure_reason or (REASON if record.status == "Canceled" else record.status)
-        raise StageFailed(record.failure_code or record.status, told, record.arn)
+        reason = record.failure_reason or (REASON if record.status == "Canceled" else record.status)
+        raise StageFailed(record.failure_code or record.status, reason, record.arn)
     return record

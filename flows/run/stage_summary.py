@@ -1,4 +1,4 @@
-"""A stage's record as one line for a person, and where its artefacts lie."""
+"""The report of a stage: one line for a person, made from the job's record, and links to its files."""
 
 from collections.abc import Mapping, Sequence
 from typing import cast
@@ -73,7 +73,14 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
 
 
 def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
-    """Returns what the gate answered; the verdict, which is the status, is not told once more."""
+    """Returns what the gate answered; the verdict is the status, so the summary leaves it out.
+
+    Args:
+        verdict: The gate's.
+        sentence: Why, beginning with the verdict.
+        evidence_url: Where the evidence is.
+        seconds: How long judging took.
+    """
     evidence = Artefact(label="evidence", url=evidence_url)
     said = sentence.removeprefix(f"{verdict}: ")
     return StageReport(name="gate", arn="", status=verdict, summary=said, seconds=seconds, artefacts=(evidence,))
@@ -96,13 +103,13 @@ def deployment_report(record: JobRecord, seconds: float) -> StageReport:
 
 
 def with_alarm(stage: StageReport, alarm: str) -> StageReport:
-    """Returns a stage's report with one more alarm, a line each; one that it tells already is not told twice."""
+    """Returns a stage's report with one more alarm, a line each; an alarm that it has is not repeated."""
     before = str(stage.facts.get("alarm", "")).splitlines()
     return stage.model_copy(update={"facts": {**stage.facts, "alarm": "\n".join(dict.fromkeys([*before, alarm]))}})
 
 
 def run_with_alarm(report: PipelineReport, alarm: str) -> PipelineReport:
-    """Returns a run's report with one more alarm, unless one of its stages tells it already."""
+    """Returns a run's report with one more alarm, unless one of its stages has it already."""
     if any(alarm in str(stage.facts.get("alarm", "")) for stage in report.stages):
         return report
     return report.model_copy(update={"stages": (*report.stages[:-1], with_alarm(report.stages[-1], alarm))})
@@ -110,11 +117,11 @@ def run_with_alarm(report: PipelineReport, alarm: str) -> PipelineReport:
 
 def _why_not(reasons: Sequence[Mapping[str, JsonValue]]) -> str:
     """Returns every reason with its episodes, and what the first episode of the most frequent ones says."""
-    told = ""
+    text = ""
     for place, entry in enumerate(reasons):
         sample = str(entry["sample"])[:_SAMPLE_CHARACTERS] if place < _SAMPLES_SHOWN else ""
-        told += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
-    return told
+        text += f"; {entry['episodes']} x {entry['reason']}" + (f": {sample}" if sample else "")
+    return text
 
 
 def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Dask's and Ray's workers behind Prefect's task runners; both are extras, and imported where they are asked for."""
+"""Dask and Ray behind Prefect's task runners; both are extras, and imported only when they are used."""
 # ruff: noqa: PLC0415 - see above
 
 import math
@@ -28,7 +28,7 @@ _work_of_flow: ContextVar[Callable[[Width], None]] = ContextVar("_given")
 
 
 class Crew(NamedTuple):
-    """A task runner, and how many tasks the workers can work on at a time of the one that a flow made of it."""
+    """A task runner, and a function that returns how many tasks its started copy can run at a time."""
 
     runner: TaskRunner[Any]
     width: Callable[[Any], int]
@@ -76,7 +76,7 @@ def _work(width: Width) -> None:
 
 
 def _once_a_second(width: Width) -> Width:
-    """Returns what asks at most once a second: a scheduler of a thousand workers tells them all each time."""
+    """Returns a function that asks at most once a second: a scheduler lists all of its workers each time."""
     counted, asked_s = 0, -math.inf
 
     def count() -> int:

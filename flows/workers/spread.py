@@ -1,7 +1,7 @@
-"""Work handed to the workers of a crew, a little ahead of them; what was lost is handed out again.
+"""Spreads pieces of work over workers, and hands out again what was lost.
 
-Whether a piece is done is never read from its future: a worker that dies after it has committed has done its work. The
-store says what is missing.
+The store says which pieces are done, not the future of a task: a worker that dies after it has committed has done its
+work.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ from prefect.futures import PrefectFuture
 from specs.errors import StageFailed
 
 _LOG = logging.getLogger(__name__)
-# A worker that ends a task finds the next one there; what is further ahead is promised to nobody yet.
+# A worker that ends a task finds the next one there; more than that is not handed out ahead.
 _AHEAD = 2
 _ATTEMPTS = 4
 # Long beside what handing out a piece costs its worker. Who works on one looks at the record before each chunk, so that
@@ -75,9 +75,9 @@ def spread(
     missing: Callable[[Numbers], Numbers],
     on_end: Callable[[Ended], float],
 ) -> None:
-    """Hands numbers out in order until all are done, or nobody wants them any more.
+    """Hands numbers out in order until all are done, or none is wanted any more.
 
-    Who works on one is waited for; for a while only, once nobody wants it.
+    It waits for the workers; once nothing is wanted, for 20 seconds at most.
 
     Args:
         numbers: What there is to do.
@@ -109,7 +109,7 @@ def spread(
 
 
 class _Pieces:
-    """Numbers that nobody has yet, and pieces that workers have.
+    """Numbers that are not handed out yet, and the pieces that workers have.
 
     Attributes:
         left: Numbers that are not handed out.
@@ -161,20 +161,20 @@ def _to_repeat(end: Ended, missing: Numbers, lost: Counter[int]) -> Numbers:
     """Returns what of a piece has to be handed out again."""
     lost.update(missing)
     if any(lost[number] >= _ATTEMPTS for number in missing):
-        told = f"{missing[0]} was lost {_ATTEMPTS} times, the last time because: {end.failure}"
-        raise StageFailed("InternalServiceError", told)
+        why = f"{missing[0]} was lost {_ATTEMPTS} times, the last time because: {end.failure}"
+        raise StageFailed("InternalServiceError", why)
     if missing:
         _LOG.warning("handing out %s again: %s", missing, end.failure)
     return missing
 
 
 def _await(numbers: Numbers, future: PrefectFuture[Any], ended: "SimpleQueue[Ended]") -> None:
-    """Tells how a piece ended, once it has; a future's own callbacks are not the same with Dask and Ray."""
+    """Puts a piece into the queue when it has ended; a future's own callbacks differ between Dask and Ray."""
 
     def wait() -> None:
         try:
             ended.put(Ended(numbers, future.result(), ""))
-        # Whatever a worker died of is told, and looked at in the store; to be cancelled is no Exception of Python's.
+        # Whatever a worker died of is reported, and the store is asked; CancelledError is no Exception in Python.
         except (Exception, asyncio.CancelledError) as exc:  # noqa: BLE001 - see above
             ended.put(Ended(numbers, None, f"{type(exc).__name__}: {exc}"))
 

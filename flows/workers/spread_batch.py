@@ -1,6 +1,6 @@
-"""A batch's chunks on the workers of a Dask or Ray cluster: they need the store, and Simyard; nothing else is sent.
+"""Spreads a batch's chunks over the workers of a Dask or Ray cluster, which share nothing but the store.
 
-Chunks are what they are on one machine, and committed by whoever simulated them, so that the tables are the same bytes.
+Chunks are the same as on one machine, and whoever simulates one commits it, so that the tables are the same bytes.
 """
 
 import os
@@ -41,7 +41,7 @@ class ChunksDone(NamedTuple):
 
 
 def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:
-    """Commits all chunks of a batch, or as many as there is time for and nobody cancels; returns how fast that was.
+    """Commits all chunks of a batch, or those before it is cancelled or its time is over; returns its speed.
 
     Raises:
         StageFailed: A chunk was lost several times.
@@ -63,7 +63,7 @@ def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -
 
     on_workers(workers, "episodes", batch.id, episodes)
     if batch.record().status in STOPPING:
-        give_up(batch)  # what a worker was at that is not heard of any more: should it come back, it is too late
+        give_up(batch)  # the chunks of workers that are gone; a worker that comes back is too late
     return meter.metrics()
 
 
@@ -155,4 +155,4 @@ def _simulated(
 
 
 def _ignore(_done: int) -> None:
-    """Drops what is told: the driver counts whole chunks."""
+    """Ignores progress inside a chunk: the driver counts whole chunks."""

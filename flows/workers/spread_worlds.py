@@ -1,4 +1,4 @@
-"""Worlds made, and written as files, by the workers of a Dask or Ray cluster: what they make goes through the store."""
+"""Spreads the making and the export of worlds over the workers of a Dask or Ray cluster, through the store."""
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -43,16 +43,16 @@ def world_makers(store: Store) -> generating.Elsewhere | None:
     """
     workers = wanted_workers()
 
-    def made(
+    def make(
         order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
     ) -> Mapping[Indices, Made]:
         rejected: dict[Indices, Made] = {}
         if workers is None or len(indices) < WORTH_MAKING:
             return rejected
-        told = order.model_dump_json(exclude_unset=True)  # a template does not survive being pickled
+        order_json = order.model_dump_json(exclude_unset=True)  # a template does not survive being pickled
 
         def hand_out(numbers: Numbers) -> PrefectFuture[Any]:
-            return make_worlds.submit(store.url, told, [indices[number] for number in numbers])
+            return make_worlds.submit(store.url, order_json, [indices[number] for number in numbers])
 
         def missing(numbers: Numbers) -> Numbers:
             absent = set(missing_worlds(store, order.generation, [indices[number] for number in numbers]))
@@ -70,7 +70,7 @@ def world_makers(store: Store) -> generating.Elsewhere | None:
         on_workers(workers, "worlds", order.generation, worlds)
         return rejected
 
-    return made if workers else None
+    return make if workers else None
 
 
 def world_writers(store: Store) -> exporting.Elsewhere | None:
@@ -81,7 +81,7 @@ def world_writers(store: Store) -> exporting.Elsewhere | None:
     """
     workers = wanted_workers()
 
-    def written(
+    def write(
         job: str,
         references: Sequence[str],
         formats: Collection[WorldFormat],
@@ -112,20 +112,20 @@ def world_writers(store: Store) -> exporting.Elsewhere | None:
         done(len(kept))
         on_workers(workers, "world-files", job, parts)
 
-    return written if workers else None
+    return write if workers else None
 
 
 @task(name="make-worlds", cache_policy=NO_CACHE, persist_result=False)
-def make_worlds(store_url: str, told: str, indices: list[Indices]) -> WorldsDone:
+def make_worlds(store_url: str, order_json: str, indices: list[Indices]) -> WorldsDone:
     """Returns the worlds of a piece that cannot be, having kept the others; runs on a worker, maybe another machine.
 
     Args:
         store_url: Where worlds lie.
-        told: What the worlds have in common, as JSON.
+        order_json: What the worlds have in common, as JSON.
         indices: Floor plan and interior of each world.
     """
-    start_s, store, order = time.monotonic(), open_store(store_url), Order.model_validate_json(told)
-    rejected = make_and_keep(store, order, indices, _looking(store, generating.KIND, order.generation))
+    start_s, store, order = time.monotonic(), open_store(store_url), Order.model_validate_json(order_json)
+    rejected = make_and_keep(store, order, indices, _going_check(store, generating.KIND, order.generation))
     return WorldsDone(rejected, time.monotonic() - start_s)
 
 
@@ -140,12 +140,12 @@ def write_worlds(store_url: str, job: str, references: list[str], formats: tuple
         formats: What each is written as.
     """
     start_s, store = time.monotonic(), open_store(store_url)
-    make_parts(store, job, references, formats, _looking(store, exporting.KIND, job))
+    make_parts(store, job, references, formats, _going_check(store, exporting.KIND, job))
     return WorldsDone([], time.monotonic() - start_s)
 
 
-def _looking(store: Store, kind: JobKind, job: str) -> Callable[[], bool]:
-    """Returns what tells whether a job goes on, looking at its record at most once a second."""
+def _going_check(store: Store, kind: JobKind, job: str) -> Callable[[], bool]:
+    """Returns a function that says whether a job goes on, and reads its record at most once a second."""
     looked_s, going = -_LOOK_EVERY_S, True
 
     def look() -> bool:

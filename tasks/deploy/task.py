@@ -1,4 +1,4 @@
-"""A roll-out as a Prefect task."""
+"""The Prefect task that rolls a version out."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -29,7 +29,17 @@ def roll_out(
     robots: Callable[[], AbstractContextManager[object]] | None = None,
     signer: DeploymentSigner | None = None,
 ) -> JobRecord:
-    """Returns the ended deployment job of the token and leaves a table of its robots; see `run_deployment_job`."""
+    """Returns the ended deployment job of the token, and leaves a table of its robots; see `run_deployment_job`.
+
+    Args:
+        store_url: Where fleet, robots and versions are.
+        request: What to deploy where.
+        digest: Of the bundle that was tested; the version must be that one.
+        token: The client request token.
+        rules: What RoboMaker's request has no words for.
+        robots: Makes the fleet's members, which answer inside its ``with`` block; None if the fleet has its members.
+        signer: Signs the bundle and what is asked of each robot; None for an unsigned deployment.
+    """
     store = open_store(store_url)
     with watched("Deployment", "deployment-progress") as progress:
         record = run_deployment_job(

@@ -35,7 +35,7 @@ def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResp
     identifier = store_id(store)
     progress = recorded_progress(record) if is_terminal(record) else live_progress(store, record, time.time())
     summary = tuple(_robot_deployment(name, each, identifier) for name, each in progress.items())
-    # Only the lists and tags are added: what a list says of the job is what describing it says.
+    # The fields that a list shows, and the robots and tags.
     return DescribeDeploymentJobResponse.model_validate(
         {**_job(record, request).model_dump(), "robotDeploymentSummary": summary, "tags": request.tags}
     )

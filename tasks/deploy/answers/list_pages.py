@@ -1,4 +1,4 @@
-"""ListDeploymentJobs, ListFleets and ListRobots a page at a time, filtered: several filters are alternatives."""
+"""Pages of ListDeploymentJobs, ListFleets and ListRobots; an item is listed if one of the filters fits."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar

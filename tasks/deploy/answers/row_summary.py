@@ -1,4 +1,4 @@
-"""A deployment for a person: a row a robot, and how it went in a sentence."""
+"""Summary of a deployment for a person: a row for each robot, and a sentence."""
 
 from collections import Counter
 
@@ -36,6 +36,6 @@ def robot_counts(job: DescribeDeploymentJobResponse) -> str:
 
 
 def deployment_sentence(job: DescribeDeploymentJobResponse, record: JobRecord) -> str:
-    """Returns how a deployment went, in a sentence; the alarm with it when nobody signed it."""
+    """Returns how a deployment went, in a sentence, with the alarm if it is unsigned."""
     sentence = f"{job.status}: {robot_counts(job)}" + (f"; {job.failureReason}" if job.failureReason else "")
     return f"{sentence}. {UNSIGNED_ALARM}" if is_unsigned(record) else sentence

@@ -1,4 +1,4 @@
-"""Records of fleets and robots as a listing reads them: one that somebody spoilt is named once, and left out."""
+"""Reads records of fleets and robots for a listing; a damaged record is logged once, and left out."""
 
 import logging
 from functools import lru_cache

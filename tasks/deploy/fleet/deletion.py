@@ -1,4 +1,4 @@
-"""DeleteFleet and DeleteRobot. What a robot runs goes on running: nobody is left to say otherwise.
+"""DeleteFleet and DeleteRobot. A robot goes on running what it runs.
 
 See docs/reference/robomaker.md, section 8.
 """
@@ -32,7 +32,7 @@ def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
 
 
 def _mark_deleted(store: Store, reference: str) -> FleetRecord:
-    """Returns a fleet that nobody deploys to from now on: the mark and a deployment's claim exclude each other."""
+    """Marks a fleet as deleted, and returns it; no deployment to it can begin any more."""
     while True:
         fleet, etag = read_fleet(store, reference, deleted=True)
         if fleet.deployment and not is_terminal(read(store, _KIND, fleet.deployment)):
@@ -53,7 +53,7 @@ def delete_robot(store: Store, reference: str) -> str:
     """
     name = robot_name(reference)
     key = robot_record_key(name)
-    if not store.exists(key):  # it is not read: one that was spoilt goes away like any other
+    if not store.exists(key):  # it is not read: a damaged record is deleted like any other
         read_robot(store, name)
     # Its desired state stays: a robot refuses a sequence that is lower than one it had, and may come back by this name.
     store.delete(key)

@@ -1,4 +1,4 @@
-"""Fleets: made once, and the place where a fleet's one active deployment is written."""
+"""Fleets in the store. A fleet's record names its one active deployment."""
 
 import time
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None)
                 return found
             try:
                 store.replace(fleet_key(name), encoded(record), etag)
-            except ObjectConflict:  # whoever deletes it is done now
+            except ObjectConflict:  # its deletion is done now
                 continue
         return record
 
@@ -57,7 +57,7 @@ def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[
 
 
 def fleets(store: Store) -> list[FleetRecord]:
-    """Returns all fleets, oldest first; one whose record was spoilt is left out, and named in the log."""
+    """Returns all fleets, oldest first; one with a damaged record is left out, and named in the log."""
     found = [
         fleet for key in store.keys(_FLEETS) if (fleet := read_listed(store, key, FleetRecord, PurePosixPath(key).stem))
     ]

@@ -1,4 +1,4 @@
-"""What each robot runs now: the version by its number, from what the robot itself reports."""
+"""The version that each robot runs now, as the robot itself reports it."""
 
 import time
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Which variables an application gets on a robot: a fixed few, the launch configuration's, and tags."""
+"""Environment variables of an application on a robot: fixed ones, the launch configuration's, and tags."""
 
 import re
 from collections.abc import Iterable, Mapping

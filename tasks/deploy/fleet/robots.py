@@ -1,4 +1,4 @@
-"""Robots: who they are, which fleet they belong to, what was asked of them, and what they say."""
+"""Robots in the store: their records, their desired states, and what they report."""
 
 import logging
 import time
@@ -24,7 +24,7 @@ _RECORD = "record.json"
 TOO_BIG = "too big"
 """Stands for the etag of an object that was not read because of its size."""
 NOTHING_ASKED = b"null"
-"""Lies where a robot is asked things, and asks nothing (tasks.deploy.rollout.job_end)."""
+"""A desired state that asks nothing of the robot (tasks.deploy.rollout.job_end)."""
 MOST_BYTES = 1 << 20
 """More than any object of a robot has."""
 
@@ -134,7 +134,7 @@ def robot_name(reference: str) -> str:
 def robots(store: Store) -> list[RobotRecord]:
     """Returns all robots, oldest first.
 
-    One whose record was spoilt is left out, and named in the log: nobody knows its fleet, so nobody asks it anything.
+    A robot with a damaged record is left out, and named in the log: its fleet is not known, so it is asked nothing.
     """
     names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
     found = [robot for name in names if (robot := read_listed(store, robot_record_key(name), RobotRecord, name))]
@@ -149,7 +149,7 @@ def members(store: Store, fleet: str) -> list[RobotRecord]:
 def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
     """Returns what was asked of a robot last, and its etag; None and an empty text for nothing.
 
-    What cannot be read, because somebody else wrote it, asks nothing of the robot: None and its etag, or ``TOO_BIG``.
+    An object that cannot be read asks nothing of the robot: the result is None, and its etag or ``TOO_BIG``.
     """
     key = desired_key(robot)
     try:
@@ -169,7 +169,7 @@ def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
 
 
 def read_reported(store: Store, robot: str) -> Reported | None:
-    """Returns what a robot said last, or None; a report that cannot be read tells nothing."""
+    """Returns a robot's last report; None if there is none that can be read."""
     key = reported_key(robot)
     try:
         stored = store.get(key, MOST_BYTES)
@@ -195,7 +195,7 @@ def parse_withdrawn(body: bytes) -> Withdrawn | None:
 
 @lru_cache(maxsize=4096)
 def _warn_once(robot: str, etag: str, what: str) -> None:
-    """Logs, once, that an object of a robot is not what Simyard writes; who asks goes on without it."""
+    """Logs, once, that an object of a robot is not what Simyard writes; the caller goes on without it."""
     _LOG.warning("%s is without news, what is written of it cannot be read (%s): %s", robot, etag, what)
 
 
@@ -204,7 +204,7 @@ def _reason(exc: ValidationError) -> str:
 
 
 def _change_fleet(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:
-    """Returns the robot in that fleet, or None when somebody else changed it meanwhile and it must be read again."""
+    """Returns the robot in that fleet, or None when another process changed it meanwhile and it must be read again."""
     if record.fleet == fleet:
         return record
     changed = record.model_copy(update={"fleet": fleet})

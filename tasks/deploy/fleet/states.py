@@ -1,4 +1,4 @@
-"""What the store holds of fleets, robots and roll-outs; each object has one writer.
+"""The objects that the store holds for fleets, robots and roll-outs; each object has one writer.
 
 The controller of a deployment writes ``desired``, only the robot writes ``reported``, and everything else about a
 roll-out is computed from the two.
@@ -22,7 +22,7 @@ class FleetRecord(Spec):
 
     Attributes:
         deployment: Id of its last deployment job, which is active until that job's record is terminal; or empty.
-        deleted: Whether it is being deleted: nobody sees it any more.
+        deleted: Whether it is being deleted, and hidden.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Withdrawn(Spec):
 class Reported(Spec):
     """How far a robot has come with a desired state.
 
-    Whoever can write to the store can write it, so every number is bounded that others count with.
+    Anybody who can write to the store can write it, so every number that others compute with is bounded.
 
     Attributes:
         boot_id: Random, one for each start of the agent.
@@ -127,7 +127,7 @@ class Reported(Spec):
 
 
 class RobotProgress(Spec):
-    """One robot in a deployment job's record, as RobotDeployment tells it later.
+    """One robot in a deployment job's record, which RobotDeployment shows later.
 
     Attributes:
         started_at_s: When the robot was asked, or 0.

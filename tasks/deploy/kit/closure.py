@@ -1,4 +1,4 @@
-"""Which of Simyard's modules the agent is made of: those that it imports, and those that they import.
+"""The modules that the agent needs: those that it imports, and those that they import.
 
 Read from the source rather than from a running agent, so that what is imported late, as S3 and the verification are, is
 part of it. The agent's wheel holds these and nothing else: a robot has no use for a simulator.
@@ -22,17 +22,17 @@ def agent_sources() -> dict[str, bytes]:
         if path is None or path.as_posix() in found:
             continue
         found[path.as_posix()] = (_ROOT / path).read_bytes()
-        left += _imported(found[path.as_posix()])
+        left += _imports(found[path.as_posix()])
     return dict(sorted(found.items()))
 
 
 def third_party(sources: dict[str, bytes]) -> set[str]:
     """Returns the top-level packages that sources import, the standard library's among them, Simyard's not."""
-    names = {name.partition(".")[0] for source in sources.values() for name in _imported(source)}
+    names = {name.partition(".")[0] for source in sources.values() for name in _imports(source)}
     return names - _FIRST_PARTY
 
 
-def _imported(source: bytes) -> Iterator[str]:
+def _imports(source: bytes) -> Iterator[str]:
     """Yields each module that a source names in an import, and the packages around it."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):

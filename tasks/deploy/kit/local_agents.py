@@ -1,4 +1,4 @@
-"""Robots for a demonstration: agents as processes of this machine, which never outlive who started them."""
+"""Agents for a demonstration: processes of this machine that end with the process that started them."""
 
 import contextlib
 import logging
@@ -41,7 +41,7 @@ def local_agents(
     """Yields the names of robots ``<fleet>-1`` to ``<fleet>-<count>`` whose agents run inside the ``with`` block.
 
     The fleet and the robots are made where they are missing; robots that an earlier demonstration made beyond the count
-    leave the fleet, because nobody would answer for them. Agents and applications end with the block, and by
+    leave the fleet, because no agent would answer for them. Agents and applications end with the block, and by
     themselves when this process is killed; agents of a later block on the same folder wait for that. Whoever opens the
     block must have the fleet for itself (`tasks.deploy.rollout.job.run_deployment_job`): it changes who is a member.
 

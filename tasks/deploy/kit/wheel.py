@@ -32,7 +32,7 @@ def agent_wheel() -> bytes:
     files = {**agent_sources(), **_metadata()}
     record = f"{_NAME}-{metadata.version('simyard')}.dist-info/RECORD"
     lines = [f"{name},sha256={_hash(body)},{len(body)}" for name, body in files.items()]
-    return _zipped({**files, record: "\n".join([*lines, f"{record},,", ""]).encode()})
+    return _zip({**files, record: "\n".join([*lines, f"{record},,", ""]).encode()})
 
 
 def agent_requirements() -> Iterator[str]:
@@ -69,7 +69,7 @@ def _hash(body: bytes) -> str:
     return base64.urlsafe_b64encode(hashlib.sha256(body).digest()).rstrip(b"=").decode()
 
 
-def _zipped(files: Mapping[str, bytes]) -> bytes:
+def _zip(files: Mapping[str, bytes]) -> bytes:
     buffer = BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, body in files.items():

@@ -1,4 +1,4 @@
-"""The process that runs on a robot: asks the store what it shall run, and makes it so.
+"""The agent, the process on a robot: looks up its desired state in the store, and deploys it.
 
 ``python -m tasks.deploy.robot.agent --robot NAME --root DIR --store URL``. Needs Python, pydantic, fsspec and tuf,
 nothing else of what Simyard needs. Ends at SIGTERM with exit code 0, and takes its application along.
@@ -53,7 +53,14 @@ class Poll:
 
 
 def serve(robot: RobotUpdater, store: Store, name: str, stop: Stop, poll: Poll) -> None:
-    """Runs a robot until it is told to stop.
+    """Runs a robot until it is stopped.
+
+    Args:
+        robot: Deploys what is asked.
+        store: Where the desired state is.
+        name: The robot's name.
+        stop: Says when to stop.
+        poll: How long to wait between two looks.
 
     Raises:
         StopRequested: Always; there is no other end.
@@ -72,7 +79,7 @@ def serve(robot: RobotUpdater, store: Store, name: str, stop: Stop, poll: Poll) 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns 0 after the agent was told to end.
+    """Runs the agent, and returns 0 when it was stopped.
 
     Args:
         arguments: The command line, by default this process's.

@@ -1,4 +1,4 @@
-"""The script that decides on each robot whether a bundle is downloaded.
+"""The download condition: a script that decides on each robot whether it downloads the bundle.
 
 See docs/reference/robomaker.md, section 8: exit 0 proceeds.
 """
@@ -19,6 +19,13 @@ _MOST_BYTES = 16 << 20  # of a script
 
 def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition: S3Object, patience: Patience) -> None:
     """Runs the condition; returns when it allows the download.
+
+    Args:
+        store: Where buckets are.
+        place: Where programs run.
+        desired: What the robot shall run.
+        condition: The script.
+        patience: What goes on meanwhile.
 
     Raises:
         StepFailed: It exits with another code than 0, is not there, or is not the one with the ETag.

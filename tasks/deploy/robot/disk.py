@@ -1,13 +1,13 @@
-"""A robot's folder: what survives a power cut, and in which order it is written.
+"""A robot's folder: its state, its versions and its lock, all safe against a power cut.
 
 agent.lock             held by the one agent that works here
 state.json             which sequence was accepted, what runs, what ran before, how the last deployment ended
-sequence               the sequence once more, for who cannot read state.json
+sequence               the sequence once more, for an agent that cannot read state.json
 versions/<digest>/     installed bundles, complete or absent
 current, previous      links into versions; replaced in one step, so never broken
-downloads/ logs/       what has arrived of a bundle so far, and other leavings of no consequence
+downloads/ logs/       what has arrived of a bundle so far, and other files that may go
 
-The lock on a robot's folder: who has it alone may start what runs there, and end it.
+The agent that holds the lock alone may start programs in the folder, and end them.
 """
 
 import fcntl
@@ -26,6 +26,7 @@ from tasks.deploy.fleet.states import Desired, Reported
 from tasks.storage.base.atomic_file import make_folder, settle_names, whole_file
 
 _LOG = logging.getLogger(__name__)
+LOCK = "agent.lock"
 _SEQUENCE, _PARTIAL = "sequence", ".part"
 
 
@@ -68,19 +69,18 @@ class Disk:
     def load(self) -> RobotState:
         """Returns what the robot remembers; nothing on a new robot.
 
-        A state that cannot be read, as another version of Simyard may leave it, is set aside: a robot that takes its
-        latest desired state again is better off than one whose agent does not start. Only the latest, though: the
-        sequence is kept beside it, so that nobody brings an old version back.
+        A state that cannot be read, because another version of Simyard wrote it, is set aside: the robot then takes its
+        latest desired state again. The sequence stands in a file of its own, so that no older state is accepted.
         """
         path = self.root / "state.json"
         try:
             return RobotState.model_validate_json(path.read_bytes())
         except FileNotFoundError:
-            return self._forgetful()
+            return self._fresh_state()
         except ValidationError as exc:
             _LOG.error("%s is set aside: %s", path, exc)
             path.replace(path.with_suffix(".unreadable"))
-            return self._forgetful()
+            return self._fresh_state()
 
     def save(self, state: RobotState) -> None:
         """Writes what the robot remembers, whole, and settled on the disk.
@@ -94,7 +94,7 @@ class Disk:
         with whole_file(self.root / "state.json") as file:
             file.write(state.model_dump_json().encode())
 
-    def _forgetful(self) -> RobotState:
+    def _fresh_state(self) -> RobotState:
         return RobotState(sequence=max(0, self._sequence() - 1))
 
     def _sequence(self) -> int:
@@ -145,26 +145,23 @@ def _link(link: Path, digest: str | None) -> None:
     settle_names(link.parent)
 
 
-LOCK = "agent.lock"
-
-
 @contextmanager
 def lock_folder(root: Path) -> Generator[Callable[[], bool]]:
-    """Yields what tries to take the lock and tells whether this process has it, until the end of the block.
+    """Yields a function that tries to take the lock, and returns whether this process has it.
 
-    The kernel frees the lock when its holder dies.
+    The lock is free again at the end of the block, or when its holder dies.
 
     Args:
         root: The robot's folder, which exists.
     """
     descriptor = os.open(root / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
-        yield lambda: _locked(descriptor)
+        yield lambda: _try_lock(descriptor)
     finally:
         os.close(descriptor)
 
 
-def _locked(descriptor: int) -> bool:
+def _try_lock(descriptor: int) -> bool:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

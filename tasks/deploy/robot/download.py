@@ -1,7 +1,7 @@
-"""A download that may be cut at any byte: by the network, the store, a kill or a loss of power.
+"""A download that continues after it was cut by the network, the store, a kill or a loss of power.
 
-What has arrived is kept under the robot's folder and gone on from. Only the digest at the end says whether it is whole;
-what a loss of power has spoilt is thrown away there, and fetched anew once.
+The bytes that have arrived stay in the robot's folder, and the next attempt continues from them. The digest at the end
+says whether the file is whole. If it is not, the file is removed and downloaded once more from its beginning.
 """
 
 import errno
@@ -50,7 +50,7 @@ def download(
         size = store.size(key)
         if size > most:
             raise _too_big(target, f"{store.url}: {key} has {size} bytes", most)
-        first = _kept(target)
+        first = _size(target)
         _receive(store, key, target, size, on_block)
         if digest_of(target) == digest:
             return
@@ -59,13 +59,13 @@ def download(
             raise StoreDamaged(f"{store.url}: {key} is not the one with digest {digest}")
 
 
-def _kept(target: Path) -> int:
+def _size(target: Path) -> int:
     return target.stat().st_size if target.exists() else 0
 
 
 def _receive(store: Store, key: str, target: Path, size: int, on_block: Callable[[int, int], None]) -> None:
     # Unpacked it takes the same again. A disk that is filled to the brim would end what runs on it.
-    done = _kept(target)
+    done = _size(target)
     needed, free = 2 * size - done, shutil.disk_usage(target.parent).free
     if needed > free:
         raise _full(target, f"{needed >> 20} MiB are needed, {free >> 20} MiB are free")

@@ -1,4 +1,4 @@
-"""Brings a bundle onto a robot: download, digest, extraction, each able to be cut short by a loss of power."""
+"""Installs a bundle on a robot: download, digest and extraction, each safe against a loss of power."""
 
 import random
 import time
@@ -117,7 +117,13 @@ def retry(
 ) -> None:
     """Does what needs the store, again with growing pauses while the store is away and the robot has time.
 
-    The pauses begin anew when the last attempt got further than the one before, which ``progress`` tells.
+    The pauses begin anew when the last attempt got further than the one before.
+
+    Args:
+        action: What needs the store.
+        desired: Says how much time the robot has.
+        patience: What goes on meanwhile.
+        progress: Returns how far the attempts have got, such as a number of bytes.
 
     Raises:
         StepFailed: What was named is not there, is not what it should be, or the time is over.

@@ -1,4 +1,4 @@
-"""A bundle's scripts and its application on a robot: before, launch, after; and keeping the application up."""
+"""Runs a bundle's scripts and its application on a robot, and starts the application again when it ends."""
 
 import os
 import time
@@ -59,6 +59,13 @@ def check_launch(desired: Desired) -> None:
 def run_script(place: LaunchPlace, desired: Desired, name: str, step: str, code: DeploymentJobErrorCode) -> None:
     """Runs one of the bundle's scripts to its end, and ends whatever it leaves behind.
 
+    Args:
+        place: Where it runs.
+        desired: What is deployed.
+        name: The script's name in its package.
+        step: What its log file is called after.
+        code: RoboMaker's code for a failure of this step.
+
     Raises:
         StepFailed: With the code, when it is missing, exits with another code than 0, or takes too long.
         StopRequested: The agent has to end.
@@ -68,7 +75,19 @@ def run_script(place: LaunchPlace, desired: Desired, name: str, step: str, code:
 
 
 def run_program(place: LaunchPlace, desired: Desired, program: Path, step: str, code: DeploymentJobErrorCode) -> None:
-    """Runs an executable file to its end, as `run_script` does."""
+    """Runs an executable file to its end, as `run_script` does.
+
+    Args:
+        place: Where it runs.
+        desired: What is deployed.
+        program: The file.
+        step: What its log file is called after.
+        code: RoboMaker's code for a failure of this step.
+
+    Raises:
+        StepFailed: With the code, when it exits with another code than 0, or takes too long.
+        StopRequested: The agent has to end.
+    """
     running = _start(place, desired, program, step)
     try:
         ended = wait(running, desired.timeout_s, place.stop)
@@ -114,7 +133,7 @@ class RunningApplication:
         """Starts it again if it has ended and its pause is over; returns at once.
 
         Raises:
-            CrashLoop: It has ended five times, none of them long after its start; told again after five more.
+            CrashLoop: It has ended five times, none of them long after its start; raised again after five more.
             StepFailed: The launch file is missing or cannot be executed.
         """
         code = self._running.exit_code

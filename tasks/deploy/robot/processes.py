@@ -1,13 +1,11 @@
-"""Runs what bundles bring along: in a group of its own, with a clean environment, and without survivors.
+"""Starts a bundle's programs in a group and an environment of their own, and ends all that they started.
 
-Every process that is started carries a mark in its environment, which its children inherit. What leaves the process
-group, as a daemon does, is found by the mark, also by the next agent after this one was killed. What clears its
-environment, too, is found as long as this agent lives (tasks.deploy.robot.processes).
-
-What programs leave behind becomes this process's child, so that it is found whatever it did to hide (Linux).
+Every process that is started carries a mark in its environment, which its children inherit. A process that leaves the
+group, as a daemon does, is found by the mark, also by the next agent after this one was killed.
 
 A daemon that cleared its environment carries no mark. But a process whose parent has ended belongs to the nearest
-ancestor that asked for orphans (prctl(2), PR_SET_CHILD_SUBREAPER), and here that is the agent.
+ancestor that asked for orphans (prctl(2), PR_SET_CHILD_SUBREAPER), and here that is the agent (Linux). So such a daemon
+is found as long as this agent lives.
 """
 
 import contextlib
@@ -25,8 +23,16 @@ from uuid import uuid4
 
 from tasks.deploy.robot.shutdown import Stop
 
+_LOG = logging.getLogger(__name__)
 _PROC = Path("/proc")
 _SET_CHILD_SUBREAPER, _GET_CHILD_SUBREAPER = 36, 37
+_ROOT_MARK = "SIMYARD_ROBOT_ROOT"
+_RUN_MARK = "SIMYARD_RUN"
+_OUTPUT_BYTES = 1 << 20
+_PATIENCE_S = 2.0
+_SLICE_S = 0.02
+_SWEEPS = 10
+_started: set[int] = set()  # and not waited for
 
 
 def adopt_orphans() -> None:
@@ -43,7 +49,7 @@ def orphans(own: Collection[int]) -> list[int]:
     """
     if not _adopts():
         return []
-    return [pid for pid in _children() if pid not in own and not _reaped(pid)]
+    return [pid for pid in _children() if pid not in own and not _reap(pid)]
 
 
 def _adopts() -> bool:
@@ -66,20 +72,10 @@ def _children() -> list[int]:
     return found
 
 
-def _reaped(pid: int) -> bool:
+def _reap(pid: int) -> bool:
     with contextlib.suppress(ChildProcessError):
         return os.waitpid(pid, os.WNOHANG)[0] == pid
     return True
-
-
-_LOG = logging.getLogger(__name__)
-_ROOT_MARK = "SIMYARD_ROBOT_ROOT"
-_RUN_MARK = "SIMYARD_RUN"
-_OUTPUT_BYTES = 1 << 20
-_PATIENCE_S = 2.0
-_SLICE_S = 0.02
-_SWEEPS = 10
-_started: set[int] = set()  # and not waited for
 
 
 class RunningProgram:
@@ -179,7 +175,10 @@ def _signal_group(pid: int, number: signal.Signals) -> None:
 def _sweep(mark: str, spared: frozenset[int]) -> None:
     """Kills every process with the mark, and orphans without any; again, because they may be starting others."""
     for _ in range(_SWEEPS):
-        found = {*_marked(mark.encode()), *(pid for pid in orphans(_started) if not _is_spared(pid, mark, spared))}
+        found = {
+            *_processes_with(mark.encode()),
+            *(pid for pid in orphans(_started) if not _is_spared(pid, mark, spared)),
+        }
         for pid in found:
             _LOG.info("ending process %d, left behind", pid)
             with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -205,7 +204,7 @@ def _variables(process: Path) -> list[bytes]:
         return []
 
 
-def _marked(mark: bytes) -> list[int]:
+def _processes_with(mark: bytes) -> list[int]:
     found: list[int] = []
     for path in _PROC.iterdir() if _PROC.is_dir() else ():
         if not path.name.isdigit() or int(path.name) == os.getpid():

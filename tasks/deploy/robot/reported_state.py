@@ -1,6 +1,6 @@
-"""What a robot tells the store about itself; a store that is away delays the telling, never the doing.
+"""The reports that a robot writes to the store; when the store is away, the reports wait and the work goes on.
 
-What the log says while the store is away: that it went, that it is still away, and that it is back.
+The log says that the store went away, that it is still away, and that it is back.
 """
 
 import logging
@@ -16,10 +16,12 @@ from tasks.storage.base.store import Store
 
 _LOG = logging.getLogger(__name__)
 _AGAIN_S = 600.0
+_PERCENT_INTERVAL_S = 0.5
+REASON_CHARACTERS = 1024
 
 
 class Outage:
-    """Told of every attempt, it logs few of them: an agent tries for days, several times a minute.
+    """An outage in the log: an agent tries for days, several times a minute, and few attempts are logged.
 
     Args:
         what: What cannot be done, such as ``report``.
@@ -48,10 +50,6 @@ class Outage:
         self._kind = None
 
 
-_PERCENT_INTERVAL_S = 0.5
-REASON_CHARACTERS = 1024
-
-
 class Reporter:
     """Writes a robot's reported state; the latest one counts, so only that is kept for later."""
 
@@ -69,12 +67,12 @@ class Reporter:
         self.settle()
 
     def tell_percent(self, reported: Reported) -> None:
-        """Reports unless something was told, or could not be told, a moment ago."""
+        """Reports unless there was a report, or an attempt to report, a moment ago."""
         if time.monotonic() - self._tried_s >= _PERCENT_INTERVAL_S:
             self.tell(reported)
 
     def settle(self) -> bool:
-        """Tries to report what is owed; returns whether nothing is owed any more."""
+        """Tries to send the waiting report; returns whether none waits any more."""
         if self._owed is None or self._owed == self._told:
             self._owed = None
             return True
@@ -91,7 +89,7 @@ class Reporter:
 
 
 class Attempt:
-    """One attempt at a desired state, told step by step, to the store and to the agent's log.
+    """One attempt at a desired state, reported step by step to the store and to the agent's log.
 
     Args:
         reporter: Whom to tell.
@@ -116,7 +114,7 @@ class Attempt:
         )
 
     def at(self, step: RobotDeploymentStep) -> None:
-        """Tells that a step begins, and that the one before it is done."""
+        """Reports that a step begins, and that the step before it is done."""
         self._log_end("is done")
         self._began_s = time.monotonic()
         _LOG.info("%s: %s begins", self._what, step)
@@ -124,12 +122,12 @@ class Attempt:
         self._reporter.tell(self._latest)
 
     def percent(self, percent: float) -> None:
-        """Tells how much of the current step is done, from 0 to 100, but not every time."""
+        """Reports how much of the current step is done, from 0 to 100, at most twice a second."""
         self._latest = self._latest.model_copy(update={"percent_done": percent})
         self._reporter.tell_percent(self._latest)
 
     def succeeded(self, digest: str) -> Reported:
-        """Returns the report that ends the attempt well; the caller tells it once it is on the disk."""
+        """Returns the report that ends the attempt well; the caller reports it once it is on the disk."""
         self._log_end("is done")
         _LOG.info("%s runs", self._what)
         change = {"status": "InSync", "step": "Finished", "percent_done": 100.0, "running_digest": digest}

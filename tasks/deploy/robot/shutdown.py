@@ -1,4 +1,4 @@
-"""When a robot agent has to end: it was told to, or whoever started it is gone."""
+"""The stop of a robot's agent: by a signal, or because the process that started it is gone."""
 
 import os
 import signal

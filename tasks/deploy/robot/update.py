@@ -1,4 +1,4 @@
-"""A deployment as one robot goes through it, and the way back when it fails (docs/reference/robomaker.md, section 8).
+"""One robot's update, step by step, and its return to the old version (docs/reference/robomaker.md, section 8).
 
 The robot's state is written before each thing that cannot be undone: what is accepted, then what runs. Whatever is cut
 short is begun again from the first step at the next start; each step finds what the last attempt finished. RoboMaker
@@ -31,7 +31,7 @@ Check = Callable[[Desired], int]
 
 
 class RobotUpdater:
-    """One robot: its folder, its application, and what it tells the store.
+    """One robot: its folder, its application, and its reports to the store.
 
     Args:
         store: Where bundles are.
@@ -76,11 +76,11 @@ class RobotUpdater:
         if desired.robot != self._place.robot or self._is_old(desired):
             asked = (desired.deployment, desired.robot, desired.sequence, desired.epoch)
             _LOG.warning("refused %s for %s: sequence %d, epoch %d", *asked)
-        elif desired.sequence > self._state.sequence and self._kept(desired):
+        elif desired.sequence > self._state.sequence and self._try_accept(desired):
             self._deploy(desired)
 
     def supervise(self) -> None:
-        """Keeps the application up and tells what is still to be told; returns at once."""
+        """Keeps the application up, and sends a report that waits; returns at once."""
         self._reporter.settle()
         reap_orphans()
         if self._owes_state:
@@ -104,10 +104,10 @@ class RobotUpdater:
         again = desired.deployment == self._state.deployment
         return desired.sequence < self._state.sequence or (again and desired.epoch < self._state.epoch)
 
-    def _kept(self, desired: Desired) -> bool:
-        """Returns whether it was accepted and kept; else why not is told, and nothing else changes.
+    def _try_accept(self, desired: Desired) -> bool:
+        """Accepts and keeps a desired state, or reports why not; returns whether it was accepted.
 
-        The sequence of what the keys do not vouch for is not kept: whoever can write to the store could make the robot
+        The sequence of a state that is not signed is not kept: anybody who can write to the store could make the robot
         deaf with a high one.
         """
         accepted = {"sequence": desired.sequence, "deployment": desired.deployment, "epoch": desired.epoch}
@@ -199,19 +199,19 @@ class RobotUpdater:
         self._restore()
 
     def _go_back_for_good(self, why: str) -> None:
-        """Returns from a version that does not stay up to the one before it, and tells; without one, it goes on trying.
+        """Returns from a version that does not stay up to the one before it, and reports that; without one, tries on.
 
-        What was InSync is Failed then: whoever looks at the fleet shall not believe in a version that does not run.
+        The status changes from InSync to Failed, so that the fleet does not show a version that does not run.
         """
         running, previous, outcome = self._state.running, self._state.previous, self._state.outcome
         if not (running and previous and outcome) or previous.digest == running.digest:
             return
-        told = f"{why}; went back to version {previous.version}"
+        reason = f"{why}; went back to version {previous.version}"
         failed = outcome.model_copy(
             update={
                 "status": "Failed",
                 "failure_code": "EnvironmentSetupError",
-                "failure_reason": told[:REASON_CHARACTERS],
+                "failure_reason": reason[:REASON_CHARACTERS],
                 "running_digest": previous.digest,
                 "finished_at_s": time.time(),
             }

@@ -1,11 +1,13 @@
 """Rolls one version out to a fleet, wave by wave.
 
-What the controller believes is computed at every tick from what robots were asked and what they report; its memory only
-saves requests. So it may be killed at any moment: the next one finds who was asked, asks nobody twice, forgets nobody.
+At every tick the controller computes its view from the desired states and the reports of the robots; its memory only
+saves requests. So it may be killed at any moment: the next controller finds which robots were asked, asks none of them
+twice, and forgets none.
 
-Before robots are asked, the job's record says that they will be, with the epoch of the controller's claim. Whoever
-takes over writes its own epoch into the record first: one that was paused and wakes up can announce nobody any more,
-and whom it had announced its successor has asked by then, so that its writes meet an object that has changed.
+Before robots are asked, the job's record announces them, with the epoch of the controller's claim. A controller that
+takes over writes its own epoch into the record first. So a controller that was paused and wakes up can announce no
+robot any more; and its successor has asked the robots that it had announced, so that its writes fail because the
+objects have changed.
 """
 
 import logging
@@ -40,14 +42,14 @@ _LOG = logging.getLogger(__name__)
 _KIND = "deployment-job"
 WISH = "wish"
 CANCELED = "canceled"
-"""Where a job's detail says what somebody wants of it (tasks.deploy.rollout.operator_commands)."""
+"""The keys of an operator's wish in a job's detail (tasks.deploy.rollout.operator_commands)."""
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
-_PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and nobody else can take over either
+_PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and no other controller can take over
 
 
 def steady_clock() -> Callable[[], float]:
-    """Returns a clock of seconds since 1970 that is right now, and from then on goes as time does, whatever is set."""
+    """Returns a clock of seconds since 1970 that does not jump when the machine's clock is set."""
     ahead_s = time.time() - time.monotonic()
     return lambda: time.monotonic() + ahead_s
 
@@ -135,29 +137,29 @@ class _Controller:
         """Returns the record after one look at the robots and what followed from it."""
         self._check_claim()
         record = read(self._store, _KIND, self._job)
-        if is_terminal(record):  # somebody closed it: whoever was asked is on its own
+        if is_terminal(record):  # another process closed it; robots that were asked go on alone
             return record
         self._ask(self._watch.unasked(self._known))
-        seen, move = self._judged(record)
+        seen, move = self._judge(record)
         if move.verdict:
             self._tell(seen)
             end = rollout_end(self._plan, move, seen)
             return self._advance(end.status, seen, end.failure_code, end.failure_reason)
         if statuses(seen) != statuses(self._known):
             record = self._advance("InProgress", seen)
-        self._tell(seen)  # who is told may look into the record
+        self._tell(seen)  # after the record: a listener may read it
         self._known = seen
         if not is_terminal(record):
             self._ask(move.start)
         return record
 
-    def _judged(self, record: JobRecord) -> tuple[dict[str, RobotProgress], Move]:
+    def _judge(self, record: JobRecord) -> tuple[dict[str, RobotProgress], Move]:
         """Returns how far the robots are, those announced that are to begin now, and what to do."""
         now_s = self._pace.now_s()
         wish = _wish(record, self._plan, now_s)
         seen = self._watch.look(self._known, now_s)
         if wish == "cancel":
-            seen |= self._withdrawn(seen, now_s)
+            seen |= self._withdraw_silent(seen, now_s)
         move = next_move(phases(seen), self._plan.limits, wish)
         if move.verdict:
             seen = self._watch.look(seen, now_s, everyone=True)
@@ -165,7 +167,7 @@ class _Controller:
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
         return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
 
-    def _withdrawn(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
+    def _withdraw_silent(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
         """Returns the robots that had not answered before the cancellation, which are asked nothing any more."""
         silent = [robot for robot, each in seen.items() if each.status == "PendingNewDeployment"]
         taken_back = _aborted(now_s, "the deployment was canceled before this robot answered")

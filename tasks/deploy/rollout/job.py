@@ -66,7 +66,7 @@ def run_deployment_job(
         pace: Clock and poll interval.
         robots: Makes the fleet's members, which answer inside its ``with`` block; entered only while the fleet is
             this job's, so that a job which is refused touches no robot. None: the fleet has its members already.
-        signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, which the record tells.
+        signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, and the record says so.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
@@ -101,7 +101,7 @@ def run_sync_job(
         fleet: Its name or ARN.
         token: The client request token.
         progress: Called with robots that have ended and robots in all, whenever that changes.
-        only_failed: Whether to try again those that failed or did not answer, and nobody else.
+        only_failed: Whether to try again those that failed or did not answer, and no others.
         pace: Clock and poll interval.
         signer: As for a deployment; it must have signed the one that is synced.
 
@@ -177,12 +177,12 @@ def _take_fleet(store: Store, name: str, job: str) -> None:
             return
         try:
             store.replace(fleet_key(name), encoded(fleet.model_copy(update={"deployment": job})), etag)
-        except ObjectConflict:  # somebody else wants it too: look again
+        except ObjectConflict:  # another process wants it too: look again
             continue
 
 
 def _free_fleet(store: Store, name: str, job: str) -> None:
-    """Returns when no other deployment to the fleet is under way; one that nobody works on any more is canceled.
+    """Returns when no other deployment to the fleet is under way; an abandoned one is canceled.
 
     Raises:
         ConcurrentDeployment: One is.

@@ -1,4 +1,4 @@
-"""Ends a deployment job that nobody works on any more, so that no controller which was only paused asks a robot later.
+"""Closes an abandoned deployment job, so that a controller that was only paused asks no robot later.
 
 A controller announces in its job's record whom it asks before it asks them, under its claim's epoch. So the record is
 closed to older epochs first; then the object of each robot that was announced, and not asked, is changed: a write that
@@ -29,7 +29,7 @@ def close_abandoned_job(store: Store, record: JobRecord, claim: Claim, reason: s
         store: Where the job is.
         record: The job's.
         claim: On the job, which its controller has lost.
-        reason: Why nobody goes on with it.
+        reason: Why it is not continued.
 
     Raises:
         StoreError: The store fails, or a later epoch has the job.
@@ -39,12 +39,12 @@ def close_abandoned_job(store: Store, record: JobRecord, claim: Claim, reason: s
         closed = advance(store, _KIND, record.id, closed.status, only_from={closed.status}, epoch=claim.epoch)
     if is_terminal(closed):
         return closed
-    for robot in _announced(closed):
+    for robot in _announced_robots(closed):
         _change(store, robot, closed.id)
     return advance(store, _KIND, record.id, "Canceled", failure_reason=reason, epoch=claim.epoch)
 
 
-def _announced(record: JobRecord) -> Iterator[str]:
+def _announced_robots(record: JobRecord) -> Iterator[str]:
     for robot, progress in recorded_progress(record).items():
         if phase_of(progress) is Phase.IN_FLIGHT:
             yield robot

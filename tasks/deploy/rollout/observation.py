@@ -1,4 +1,4 @@
-"""How far the robots of a deployment are: from what they were asked and what they report, in few requests."""
+"""Progress of the robots of a deployment, from their desired states and reports, in few requests."""
 
 from collections.abc import Mapping
 
@@ -51,7 +51,7 @@ class RobotWatch:
         self._asked[desired.robot] = desired
 
     def unasked(self, known: Mapping[str, RobotProgress]) -> list[str]:
-        """Returns the robots that the record says are asked, and that nobody asked before its writer died."""
+        """Returns the robots that the record announces, and that were not asked before its writer died."""
         return [
             robot for robot, each in known.items() if phase_of(each) is Phase.IN_FLIGHT and not self._desired(robot)
         ]
@@ -68,7 +68,7 @@ class RobotWatch:
         """
         before = {robot: known.get(robot, WAITING) for robot in self._plan.environments}
         return {
-            robot: self._seen(robot, each, now_s) if self._is_due(robot, each, now_s, everyone=everyone) else each
+            robot: self._look_at(robot, each, now_s) if self._is_due(robot, each, now_s, everyone=everyone) else each
             for robot, each in before.items()
         }
 
@@ -82,7 +82,7 @@ class RobotWatch:
             self._again[robot] = (now_s + 2 * pause_s, 2 * pause_s)
         return everyone or now_s >= next_s
 
-    def _seen(self, robot: str, known: RobotProgress, now_s: float) -> RobotProgress:
+    def _look_at(self, robot: str, known: RobotProgress, now_s: float) -> RobotProgress:
         desired = self._desired(robot)
         if desired is None:
             return known

@@ -1,4 +1,4 @@
-"""What somebody wants of a deployment that is under way: pause it, go on, cancel it.
+"""Commands of an operator to a deployment that is under way: pause, resume, cancel.
 
 The wish stands in the job's record, where its controller looks before each step; so it reaches a controller on another
 machine, and one that takes over.

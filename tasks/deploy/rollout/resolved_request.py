@@ -1,4 +1,4 @@
-"""What a request for a deployment comes to: which bytes, to whom, how many at a time; or every reason why not."""
+"""Turns a request for a deployment into a plan, or reports every reason why that is not possible."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -95,7 +95,7 @@ def timeout_s(request: CreateDeploymentJobRequest) -> int:
 def preflight(
     store: Store, *, fleet: str, local_agents: int, launch: DeploymentLaunchConfig, version: Version
 ) -> list[Fault]:
-    """Returns what would fail at the end of a pipeline that deploys and can be told before its beginning.
+    """Returns the faults of a pipeline's deployment that can be found before the pipeline begins.
 
     Args:
         store: Where fleet, robots and bundles are.

@@ -1,4 +1,4 @@
-"""What a robot is asked: written once a deployment, and taken back from one that has not answered."""
+"""Writes a robot's desired state once for each deployment, and withdraws it if the robot has not answered."""
 
 from collections.abc import Callable
 
@@ -19,9 +19,14 @@ def ask_robot(
     """Returns the desired state that the robot has for this deployment, written if there was none.
 
     Asking twice, also after a crash between two robots, asks once: a robot that has a desired state of this deployment
-    keeps it, sequence and all. The sequence of a new one follows that of the one before it and of the robot's report:
-    somebody who puts an old one back, or deletes it, does not make the robot deaf. ``sign`` signs it; ``check`` raises,
-    directly before the write, when the writer is not the one any more who may ask.
+    keeps it, sequence and all. The sequence of a new one is higher than that of the one before it and of the robot's
+    report, so that an old state that is put back, or deleted, does not make the robot deaf.
+
+    Args:
+        store: Where robots look.
+        desired: What the robot shall run; its sequence is set here.
+        sign: Signs it, or None.
+        check: Called directly before the write; raises when this process may not ask any more.
 
     Raises:
         StoreError: The store fails, or a later epoch of the deployment has asked the robot.
@@ -51,7 +56,12 @@ def withdraw_request(store: Store, robot: str, deployment: str, check: Callable[
     """Returns whether a robot is asked nothing of a deployment any more; one that has answered stays asked.
 
     The sequence stays behind: a robot that has just read what is withdrawn takes what it is asked next all the same.
-    ``check`` is that of `ask_robot`.
+
+    Args:
+        store: Where robots look.
+        robot: The robot's name.
+        deployment: The job's id.
+        check: Called directly before the write; raises when this process may not withdraw any more.
 
     Raises:
         StoreError: The store fails.

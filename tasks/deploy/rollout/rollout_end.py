@@ -1,4 +1,4 @@
-"""How a roll-out ended, as its job's record tells it."""
+"""The end of a roll-out: its status, failure code and reason for the job's record."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a deployment job does, as its record holds it from before the first robot is asked."""
+"""The plan of a deployment job, written into its record before the first robot is asked."""
 
 from collections.abc import Iterable, Mapping
 

@@ -1,4 +1,4 @@
-"""SyncDeploymentJob: what a fleet ran last, on those of its robots that do not run it.
+"""SyncDeploymentJob: brings a fleet's latest deployment to those of its robots that do not run it.
 
 See docs/reference/robomaker.md, section 8.
 
@@ -32,7 +32,7 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
     record, _ = read_fleet(store, fleet)
     last = read(store, _KIND, record.deployment) if record.deployment else None
     if last is not None and "plan" not in last.detail:
-        # It was killed before it was planned, and asked nobody: what counts is the one before it.
+        # It was killed before it was planned, and asked no robot: the deployment before it counts.
         planned = [job for job in records(store, _KIND) if _plan_of(job).get("fleet") == record.name]
         last = planned[-1] if planned else None
     if last is None:
@@ -52,8 +52,8 @@ def plan_sync(store: Store, last: JobRecord, *, only_failed: bool = False) -> Ro
 
     Only the failed are those that were asked and failed, or did not answer; not those that joined later, or that a
     roll-out which stopped had left as they were. Bytes and launch are those of the last plan, whatever was published
-    since; shares are of those that take part, and variables follow robots' tags. Who can never run the version, because
-    it has no bundle for the robot's architecture, is left out (`robots_without_build` names them).
+    since; shares are of those that take part, and variables follow robots' tags. A robot for whose architecture the
+    version has no bundle is left out (`robots_without_build` names them).
     """
     plan = RolloutPlan.model_validate(last.detail["plan"])
     request = CreateDeploymentJobRequest.model_validate(last.request)

@@ -1,12 +1,12 @@
-"""Which robots start next, which never will, and when a roll-out is over: pure functions of what is known of each.
+"""The rules of a roll-out: which robots start next, which never will, and when it is over. Pure functions.
 
 In flight at most ``max(1, floor(share x robots))``; ``ceil(threshold x robots)`` failures stop new starts, those in
 flight finish, and the rest is aborted (docs/reference/robomaker.md, section 8). When every robot has ended, both
 questions are always asked, so no roll-out can end without a verdict.
 
 Beyond RoboMaker: canaries go first, and one failure among them stops everything; failures may be made to count only
-after so many robots have ended (Greengrass calls that the minimum number of executed things); somebody may pause a
-roll-out, or cancel it.
+after so many robots have ended (Greengrass calls that the minimum number of executed things); an operator may pause
+a roll-out, or cancel it.
 """
 
 from collections import Counter
@@ -77,7 +77,7 @@ def next_move(phases: Mapping[str, Phase], bounds: Limits, wish: Wish = "go") ->
     Args:
         phases: Where each robot is, in the fleet's order.
         bounds: What the roll-out keeps to.
-        wish: What is wanted of it; paused, it starts nobody and ends only when nobody is left to start.
+        wish: What is wanted of it; paused, it starts no robot, and ends only when none is left to start.
     """
     waiting = tuple(robot for robot, phase in phases.items() if phase is Phase.WAITING)
     in_flight = sum(phase is Phase.IN_FLIGHT for phase in phases.values())

@@ -33,7 +33,7 @@ class SignerNotes(Spec):
     Attributes:
         repository: Id of the metadata's folder in the store.
         store: Id of the store; keys are for one.
-        timestamp: The highest version that was seen: whoever restores older metadata is found out.
+        timestamp: The highest version that was seen, so that older metadata is refused.
     """
 
     repository: str
@@ -77,7 +77,7 @@ class Keyring:
         return found
 
     def keep_only(self, role: Role, keyids: Iterable[str]) -> None:
-        """Removes the role's other keys, which nobody accepts any more."""
+        """Removes the role's other keys, which are not accepted any more."""
         kept = set(keyids)
         for path in sorted(self.folder.glob(f"{role}-*.pem")):
             if _read(path).public_key.keyid not in kept:

@@ -1,4 +1,4 @@
-"""The signed metadata of one repository in the store: read and checked as its owner does, and written in safe order.
+"""The signed metadata of one repository in the store: reads and checks it, and writes it in a safe order.
 
 ``trust/<repository>/``: ``<n>.root.json``, ``<n>.targets.json``, ``<n>.deployer.json``, ``<n>.snapshot.json`` and
 ``timestamp.json``. All but the last are written once under their version; the last names the versions that count, so
@@ -133,7 +133,7 @@ def read_root(body: bytes) -> Metadata[Root]:
     Raises:
         TrustRefused: It is not.
     """
-    root = _parsed(Root, body, "the root of trust")
+    root = _parse(Root, body, "the root of trust")
     _check("the root of trust", lambda: root.signed.verify_delegate("root", root.signed_bytes, root.signatures))
     return root
 
@@ -147,21 +147,27 @@ def read_published(store: Store, root: Metadata[Root]) -> Published:
     repository = repository_of(root)
     root = _newest_root(store, root, repository)
     key = partial(trust_key, repository)
-    timestamp = _signed(store, Timestamp, key("timestamp.json"), by=root.signed, role="timestamp")
+    timestamp = _read_signed(store, Timestamp, key("timestamp.json"), by=root.signed, role="timestamp")
     meta = timestamp.signed.snapshot_meta
     name = f"{meta.version}.snapshot.json"
-    snapshot = _signed(store, Snapshot, key(name), by=root.signed, role="snapshot", meta=meta)
+    snapshot = _read_signed(store, Snapshot, key(name), by=root.signed, role="snapshot", meta=meta)
     meta = _meta(snapshot.signed, "targets.json")
     name = f"{meta.version}.targets.json"
-    targets = _signed(store, Targets, key(name), by=root.signed, role="targets", meta=meta)
+    targets = _read_signed(store, Targets, key(name), by=root.signed, role="targets", meta=meta)
     meta = _meta(snapshot.signed, "deployer.json")
     name = f"{meta.version}.deployer.json"
-    deployer = _signed(store, Targets, key(name), by=targets.signed, role="deployer", meta=meta)
+    deployer = _read_signed(store, Targets, key(name), by=targets.signed, role="deployer", meta=meta)
     return Published(root, targets, deployer, snapshot, timestamp)
 
 
 def write_root(store: Store, root: Metadata[Root], signers: Sequence[CryptoSigner], now: datetime) -> bytes:
     """Returns the bytes of the next root metadata, signed by all the signers and written; it counts at once.
+
+    Args:
+        store: Where to.
+        root: The metadata, under its new version; gets its date and signatures here.
+        signers: Who signs it.
+        now: The signer's clock.
 
     Raises:
         TrustRefused: There is another one under the version.
@@ -229,7 +235,7 @@ def _newest_root(store: Store, root: Metadata[Root], repository: str) -> Metadat
             body = store.get(trust_key(repository, name)).body
         except ObjectNotFound:
             return root
-        following = _parsed(Root, body, name)
+        following = _parse(Root, body, name)
         for by in (root, following):
             _check(name, partial(by.signed.verify_delegate, "root", following.signed_bytes, following.signatures))
         if following.signed.version != root.signed.version + 1 or repository_of(following) != repository:
@@ -237,7 +243,7 @@ def _newest_root(store: Store, root: Metadata[Root], repository: str) -> Metadat
         root = following
 
 
-def _signed(
+def _read_signed(
     store: Store, kind: type[Kind], key: str, *, by: Root | Targets, role: Role, meta: MetaFile | None = None
 ) -> Metadata[Kind]:
     name = key.rpartition("/")[2]
@@ -247,14 +253,14 @@ def _signed(
         raise TrustRefused(f"{store.url} has no {key}; restore it from a backup") from exc
     if meta:
         _check(name, lambda: meta.verify_length_and_hashes(body))
-    found = _parsed(kind, body, name)
+    found = _parse(kind, body, name)
     _check(name, lambda: by.verify_delegate(role, found.signed_bytes, found.signatures))
     if meta and meta.version != found.signed.version:
         raise TrustRefused(f"{name} has version {found.signed.version}")
     return found
 
 
-def _parsed(kind: type[Kind], body: bytes, name: str) -> Metadata[Kind]:
+def _parse(kind: type[Kind], body: bytes, name: str) -> Metadata[Kind]:
     try:
         found: Metadata[Kind] = Metadata.from_bytes(body)
     except DeserializationError as exc:

@@ -1,4 +1,4 @@
-"""What the owner of the keys does: make them, keep the metadata fresh, replace a key, put a bundle on the list.
+"""The work of the owner of the keys: make keys, renew the metadata, replace a key, list a bundle.
 
 One process at a time works on a repository: a lock on the folder of keys, and a claim in the store. Every change is
 written so that robots can verify what is there at every moment, also when the writer is killed between any two writes.

@@ -13,7 +13,7 @@ from tasks.deploy.trust.tuf_names import CryptoSigner, Key, RawSignature
 _PREFIX = b"simyard desired state 1\n"
 
 
-def signed(desired: Desired, signer: CryptoSigner) -> Desired:
+def sign_desired(desired: Desired, signer: CryptoSigner) -> Desired:
     """Returns the desired state with a signature under it."""
     made = signer.sign(payload(desired))
     return desired.model_copy(update={"signature": Signature(keyid=made.keyid, value=made.signature)})

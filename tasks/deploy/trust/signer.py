@@ -1,4 +1,4 @@
-"""What a deployment signs: its bundle, once, and what it asks of each robot."""
+"""Signs a deployment: its bundle, its plan, and the desired state of each robot."""
 
 import hashlib
 import tempfile
@@ -13,7 +13,7 @@ from specs.field_types import S3Object
 from tasks.deploy.fleet.states import Desired, Signature
 from tasks.deploy.trust.keyring import ROOT_FILE, Keyring, keyring
 from tasks.deploy.trust.repository import Clock, init_keys, list_for_deployment, open_repository, utc_now
-from tasks.deploy.trust.signature import signed
+from tasks.deploy.trust.signature import sign_desired
 from tasks.deploy.trust.trust_choice import chosen_keys, trust_faults
 from tasks.deploy.trust.tuf_names import CryptoSigner, RawSignature
 from tasks.storage.archives import digest_of
@@ -68,7 +68,7 @@ class DeploymentSigner:
         change: dict[str, object] = {"expires_at_s": _seconds(self._clock()) + _DESIRED_LIFETIME_S}
         if desired.condition:
             change["condition_sha256"] = self._condition_sha256(desired.condition)
-        return signed(desired.model_copy(update=change), self._deployer)
+        return sign_desired(desired.model_copy(update=change), self._deployer)
 
     def sign_plan(self, plan: bytes) -> Signature:
         """Returns a signature under what a deployment is going to do."""
@@ -126,7 +126,7 @@ def local_signer(store: Store) -> DeploymentSigner:
 def chosen_signer(store: Store, trust: Literal["signed", "unsigned"], *, local: bool) -> DeploymentSigner | None:
     """Returns what vouches for a deployment: the keys in SIMYARD_KEYS, else those of this machine for its own robots.
 
-    None where somebody has said that nobody shall.
+    None for a deployment that shall be unsigned.
 
     Args:
         store: What is signed for.

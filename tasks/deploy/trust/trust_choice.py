@@ -1,4 +1,4 @@
-"""Whether a deployment is signed, and with which keys: what can be told before anything runs. Imports nothing heavy."""
+"""Decides whether a deployment is signed, and with which keys, before anything runs. Imports nothing heavy."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a deployment's record says of its trust, and the signature under its plan. Imports nothing heavy.
+"""The trust in a deployment's record, and the signature under its plan. Imports nothing heavy.
 
 The plan is read again when a controller takes over, and when a fleet is synced. Whoever can write to the store could
 change it between, and have the deployer's key sign the change.
@@ -76,7 +76,7 @@ def check_recorded_plan(signer: Signer | None, record: JobRecord | None) -> None
 
 
 def is_unsigned(record: JobRecord) -> bool:
-    """Returns whether a deployment's record says that nobody vouched for it."""
+    """Returns whether a deployment's record says that it is unsigned."""
     return record.detail.get(_TRUST) == UNSIGNED
 
 

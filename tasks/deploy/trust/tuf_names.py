@@ -1,4 +1,4 @@
-"""The names of python-tuf and securesystemslib that are used here, as their documentation has them.
+"""Names of python-tuf and securesystemslib, imported once for all.
 
 Both re-export them from private modules without saying so to type checkers; said once here, and nowhere else.
 """

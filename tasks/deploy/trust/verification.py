@@ -1,7 +1,7 @@
-"""What a robot checks before it downloads anything: TUF's client workflow, then the signature of its desired state.
+"""A robot's checks before it downloads: TUF's client workflow, then the signature of its desired state.
 
 The root of trust is pinned when the agent is installed. Everything that was verified is kept on the robot, so that it
-never accepts what is older, whoever writes to the store.
+never accepts anything older.
 """
 
 import os

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from specs.errors import TrustRefused
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.states import Desired, Signature
-from tasks.deploy.trust.signature import payload, signed, verify
+from tasks.deploy.trust.signature import payload, sign_desired, verify
 from tasks.deploy.trust.tuf_names import CryptoSigner
 
 _TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
@@ -42,14 +42,14 @@ _KEYS = {_SIGNER.public_key.keyid: _SIGNER.public_key}
 
 @given(_DESIRED)
 def test_what_was_signed_is_verified_also_after_a_way_through_the_store(desired: Desired) -> None:
-    stored = signed(desired, _SIGNER).model_dump_json()
+    stored = sign_desired(desired, _SIGNER).model_dump_json()
 
     verify(Desired.model_validate_json(stored), _KEYS)
 
 
 @given(_DESIRED, _DESIRED)
 def test_a_signature_fits_one_desired_state_alone(one: Desired, other: Desired) -> None:
-    signature = signed(one, _SIGNER).signature
+    signature = sign_desired(one, _SIGNER).signature
 
     if one == other:
         assert payload(one) == payload(other)
@@ -62,7 +62,7 @@ def test_a_signature_fits_one_desired_state_alone(one: Desired, other: Desired) 
 def test_one_field_of_another_is_found_out(desired: Desired, data: st.DataObject) -> None:
     field = data.draw(st.sampled_from(sorted(set(Desired.model_fields) - {"signature"})))
     other = data.draw(_DESIRED)
-    changed = signed(desired, _SIGNER).model_copy(update={field: getattr(other, field)})
+    changed = sign_desired(desired, _SIGNER).model_copy(update={field: getattr(other, field)})
 
     if getattr(other, field) != getattr(desired, field):
         with pytest.raises(TrustRefused):
@@ -71,7 +71,7 @@ def test_one_field_of_another_is_found_out(desired: Desired, data: st.DataObject
 
 def test_another_key_is_refused_also_under_the_name_of_the_right_one() -> None:
     thief = CryptoSigner.generate_ed25519()
-    evil = signed(_example(), thief)
+    evil = sign_desired(_example(), thief)
     assert evil.signature is not None
     disguised = Signature(keyid=_SIGNER.public_key.keyid, value=evil.signature.value)
 
@@ -82,7 +82,7 @@ def test_another_key_is_refused_also_under_the_name_of_the_right_one() -> None:
 
 
 def test_numbers_that_json_does_not_have_were_never_signed() -> None:
-    evil = signed(_example(), _SIGNER).model_copy(update={"timeout_s": float("nan")})
+    evil = sign_desired(_example(), _SIGNER).model_copy(update={"timeout_s": float("nan")})
 
     with pytest.raises(TrustRefused, match="cannot have been signed"):
         verify(evil, _KEYS)

@@ -68,7 +68,7 @@ def test_what_is_left_is_continued_by_its_document_and_known_to_be_left_at_once(
         run.arn: ("Running", "Running"),
         job.arn: ("Running", "Running"),
     }
-    assert {each.told for each in found.values()} == {"simyard run of nightly continues it"}
+    assert {each.meaning for each in found.values()} == {"simyard run of nightly continues it"}
     assert list(kind_notes(store, "pipeline-runs")) == [
         f"{run.arn} is Running, and nobody works on it: simyard run of nightly continues it"
     ]
@@ -149,7 +149,7 @@ def test_a_job_whose_run_has_ended_is_canceled_because_nothing_will_continue_it(
 
 def test_the_job_of_a_request_of_ones_own_is_continued_by_that(file_store: Store) -> None:
     job = submit(file_store, EXPORT, {}, "one")
-    assert reaped(file_store)[job.arn].told == "the same request continues it"
+    assert reaped(file_store)[job.arn].meaning == "the same request continues it"
 
 
 def test_nothing_is_said_of_what_is_no_job(file_store: Store) -> None:
@@ -178,7 +178,7 @@ def test_a_job_that_cannot_be_reaped_does_not_keep_others_from_it(
 
     monkeypatch.setattr(cancel_module, "cancel", failing)
     found = reaped(file_store)
-    assert "its bucket is gone" in found[broken.arn].told
+    assert "its bucket is gone" in found[broken.arn].meaning
     assert found[broken.arn].status == "Canceling"
     assert found[sound.arn].status == "Canceled"
 
