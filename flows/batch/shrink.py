@@ -9,16 +9,16 @@ from specs.arn import resource_path
 from specs.base import Fault
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.world import World
-from specs.errors import DocumentError, ObjectExists, ObjectNotFound, ResourceNotFound
+from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.template.body import TemplateBody
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import load_worlds
 from tasks.simulate.batch.job import OpenBatch, job_of
 from tasks.simulate.replay.delta_debugging import Names, smaller
 from tasks.simulate.replay.trials import Trial, simulate_trials
-from tasks.storage.base.keys import template_key, world_key
+from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
-from tasks.storage.worlds import encode_world
+from tasks.storage.worlds import encode_world, write_world
 from tasks.worlds.certificate.certificate import broken_guarantees
 from tasks.worlds.certificate.furniture_removal import SHRUNK, refurnished
 
@@ -154,10 +154,7 @@ def _store_world(store: Store, world: World, batch: OpenBatch, index: int) -> Wo
     bare = world.model_copy(update={"generation": SHRUNK, "name": f"{batch.id}-{index}"})
     digest = hashlib.sha256(encode_world(bare)).hexdigest()[:_DIGEST_SHOWN]
     found = bare.model_copy(update={"name": f"{bare.name}-{digest}"})
-    try:
-        store.create(world_key(SHRUNK, found.name), encode_world(found))
-    except ObjectExists:
-        return found
+    write_world(store, f"{SHRUNK}/{found.name}", encode_world(found))
     return found
 
 

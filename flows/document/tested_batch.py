@@ -18,8 +18,8 @@ from tasks.simulate.plan.layout import Layout
 from tasks.simulate.plan.resolve import FindVersion, matrix_worlds, plan_batch, requested_worlds
 from tasks.storage.archives import missing_files
 from tasks.storage.base.cache_folder import cache_folder
-from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
+from tasks.storage.worlds import world_bytes
 
 
 def batch_plan(
@@ -125,9 +125,8 @@ def tested_bundles(plan: BatchPlan, other: str) -> dict[str, str]:
 
 
 def _world_digest(path: str, store: Store) -> str:
-    generation, _, name = path.partition("/")
     try:
-        body = store.get(world_key(generation, name)).body
+        body = world_bytes(store, path)
     except ObjectNotFound as exc:
         fault = Fault(path="worlds", value=repr(path), allowed=f"a world in {store.url}; see simyard list worlds")
         raise ResourceNotFound([fault]) from exc

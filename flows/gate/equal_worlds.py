@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from specs.digest import canonical_json
 from specs.errors import ObjectNotFound
-from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
+from tasks.storage.worlds import WorldChanged, pinned_world_bytes
 
 
 def alike_worlds(store: Store, worlds: Mapping[str, str]) -> dict[str, str]:
@@ -23,11 +23,8 @@ def alike_worlds(store: Store, worlds: Mapping[str, str]) -> dict[str, str]:
 
 
 def _identity(store: Store, reference: str, digest: str) -> str:
-    generation, _, name = reference.partition("/")
     try:
-        body = store.get(world_key(generation, name)).body
-    except ObjectNotFound:
-        return digest
-    if hashlib.sha256(body).hexdigest() != digest:
+        body = pinned_world_bytes(store, reference, digest)
+    except (ObjectNotFound, WorldChanged):
         return digest
     return hashlib.sha256(canonical_json({**json.loads(body), "generation": ""})).hexdigest()

@@ -61,6 +61,13 @@ def update_application(
 ) -> Application:
     """Returns an application whose next version is made from other sources; versions that are there stay as they are.
 
+    Args:
+        store: Where the application is.
+        kind: Robot or simulation.
+        reference: Its name or ARN.
+        sources: Where the next version's bundles lie, one an architecture.
+        current_revision: The revision that the caller knows; None to change whatever is there.
+
     Raises:
         ResourceNotFound: No such application.
         DocumentError: It was changed since the revision, or the sources contradict each other.
@@ -77,6 +84,12 @@ def update_application(
 
 def create_version(store: Store, kind: ApplicationKind, reference: str, current_revision: str | None = None) -> Version:
     """Returns the version that stands for what lies at the application's sources now.
+
+    Args:
+        store: Where the application is.
+        kind: Robot or simulation.
+        reference: Its name or ARN.
+        current_revision: The revision that the caller knows; None for whatever is there.
 
     Raises:
         ResourceNotFound: No such application.
@@ -97,6 +110,12 @@ def delete_application(store: Store, kind: ApplicationKind, reference: str, vers
 
     Numbers are not given again, also not to an application of the same name. Bundles stay: robots run them, records
     name them.
+
+    Args:
+        store: Where the application is.
+        kind: Robot or simulation.
+        reference: Its name or ARN.
+        version: The number of the version; None for the whole application.
 
     Raises:
         ResourceNotFound: No such application or version.

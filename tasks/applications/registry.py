@@ -86,7 +86,17 @@ def add_version(
     shipped: bool = False,
     current_revision: str | None = None,
 ) -> Version:
-    """Returns the version that stands for bundles which are in the store; the rest as in `publish`."""
+    """Returns the version that stands for bundles which are in the store; the rest as in `publish`.
+
+    Args:
+        store: Where bundles and versions are.
+        kind: Robot or simulation.
+        name: The application's name.
+        bundles: The builds of the version, one an architecture.
+        whole: Whether the only bundle is for all architectures.
+        shipped: Whether the application comes with Simyard.
+        current_revision: The revision that the caller knows; None to change whatever is there.
+    """
 
     def step(before: Application | None, number: int) -> Application:
         application = before or Application(kind=kind, name=name, versions=())
@@ -101,6 +111,12 @@ def add_version(
 
 def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str) -> Version:
     """Returns the version of an application that stands for a bundle.
+
+    Args:
+        store: Where the application is.
+        kind: Robot or simulation.
+        reference: Its name or ARN.
+        digest: SHA-256 of the bundle.
 
     Raises:
         ResourceNotFound: No such application, or none of its versions is that bundle.

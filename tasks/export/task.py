@@ -27,7 +27,15 @@ def export_worlds(
     token: str,
     elsewhere: Elsewhere | None = None,
 ) -> JobRecord:
-    """Returns the ended export job of the token."""
+    """Returns the ended export job of the token.
+
+    Args:
+        store_url: Where worlds and records lie.
+        request: RoboMaker's request.
+        formats: What each world is written as.
+        token: The client request token.
+        elsewhere: Workers that write worlds, where there are any.
+    """
     with watched("Export", "export-progress") as progress:
         store = open_store(store_url)
         return run_export_job(store, request, formats=formats, token=token, progress=progress, elsewhere=elsewhere)

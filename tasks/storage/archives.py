@@ -134,6 +134,12 @@ def extract(
     Files become 0644, or 0755 when the archive has them executable. What was unpacked before a refusal is the caller's
     to remove.
 
+    Args:
+        archive: The tar.
+        target: The new folder.
+        limits: How much it may hold.
+        progress: Told how many of how many bytes are unpacked.
+
     Raises:
         BundleRefused: Not a plain tar, or with a link, a device, a sparse file, a duplicate, a name outside the folder,
             or more than the limits.

@@ -1,16 +1,23 @@
-"""Worlds as bytes: one canonical JSON form, so that equal worlds are equal bytes on any machine.
+"""Worlds in the store: their one canonical form as bytes, and the one place that reads and writes them.
 
-Worlds as the store has them.
+Equal worlds are equal bytes on any machine. A reference is ``<generation>/<world>``.
 """
+
+import hashlib
 
 from pydantic import ValidationError
 
 from specs.base import Fault
 from specs.data.world import World
 from specs.digest import canonical_json
-from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
+from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, SimyardError
+from tasks.storage.base.encoding import create_once
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
+
+
+class WorldChanged(SimyardError):  # noqa: N818 - a state
+    """A world's document has another SHA-256 than it had."""
 
 
 def encode_world(world: World) -> bytes:
@@ -27,11 +34,40 @@ def decode_world(body: bytes) -> World:
     return World.model_validate_json(body)
 
 
-SOURCE = "CreateWorldExportJob"
+def reference_key(reference: str) -> str:
+    """Returns the key of a world.
+
+    Raises:
+        DocumentError: The reference is none.
+    """
+    generation, _, name = reference.partition("/")
+    return world_key(generation, name)
 
 
-def read_world(store: Store, reference: str, source: str = SOURCE) -> World:
-    """Returns a world, by ``<generation>/<world>``.
+def world_bytes(store: Store, reference: str) -> bytes:
+    """Returns the document of a world, whatever it is.
+
+    Raises:
+        ObjectNotFound: There is no such world.
+    """
+    return store.get(reference_key(reference)).body
+
+
+def pinned_world_bytes(store: Store, reference: str, sha256: str) -> bytes:
+    """Returns the document of a world that has the digest.
+
+    Raises:
+        ObjectNotFound: There is no such world.
+        WorldChanged: It has another digest.
+    """
+    body = world_bytes(store, reference)
+    if hashlib.sha256(body).hexdigest() != sha256:
+        raise WorldChanged(reference)
+    return body
+
+
+def read_world(store: Store, reference: str, source: str) -> World:
+    """Returns a world.
 
     Args:
         store: Where it is.
@@ -42,14 +78,20 @@ def read_world(store: Store, reference: str, source: str = SOURCE) -> World:
         ResourceNotFound: There is no such world.
         DocumentError: What is there was not written by this version of Simyard.
     """
-    generation, name = reference.split("/")
     try:
-        body = store.get(world_key(generation, name)).body
+        return decode_world(world_bytes(store, reference))
     except ObjectNotFound as exc:
         fault = Fault(path="worlds", value=reference, allowed=f"a world in {store.url}; see simyard list worlds")
         raise ResourceNotFound([fault], source=source) from exc
-    try:
-        return World.model_validate_json(body)
     except ValidationError as exc:
         fault = Fault(path="worlds", value=reference, allowed="a world that this version of Simyard wrote")
         raise DocumentError([fault], source=store.url) from exc
+
+
+def write_world(store: Store, reference: str, body: bytes) -> None:
+    """Puts the document of a world into the store; the same one may be there already.
+
+    Raises:
+        ObjectExists: Another one is there.
+    """
+    create_once(store, reference_key(reference), body)

@@ -1,13 +1,24 @@
 """Worlds survive the way to bytes and back exactly."""
 
+import hashlib
 import json
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from specs.data.world import World
+from specs.errors import DocumentError, ObjectExists, ResourceNotFound
 from specs.template.body import TemplateBody
-from tasks.storage.worlds import decode_world, encode_world
+from tasks.storage.base.store import Store
+from tasks.storage.worlds import (
+    WorldChanged,
+    decode_world,
+    encode_world,
+    pinned_world_bytes,
+    read_world,
+    write_world,
+)
 from tasks.worlds.generate import generate_world
 from tests.worlds.templates import sample, templates
 
@@ -41,3 +52,30 @@ def test_numbers_have_at_most_six_decimals_and_no_negative_zero() -> None:
     encoded = encode_world(make(sample("one-room")))
     assert b"-0.0," not in encoded
     assert all(round(number, 6) == number for number in numbers(json.loads(encoded)))
+
+
+def test_a_world_is_written_once_and_read_by_its_reference(file_store: Store) -> None:
+    world = make(sample("one-room"))
+    reference = f"{world.generation}/{world.name}"
+    for _ in range(2):
+        write_world(file_store, reference, encode_world(world))
+    assert read_world(file_store, reference, "test") == world
+    with pytest.raises(ObjectExists, match="something else"):
+        write_world(file_store, reference, b"{}")
+
+
+def test_a_pinned_world_is_refused_when_it_is_another(file_store: Store) -> None:
+    write_world(file_store, "g/w", b"{}")
+    assert pinned_world_bytes(file_store, "g/w", hashlib.sha256(b"{}").hexdigest()) == b"{}"
+    with pytest.raises(WorldChanged):
+        pinned_world_bytes(file_store, "g/w", "0" * 64)
+
+
+def test_a_world_that_is_gone_or_no_world_is_a_fault_of_the_document(file_store: Store) -> None:
+    with pytest.raises(ResourceNotFound, match="see simyard list worlds"):
+        read_world(file_store, "g/w", "test")
+    write_world(file_store, "g/w", b"{}")
+    with pytest.raises(DocumentError, match="this version of Simyard wrote"):
+        read_world(file_store, "g/w", "test")
+    with pytest.raises(DocumentError):
+        read_world(file_store, "no reference", "test")

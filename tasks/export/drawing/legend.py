@@ -27,7 +27,14 @@ def draw_title(parent: ET.Element, world: World, box: Box) -> None:
 
 
 def draw_dimensions(parent: ET.Element, world: World, sheet: Sheet, offset: float) -> None:
-    """Adds the outer dimensions of the building, above it and to its left, ``offset`` page units away."""
+    """Adds the outer dimensions of the building, above it and to its left, ``offset`` page units away.
+
+    Args:
+        parent: What the lines become part of.
+        world: Whose building.
+        sheet: Where the world lies on the page.
+        offset: Distance from the building in page units.
+    """
     box = sheet.box(world.footprint)
     group = element(parent, "g", class_="dimension")
     top, left = box.top - offset, box.left - offset
@@ -44,7 +51,15 @@ def draw_dimensions(parent: ET.Element, world: World, sheet: Sheet, offset: floa
 
 
 def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, longest: float) -> float:
-    """Adds a bar of four equal parts, as long as fits into ``longest`` page units; returns where it ends."""
+    """Adds a bar of four equal parts, as long as fits into ``longest`` page units; returns where it ends.
+
+    Args:
+        parent: What the bar becomes part of.
+        sheet: Where the world lies on the page.
+        left: Where the bar begins, in page units.
+        top: Where its upper edge is, in page units.
+        longest: How long it may be, in page units.
+    """
     fitting = [step_m for step_m in _SCALE_STEPS_M if 4 * step_m * sheet.units_per_m <= longest]
     part_m = max(fitting, default=_SCALE_STEPS_M[0])
     part = part_m * sheet.units_per_m
@@ -60,7 +75,14 @@ def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, lo
 
 
 def draw_floorings(parent: ET.Element, world: World, sheet: Sheet, box: Box) -> None:
-    """Adds a swatch of every flooring with its name, as many as fit into a row that ends at the box's right."""
+    """Adds a swatch of every flooring with its name, as many as fit into a row that ends at the box's right.
+
+    Args:
+        parent: What the row becomes part of.
+        world: Whose floorings.
+        sheet: Where the world lies on the page.
+        box: The box that the row must fit into.
+    """
     group = element(parent, "g", class_="floorings")
     seen: list[tuple[str, str, str]] = []
     for room in world.rooms:

@@ -150,7 +150,14 @@ def css_color(color: tuple[float, float, float], towards_white: float = 0.0) -> 
 
 
 def draw_solid(parent: ET.Element, solid: Solid, sheet: Sheet, attributes: Attributes) -> None:
-    """Adds the outline of a solid."""
+    """Adds the outline of a solid.
+
+    Args:
+        parent: What the outline becomes part of.
+        solid: What is drawn.
+        sheet: Where the world lies on the page.
+        attributes: Of the SVG element.
+    """
     x, y = sheet.x(solid.center_m[0]), sheet.y(solid.center_m[1])
     half_x, half_y = (half * sheet.units_per_m for half in solid.half_extents_m[:2])
     if solid.shape == "cylinder":

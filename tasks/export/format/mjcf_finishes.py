@@ -38,7 +38,14 @@ def add_floor(spec: mujoco.MjSpec, room: Room) -> None:
 
 
 def add_walls(spec: mujoco.MjSpec, world: World, room: Room, number: int) -> None:
-    """Adds one mesh with all that one sees of the walls in a room; seen from behind it is not there."""
+    """Adds one mesh with all that one sees of the walls in a room; seen from behind it is not there.
+
+    Args:
+        spec: The model.
+        world: Whose walls.
+        room: The room that they are seen from.
+        number: The room's place among the world's, for the mesh's name.
+    """
     panels = wall_panels(world, room)
     if not panels:
         return

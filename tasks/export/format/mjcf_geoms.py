@@ -17,7 +17,14 @@ GRID_SPACING_M = 0.5  # MuJoCo lights corners and interpolates: no corner is fur
 def add_solid(
     body: mujoco.MjsBody, solid: Solid, group: int, *, origin_m: tuple[float, float] = (0.0, 0.0)
 ) -> mujoco.MjsGeom:
-    """Returns a new geom of a solid's name, shape and colour in a body that stands, not turned, at ``origin_m``."""
+    """Returns a new geom of a solid's name, shape and colour in a body that stands, not turned, at ``origin_m``.
+
+    Args:
+        body: What the geom becomes part of.
+        solid: The solid.
+        group: MuJoCo's visual group.
+        origin_m: Where the body stands.
+    """
     x_m, y_m, z_m = solid.half_extents_m
     cylinder = solid.shape == "cylinder"
     half_yaw_rad = solid.yaw_rad / 2
@@ -33,7 +40,15 @@ def add_solid(
 
 
 def add_plane(spec: mujoco.MjSpec, name: str, area: Rectangle, z_m: float, *, margin_m: float = 0.0) -> mujoco.MjsGeom:
-    """Returns a new level plane over an area, ``margin_m`` wider on every side."""
+    """Returns a new level plane over an area, ``margin_m`` wider on every side.
+
+    Args:
+        spec: The model.
+        name: Of the plane.
+        area: What it lies under or over.
+        z_m: Its height.
+        margin_m: How much wider than the area it is on every side.
+    """
     half_x_m = (area.x_max_m - area.x_min_m) / 2 + margin_m
     half_y_m = (area.y_max_m - area.y_min_m) / 2 + margin_m
     return spec.worldbody.add_geom(

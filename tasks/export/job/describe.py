@@ -53,8 +53,10 @@ def summarise_export_job(record: JobRecord) -> WorldExportJobSummary:
 
 def failure_code(error: SimyardError) -> WorldExportJobErrorCode:
     """Returns RoboMaker's code for what went wrong; InternalServiceError for what no other fits."""
-    unknown: WorldExportJobErrorCode = "InternalServiceError"
-    return next((code for kind, code in _CODES if isinstance(error, kind)), unknown)
+    for kind, code in _CODES:
+        if isinstance(error, kind):
+            return code
+    return "InternalServiceError"
 
 
 def failure_reason(error: SimyardError) -> str:

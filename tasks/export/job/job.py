@@ -24,14 +24,14 @@ from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export.format.formats import require_writable
 from tasks.export.job.describe import failure_code, failure_reason
 from tasks.export.job.upload import put, upload
-from tasks.export.job.world_files import WorldFiles, drop_parts, kept_part, world_files
+from tasks.export.job.world_files import SOURCE, WorldFiles, drop_parts, kept_part, world_files
 from tasks.export.job.zip_archive import write_zip
 from tasks.storage.base.keys import claim_key, output_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.claim import claimed
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, submit
-from tasks.storage.worlds import SOURCE, read_world
+from tasks.storage.worlds import read_world
 
 KIND: JobKind = "world-export-job"
 _STOPPED = frozenset({"Canceling", "Canceled"})
@@ -175,7 +175,7 @@ def _parts(work: _Work, references: Sequence[str], plans: dict[str, bytes]) -> I
     for number, reference in enumerate(references, start=1):
         work.checked()
         part = kept_part(work.store, work.job, reference) if work.elsewhere else None
-        part = part or world_files(read_world(work.store, reference), work.formats)
+        part = part or world_files(read_world(work.store, reference, SOURCE), work.formats)
         if "svg" in work.formats:
             plans[reference] = part.files[f"svg/{reference}.svg"]
         yield part

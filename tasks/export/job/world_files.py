@@ -16,6 +16,7 @@ from tasks.storage.worlds import read_world
 
 # What a network carries is smaller by far, and the zip itself packs it anew: its bytes are those of one machine's zlib.
 _LIGHTLY = 1
+SOURCE = "CreateWorldExportJob"
 _log = logging.getLogger(__name__)
 
 
@@ -66,7 +67,7 @@ def make_parts(
         if not going():
             return
         try:
-            keep_part(store, job, world_files(read_world(store, reference), formats))
+            keep_part(store, job, world_files(read_world(store, reference, SOURCE), formats))
         except DocumentError as exc:
             _log.warning("%s: %s is not written: %s", job, reference, exc)
 

@@ -25,7 +25,15 @@ _GOT = b"!"
 
 
 def main(width: int, height: int, samples: int, asked: BinaryIO, pictures: BinaryIO) -> None:
-    """Films one scene until there are no more poses."""
+    """Films one scene until there are no more poses.
+
+    Args:
+        width: Of a picture, in pixels.
+        height: Of a picture, in pixels.
+        samples: Samples a pixel.
+        asked: The scene, then the poses.
+        pictures: Where the pictures go.
+    """
     context = gl_that_works(width, height)
     pictures.write(READY)
     pictures.flush()

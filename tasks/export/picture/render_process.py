@@ -69,7 +69,15 @@ class View:
 
 
 def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: BinaryIO) -> None:
-    """Renders world after world until there are no more."""
+    """Renders world after world until there are no more.
+
+    Args:
+        width: Of a picture, in pixels.
+        height: Of a picture, in pixels.
+        samples: Samples a pixel.
+        worlds: The worlds' documents.
+        pictures: Where the pictures go.
+    """
     context = gl_that_works(width, height)
     pictures.write(READY)
     pictures.flush()
@@ -92,12 +100,27 @@ def gl_that_works(width: int, height: int) -> mujoco.GLContext:
 
 
 def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
-    """Returns a picture of a world cut open; a GL context is current."""
+    """Returns a picture of a world cut open; a GL context is current.
+
+    Args:
+        world: What is shown.
+        width: Of the picture, in pixels.
+        height: Of the picture, in pixels.
+        samples: Samples a pixel.
+    """
     return photographed(world_spec(cut_open(world, CUT_M)), framed(world, width / height), width, height, samples)
 
 
 def photographed(spec: mujoco.MjSpec, view: View, width: int, height: int, samples: int) -> Pixels:
-    """Returns a picture of a model that has a world's ground and sky; a GL context is current."""
+    """Returns a picture of a model that has a world's ground and sky; a GL context is current.
+
+    Args:
+        spec: The model.
+        view: Where the camera is.
+        width: Of the picture, in pixels.
+        height: Of the picture, in pixels.
+        samples: Samples a pixel.
+    """
     model = lit_model(spec, width, height)
     data = mujoco.MjData(model)
     scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)

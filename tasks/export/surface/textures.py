@@ -207,7 +207,14 @@ def texture_of(finish: Finish) -> Texture | None:
 
 @lru_cache(maxsize=256)
 def draw_texture(pattern: Pattern, color: Color, accent: Color, repeat_m: tuple[float, float]) -> Texture:
-    """Returns the picture of a pattern in two colours; a job's worlds share most of theirs."""
+    """Returns the picture of a pattern in two colours; a job's worlds share most of theirs.
+
+    Args:
+        pattern: How the finish is divided.
+        color: The main colour, sRGB from 0 to 1.
+        accent: The second colour, sRGB from 0 to 1.
+        repeat_m: Width and height after which the picture repeats.
+    """
     tiling = TILINGS[pattern]
     columns, rows = tiling.pixels
     units = (tiling.units[1], tiling.units[0])

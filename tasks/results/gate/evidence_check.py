@@ -9,9 +9,10 @@ from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.results.gate.evidence import EVIDENCE_FILE, Evidence
 from tasks.results.tables.result_files import RESULTS_FILE
-from tasks.storage.base.keys import bundle_key, output_key, result_key, world_key
+from tasks.storage.base.keys import bundle_key, output_key, result_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tasks.storage.worlds import reference_key
 
 Locate = Callable[[str], OutputLocation]
 
@@ -56,8 +57,7 @@ def _changes(store: Store, evidence: Evidence, locate: Locate) -> Iterator[str]:
         what = f"bundle of {use.name} version {use.version}, {bundle_key(use.digest)},"
         yield from _held(store, bundle_key(use.digest), use.digest, what)
     for name, digest in evidence.worlds.items():
-        generation, _, world = name.partition("/")
-        key = world_key(generation, world)
+        key = reference_key(name)
         yield from _held(store, key, digest, f"world {name}, {key},")
     files = [(evidence.batch, name, digest) for name, digest in evidence.files.items()]
     if evidence.baseline and evidence.baseline.batch != evidence.batch:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from specs.data.world import Room, World
+from specs.data.world import Room
 from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.results.report.facts import BatchFacts
@@ -15,9 +15,10 @@ from tasks.results.report.places import Worlds
 from tasks.results.report.view import View, report_view
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.results.tables.stored_rows import require_as_written
-from tasks.storage.base.keys import checked_name, output_key, world_key
+from tasks.storage.base.keys import checked_name, output_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tasks.storage.worlds import WorldChanged, decode_world, pinned_world_bytes, world_bytes
 
 logger = logging.getLogger(__name__)
 REPORT_FILE = "report.html"
@@ -76,7 +77,7 @@ def stored_worlds(store: Store, facts: BatchFacts) -> Worlds:
         found = _rooms(store, name, digest)
         if found is not None:
             rooms[name] = found
-    return Worlds(rooms, lambda name: World.model_validate_json(_body(store, name)))
+    return Worlds(rooms, lambda name: decode_world(world_bytes(store, name)))
 
 
 def _require_as_written(path: Path, facts: BatchFacts, url: str) -> None:
@@ -88,16 +89,9 @@ def _require_as_written(path: Path, facts: BatchFacts, url: str) -> None:
 
 def _rooms(store: Store, name: str, digest: str) -> tuple[Room, ...] | None:
     try:
-        body = _body(store, name)
-        if hashlib.sha256(body).hexdigest() == digest:
-            return _Rooms.model_validate_json(body).rooms
+        return _Rooms.model_validate_json(pinned_world_bytes(store, name, digest)).rooms
     except (ObjectNotFound, ValidationError) as exc:
         logger.warning("world %s is left out of the report: %s", name, exc)
-    else:
+    except WorldChanged:
         logger.warning("world %s is left out of the report: it is not the one that the batch ran in", name)
     return None
-
-
-def _body(store: Store, name: str) -> bytes:
-    generation, _, own = name.partition("/")
-    return store.get(world_key(generation, own)).body

@@ -1,7 +1,6 @@
 """One chunk of a batch: its worlds loaded, its episodes simulated, what came of them committed."""
 
 import functools
-import hashlib
 import itertools
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -9,7 +8,7 @@ from typing import NamedTuple
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished
 from specs.data.world import World
-from specs.errors import ObjectNotFound, SimyardError
+from specs.errors import ObjectNotFound
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, committed_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
@@ -20,8 +19,8 @@ from tasks.simulate.data.mounts import Mounts
 from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
 from tasks.storage.base.cache_folder import cache_folder
-from tasks.storage.base.keys import world_key
 from tasks.storage.store_url import open_store
+from tasks.storage.worlds import WorldChanged, decode_world, pinned_world_bytes
 
 # As many as a chunk of the default size has at most.
 _WORLDS_KEPT = 256
@@ -232,7 +231,7 @@ def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[d
             worlds[reference] = _world(batch.store.url, reference, batch.plan.world_digests[reference])
         except ObjectNotFound:
             missing[reference] = Failure("InvalidS3Resource", f"world {reference} does not exist")
-        except _WorldChanged:
+        except WorldChanged:
             why = f"world {reference} is not what it was when the batch was planned"
             missing[reference] = Failure("MismatchedEtag", why)
     return worlds, missing
@@ -241,12 +240,4 @@ def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[d
 @functools.lru_cache(maxsize=_WORLDS_KEPT)
 def _world(store_url: str, reference: str, digest: str) -> World:
     """Returns a world; the last ones are kept, since chunks that follow one another share theirs."""
-    generation, _, name = reference.partition("/")
-    body = open_store(store_url).get(world_key(generation, name)).body
-    if hashlib.sha256(body).hexdigest() != digest:
-        raise _WorldChanged(reference)
-    return World.model_validate_json(body)
-
-
-class _WorldChanged(SimyardError):  # noqa: N818 - a state
-    """A world's document has another digest than the batch's plan says."""
+    return decode_world(pinned_world_bytes(open_store(store_url), reference, digest))

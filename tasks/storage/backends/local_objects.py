@@ -18,7 +18,14 @@ _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 def explained_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
-    """Returns the store's error for what the disk said while the key was worked on."""
+    """Returns the store's error for what the disk said while the key was worked on.
+
+    Args:
+        exc: What the system said.
+        url: The store's.
+        root: The store's folder.
+        key: What was worked on.
+    """
     if exc.errno in _REFUSED:
         return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
     if exc.errno in (*NOTHING_THERE, errno.EEXIST):

@@ -29,7 +29,14 @@ def listed_objects(client: S3Client, bucket: str, prefix: str, folder: str) -> I
 
 
 def listed_uploads(client: S3Client, bucket: str, prefix: str, folder: str) -> list[Entry]:
-    """Returns the uploads in parts that have not come to their end; sizes would cost a request each, and are 0."""
+    """Returns the uploads in parts that have not come to their end; sizes would cost a request each, and are 0.
+
+    Args:
+        client: The connection.
+        bucket: The bucket.
+        prefix: The store's place in the bucket.
+        folder: The folder of the store that is listed.
+    """
     found: list[Entry] = []
     page: dict[str, object] = {}
     while True:

@@ -1,11 +1,11 @@
-"""Simyard's own documents as the bytes of an object."""
+"""Simyard's own documents as the bytes of an object, and objects that are written once."""
 
 from typing import TypeVar
 
 from pydantic import ValidationError
 
 from specs.base import Spec
-from specs.errors import StoreError
+from specs.errors import ObjectExists, StoreError
 from tasks.storage.base.store import Store, Stored
 
 Document = TypeVar("Document", bound=Spec)
@@ -19,6 +19,12 @@ def encoded(document: Spec) -> bytes:
 def decoded(model: type[Document], stored: Stored, store: Store, key: str) -> Document:
     """Returns the document that the object holds.
 
+    Args:
+        model: What the object must be.
+        stored: The object.
+        store: Where it is, for the error.
+        key: Its key, for the error.
+
     Raises:
         StoreError: It holds something else.
     """
@@ -27,3 +33,17 @@ def decoded(model: type[Document], stored: Stored, store: Store, key: str) -> Do
     except ValidationError as exc:
         reason = exc.errors(include_url=False)[0]["msg"]
         raise StoreError(f"{store.url}: {key} was not written by this version of Simyard: {reason}") from exc
+
+
+def create_once(store: Store, key: str, body: bytes) -> None:
+    """Creates an object, or finds it there with the same bytes.
+
+    Raises:
+        ObjectExists: It is there with other bytes.
+    """
+    try:
+        store.create(key, body)
+    except ObjectExists as exc:
+        if store.get(key).body != body:
+            reason = f"{store.url}: {key} holds something else than this version of Simyard makes"
+            raise ObjectExists(reason) from exc

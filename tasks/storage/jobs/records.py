@@ -85,6 +85,12 @@ def job_id(kind: JobKind, token: str) -> str:
 def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: str) -> JobRecord:
     """Returns the job of the token: a new one, Pending, or the one that an equal request made before.
 
+    Args:
+        store: Where jobs are recorded.
+        kind: The kind of job.
+        request: RoboMaker's request, as JSON.
+        token: The client request token.
+
     Raises:
         IdempotentParameterMismatch: The token came with another request before
             (docs/reference/robomaker.md, section 2).

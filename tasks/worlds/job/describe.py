@@ -23,11 +23,11 @@ from specs.robomaker.world_descriptions import (
     world_description,
 )
 from specs.template.body import TemplateBody
-from tasks.storage.base.keys import template_key, world_key
+from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read, records
 from tasks.storage.store_url import store_id
-from tasks.storage.worlds import decode_world
+from tasks.storage.worlds import decode_world, reference_key
 
 _SUMMARISED = ("template", "worldCount")
 _DESCRIBED = (*_SUMMARISED, "tags", "worldTags")
@@ -153,10 +153,9 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
         ResourceNotFound: There is no such world.
         DocumentError: The path is no world's.
     """
-    generation, _, name = path.partition("/")
-    body = _found(store, world_key(generation, name), "world", path)
+    body = _found(store, reference_key(path), "world", path)
     try:
-        record = read(store, _KIND, generation)
+        record = read(store, _KIND, path.partition("/")[0])
     except ResourceNotFound:
         record = None
     return describe_world(decode_world(body), record, store_id(store))

@@ -17,13 +17,15 @@ from specs.robomaker.failure_codes import WorldGenerationJobErrorCode
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.settings import max_worlds_of_job
 from specs.template.body import TemplateBody, template_digest
-from tasks.storage.base.keys import claim_key, template_key, world_key
+from tasks.storage.base.encoding import create_once
+from tasks.storage.base.keys import claim_key, template_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim, claimed
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, submit
+from tasks.storage.worlds import write_world
 from tasks.worlds.generate import world_name
 from tasks.worlds.job.production import Indices, Made, Order, produce
-from tasks.worlds.job.world_store import create_once, missing_worlds
+from tasks.worlds.job.world_store import missing_worlds
 
 KIND: JobKind = "world-generation-job"
 _REASON_LENGTH = 1024
@@ -188,15 +190,15 @@ def _make_all(
             if watch.canceled():
                 finished.canceled = True
                 return finished
-            key = world_key(order.generation, world_name(*each))
+            reference = f"{order.generation}/{world_name(*each)}"
             made = next(products) if each in to_make else rejected.get(each)
             if made is not None and made.code is not None:
                 _log.warning("%s: %s: %s", order.generation, made.code, made.reason)
                 finished.failed(made.code, made.reason)
                 continue
             if made is not None:
-                create_once(watch.store, key, made.document.encode())
-            finished.worlds.append(f"{order.generation}/{world_name(*each)}")
+                write_world(watch.store, reference, made.document.encode())
+            finished.worlds.append(reference)
     progress(total, total)
     return finished
 

@@ -7,9 +7,8 @@ from pydantic import ValidationError
 from specs.base import Fault
 from specs.data.world import World
 from specs.errors import DocumentError, ObjectExists
-from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
-from tasks.storage.worlds import decode_world, encode_world
+from tasks.storage.worlds import decode_world, encode_world, write_world
 from tasks.worlds.certificate.furniture_removal import refurnished
 
 _MEASURED = (
@@ -41,13 +40,12 @@ def add_world(store: Store, file: Path) -> str:
         ) from exc
     if wrong := _wrongly_said(world):
         raise _refused(file, ", ".join(wrong), "what is measured on the world's geometry")
-    key, body = world_key(world.generation, world.name), encode_world(world)
+    reference = f"{world.generation}/{world.name}"
     try:
-        store.create(key, body)
+        write_world(store, reference, encode_world(world))
     except ObjectExists as exc:
-        if store.get(key).body != body:
-            raise _refused(file, f"{world.generation}/{world.name}", "a name that no other world has there") from exc
-    return f"{world.generation}/{world.name}"
+        raise _refused(file, reference, "a name that no other world has there") from exc
+    return reference
 
 
 def _wrongly_said(world: World) -> list[str]:

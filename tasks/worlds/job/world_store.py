@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
-from specs.errors import ObjectExists, StoreError
 from tasks.storage.base.keys import world_key, worlds_prefix
 from tasks.storage.base.store import Store
+from tasks.storage.worlds import write_world
 from tasks.worlds.generate import world_name
 from tasks.worlds.job.production import Indices, Made, Order, make
 
@@ -19,7 +19,7 @@ def make_and_keep(store: Store, order: Order, indices: Sequence[Indices], going:
         going: Whether the next one is still wanted; asked before each.
 
     Raises:
-        StoreError: A world in the store is not what this version of Simyard makes.
+        ObjectExists: A world in the store is not what this version of Simyard makes.
     """
     rejected: list[Made] = []
     for each in indices:
@@ -27,7 +27,7 @@ def make_and_keep(store: Store, order: Order, indices: Sequence[Indices], going:
             break
         made = make(order, each)
         if made.code is None:
-            create_once(store, world_key(order.generation, world_name(*each)), made.document.encode())
+            write_world(store, f"{order.generation}/{world_name(*each)}", made.document.encode())
         else:
             rejected.append(made)
     return rejected
@@ -37,16 +37,3 @@ def missing_worlds(store: Store, generation: str, indices: Sequence[Indices]) ->
     """Returns those worlds of a generation job that the store does not have."""
     there = set(store.keys(worlds_prefix(generation)))
     return [each for each in indices if world_key(generation, world_name(*each)) not in there]
-
-
-def create_once(store: Store, key: str, body: bytes) -> None:
-    """Creates an object, or finds it there with the same bytes.
-
-    Raises:
-        StoreError: It is there with other bytes.
-    """
-    try:
-        store.create(key, body)
-    except ObjectExists as exc:
-        if store.get(key).body != body:
-            raise StoreError(f"{store.url}: {key} holds something else than this version of Simyard makes") from exc

@@ -10,8 +10,8 @@ from prefect.blocks import notifications
 from prefect.blocks.abstract import NotificationBlock
 from prefect.events.schemas.automations import AutomationCore
 
-from flows.run.events import _NAMES
 from specs.data.run_report import Verdict
+from specs.job_kinds import JOB_KINDS
 from tasks.progress.log_lines import LogFormat
 from tasks.simulate.batch.metrics import ChunkWork, metric_rows, metrics_of
 from tasks.storage.jobs.records import _STATUSES
@@ -44,7 +44,7 @@ def test_every_figure_is_named(figure: str) -> None:
 
 def test_every_kind_of_event_has_a_row_of_statuses_that_there_are() -> None:
     events = told_events()
-    assert set(events) == {*_NAMES.values(), "gate"}
+    assert set(events) == {*(declared.event for declared in JOB_KINDS.values()), "gate"}
     assert events.pop("gate") == set(get_args(Verdict))
     assert {status for statuses in events.values() for status in statuses} <= _STATUSES
 
