@@ -56,26 +56,29 @@ def test_each_thing_that_people_add_has_a_recipe_of_at_most_five_steps():
         assert 1 <= len([line for line in lines if line[:1].isdigit()]) <= 5, thing
 
 
-def test_a_furniture_type_is_one_record(tree: TreeCopy):
+def test_a_furniture_type_is_a_name_and_a_record(tree: TreeCopy):
+    tree.replace("specs/template/interior.py", '    "Baths",\n', '    "Baths",\n    "TowelHeaters",\n')
     tree.add_before(
         "tasks/worlds/furniture/bathroom.py",
         '    FurnitureType(\n        "Showers",',
         '    FurnitureType(\n        "TowelHeaters",\n        washing_machine,\n'
-        "        one_size((0.6, 0.6), (0.6, 0.6), (0.85, 0.85)),\n"
-        '        demand=(essential("Bathroom", 1),),\n    ),\n',
+        "        one_size((0.6, 0.6), (0.6, 0.6), (0.85, 0.85)),\n    ),\n",
     )
     made = tree.run(
-        "import json\n"
         "from specs.template.body import template_body\n"
-        "from tasks.worlds.generate import generate_world\n"
         "from tasks.export.drawing.floor_plan import floor_plan_svg\n"
+        "from tasks.worlds.generate import generate_world\n"
         "room = {'Type': 'Bathroom', 'Name': 'bath', 'DesiredShape': {'Area': 12, 'AspectRatio': {'x': 1, 'y': 1}}}\n"
-        "body = template_body({'Version': '2', 'Buildings': [{'Floors': [{'Floorplan': {'Rooms': [room]}}]}]})\n"
+        "wish = {'Name': 'set', 'TargetSet': {'RoomNames': ['bath']}, 'DesiredSpatialDensity': 'Moderate', "
+        "'SampleSet': {'ModelTypes': ['TowelHeaters']}}\n"
+        "interior = {'Furniture': {'FurnitureArrangements': [wish]}}\n"
+        "floor = {'Floorplan': {'Rooms': [room]}, 'Interior': interior}\n"
+        "body = template_body({'Version': '2', 'Buildings': [{'Floors': [floor]}]})\n"
         "world = generate_world(body, seed=1, generation='g', floorplan_index=1, interior_index=1)\n"
         "floor_plan_svg(world)\n"
-        "print(*[piece.model_type for piece in world.furniture])"
+        "print(*{piece.model_type for piece in world.furniture})"
     )
-    assert "TowelHeaters" in made.split()
+    assert made.split() == ["TowelHeaters"]
     tree.followed("a furniture type")
 
 
