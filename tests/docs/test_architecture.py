@@ -33,6 +33,7 @@ PENDING_NAMES = frozenset(
         "picking",
         "proposing",
         "reaping",
+        "running",
         "restarting",
         "scheduling",
         "shuffling",

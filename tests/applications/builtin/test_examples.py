@@ -9,7 +9,7 @@ from tasks.documents.pipeline_file import read_pipeline
 from tasks.storage.store_url import open_store
 from tests.factories.simulations import REPOSITORY
 
-NAMED = re.findall(r"\]\(\.\./(examples/\S+\.yaml)\)", (REPOSITORY / "docs/guide" / "applications.md").read_text())
+NAMED = re.findall(r"\]\((?:\.\./)+(examples/\S+\.yaml)\)", (REPOSITORY / "docs/guide" / "applications.md").read_text())
 
 
 def test_the_document_names_them():
