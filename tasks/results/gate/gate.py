@@ -6,9 +6,7 @@ FAIL if any rule fails, PASS if all rules pass, else INCONCLUSIVE, and more epis
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
-
-import pyarrow as pa
+from typing import TYPE_CHECKING, Any
 
 from specs.base import Spec
 from specs.data.run_report import Verdict
@@ -20,6 +18,9 @@ from tasks.results.gate.rules.quantiles import QUANTILES
 from tasks.results.gate.rules.rule import GateRule, Material, RuleVerdict, Share
 from tasks.results.gate.rules.success_rate import SUCCESS_RATE
 from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings
+
+if TYPE_CHECKING:
+    import pyarrow as pa  # `simyard plan` asks for rules alone, and must not wait for Arrow
 
 GATE_RULES: tuple[GateRule[Any], ...] = (SUCCESS_RATE, NO_WORSE_THAN, COLLISION_RATE, OUTCOME_FLIP_RATE, QUANTILES)
 """In the order of the fields of the document's gate section."""
@@ -59,7 +60,7 @@ def columns_needed(gate: Gate) -> list[str]:
     return list(dict.fromkeys([*_EPISODE_COLUMNS, *needed])) if needed else []
 
 
-def count_rows(rows: pa.Table) -> EpisodeCounts:
+def count_rows(rows: "pa.Table") -> EpisodeCounts:
     """Returns what episodes came to, by their rows."""
     failed_jobs = [status == "Failed" for status in rows.column("status").to_pylist()]
     return count_endings(Counter(map(Ending, rows.column("success").to_pylist(), failed_jobs)))

@@ -2,11 +2,12 @@
 
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-
-import pyarrow as pa
-import pyarrow.compute as pc
+from typing import TYPE_CHECKING
 
 from specs.base import Spec
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _SAME = ("simulation_digest", "simulation_package", "simulation_launch_file", "duration_s")
 _ASKED = ("world", "seed", "environment")
@@ -30,7 +31,7 @@ class PairCounts(Spec):
     unpaired: int
 
 
-def episode_keys(table: pa.Table, worlds: Mapping[str, str], columns: Sequence[str]) -> list[Hashable]:
+def episode_keys(table: "pa.Table", worlds: Mapping[str, str], columns: Sequence[str]) -> list[Hashable]:
     """Returns what makes each row the same episode as a row of another table: world, seed, variables, and columns.
 
     Equal requests of one table are told apart by their turn.
@@ -49,7 +50,7 @@ def episode_keys(table: pa.Table, worlds: Mapping[str, str], columns: Sequence[s
     return keys
 
 
-def outcomes(table: pa.Table, worlds: Mapping[str, str], digests: Iterable[str]) -> dict[Hashable, bool]:
+def outcomes(table: "pa.Table", worlds: Mapping[str, str], digests: Iterable[str]) -> dict[Hashable, bool]:
     """Returns whether episodes passed, by what was asked of them but for the robot application.
 
     World, seed, scenario, variables and duration make the same episode; a world by what is in it, not by its name, so
@@ -60,6 +61,8 @@ def outcomes(table: pa.Table, worlds: Mapping[str, str], digests: Iterable[str])
         worlds: What tells worlds apart, by ``<generation>/<world>``.
         digests: Robot applications whose episodes are meant.
     """
+    import pyarrow.compute as pc  # noqa: PLC0415 - `simyard plan` counts pairs without Arrow
+
     meant = table.filter(pc.field("robot_digest").isin(list(digests)))
     passed = meant.column("success").to_pylist()
     keys = episode_keys(meant, worlds, _SAME)

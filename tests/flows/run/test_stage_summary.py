@@ -20,6 +20,7 @@ from flows.run.stage_summary import (
 from specs.data.run_report import PipelineReport, StageReport, Verdict
 from specs.errors import DocumentError, StageFailed
 from specs.job_kinds import JobKind
+from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 
@@ -30,7 +31,7 @@ def _ended(
     status: str,
     detail: dict[str, JsonValue],
     *,
-    failure_code: str = "",
+    failure_code: JobFailureCode = "",
     failure_reason: str = "",
 ) -> JobRecord:
     record = submit(store, kind, {}, "tok")

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-
-import pyarrow as pa
+from typing import TYPE_CHECKING
 
 from specs.pipeline.gate_section import QuantileRule
 from tasks.results.gate.rules.rule import GateRule, Material, PlannedEpisodes, RuleVerdict
@@ -17,6 +16,9 @@ from tasks.results.gate.rules.wording import (
 )
 from tasks.results.statistics.episodes_needed import episodes_needed_for_quantile
 from tasks.results.statistics.intervals import Interval, quantile_interval
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _METRICS = "metrics"
 _PREFIX = f"{_METRICS}."
@@ -53,7 +55,7 @@ def _judge(asked: QuantileRule, material: Material, label: str) -> RuleVerdict:
     )
 
 
-def _values(rows: pa.Table, column: str) -> tuple[list[float], int]:
+def _values(rows: "pa.Table", column: str) -> tuple[list[float], int]:
     """Returns a column's values, and how many episodes have none to rely on: null, or the job failed."""
     if column.startswith(_PREFIX):
         name = column.removeprefix(_PREFIX)

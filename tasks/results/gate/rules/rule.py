@@ -7,10 +7,8 @@ measure, a PASS takes the worst and a FAIL the best. A canceled or missing episo
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
-import pyarrow as pa
-import pyarrow.compute as pc
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
@@ -19,6 +17,9 @@ from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
 from tasks.results.statistics.pairs import PairCounts
 from tasks.results.statistics.success import EpisodeCounts
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Section = TypeVar("Section", bound=Spec)
 ColumnValues = Mapping[str, Sequence[Any]]
@@ -120,12 +121,12 @@ class Material:
 
     counts: EpisodeCounts
     lacks: Completeness = _COMPLETE
-    rows: pa.Table | None = None
+    rows: "pa.Table | None" = None
     pairs: PairCounts | str = "there is no other version to compare with"
     audit: Mapping[str, JsonValue] | None = None
     shares: Mapping[str, Share] = field(default_factory=dict[str, Share])
 
-    def ended_rows(self) -> pa.Table:
+    def ended_rows(self) -> "pa.Table":
         """Returns the rows of the episodes that came to an end.
 
         Raises:
@@ -133,6 +134,8 @@ class Material:
         """
         if self.rows is None:
             raise ValueError("a rule looks at columns of the results, and there are none")
+        import pyarrow.compute as pc  # noqa: PLC0415 - `simyard plan` asks for rules alone, without Arrow
+
         return self.rows.filter(pc.field("status") != CANCELED)
 
 
