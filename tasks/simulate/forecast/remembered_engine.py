@@ -35,7 +35,7 @@ class EngineAnswer(Spec):
     refusal: str = ""
 
 
-def remembered_choice(asked: str, digest: str, robot: Path, module: Path, device: DeviceKind) -> EngineAnswer:
+def recall_choice(asked: str, digest: str, robot: Path, module: Path, device: DeviceKind) -> EngineAnswer:
     """Returns which engine runs a robot application.
 
     Args:

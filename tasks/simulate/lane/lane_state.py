@@ -92,7 +92,7 @@ class Decision(NamedTuple):
     ranges_m: Float[jax.Array, "rays"]
 
 
-class Record(NamedTuple):
+class StepRecord(NamedTuple):
     """What is kept of a control step.
 
     Attributes:

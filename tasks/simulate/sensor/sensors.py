@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, cast
 
-from tasks.simulate.application.code import BundleCrash, CrashCode, guarded
+from tasks.simulate.application.code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensor.bumper import BUMPER, Bumper
 from tasks.simulate.sensor.lidar import LIDAR, Lidar
 from tasks.simulate.sensor.odometry import ODOMETRY, Odometry
@@ -43,8 +43,8 @@ def read_sensors(make_controller: Callable[..., object], environment: Mapping[st
     Raises:
         BundleCrash: The controller cannot be made, or declares what cannot be; tells of all faults at once.
     """
-    made = guarded(_ROBOT, "controller(environment)", make_controller, environment)
-    found = guarded(_ROBOT, "the controller's sensors", sensors_of, made)
+    made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
+    found = call_bundle(_ROBOT, "the controller's sensors", sensors_of, made)
     faults = [
         fault
         for sensor, declared in zip(SENSORS, found, strict=True)

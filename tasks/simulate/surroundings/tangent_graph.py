@@ -73,7 +73,7 @@ def is_free_place(graph: TangentGraph, points: Points) -> Bool[np.ndarray, "poin
     return clearance_m(graph.solids, points) >= graph.radius_m
 
 
-def joined(
+def distance_matrix(
     graph: TangentGraph, points: Points, pairs: tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]
 ) -> csr_array:
     """Returns lengths between all corners and, after them, points; straight between points only for the given pairs."""
