@@ -1,4 +1,4 @@
-"""Applications' code, imported from their unpacked bundles, each in a namespace of its own.
+"""Imports the code of applications from their unpacked bundles, each in a namespace of its own.
 
 A bundle is imported below a package named after its digest, so two versions of an application live side by side in
 one process and neither can shadow a library. Modules of a bundle import each other relatively.

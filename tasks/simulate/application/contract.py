@@ -1,4 +1,4 @@
-"""What an application's bundle and the engine hand each other (docs/guide/applications.md).
+"""The contract between applications and engines: all tuples that they hand each other (docs/guide/applications.md).
 
 Bundles import nothing from here when they run: what they receive are these tuples, and what they return needs only
 the attributes named here.

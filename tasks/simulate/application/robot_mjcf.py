@@ -1,4 +1,4 @@
-"""A robot read from its MJCF: what every engine must know of it, and what none can drive."""
+"""Reads a robot from its MJCF: what every engine must know of it, and which robots none can drive."""
 
 import warnings
 from collections.abc import Mapping

@@ -1,10 +1,8 @@
-"""Parity audit: a sample of a batch's lanes, driven again on C MuJoCo in double precision among all solids.
+"""The parity audit: drives a sample of a batch's episodes again, on their engine and on C MuJoCo, and compares.
 
-The engine that made the rows drives the sample again too. That gives the ways to compare, and shows whether the rows
-are what it makes of their requests. Rows that C MuJoCo made are made again and compared with nothing: that an engine
-agrees with itself is no evidence.
-
-Episodes of an audit driven again, with the way that each robot took.
+C MuJoCo steps them in double precision among all solids. The engine that made the rows drives the sample again too:
+that gives the ways to compare, and shows whether the rows are what it makes of their requests. Rows that C MuJoCo made
+are made again and compared with nothing: that an engine agrees with itself is no evidence.
 """
 
 from collections.abc import Callable, Mapping, Sequence

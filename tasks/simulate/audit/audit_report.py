@@ -1,4 +1,4 @@
-"""What an audit says: how far two engines are apart, whose outcomes flip, and whether that is reason for alarm."""
+"""The report of an audit: how far two engines are apart, which outcomes flip, and whether that is alarming."""
 
 import math
 from collections.abc import Sequence

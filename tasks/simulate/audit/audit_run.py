@@ -1,4 +1,4 @@
-"""A batch's audit: after its last chunk, before it ends. What goes wrong in it is data; it never loses a batch.
+"""Audits a batch after its last chunk. What goes wrong in the audit is written into its report.
 
 It depends on the batch alone, so that an audit whose process died is simply made again. One that keeps killing its
 process, for want of memory, is given up: the batch would never end.

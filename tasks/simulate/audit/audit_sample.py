@@ -1,4 +1,4 @@
-"""Which episodes of a batch are audited: the same ones whenever it is asked, found without listing them all."""
+"""The sample of a batch's episodes that is audited: always the same, drawn without listing all episodes."""
 
 import bisect
 import hashlib

@@ -1,4 +1,4 @@
-"""The parts of a chunk simulated in this process; what commits a chunk is handed one runner for all of them."""
+"""Simulates the parts of a batch's chunks in this process."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the store holds of a batch's chunks: when each was begun, and what came of it."""
+"""The chunks of a batch in the store: when each was begun, and its committed results."""
 
 import time
 from collections.abc import Sequence

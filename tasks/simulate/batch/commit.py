@@ -1,4 +1,4 @@
-"""One chunk of a batch: its worlds loaded, its episodes simulated, what came of them committed."""
+"""Runs one chunk of a batch: loads its worlds, simulates its episodes, and commits their results."""
 
 import functools
 import itertools

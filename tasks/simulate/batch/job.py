@@ -1,4 +1,4 @@
-"""A batch as a job: opened once, its chunks committed one by one, closed when all are there.
+"""The job record of a batch: opened once, moved from state to state, closed when all chunks are committed.
 
 See docs/reference/robomaker.md, section 4.
 

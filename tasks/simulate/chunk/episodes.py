@@ -1,4 +1,4 @@
-"""A chunk from requests to rows: applications imported, lanes staged, the program run slice by slice."""
+"""Simulates a chunk: imports its applications, stages its lanes, runs the program slice by slice, makes rows."""
 
 import functools
 import logging
@@ -66,7 +66,16 @@ def simulate_episodes(
 ) -> list[EpisodeResult]:
     """Returns a chunk's rows in request order.
 
-    Args: as ``tasks.simulate.chunk.runner.simulate_chunk``.
+    Args:
+        chunk: At most ``lanes`` episodes that share a program.
+        worlds: By ``<generation>/<world>``; more than the chunk needs are ignored.
+        bundles: Unpacked folders of the chunk's applications, by digest.
+        lanes: How many lanes every chunk of the batch is padded to.
+        engine: ``auto``, or the engine that must run them.
+        should_stop: Asked after each slice; episodes not done by then are Canceled.
+        progress: Told as often how many of the chunk's episodes are done.
+        recorder: Given what the lanes do.
+        timed_as: Program to remember the time for, if requests name folders that plans do not know.
     """
     present = [request for request in chunk.requests if request.world in worlds]
     rows = {

@@ -1,4 +1,4 @@
-"""A chunk that does not fit into memory is run in parts, half as large each time, until they fit.
+"""Runs a chunk that does not fit into memory in parts, half as large each time, until they fit.
 
 A lane's result does not depend on how many lanes run beside it (docs/decisions/0004), so neither the chunk's rows nor
 what is committed changes.

@@ -1,4 +1,4 @@
-"""The one way into the simulation: a chunk of episodes in, rows out.
+"""The entry of the simulation: takes a chunk of episodes, returns their rows.
 
 This module imports no JAX itself, so that importing it is cheap and JAX's settings can still be made.
 """

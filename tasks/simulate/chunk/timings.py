@@ -1,4 +1,4 @@
-"""How long this machine took for chunks, remembered in the user's cache folder, for `simyard plan` to predict by.
+"""The times that chunks took on this machine, kept in the user's cache folder for `simyard plan` to predict with.
 
 Nothing of it is ever part of a result. A folder that cannot be written to, or a file of another version, is as good as
 no memory at all.

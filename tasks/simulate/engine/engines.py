@@ -1,4 +1,4 @@
-"""The engines: one record each, of who can use it, how it is loaded, and what it costs.
+"""The table of engines, one record each: its rank, how it reads a robot and makes a program, and what it costs.
 
 What loads a robot is imported when one is loaded: to choose an engine, or to predict its cost, imports no JAX.
 """

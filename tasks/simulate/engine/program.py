@@ -1,4 +1,4 @@
-"""What runs a chunk: a robot and its applications, ready for a number of lanes, on whichever engine.
+"""The interface of an engine's program: a robot and its applications, ready for a number of lanes.
 
 Engines that are JAX functions run in a compiled program (``compiled_program``), C MuJoCo on the host's threads
 (``mujoco.engine``).

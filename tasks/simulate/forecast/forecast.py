@@ -1,4 +1,4 @@
-"""What a batch would need, said before it runs: counted and not listed, and in general without importing JAX."""
+"""The forecast of a batch: its engines, chunks, time and memory, in general found without importing JAX."""
 
 import functools
 from collections.abc import Mapping, Sequence

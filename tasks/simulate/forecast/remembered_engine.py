@@ -1,4 +1,4 @@
-"""Which engine takes a robot, remembered in the user's cache folder: to find it out imports MuJoCo.
+"""The choice of a robot's engine, kept in the user's cache folder: to make it anew imports MuJoCo.
 
 What is remembered is good for the same bundle and the same code. Nothing of it is ever part of a result: a batch that
 runs chooses anew. A folder that cannot be written to is as good as no memory at all.

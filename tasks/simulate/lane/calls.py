@@ -1,4 +1,4 @@
-"""The two applications of a chunk as the program calls them, checked before anything is compiled."""
+"""The two applications of a chunk: how the program calls them, and checks before anything is compiled."""
 
 import re
 from collections.abc import Callable, Mapping

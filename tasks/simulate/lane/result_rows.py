@@ -1,4 +1,4 @@
-"""Lanes as result rows."""
+"""Makes the result row of a lane."""
 
 from collections.abc import Sequence
 from typing import Literal

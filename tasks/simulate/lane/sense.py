@@ -1,4 +1,4 @@
-"""What a lane's robot senses at a control step, and what its controller makes of it."""
+"""The first half of a control step: a lane's robot senses, and its controller decides."""
 
 import jax.numpy as jnp
 

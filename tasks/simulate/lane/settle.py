@@ -1,4 +1,4 @@
-"""What a control step came to: the scenario's verdict, sums, and whether the lane is done."""
+"""The second half of a control step: the scenario's verdict, sums, and whether the lane is done."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""Episodes made ready on the host: worlds as arrays, starts and goals drawn, everything stacked lane by lane."""
+"""Stages episodes on the host: turns worlds into arrays, draws starts and goals, stacks everything lane by lane."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""A document's simulation section with everything it refers to resolved: the batch's plan."""
+"""Makes a batch's plan of a document's simulation section, with all references resolved."""
 
 from collections.abc import Callable, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""An episode of a batch that has ended, simulated once more from nothing but its batch's record.
+"""Replays an episode of a batch from nothing but the batch's record.
 
 This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
 """

@@ -1,4 +1,4 @@
-"""One episode in other worlds and with other seeds, simulated together.
+"""Simulates one episode in other worlds and with other seeds, all together.
 
 This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
 """

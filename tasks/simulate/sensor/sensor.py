@@ -1,4 +1,4 @@
-"""What a sensor is: one record of how a controller declares it, what it remembers, and what it gives at a control step.
+"""The record of a sensor: how a controller declares it, what it remembers, and what it gives at a control step.
 
 The functions of a record are pure JAX for one lane, the same for every engine. They get the sensor as the program has
 it, in plain numbers, and as the lane has it, whose numbers may be traced.

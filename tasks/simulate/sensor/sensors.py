@@ -1,4 +1,4 @@
-"""The sensors of a robot: the table of all that there are, read from its controller object and checked.
+"""The table of sensors, and the sensors of a robot: read from its controller object, and checked.
 
 A controller has its sensors as attributes: ``lidar``, ``odometry``, ``bumper``. Each is an object with the attributes
 of the tuple in its module; those that have a default may be left out. What decides array shapes or what is staged is

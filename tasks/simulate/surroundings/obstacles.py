@@ -1,4 +1,4 @@
-"""A world as obstacle arrays: what the robot can touch, and what its lidar sees, padded so that all worlds fit."""
+"""The obstacles of a world as arrays, padded so that all worlds of a chunk have the same shapes."""
 
 from collections.abc import Iterable
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Shortest way on the floor for a disc: the length that a driven path is compared with.
+"""The shortest path of a disc on the floor, which a driven path is compared with.
 
 Ways go at any angle and are exact but for the polygons that stand for arcs. A goal is a disc, too: where the robot has
 arrived.

@@ -1,4 +1,4 @@
-"""A world cut at the lidar's plane, sorted by what a ray costs: upright boxes, turned boxes, circles."""
+"""The outlines of a world in the lidar's plane, sorted by what a ray costs: upright boxes, turned boxes, circles."""
 
 from collections.abc import Iterable
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""All ways that a shortest one can take around a world's solids: straight from corner to corner.
+"""The tangent graph of a world: the straight lines, from corner to corner, that a shortest path can take.
 
 A shortest way of a disc among solids is made of straight lines that touch the rounded corners of the solids, grown by
 the disc's radius, and of arcs around these corners (T. Lozano-Perez and M. Wesley, 1979; the reduced visibility graph

@@ -1,4 +1,4 @@
-"""Which straight ways a disc has between a world's solids, exactly, seen from above."""
+"""The straight ways that a disc has between a world's solids, exactly, seen from above."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""The obstacle window: the few solids near the robot, written into the slots of one MJX model.
+"""The obstacle window of the mjx engine: the nearest obstacles, written into the slots of one MJX model.
 
 MJX pays for every geom pair at every step, near or far. Of an apartment's hundred solids only those within reach of
 the next control step can matter, so each lane's model holds slots for those, refilled at each control step.

@@ -1,4 +1,4 @@
-"""Controllers that are plain Python: called on the host, lane by lane, each lane with an object of its own.
+"""Runs controllers that are plain Python: on the host, lane by lane, each lane with an object of its own.
 
 A module that says ``jax = False`` may do in its controller whatever Python can: branch, keep lists, run an ONNX file.
 In the compiled functions around it a stand-in has its place.

@@ -1,4 +1,4 @@
-"""The obstacles that a lane's robot can reach in a control step, as scalars relative to where it stands.
+"""The obstacle window of the planar engine: the nearest obstacles, as scalars relative to where the robot stands.
 
 One lane's scalars become vectors over lanes when the program maps it, so that everything downstream is elementwise and
 vectorises; arrays of one lane's obstacles would put eight numbers, not all lanes, into the innermost loop.
