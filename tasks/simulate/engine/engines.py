@@ -150,5 +150,6 @@ def fastest_first(device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
         device: What JAX will run on.
         plain: Whether the controller is plain Python.
     """
-    able = (name for name, engine in ENGINES.items() if engine.plain or not plain)
-    return tuple(sorted(able, key=lambda name: ENGINES[name].rank[device]))
+    able: list[EngineName] = [name for name, engine in ENGINES.items() if engine.plain or not plain]
+    able.sort(key=lambda name: ENGINES[name].rank[device])
+    return tuple(able)

@@ -120,7 +120,8 @@ class _Program:
         self, request: EpisodeRequest, episodes: int, engine: EngineName, device: DeviceKind, lanes: int
     ) -> None:
         self.device: DeviceKind = device
-        self.request, self.episodes, self.engine = request, episodes, engine
+        self.engine: EngineName = engine
+        self.request, self.episodes = request, episodes
         self.speed: Speed
         self.basis: Basis
         self.speed, self.basis = _speed(request, engine, device, lanes)

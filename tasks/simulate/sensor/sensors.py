@@ -34,7 +34,8 @@ SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER)
 def sensors_of(controller: object) -> Sensors:
     """Returns what a controller declares; its numbers may be traced, and none is checked."""
     declared = ((sensor, getattr(controller, sensor.name, None)) for sensor in SENSORS)
-    return Sensors(*(sensor.absent if own is None else _filled(sensor, own) for sensor, own in declared))
+    values: list[Any] = [sensor.absent if own is None else _filled(sensor, own) for sensor, own in declared]
+    return Sensors(*values)
 
 
 def read_sensors(make_controller: Callable[..., object], environment: Mapping[str, object]) -> Sensors:
