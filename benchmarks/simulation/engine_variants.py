@@ -18,7 +18,7 @@ from benchmarks.applications.explorer.explorer.reactive import Lidar, control
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT_FILE, bench_world, explorations, starts
 from specs.data.episode import CONTROL_S
 from tasks.simulate.chunk.episodes import ready_chunk
-from tasks.simulate.engine.mjx.quiet_mjx import mjx
+from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mujoco.model import host_robot, world_model
 from tasks.simulate.plan.chunks import SLICE_STEPS
 

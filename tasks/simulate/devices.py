@@ -1,4 +1,4 @@
-"""How JAX sees this machine: set before JAX is imported, because it reads these settings once."""
+"""The settings with which JAX sees this machine: made before JAX is imported, because it reads them once."""
 
 import importlib.util
 import os

@@ -1,4 +1,4 @@
-"""A robot that nothing can drive: apart from what reads robots, so that who only tells of it imports no MuJoCo."""
+"""The refusal of a robot; in a module of its own, so that who only reports it imports no MuJoCo."""
 
 from specs.errors import SimyardError
 

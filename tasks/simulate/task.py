@@ -8,13 +8,12 @@ from prefect.artifacts import create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
 from pydantic import JsonValue
 
-from specs.data.episode import EpisodeResult
 from specs.field_types import OutputLocation
 from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict
 from tasks.simulate.audit.audit_run import audit_batch as audit_opened
-from tasks.simulate.batch.commit import ChunkEnd, Part, Record, run_chunk
+from tasks.simulate.batch.chunk_runner import ChunkRunner
+from tasks.simulate.batch.commit import ChunkEnd, Record, run_chunk
 from tasks.simulate.batch.job import opened
-from tasks.simulate.chunk.runner import simulate_chunk as simulate_lanes
 from tasks.storage.store_url import open_store
 
 _MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
@@ -47,21 +46,8 @@ def simulate_chunk(
         record: Writes the chunk's recordings, for a batch that has any.
     """
     work = opened(open_store(store_url), batch)
-
-    def simulate(part: Part) -> list[EpisodeResult]:
-        return simulate_lanes(
-            part.chunk,
-            part.worlds,
-            bundles,
-            lanes=part.lanes,
-            engine=work.plan.engine,
-            should_stop=part.watch,
-            progress=progress,
-            recorder=part.recorder,
-            timed_as=part.program,
-        )
-
-    return run_chunk(work, number, simulate, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    runner = ChunkRunner(bundles, work.plan.engine, progress)
+    return run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
 
 
 @task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False)

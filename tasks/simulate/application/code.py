@@ -1,4 +1,4 @@
-"""Applications' code, imported from their unpacked bundles, each in a namespace of its own.
+"""Imports the code of applications from their unpacked bundles, each in a namespace of its own.
 
 A bundle is imported below a package named after its digest, so two versions of an application live side by side in
 one process and neither can shadow a library. Modules of a bundle import each other relatively.
@@ -47,10 +47,16 @@ def load_factory(
 ) -> Callable[..., object]:
     """Returns the function of that name in a bundle's ``<package>/<launch file>.py``.
 
+    Args:
+        folder: Where the bundle is unpacked.
+        launch: The package and the launch file.
+        factory: Name of the function.
+        code: Whose failure it is.
+
     Raises:
         BundleCrash: The module does not import, or has no such function.
     """
-    module = guarded(
+    module = call_bundle(
         code, f"{launch.name}: importing {launch.package}/{launch.launch_file}.py", _import, folder, launch
     )
     found = getattr(module, factory, None)
@@ -61,7 +67,7 @@ def load_factory(
     return found
 
 
-def guarded(code: CrashCode, doing: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+def call_bundle(code: CrashCode, doing: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
     """Returns what an application's function returns.
 
     Raises:

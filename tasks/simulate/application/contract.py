@@ -1,4 +1,4 @@
-"""What an application's bundle and the engine hand each other (docs/guide/applications.md).
+"""The contract between applications and engines: all tuples that they hand each other (docs/guide/applications.md).
 
 Bundles import nothing from here when they run: what they receive are these tuples, and what they return needs only
 the attributes named here.
@@ -153,7 +153,14 @@ class Scenario(Protocol):
     """
 
     def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:
-        """Returns the start, and at least one goal."""
+        """Returns the start, and at least one goal.
+
+        Args:
+            world: Where the episode takes place.
+            floor: Its clearance map.
+            hull_radius_m: The robot's.
+            rng: The episode's own, from its seed.
+        """
         ...
 
     def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"], *given: jax.Array) -> State:
@@ -166,3 +173,4 @@ class Scenario(Protocol):
 
 
 REASONS: tuple[OutcomeReason, ...] = REASON_CODES
+TIMEOUT, CRASH = REASONS.index("timeout"), REASONS.index("crash")

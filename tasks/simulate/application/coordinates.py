@@ -14,8 +14,15 @@ _PLACE = 3  # x, y and height come first in a free joint's coordinates, then its
 _POSE = 7
 
 
-def placed(base: Base, rest: Arrays, start: Arrays, numbers: ModuleType) -> Arrays:
-    """Returns the coordinates of a robot at a start (x m, y m, yaw rad), as tall as it rests, turned about z."""
+def coordinates_at(base: Base, rest: Arrays, start: Arrays, numbers: ModuleType) -> Arrays:
+    """Returns the coordinates of a robot at a start (x m, y m, yaw rad), as tall as it rests, turned about z.
+
+    Args:
+        base: How the robot stands in the world.
+        rest: Its coordinates at rest.
+        start: Where it shall stand.
+        numbers: NumPy or ``jax.numpy``.
+    """
     others = numbers.broadcast_to(rest, (*start.shape[:-1], rest.shape[-1]))
     if not base.free:
         return numbers.concatenate([start, others[..., 3:]], axis=-1)
@@ -36,6 +43,12 @@ def velocity_of(base: Base, qpos: Arrays, qvel: Arrays, numbers: ModuleType) -> 
     """Returns (m/s, m/s, rad/s) along the world's axes.
 
     A free joint's turn rates are along the body's own axes (MuJoCo documentation, "Floating objects").
+
+    Args:
+        base: How the robot stands in the world.
+        qpos: Its coordinates.
+        qvel: Its speeds.
+        numbers: NumPy or ``jax.numpy``.
     """
     if not base.free:
         return qvel[..., :3]

@@ -1,4 +1,4 @@
-"""A robot's mechanical state, and what the physics of a control step did to it, for one lane."""
+"""The mechanical state of a lane's robot, and what the physics of a control step did to it."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""A robot read from its MJCF: what every engine must know of it, and what none can drive."""
+"""Reads a robot from its MJCF: what every engine must know of it, and which robots none can drive."""
 
 import warnings
 from collections.abc import Mapping
@@ -59,17 +59,17 @@ def read_robot(path: Path) -> mujoco.MjSpec:
         floor = next((geom for geom in spec.worldbody.geoms if _is_floor(geom)), None)
         ground = {} if floor is None else {name: np.copy(getattr(floor, name)) for name in _FLOOR_FIELDS}
         _delete_scenery(spec)
-        base = base_of(compiled(spec))
+        base = base_of(compile_robot(spec))
         if base.free:
             _add_floor(spec, ground)
         _shorten_steps(spec)
-        compiled(spec)
+        compile_robot(spec)
     except (ValueError, OSError) as exc:
         raise RobotRefused(f"{path.name}: {exc}") from exc
     return spec
 
 
-def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def compile_robot(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Returns a specification's model; advice to the author of a robot's file is no warning of ours."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -135,7 +135,15 @@ def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:
 def add_obstacle(
     spec: mujoco.MjSpec, name: str, kind: mujoco.mjtGeom, bits: tuple[int, int], body: mujoco.MjsBody | None = None
 ) -> mujoco.MjsGeom:
-    """Returns a new static geom that leaves friction and contact dimension to the robot's own geoms."""
+    """Returns a new static geom that leaves friction and contact dimension to the robot's own geoms.
+
+    Args:
+        spec: To which it is added.
+        name: Of the geom.
+        kind: Its shape.
+        bits: Its contype and conaffinity, from ``collision_bits``.
+        body: Where it is added; the world, if left out.
+    """
     geom = (body or spec.worldbody).add_geom(name=name, type=kind)
     geom.contype, geom.conaffinity = bits
     geom.condim = 1

@@ -1,10 +1,8 @@
-"""Parity audit: a sample of a batch's lanes, driven again on C MuJoCo in double precision among all solids.
+"""The parity audit: drives a sample of a batch's episodes again, on their engine and on C MuJoCo, and compares.
 
-The engine that made the rows drives the sample again too. That gives the ways to compare, and shows whether the rows
-are what it makes of their requests. Rows that C MuJoCo made are made again and compared with nothing: that an engine
-agrees with itself is no evidence.
-
-Episodes of an audit driven again, with the way that each robot took.
+C MuJoCo steps them in double precision among all solids. The engine that made the rows drives the sample again too:
+that gives the ways to compare, and shows whether the rows are what it makes of their requests. Rows that C MuJoCo made
+are made again and compared with nothing: that an engine agrees with itself is no evidence.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,16 +16,16 @@ from jaxtyping import Float32
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.audit.audit_report import AuditReport, Flip, FlipRate, deviation, judged
-from tasks.simulate.audit.audit_sample import Sampled, row_failed
-from tasks.simulate.chunk.episodes import keep_timing, ran_on, ready_chunk
+from tasks.simulate.audit.audit_report import AuditReport, Flip, FlipRate, apart_quantiles, with_verdict
+from tasks.simulate.audit.audit_sample import SampledEpisode, row_failed
+from tasks.simulate.chunk.episodes import keep_timing, ready_chunk, with_engine
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.engines import REFERENCE
 from tasks.simulate.lane.result_rows import finished_row
 from tasks.simulate.plan.chunks import plan_chunks
 
 
-class Driven(NamedTuple):
+class DrivenEpisode(NamedTuple):
     """An episode driven again: its row, and its place at the end of each control step."""
 
     engine: str
@@ -35,14 +33,14 @@ class Driven(NamedTuple):
     places_m: Float32[np.ndarray, "steps 2"]
 
 
-def driven(
+def drive_sample(
     requests: Sequence[EpisodeRequest],
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
     *,
     lanes: int,
     engine: str,
-) -> dict[int, Driven]:
+) -> dict[int, DrivenEpisode]:
     """Returns episodes driven to their ends, by index; without those that could not start.
 
     Args:
@@ -69,7 +67,7 @@ def _driven_chunk(
     *,
     lanes: int,
     engine: str,
-) -> list[Driven]:
+) -> list[DrivenEpisode]:
     chunk = ready_chunk(requests, worlds, bundles, lanes=lanes, engine=engine)
     if chunk.run is None:
         return []
@@ -81,9 +79,9 @@ def _driven_chunk(
     keep_timing(chunk)
     end, path = jax.device_get(state._replace(controller=None, scenario=None)), np.concatenate(poses, axis=1)
     return [
-        Driven(
+        DrivenEpisode(
             engine=chunk.program.engine,
-            row=ran_on(chunk.program.engine, finished_row(lane, position, end, poses)),
+            row=with_engine(chunk.program.engine, finished_row(lane, position, end, poses)),
             places_m=path[position, : int(end.step[position]), :2],
         )
         for position, lane in enumerate(chunk.lanes)
@@ -97,7 +95,7 @@ _ENDS = {"status", "failure_code", "outcome", "outcome_reason"}
 
 
 def audit(
-    sample: Sequence[Sampled],
+    sample: Sequence[SampledEpisode],
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
     *,
@@ -121,22 +119,22 @@ def audit(
         BundleCrash: An application that made rows before now fails.
     """
     here = [each for each in sample if each.row.device == device_kind()]
-    ours = driven([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)
+    ours = drive_sample([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)
     progress(len(here))
     others = [each.request for each in sample if each.row.engine != REFERENCE]
-    theirs: dict[int, Driven] = {}
+    theirs: dict[int, DrivenEpisode] = {}
     why = f"the rows were made by {REFERENCE}, the reference itself"
     if others:
         try:
-            theirs = driven(others, worlds, bundles, lanes=lanes, engine=REFERENCE)
+            theirs = drive_sample(others, worlds, bundles, lanes=lanes, engine=REFERENCE)
         except BundleCrash as crash:
             why = crash.reason
     progress(len(here) + len(others))
-    return judged(_report(sample, ours, theirs, max(drawn, len(sample))), why)
+    return with_verdict(_report(sample, ours, theirs, max(drawn, len(sample))), why)
 
 
 def _report(
-    sample: Sequence[Sampled], ours: Mapping[int, Driven], theirs: Mapping[int, Driven], drawn: int
+    sample: Sequence[SampledEpisode], ours: Mapping[int, DrivenEpisode], theirs: Mapping[int, DrivenEpisode], drawn: int
 ) -> AuditReport:
     both = [each for each in sample if each.row.index in theirs]
     flipped = {each.row.index for each in both if _end(each.row) != _end(theirs[each.row.index].row)}
@@ -154,9 +152,9 @@ def _report(
         sampled=drawn,
         lanes=len(sample),
         compared=len(both),
-        final=deviation([_apart_m(each.row, theirs[each.row.index].row) for each in both]),
-        way=deviation([*ways_m.values()]),
-        unflipped=deviation([apart_m for index, apart_m in ways_m.items() if index not in flipped]),
+        final=apart_quantiles([_apart_m(each.row, theirs[each.row.index].row) for each in both]),
+        way=apart_quantiles([*ways_m.values()]),
+        unflipped=apart_quantiles([apart_m for index, apart_m in ways_m.items() if index not in flipped]),
         spread=_rate([each.row.index for each in both if each.spread], flipped),
         failed=_rate([each.row.index for each in both if row_failed(each.row)], flipped),
         flips=tuple(
@@ -181,12 +179,12 @@ def _apart_m(row: EpisodeResult, other: EpisodeResult) -> float:
     return float(np.hypot(row.final_x_m - other.final_x_m, row.final_y_m - other.final_y_m))
 
 
-def _most_apart_m(ours: Driven, theirs: Driven) -> float:
+def _most_apart_m(ours: DrivenEpisode, theirs: DrivenEpisode) -> float:
     steps = min(len(ours.places_m), len(theirs.places_m))
     return float(np.hypot(*(ours.places_m[:steps] - theirs.places_m[:steps]).T).max(initial=0.0))
 
 
-def _reproduced(row: EpisodeResult, ours: Mapping[int, Driven]) -> bool:
+def _reproduced(row: EpisodeResult, ours: Mapping[int, DrivenEpisode]) -> bool:
     if row.index not in ours:
         return False
     again = ours[row.index].row

@@ -1,4 +1,4 @@
-"""What an audit says: how far two engines are apart, whose outcomes flip, and whether that is reason for alarm."""
+"""The report of an audit: how far two engines are apart, which outcomes flip, and whether that is alarming."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ APART_LIMIT_M = 0.05
 _CHANCE = 0.05
 
 
-class Deviation(Spec):
+class ApartQuantiles(Spec):
     """How far apart the robots of two engines were, over the lanes of a sample (m)."""
 
     median_m: float
@@ -85,9 +85,9 @@ class AuditReport(Spec):
     reference: str = REFERENCE
     lanes: int = 0
     compared: int = 0
-    final: Deviation | None = None
-    way: Deviation | None = None
-    unflipped: Deviation | None = None
+    final: ApartQuantiles | None = None
+    way: ApartQuantiles | None = None
+    unflipped: ApartQuantiles | None = None
     spread: FlipRate = FlipRate(lanes=0, flips=0)
     failed: FlipRate = FlipRate(lanes=0, flips=0)
     flips: tuple[Flip, ...] = ()
@@ -100,7 +100,7 @@ def not_run(why: str) -> AuditReport:
     return AuditReport(verdict="NOT RUN", sentence=f"not run: {' '.join(why.split())[:500]}")
 
 
-def judged(found: AuditReport, why_not_compared: str = "") -> AuditReport:
+def with_verdict(found: AuditReport, why_not_compared: str = "") -> AuditReport:
     """Returns a report with its verdict, and a sentence that says why.
 
     Args:
@@ -123,12 +123,12 @@ def judged(found: AuditReport, why_not_compared: str = "") -> AuditReport:
     return found.model_copy(update={"verdict": verdict, "sentence": sentence})
 
 
-def deviation(apart_m: Sequence[float]) -> Deviation | None:
+def apart_quantiles(apart_m: Sequence[float]) -> ApartQuantiles | None:
     """Returns the quantiles of distances; None of none."""
     if not apart_m:
         return None
     median, p90, most = np.quantile(apart_m, [0.5, 0.9, 1.0])
-    return Deviation(median_m=float(median), p90_m=float(p90), max_m=float(most))
+    return ApartQuantiles(median_m=float(median), p90_m=float(p90), max_m=float(most))
 
 
 def _alarms(found: AuditReport) -> list[str]:

@@ -1,4 +1,4 @@
-"""A batch's audit: after its last chunk, before it ends. What goes wrong in it is data; it never loses a batch.
+"""Audits a batch after its last chunk. What goes wrong in the audit is written into its report.
 
 It depends on the batch alone, so that an audit whose process died is simply made again. One that keeps killing its
 process, for want of memory, is given up: the batch would never end.
@@ -18,9 +18,9 @@ from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit.audit_report import AuditReport, not_run
-from tasks.simulate.audit.audit_sample import sampled
+from tasks.simulate.audit.audit_sample import draw_sample
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import load_worlds, mounts
+from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.encoding import decoded, encoded
@@ -69,9 +69,11 @@ def audit_batch(
 
 
 def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) -> AuditReport:
-    found = sampled(batch.layout, lambda number: committed_chunk(batch.store, batch.id, number) or (), batch.plan.audit)
+    found = draw_sample(
+        batch.layout, lambda number: committed_chunk(batch.store, batch.id, number) or (), batch.plan.audit
+    )
     worlds, missing = load_worlds(batch, [each.request for each in found])
-    mounted = mounts(batch)
+    mounted = batch_mounts(batch)
     missing |= {f"data of {k}": why for k, each in enumerate(found) if (why := mounted.failure(each.request))}
     sample = [
         each._replace(request=mounted.resolved(each.request))

@@ -1,4 +1,4 @@
-"""Which episodes of a batch are audited: the same ones whenever it is asked, found without listing them all."""
+"""The sample of a batch's episodes that is audited: always the same, drawn without listing all episodes."""
 
 import bisect
 import hashlib
@@ -15,7 +15,7 @@ from tasks.simulate.plan.layout import Layout
 Rows = Callable[[int], Sequence[EpisodeResult]]
 
 
-class Sampled(NamedTuple):
+class SampledEpisode(NamedTuple):
     """An episode that is audited.
 
     Attributes:
@@ -27,7 +27,7 @@ class Sampled(NamedTuple):
     spread: bool
 
 
-def sampled(layout: Layout, rows_of: Rows, lanes: int) -> list[Sampled]:
+def draw_sample(layout: Layout, rows_of: Rows, lanes: int) -> list[SampledEpisode]:
     """Returns the episodes to audit, by index; those that were never driven are left out.
 
     Half of the lanes go to episodes that failed, where there are so many: they are what a person has to defend, and
@@ -47,7 +47,7 @@ def sampled(layout: Layout, rows_of: Rows, lanes: int) -> list[Sampled]:
     chosen = {failed[position] for position in audited_positions(len(failed), lanes // 2, seed)}
     spread = {even[position] for position in audited_positions(len(even), lanes - len(chosen), seed)}
     return [
-        Sampled(layout.request(index), read[index], index in spread)
+        SampledEpisode(layout.request(index), read[index], index in spread)
         for index in sorted(chosen | spread)
         if was_driven(read[index])
     ]

@@ -1,6 +1,6 @@
-"""CancelSimulationJobBatch and CancelSimulationJob (docs/reference/robomaker.md, sections 3 and 4).
+"""Cancels a batch or one of its jobs, and restarts a running job, as RoboMaker's calls of these names do.
 
-RestartSimulationJob (docs/reference/robomaker.md, section 3; docs/decisions/0008): a running job runs once more.
+See docs/reference/robomaker.md, sections 3 and 4, and docs/decisions/0008.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""What the store holds of a batch's chunks: when each was begun, and what came of it."""
+"""The chunks of a batch in the store: when each was begun, and its committed results."""
 
 import time
 from collections.abc import Sequence
@@ -37,7 +37,14 @@ class ChunkNumbers(Spec):
 
 
 def begin_chunk(store: Store, batch: str, number: int, spent_s: float) -> ChunkStart:
-    """Records that a chunk is begun, and returns what was recorded."""
+    """Records that a chunk is begun, and returns what was recorded.
+
+    Args:
+        store: Where the batch is.
+        batch: Its id.
+        number: The chunk's.
+        spent_s: Wall seconds that were spent on the batch before.
+    """
     before = chunk_start(store, batch, number)
     attempts = 1 + (before.attempts if before else 0)
     start = ChunkStart(attempts=attempts, started_at_s=time.time(), spent_s=spent_s)
@@ -55,7 +62,14 @@ def chunk_start(store: Store, batch: str, number: int) -> ChunkStart | None:
 
 
 def commit(store: Store, batch: str, number: int, results: Sequence[EpisodeResult]) -> list[EpisodeResult]:
-    """Returns what is committed of a chunk from now on: these results, or those of another process that was faster."""
+    """Returns what is committed of a chunk from now on: these results, or those of another process that was faster.
+
+    Args:
+        store: Where the batch is.
+        batch: Its id.
+        number: The chunk's.
+        results: Of its episodes, in request order.
+    """
     try:
         store.create(chunk_key(batch, number), _ROWS.dump_json(list(results)))
     except ObjectExists:

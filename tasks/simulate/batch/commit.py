@@ -1,4 +1,4 @@
-"""One chunk of a batch: its worlds loaded, its episodes simulated, what came of them committed."""
+"""Runs one chunk of a batch: loads its worlds, simulates its episodes, and commits their results."""
 
 import functools
 import itertools
@@ -14,7 +14,7 @@ from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
 from tasks.simulate.batch.stop import StopWatch, canceled_row
 from tasks.simulate.chunk.memory_fit import after_deaths, simulate_fitting
-from tasks.simulate.chunk.timings import collected
+from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.data.mounts import Mounts
 from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
@@ -88,26 +88,34 @@ def run_chunk(
     committed = committed_chunk(batch.store, batch.id, number)
     if committed is not None:
         return ChunkEnd(len(committed), lanes)
-    start_s = time.monotonic()
-    start = begin_chunk(batch.store, batch.id, number, spent_s)
+    start_s, start = time.monotonic(), begin_chunk(batch.store, batch.id, number, spent_s)
     chunk = batch.layout.chunk(number)
     worlds, missing = load_worlds(batch, chunk.requests)
-    mounted = mounts(batch)
+    mounted, program = batch_mounts(batch), program_key(chunk.requests[0])
     unable = _unable(chunk, missing, mounted)
     able = _able(chunk, unable, mounted)
-    program = program_key(chunk.requests[0])
     work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
-    with collected() as timings:
-        rows, lanes = simulate_fitting(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
-        by_index = _settled(work, [*rows, *work.restarted(lanes)])
-    if work.watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in by_index.values()):
-        time_out(batch)  # before the commit: whoever goes on from here must not begin the rest
+    with collect_timings() as timings:
+        by_index, lanes = _simulated(work, after_deaths(lanes, start.attempts))
+    _note_timeout(batch, work.watch, by_index.values())
     if record is not None:
         by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
     ordered = [by_index.get(each.index) or failed_result(each.index, unable[each.index]) for each in chunk.requests]
     rows = commit(batch.store, batch.id, number, ordered)
-    simulated_s = sum(row.simulated_s for row in rows)
-    return ChunkEnd(len(rows), lanes, work_of(timings, simulated_s=simulated_s, wall_s=time.monotonic() - start_s))
+    took = work_of(timings, simulated_s=sum(row.simulated_s for row in rows), wall_s=time.monotonic() - start_s)
+    return ChunkEnd(len(rows), lanes, took)
+
+
+def _simulated(work: "_Work", lanes: int) -> tuple[dict[int, EpisodeResult], int]:
+    """Returns the rows of all that can be simulated, by index, and how many lanes fitted into memory."""
+    rows, lanes = simulate_fitting(work.sound, lanes, work.part, work.watch)
+    return _settled(work, [*rows, *work.restarted(lanes)]), lanes
+
+
+def _note_timeout(batch: OpenBatch, watch: StopWatch, rows: Iterable[EpisodeResult]) -> None:
+    """Ends a batch whose time was over before a chunk's commit: whoever goes on must not begin the rest."""
+    if watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in rows):
+        time_out(batch)
 
 
 class _Work:
@@ -217,7 +225,7 @@ def _able(chunk: Chunk, unable: Mapping[int, Failure], mounted: Mounts) -> Chunk
     return chunk.model_copy(update={"requests": tuple(able)})
 
 
-def mounts(batch: OpenBatch) -> Mounts:
+def batch_mounts(batch: OpenBatch) -> Mounts:
     """Returns the data sources of a batch on this machine."""
     return Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data")
 

@@ -1,4 +1,4 @@
-"""Batches and simulation jobs in RoboMaker's words (docs/reference/robomaker.md, sections 3 and 4).
+"""Describes and lists batches and simulation jobs as RoboMaker does (docs/reference/robomaker.md, sections 3 and 4).
 
 A job is `<batch>/<index>`; nothing is stored for it alone. What was asked of it follows from the batch's plan, and what
 came of it stands in its chunk. A job is *pending* until its chunk is begun, *created* from then on; in a batch that

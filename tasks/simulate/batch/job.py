@@ -1,4 +1,4 @@
-"""A batch as a job: opened once, its chunks committed one by one, closed when all are there.
+"""The job record of a batch: opened once, moved from state to state, closed when all chunks are committed.
 
 See docs/reference/robomaker.md, section 4.
 
@@ -165,6 +165,13 @@ def close_batch(
     """Returns the batch's record in its terminal state: jobs that Failed do not fail the batch.
 
     See docs/reference/robomaker.md, section 4.
+
+    Args:
+        store: Where its record is.
+        batch: Its id.
+        status: The terminal state.
+        detail: What is added to its record's detail.
+        failure_reason: Why it Failed, for a person, or empty.
     """
     code: SimulationJobBatchErrorCode | Literal[""] = "InternalServiceError" if status == "Failed" else ""
     return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))

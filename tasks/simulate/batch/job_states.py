@@ -1,4 +1,4 @@
-"""The jobs of one batch, as they stand: which were begun, what came of them, what had been asked of them.
+"""The state of each job of a batch: whether it was begun, what came of it, and what was asked of it.
 
 Nothing here needs more memory for a batch with more jobs: what is asked for in order is read chunk by chunk.
 """

@@ -1,4 +1,4 @@
-"""How fast a batch was: for people, and in its record; no table, recording or audit has any of it.
+"""The speed of a batch, for people and for its record; no table, recording or audit has any of it.
 
 A wall clock is never the same twice, so that these figures stand apart from everything whose bytes are.
 """

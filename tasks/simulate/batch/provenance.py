@@ -1,6 +1,6 @@
-"""Which machines a batch ran on, in its record: no result depends on them, so that no table names them.
+"""The machines that a batch ran on, in its record, and the package versions that its numbers depend on, in its tables.
 
-What a batch's numbers depend on besides its documents.
+No result depends on a machine, so that no table names one.
 """
 
 import os
@@ -17,6 +17,7 @@ from tasks.storage.jobs.records import JobRecord, advance
 _PROCESSORS = Path("/proc/cpuinfo")
 _NAME = "model name"
 _MARK = "machine/"
+_PACKAGES = ("simyard", "mujoco", "mujoco-mjx", "jax", "numpy")
 
 
 def note_machine(batch: OpenBatch) -> None:
@@ -62,9 +63,6 @@ def _processor() -> str:
         lines = []
     names = (line.partition(":")[2].strip() for line in lines if line.startswith(_NAME))
     return next(names, "") or platform.processor() or os.name
-
-
-_PACKAGES = ("simyard", "mujoco", "mujoco-mjx", "jax", "numpy")
 
 
 def batch_metadata(lanes: int) -> dict[str, str]:

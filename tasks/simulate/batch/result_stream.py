@@ -1,6 +1,6 @@
-"""The results of a batch in the order of its jobs, a part at a time, so that a large one fits into memory.
+"""The results of a batch in the order of its jobs, some at a time, so that a large batch fits into memory.
 
-A batch that is being stopped while nobody works on it.
+A batch that is stopped while nobody works on it is given up here: its unfinished chunks are committed as Canceled.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,6 +1,7 @@
-"""When a chunk has to stop before its episodes are done: asked between slices, it asks the store once a second.
+"""The early end of a chunk or a batch: a watch that tells a chunk to stop, and the rows of what was not simulated.
 
-The rest of a batch that nobody needs any more: its episodes are Canceled, as RoboMaker calls jobs that never ran.
+The watch is asked between slices, and asks the store once a second. Episodes that never ran are Canceled, as RoboMaker
+calls such jobs.
 """
 
 import time
@@ -14,6 +15,7 @@ from tasks.storage.jobs.records import JobRecord
 
 StopCode = Literal["", "BatchTimedOut", "BatchCanceled"]
 _POLL_S = 1.0
+LEFT_OUT = "the batch was ended before it began: the gate was certain"
 
 
 class StopWatch:
@@ -66,9 +68,6 @@ def canceled_row(index: int, code: StopCode) -> EpisodeResult:
     """Returns the row of an episode that was not ended because its batch was: BatchTimedOut or BatchCanceled."""
     why = "the batch was canceled" if code == "BatchCanceled" else "the batch's time was over"
     return unfinished(index, "Canceled", failure_code=code, failure_reason=why)
-
-
-LEFT_OUT = "the batch was ended before it began: the gate was certain"
 
 
 def leave_out(batch: OpenBatch, first: int) -> int:

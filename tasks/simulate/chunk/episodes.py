@@ -1,4 +1,4 @@
-"""A chunk from requests to rows: applications imported, lanes staged, the program run slice by slice."""
+"""Simulates a chunk: imports its applications, stages its lanes, runs the program slice by slice, makes rows."""
 
 import functools
 import logging
@@ -15,7 +15,7 @@ from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, Epi
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash, load_factory
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.chunk.timings import ChunkWatch, remember
+from tasks.simulate.chunk.timings import ChunkWatch, remember_timing
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.engine.engines import ENGINES
@@ -23,7 +23,7 @@ from tasks.simulate.engine.program import Program, Run
 from tasks.simulate.lane.calls import Applications, check_robot, check_scenario
 from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
 from tasks.simulate.lane.recording import Ends, Recorder
-from tasks.simulate.lane.result_rows import canceled_row, finished_row
+from tasks.simulate.lane.result_rows import finished_row, stopped_row
 from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
 from tasks.simulate.refusal import RobotRefused
@@ -52,7 +52,7 @@ class ReadyChunk(NamedTuple):
     timed_as: ProgramKey | None = None
 
 
-def run_chunk(
+def simulate_episodes(
     chunk: Chunk,
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
@@ -64,7 +64,19 @@ def run_chunk(
     recorder: Recorder | None = None,
     timed_as: ProgramKey | None = None,
 ) -> list[EpisodeResult]:
-    """Returns a chunk's rows in request order; see ``tasks.simulate.chunk.runner.simulate_chunk``."""
+    """Returns a chunk's rows in request order.
+
+    Args:
+        chunk: At most ``lanes`` episodes that share a program.
+        worlds: By ``<generation>/<world>``; more than the chunk needs are ignored.
+        bundles: Unpacked folders of the chunk's applications, by digest.
+        lanes: How many lanes every chunk of the batch is padded to.
+        engine: ``auto``, or the engine that must run them.
+        should_stop: Asked after each slice; episodes not done by then are Canceled.
+        progress: Told as often how many of the chunk's episodes are done.
+        recorder: Given what the lanes do.
+        timed_as: Program to remember the time for, if requests name folders that plans do not know.
+    """
     present = [request for request in chunk.requests if request.world in worlds]
     rows = {
         request.index: failed_result(
@@ -92,6 +104,13 @@ def ready_chunk(
 ) -> ReadyChunk:
     """Returns episodes of one program made ready to run.
 
+    Args:
+        requests: Episodes that share a program, at least one.
+        worlds: At least theirs.
+        bundles: Unpacked folders of their applications, by digest.
+        lanes: At least so many has the program.
+        engine: ``auto``, or the engine that must run them.
+
     Raises:
         BundleCrash: The applications do not import, or raise when they are traced; or the engine refuses the robot.
     """
@@ -115,7 +134,14 @@ def ready_chunk(
 def run_ready(
     chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None], recorder: Recorder | None
 ) -> list[EpisodeResult]:
-    """Returns the rows of episodes that were made ready, those that cannot run first."""
+    """Returns the rows of episodes that were made ready, those that cannot run first.
+
+    Args:
+        chunk: The episodes.
+        should_stop: Asked after each slice; episodes not done by then are Canceled.
+        progress: Told as often how many episodes are done.
+        recorder: Given what the lanes do; None if nothing is recorded.
+    """
     if chunk.run is None:
         return chunk.rows
     state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
@@ -124,7 +150,7 @@ def run_ready(
     rows = [
         _explained(chunk, chunk.run, position, finished_row(lane, position, state, poses))
         if state.done[position]
-        else canceled_row(lane.request)
+        else stopped_row(lane.request)
         for position, lane in enumerate(chunk.lanes)
     ]
     if recorder is not None:
@@ -146,7 +172,7 @@ def _ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
 def _explained(chunk: ReadyChunk, run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
     """Returns a row with what drove it, and the reason of a crash where the run knows more than the lane's state."""
     known = {"failure_reason": run.crashes[position]} if position in run.crashes else {}
-    return ran_on(chunk.program.engine, row).model_copy(update=known)
+    return with_engine(chunk.program.engine, row).model_copy(update=known)
 
 
 def keep_timing(chunk: ReadyChunk) -> None:
@@ -162,10 +188,10 @@ def keep_timing(chunk: ReadyChunk) -> None:
     if timing is not None:
         took_s = timing.ready_s + timing.first_s + timing.slices_s
         logger.info("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
-        remember(chunk.timed_as or program_key(requests[0]), timing)
+        remember_timing(chunk.timed_as or program_key(requests[0]), timing)
 
 
-def ran_on(engine: str, row: EpisodeResult) -> EpisodeResult:
+def with_engine(engine: str, row: EpisodeResult) -> EpisodeResult:
     """Returns a row that says what drove its robot."""
     return row.model_copy(update={"engine": engine, "device": device_kind()})
 

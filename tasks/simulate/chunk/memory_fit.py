@@ -1,4 +1,4 @@
-"""A chunk that does not fit into memory is run in parts, half as large each time, until they fit.
+"""Runs a chunk that does not fit into memory in parts, half as large each time, until they fit.
 
 A lane's result does not depend on how many lanes run beside it (docs/decisions/0004), so neither the chunk's rows nor
 what is committed changes.
@@ -14,7 +14,7 @@ from tasks.simulate.plan.chunks import Chunk
 logger = logging.getLogger(__name__)
 # A program's lanes are whole vectors of eight on each device: with fewer it takes no less memory.
 FEWEST_LANES = 8
-Simulate = Callable[[Chunk, int], list[EpisodeResult]]
+SimulatePart = Callable[[Chunk, int], list[EpisodeResult]]
 
 
 class Fitted(NamedTuple):
@@ -24,7 +24,7 @@ class Fitted(NamedTuple):
     lanes: int
 
 
-def simulate_fitting(chunk: Chunk, lanes: int, simulate: Simulate, stopped: Callable[[], bool]) -> Fitted:
+def simulate_fitting(chunk: Chunk, lanes: int, simulate: SimulatePart, stopped: Callable[[], bool]) -> Fitted:
     """Returns a chunk's rows, simulated with as many lanes at a time as the memory holds.
 
     Args:
@@ -61,7 +61,7 @@ def after_deaths(lanes: int, attempts: int) -> int:
     return max(min(lanes, FEWEST_LANES), lanes >> max(0, attempts - 2))
 
 
-def _tried(chunk: Chunk, lanes: int, simulate: Simulate) -> tuple[list[EpisodeResult] | None, str]:
+def _tried(chunk: Chunk, lanes: int, simulate: SimulatePart) -> tuple[list[EpisodeResult] | None, str]:
     """Returns rows, or None and what the lack of memory was called; what it held is free again then."""
     try:
         return simulate(chunk, lanes), ""

@@ -1,4 +1,4 @@
-"""The one way into the simulation: a chunk of episodes in, rows out.
+"""The entry of the simulation: takes a chunk of episodes, returns their rows.
 
 This module imports no JAX itself, so that importing it is cheap and JAX's settings can still be made.
 """
@@ -15,10 +15,6 @@ from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
 
 
-def _nobody(done: int) -> None:
-    """Drops what is told: nobody watches."""
-
-
 def simulate_chunk(
     chunk: Chunk,
     worlds: Mapping[str, World],
@@ -27,7 +23,7 @@ def simulate_chunk(
     lanes: int,
     engine: str = "auto",
     should_stop: Callable[[], bool],
-    progress: Callable[[int], None] = _nobody,
+    progress: Callable[[int], None] = lambda _: None,
     recorder: Recorder | None = None,
     timed_as: ProgramKey | None = None,
 ) -> list[EpisodeResult]:
@@ -52,9 +48,9 @@ def simulate_chunk(
     """
     prepare_devices()
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
-        from tasks.simulate.chunk.episodes import run_chunk  # noqa: PLC0415 - JAX reads its settings when it is imported
+        from tasks.simulate.chunk.episodes import simulate_episodes  # noqa: PLC0415 - JAX reads its settings when imported
 
-    return run_chunk(
+    return simulate_episodes(
         chunk,
         worlds,
         bundles,

@@ -1,4 +1,4 @@
-"""How long this machine took for chunks, remembered in the user's cache folder, for `simyard plan` to predict by.
+"""The times that chunks took on this machine, kept in the user's cache folder for `simyard plan` to predict with.
 
 Nothing of it is ever part of a result. A folder that cannot be written to, or a file of another version, is as good as
 no memory at all.
@@ -72,7 +72,15 @@ class ChunkWatch:
     def timing(
         self, engine: EngineName, device: str, *, lanes: int, episodes: int, most_slices: int
     ) -> ChunkTiming | None:
-        """Returns what the chunk took; None of one that was not driven."""
+        """Returns what the chunk took; None of one that was not driven.
+
+        Args:
+            engine: What drove it.
+            device: The kind of device.
+            lanes: Of the program, idle ones included.
+            episodes: How many of them held episodes.
+            most_slices: How many would have followed the first if an episode had taken its full duration.
+        """
         if len(self._marks_s) <= 2:
             return None
         began_s, ready_s, first_s, *_ = self._marks_s
@@ -91,7 +99,7 @@ class ChunkWatch:
 
 
 @contextmanager
-def collected() -> Generator[list[ChunkTiming], None, None]:
+def collect_timings() -> Generator[list[ChunkTiming], None, None]:
     """Yields a list that gets each timing which is remembered inside the ``with`` block."""
     timings: list[ChunkTiming] = []
     token = _collecting.set(timings)
@@ -101,7 +109,7 @@ def collected() -> Generator[list[ChunkTiming], None, None]:
         _collecting.reset(token)
 
 
-def remember(program: ProgramKey, timing: ChunkTiming) -> None:
+def remember_timing(program: ProgramKey, timing: ChunkTiming) -> None:
     """Adds a timing to the last ones of a program, for as long as the cache folder is kept."""
     collecting = _collecting.get()
     if collecting is not None:
@@ -114,12 +122,12 @@ def remember(program: ProgramKey, timing: ChunkTiming) -> None:
         logger.debug("timings are not remembered: %s", exc)
 
 
-def recalled(program: ProgramKey) -> list[ChunkTiming]:
+def recall_timings(program: ProgramKey) -> list[ChunkTiming]:
     """Returns the last timings of a program on this machine, oldest first."""
     return _read(_path(program))
 
 
-def recalled_of_engine(engine: str, device: str) -> list[ChunkTiming]:
+def recall_engine_timings(engine: str, device: str) -> list[ChunkTiming]:
     """Returns the last timings of all programs that an engine ran on this machine."""
     found = (timing for path in sorted(_folder().glob("*.json")) for timing in _read(path))
     return [timing for timing in found if (timing.engine, timing.device) == (engine, device)]

@@ -1,4 +1,4 @@
-"""Fetched files by the SHA-256 of their content, on this machine; what is missing is fetched again.
+"""The cache of fetched files on this machine, by the SHA-256 of their content; what is missing is fetched again.
 
 objects/<sha256>    a file, read-only
 seen/<digest>.json  what an object of a bucket was when it was last fetched, by the bucket's own mark

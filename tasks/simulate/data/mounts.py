@@ -1,4 +1,4 @@
-"""Data sources where a chunk is simulated: a read-only folder for each, and a variable that names it."""
+"""Mounts data sources where a chunk is simulated: a read-only folder for each, and a variable that names it."""
 
 import errno
 import shutil

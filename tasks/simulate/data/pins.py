@@ -1,4 +1,4 @@
-"""Data sources looked up while a batch is planned: what is there is fetched once and pinned, what is not is told.
+"""Pins the data sources of a batch: fetches their files once, and notes their digests, or why they cannot be used.
 
 Nothing here refuses a document: a job whose file is missing is a row that says so, and the others run.
 """

@@ -1,4 +1,4 @@
-"""Files from buckets that jobs read, as a batch's plan has them (docs/reference/robomaker.md, section 10)."""
+"""The data sources in a batch's plan: files from buckets that jobs read (docs/reference/robomaker.md, section 10)."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Archives of data sources unpacked, without trusting what is inside."""
+"""Unpacks archives of data sources without trusting what is inside."""
 
 import errno
 import gzip

@@ -20,7 +20,7 @@ from tasks.simulate.engine.program import (
     strong_types,
 )
 from tasks.simulate.lane.calls import Applications
-from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Record, begin_lane
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord, begin_lane
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.step import Mechanics, advance_lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
@@ -41,7 +41,7 @@ class CompiledProgram:
     lanes: int
     mesh: Mesh
     begin: Callable[[LaneInputs], LaneState]
-    advance: Callable[[LaneInputs, LaneState], tuple[LaneState, Record]]
+    advance: Callable[[LaneInputs, LaneState], tuple[LaneState, StepRecord]]
 
     @property
     def engine(self) -> EngineName:
@@ -79,7 +79,7 @@ class CompiledRun:
         """Returns the lanes before the first control step."""
         return self.program.begin(self.inputs)
 
-    def advance(self, state: LaneState) -> tuple[LaneState, Record]:
+    def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, and the slice's records."""
         return self.program.advance(self.inputs, state)
 
@@ -105,16 +105,16 @@ def _begin_lane(mechanics: Mechanics, applications: Applications, inputs: LaneIn
 
 def _advance_slice(
     mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
-) -> tuple[LaneState, Record]:
+) -> tuple[LaneState, StepRecord]:
     """Returns one device's lanes a slice later; a device whose lanes are all done does nothing."""
     control_step = jax.vmap(functools.partial(advance_lane, mechanics, applications))
 
-    def run(lanes: LaneState) -> tuple[LaneState, Record]:
+    def run(lanes: LaneState) -> tuple[LaneState, StepRecord]:
         lanes, records = jax.lax.scan(lambda s, _: control_step(inputs, s), lanes, None, length=SLICE_STEPS)
         return lanes, jax.tree.map(lambda array: jnp.swapaxes(array, 0, 1), records)
 
-    def rest(lanes: LaneState) -> tuple[LaneState, Record]:
-        one = Record(
+    def rest(lanes: LaneState) -> tuple[LaneState, StepRecord]:
+        one = StepRecord(
             pose=lanes.body.qpos,
             velocity=lanes.body.qvel,
             goal_index=lanes.goal_index,

@@ -1,4 +1,4 @@
-"""The engines: one record each, of who can use it, how it is loaded, and what it costs.
+"""The table of engines, one record each: its rank, how it reads a robot and makes a program, and what it costs.
 
 What loads a robot is imported when one is loaded: to choose an engine, or to predict its cost, imports no JAX.
 """
@@ -150,5 +150,6 @@ def fastest_first(device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
         device: What JAX will run on.
         plain: Whether the controller is plain Python.
     """
-    able = (name for name, engine in ENGINES.items() if engine.plain or not plain)
-    return tuple(sorted(able, key=lambda name: ENGINES[name].rank[device]))
+    able: list[EngineName] = [name for name, engine in ENGINES.items() if engine.plain or not plain]
+    able.sort(key=lambda name: ENGINES[name].rank[device])
+    return tuple(able)

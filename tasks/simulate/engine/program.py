@@ -1,4 +1,4 @@
-"""What runs a chunk: a robot and its applications, ready for a number of lanes, on whichever engine.
+"""The interface of an engine's program: a robot and its applications, ready for a number of lanes.
 
 Engines that are JAX functions run in a compiled program (``compiled_program``), C MuJoCo on the host's threads
 (``mujoco.engine``).
@@ -16,7 +16,7 @@ from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.calls import Applications
-from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Record
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.staging import Lane
 
 _AXIS = "lanes"
@@ -38,7 +38,7 @@ class Run(Protocol):
         """Returns the lanes before the first control step, lanes first."""
         ...
 
-    def advance(self, state: LaneState) -> tuple[LaneState, Record]:
+    def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, and its records, (lanes, steps) first; ``state`` is used up."""
         ...
 

@@ -1,1 +1,1 @@
-"""What a batch will need, said before it runs. Flows may import it."""
+"""The forecast of a batch: its engine, time and memory before it runs. Flows may import it."""

@@ -1,4 +1,4 @@
-"""How long chunks take and how much memory they need, before they run.
+"""The cost model: predicts how long chunks take and how much memory they need.
 
 A simple model of each engine, measured once, says how costs grow with lanes and steps; what this machine took before
 (``timings``) says how fast it is and what the applications cost, which no model knows. Without such memory a short

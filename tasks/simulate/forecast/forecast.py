@@ -1,4 +1,4 @@
-"""What a batch would need, said before it runs: counted and not listed, and in general without importing JAX."""
+"""The forecast of a batch: its engines, chunks, time and memory, in general found without importing JAX."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ from typing import Literal
 from specs.base import Spec
 from specs.data.episode import PHYSICS_HZ, ApplicationLaunch, EpisodeRequest
 from specs.pipeline.simulation_section import EngineName
-from tasks.simulate.chunk.timings import recalled, recalled_of_engine
+from tasks.simulate.chunk.timings import recall_engine_timings, recall_timings
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engine.choice import EngineChoice
 from tasks.simulate.engine.engines import REFERENCE
@@ -21,7 +21,7 @@ from tasks.simulate.forecast.cost import (
     probed_speed,
     remembered_speed,
 )
-from tasks.simulate.forecast.remembered_engine import remembered_choice
+from tasks.simulate.forecast.remembered_engine import recall_choice
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.chunks import program_key
 from tasks.simulate.plan.layout import Layout
@@ -120,7 +120,8 @@ class _Program:
         self, request: EpisodeRequest, episodes: int, engine: EngineName, device: DeviceKind, lanes: int
     ) -> None:
         self.device: DeviceKind = device
-        self.request, self.episodes, self.engine = request, episodes, engine
+        self.engine: EngineName = engine
+        self.request, self.episodes = request, episodes
         self.speed: Speed
         self.basis: Basis
         self.speed, self.basis = _speed(request, engine, device, lanes)
@@ -137,7 +138,7 @@ class _Program:
 
 
 def _speed(request: EpisodeRequest, engine: EngineName, device: DeviceKind, lanes: int) -> tuple[Speed, Basis]:
-    own = [each for each in recalled(program_key(request)) if (each.engine, each.device) == (engine, device)]
+    own = [each for each in recall_timings(program_key(request)) if (each.engine, each.device) == (engine, device)]
     if (speed := remembered_speed(own, lanes, same_program=True)) is not None:
         return speed, "this very program"
     speed = _speed_of_engine(engine, device, lanes, cache_folder())
@@ -147,7 +148,7 @@ def _speed(request: EpisodeRequest, engine: EngineName, device: DeviceKind, lane
 @functools.cache
 def _speed_of_engine(engine: EngineName, device: DeviceKind, lanes: int, _cache: Path) -> Speed | None:
     """Returns what programs of an engine took; read once for each cache folder, however many programs a batch has."""
-    return remembered_speed(recalled_of_engine(engine, device), lanes, same_program=False)
+    return remembered_speed(recall_engine_timings(engine, device), lanes, same_program=False)
 
 
 def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
@@ -157,7 +158,7 @@ def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
 def _robot(asked: str, launch: ApplicationLaunch, folders: Mapping[str, Path], kind: DeviceKind) -> RobotPlan:
     folder = folders[launch.digest]
     module = folder / launch.package / f"{launch.launch_file}.py"
-    answer = remembered_choice(asked, launch.digest, folder / "robot.xml", module, kind)
+    answer = recall_choice(asked, launch.digest, folder / "robot.xml", module, kind)
     return RobotPlan(robot=launch.name, choice=answer.choice, refusal=answer.refusal)
 
 

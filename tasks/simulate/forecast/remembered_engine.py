@@ -1,4 +1,4 @@
-"""Which engine takes a robot, remembered in the user's cache folder: to find it out imports MuJoCo.
+"""The choice of a robot's engine, kept in the user's cache folder: to make it anew imports MuJoCo.
 
 What is remembered is good for the same bundle and the same code. Nothing of it is ever part of a result: a batch that
 runs chooses anew. A folder that cannot be written to is as good as no memory at all.
@@ -35,7 +35,7 @@ class EngineAnswer(Spec):
     refusal: str = ""
 
 
-def remembered_choice(asked: str, digest: str, robot: Path, module: Path, device: DeviceKind) -> EngineAnswer:
+def recall_choice(asked: str, digest: str, robot: Path, module: Path, device: DeviceKind) -> EngineAnswer:
     """Returns which engine runs a robot application.
 
     Args:

@@ -1,4 +1,4 @@
-"""The two applications of a chunk as the program calls them, checked before anything is compiled."""
+"""The two applications of a chunk: how the program calls them, and checks before anything is compiled."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from tasks.simulate.application.code import BundleCrash, CrashCode, guarded
+from tasks.simulate.application.code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import (
     Controller,
     FloorMap,
@@ -81,7 +81,7 @@ class Applications:
         Raises:
             BundleCrash: It cannot be made.
         """
-        return cast("Scenario", guarded(_SCENARIO, "scenario(environment)", self.make_scenario, environment))
+        return cast("Scenario", call_bundle(_SCENARIO, "scenario(environment)", self.make_scenario, environment))
 
 
 def check_robot(
@@ -95,19 +95,18 @@ def check_robot(
 ) -> None:
     """Traces one lane's controller.
 
+    Args:
+        applications: With the controller.
+        floor: One lane's map.
+        goals_m: Its goals.
+        numbers: Its numeric environment variables.
+        nu: How many numbers a control has.
+        joints: Of a robot that is more than a planar base.
+
     Raises:
         BundleCrash: It raises, changes the form of its state, or returns another number of controls.
     """
-    observation = Observation(
-        time_s=jnp.zeros(()),
-        pose=jnp.zeros(3),
-        velocity=jnp.zeros(3),
-        goal_index=jnp.zeros((), jnp.int32),
-        goal_m=jnp.zeros(2),
-        goal_robot_m=jnp.zeros(2),
-        joints=joints,
-        **blank_fields(applications.sensors),
-    )
+    observation = _blank_observation(applications.sensors, joints)
 
     def begin() -> State:
         return applications.controller(numbers).init(floor, goals_m)
@@ -115,8 +114,8 @@ def check_robot(
     def advance(state: State) -> tuple[State, jax.Array]:
         return applications.controller(numbers).step(state, observation)
 
-    before = guarded(_ROBOT, "controller.init", jax.eval_shape, begin)
-    after, control = guarded(_ROBOT, "controller.step", jax.eval_shape, advance, before)
+    before = call_bundle(_ROBOT, "controller.init", jax.eval_shape, begin)
+    after, control = call_bundle(_ROBOT, "controller.step", jax.eval_shape, advance, before)
     _require_same_form(_ROBOT, "controller", before, after)
     if getattr(control, "shape", None) != (nu,):
         raise BundleCrash(_ROBOT, f"controller.step: control of shape {getattr(control, 'shape', None)}, not ({nu},)")
@@ -126,6 +125,12 @@ def check_scenario(
     applications: Applications, goals_m: jax.Array, numbers: Numbers, given: tuple[jax.Array, ...]
 ) -> None:
     """Traces one lane's scenario.
+
+    Args:
+        applications: With the scenario.
+        goals_m: One lane's goals.
+        numbers: Its numeric environment variables.
+        given: What the scenario's ``place`` gave besides.
 
     Raises:
         BundleCrash: It raises, changes the form of its state, or has metrics that are no scalars by name.
@@ -139,10 +144,10 @@ def check_scenario(
     def advance(state: State) -> tuple[State, Verdict]:
         return applications.scenario(numbers).step(state, truth)
 
-    before = guarded(_SCENARIO, "scenario.init", jax.eval_shape, begin)
-    after, _ = guarded(_SCENARIO, "scenario.step", jax.eval_shape, advance, before)
+    before = call_bundle(_SCENARIO, "scenario.init", jax.eval_shape, begin)
+    after, _ = call_bundle(_SCENARIO, "scenario.step", jax.eval_shape, advance, before)
     _require_same_form(_SCENARIO, "scenario", before, after)
-    metrics = guarded(_SCENARIO, "scenario.metrics", jax.eval_shape, applications.metrics, numbers, before)
+    metrics = call_bundle(_SCENARIO, "scenario.metrics", jax.eval_shape, applications.metrics, numbers, before)
     for name, value in metrics.items():
         if not _METRIC.fullmatch(name) or getattr(value, "shape", None) != ():
             raise BundleCrash(
@@ -150,6 +155,19 @@ def check_scenario(
                 f"scenario.metrics: {name!r} of shape {getattr(value, 'shape', None)}: must be scalars with names of "
                 "lower-case letters, digits and underscores",
             )
+
+
+def _blank_observation(sensors: Sensors, joints: Joints | None) -> Observation:
+    return Observation(
+        time_s=jnp.zeros(()),
+        pose=jnp.zeros(3),
+        velocity=jnp.zeros(3),
+        goal_index=jnp.zeros((), jnp.int32),
+        goal_m=jnp.zeros(2),
+        goal_robot_m=jnp.zeros(2),
+        joints=joints,
+        **blank_fields(sensors),
+    )
 
 
 def _require_same_form(code: CrashCode, name: str, before: State, after: State) -> None:

@@ -1,4 +1,4 @@
-"""One lane as data: what it is given, what changes in it, and what is kept of a control step."""
+"""The data of one lane: its inputs, its state, and the record of a control step."""
 
 from typing import NamedTuple
 
@@ -92,7 +92,7 @@ class Decision(NamedTuple):
     ranges_m: Float[jax.Array, "rays"]
 
 
-class Record(NamedTuple):
+class StepRecord(NamedTuple):
     """What is kept of a control step.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""Arrays kept until they are needed: in memory up to a size, beyond it in one file that nobody sees.
+"""A store of arrays: in memory up to a size, beyond it in one unnamed file.
 
 One file, however many arrays: each file mapped into memory costs a file descriptor, and a usual limit is 1,024.
 """

@@ -1,4 +1,4 @@
-"""What lanes did, sampled while they run, and given away for those episodes that are kept.
+"""Records what lanes do: samples while they run, given out for the episodes that are kept.
 
 A sample is the state at the beginning of a control step and what happened in it: where the robot was and how it moved,
 the scan it saw then, the control that was decided on it, and what contacts pushed the robot with until the next sample.
@@ -24,7 +24,7 @@ _LEAST_RATE = 1e-8
 
 
 class Steps(Protocol):
-    """What is recorded of a slice of control steps, (lanes, steps) first; as ``lane_state.Record``."""
+    """What is recorded of a slice of control steps, (lanes, steps) first; as ``lane_state.StepRecord``."""
 
     @property
     def pose(self) -> object:

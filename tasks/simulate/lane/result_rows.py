@@ -1,6 +1,7 @@
-"""Lanes as result rows."""
+"""Makes the result row of a lane."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float32
@@ -8,19 +9,20 @@ from jaxtyping import Float32
 from specs.data.episode import CONTROL_HZ, CONTROL_S, EpisodeRequest, EpisodeResult, unfinished
 from tasks.simulate.application.code import CrashCode
 from tasks.simulate.application.contract import REASONS
-from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, LaneState
+from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.sensor.odometry import ODOMETRY
 
 # One pose in half a simulated second is kept of a failed episode.
 POSE_STEPS = CONTROL_HZ // 2
-_CRASHES: dict[int, tuple[CrashCode, str]] = {
+_CRASHES: dict[int, tuple[CrashCode | Literal[""], str]] = {
+    NO_CRASH: ("", ""),
     ROBOT_CRASH: ("RobotApplicationCrash", "controller.step: returned a control that is not finite"),
-    ROBOT_CRASH + 1: ("SimulationApplicationCrash", "the robot's position or velocity is not finite, or beyond 1e10"),
+    SIMULATION_CRASH: ("SimulationApplicationCrash", "the robot's position or velocity is not finite, or beyond 1e10"),
 }
 
 
-def canceled_row(request: EpisodeRequest) -> EpisodeResult:
+def stopped_row(request: EpisodeRequest) -> EpisodeResult:
     """Returns the row of an episode that was stopped before its end; what it had done by then is not kept."""
     return unfinished(request.index, "Canceled", failure_code="", failure_reason="stopped before its end")
 
@@ -36,11 +38,8 @@ def finished_row(
         state: All lanes' states, on the host.
         poses: The slices' poses at the ends of their control steps.
     """
-    reason = REASONS[int(state.reason[position])]
-    crash = int(state.crash[position])
-    code, why = _CRASHES[crash] if crash != NO_CRASH else ("", "")
-    passed = reason == ""
-    steps, tally, pose = int(state.step[position]), state.tally, state.body.qpos[position]
+    reason, (code, why) = REASONS[int(state.reason[position])], _CRASHES[int(state.crash[position])]
+    steps, tally, pose, passed = int(state.step[position]), state.tally, state.body.qpos[position], reason == ""
     driven = float(tally.path_length_m[position])
     return EpisodeResult(
         index=lane.request.index,

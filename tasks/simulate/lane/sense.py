@@ -1,4 +1,4 @@
-"""What a lane's robot senses at a control step, and what its controller makes of it."""
+"""The first half of a control step: a lane's robot senses, and its controller decides."""
 
 import jax.numpy as jnp
 
@@ -7,7 +7,7 @@ from tasks.simulate.application.contract import Observation
 from tasks.simulate.application.motion import Motion
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState
-from tasks.simulate.sensor.sensor import Drive, Fields, Memory, Situation, turned
+from tasks.simulate.sensor.sensor import Drive, Fields, Memory, Situation, rotate
 from tasks.simulate.sensor.sensors import feel_all, observe_all
 
 
@@ -30,7 +30,7 @@ def observe(applications: Applications, inputs: LaneInputs, state: LaneState) ->
         time_s=state.step * CONTROL_S,
         goal_index=goal,
         goal_m=inputs.goals_m[goal],
-        goal_robot_m=turned(inputs.goals_m[goal] - pose[:2], -pose[2]),
+        goal_robot_m=rotate(inputs.goals_m[goal] - pose[:2], -pose[2]),
         joints=body.joints,
         **sensed,
     )

@@ -1,11 +1,11 @@
-"""What a control step came to: the scenario's verdict, sums, and whether the lane is done."""
+"""The second half of a control step: the scenario's verdict, sums, and whether the lane is done."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from specs.data.episode import CONTROL_S
-from tasks.simulate.application.contract import REASONS, Truth
+from tasks.simulate.application.contract import CRASH, TIMEOUT, Truth
 from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import (
@@ -15,34 +15,34 @@ from tasks.simulate.lane.lane_state import (
     Decision,
     LaneInputs,
     LaneState,
-    Record,
+    StepRecord,
     Tally,
 )
 from tasks.simulate.lane.sense import feel
 
 # What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.
 _MOST = 1e10
-TIMEOUT, CRASH = REASONS.index("timeout"), REASONS.index("crash")
 
 
 def settle(
-    applications: Applications,
-    inputs: LaneInputs,
-    state: LaneState,
-    decided: Decision,
-    motion: Motion,
-) -> tuple[LaneState, Record]:
+    applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decision, motion: Motion
+) -> tuple[LaneState, StepRecord]:
     """Returns a lane after a control step that a controller decided and an engine drove.
 
     A lane that is done stays as it is, bit for bit.
+
+    Args:
+        applications: With the scenario and the sensors.
+        inputs: The lane's.
+        state: Before the step.
+        decided: By the controller.
+        motion: What the engine made of it.
     """
     body, work, clearance_m = motion
-    finite_control = jnp.isfinite(decided.control).all()
-    sound_body = jnp.stack([(jnp.abs(each) < _MOST).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
     step = state.step + 1
     truth = _truth(inputs, body, work, clearance_m, step)
     scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
-    crash = jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~sound_body, SIMULATION_CRASH, NO_CRASH))
+    crash = _crash(decided, body)
     timeout = ~verdict.done & (step >= inputs.last_step)
     reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, verdict.reason))
     moved = LaneState(
@@ -61,9 +61,19 @@ def settle(
     )
     # A lane that crashes keeps its last sound state, and says only that it crashed.
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
-    chosen = _select(crash > 0, crashed, moved)
-    final = _select(state.done, state, chosen)
-    record = Record(
+    final = _select(state.done, state, _select(crash > 0, crashed, moved))
+    return final, _record(final, decided, work)
+
+
+def _crash(decided: Decision, body: Body) -> Int[jax.Array, ""]:
+    """Returns whether a step went wrong, and whose fault it is: a control or a body that is no number."""
+    finite_control = jnp.isfinite(decided.control).all()
+    sound_body = jnp.stack([(jnp.abs(each) < _MOST).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
+    return jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~sound_body, SIMULATION_CRASH, NO_CRASH))
+
+
+def _record(final: LaneState, decided: Decision, work: Work) -> StepRecord:
+    return StepRecord(
         pose=final.body.qpos,
         velocity=final.body.qvel,
         goal_index=final.goal_index,
@@ -71,7 +81,6 @@ def settle(
         ranges_m=decided.ranges_m,
         impulse_ns=work.impulse_ns,
     )
-    return final, record
 
 
 def _truth(

@@ -1,4 +1,4 @@
-"""Episodes made ready on the host: worlds as arrays, starts and goals drawn, everything stacked lane by lane."""
+"""Stages episodes on the host: turns worlds into arrays, draws starts and goals, stacks everything lane by lane."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from jaxtyping import Float32, Float64
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.world import World
-from tasks.simulate.application.code import BundleCrash, guarded
+from tasks.simulate.application.code import BundleCrash, call_bundle
 from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Scenario
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.lane_state import LaneInputs
@@ -18,9 +18,9 @@ from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensor.lidar import Lidar
 from tasks.simulate.sensor.noise import seed_words
 from tasks.simulate.surroundings.floor_map import floor_maps
-from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, padded
+from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
 from tasks.simulate.surroundings.shortest_path import shortest_paths_m
-from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, padded_silhouettes, silhouettes
+from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, pad_silhouettes, silhouettes
 
 _SEEN_M = 1e-3  # half the thickness of the lidar's plane
 
@@ -47,22 +47,29 @@ def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[
     touched = [obstacles(world, hull.low_m, hull.high_m) for world in worlds.values()]
     seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
     floors = floor_maps(list(worlds.values()), touched)
-    stages = map(Stage, padded(touched), padded_silhouettes(map(silhouettes, seen)), floors)
+    stages = map(Stage, pad_obstacles(touched), pad_silhouettes(map(silhouettes, seen)), floors)
     return dict(zip(worlds, stages, strict=True))
 
 
 def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stage, hull: Hull) -> Placement:
     """Returns where an episode starts and which goals it has, drawn by its seed.
 
+    Args:
+        scenario: Draws them.
+        request: The episode.
+        world: Where.
+        stage: The same as arrays.
+        hull: The robot's.
+
     Raises:
         BundleCrash: The scenario raises, or returns no finite start, or no goal, or no distance to arrive at.
     """
     code = "SimulationApplicationCrash"
     rng = np.random.default_rng(request.seed)
-    drawn = guarded(code, "scenario.place", scenario.place, world, stage.floor, hull.radius_m, rng)
-    start = guarded(code, "scenario.place", np.asarray, drawn.start, np.float64)
-    goals = guarded(code, "scenario.place", np.asarray, drawn.goals_m, np.float64)
-    given = guarded(code, "scenario.place", lambda: tuple(np.asarray(each) for each in getattr(drawn, "given", ())))
+    drawn = call_bundle(code, "scenario.place", scenario.place, world, stage.floor, hull.radius_m, rng)
+    start = call_bundle(code, "scenario.place", np.asarray, drawn.start, np.float64)
+    goals = call_bundle(code, "scenario.place", np.asarray, drawn.goals_m, np.float64)
+    given = call_bundle(code, "scenario.place", lambda: tuple(np.asarray(each) for each in getattr(drawn, "given", ())))
     if start.shape != (3,) or goals.ndim != 2 or goals.shape[1] != 2 or not len(goals):
         raise BundleCrash(code, f"scenario.place: start {start.shape} and goals {goals.shape}, not (3,) and (1+, 2)")
     if not (np.isfinite(start).all() and np.isfinite(goals).all()):
@@ -75,7 +82,7 @@ def _arrived_m(scenario: Scenario) -> float | None:
     if arrived is None:
         return None
     code = "SimulationApplicationCrash"
-    arrived_m = guarded(code, "scenario.arrived_m", float, arrived)
+    arrived_m = call_bundle(code, "scenario.arrived_m", float, arrived)
     if not (np.isfinite(arrived_m) and arrived_m >= 0.0):
         raise BundleCrash(code, f"scenario.arrived_m: {arrived_m}: must be a distance of at least 0, or None")
     return arrived_m

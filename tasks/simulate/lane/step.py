@@ -13,7 +13,7 @@ from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body, Motion
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.calls import Applications
-from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Record
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.sense import decide
 from tasks.simulate.lane.settle import settle
 
@@ -38,8 +38,15 @@ class Mechanics:
 
 def advance_lane(
     mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
-) -> tuple[LaneState, Record]:
-    """Returns a lane one control step later."""
+) -> tuple[LaneState, StepRecord]:
+    """Returns a lane one control step later.
+
+    Args:
+        mechanics: The robot on an engine.
+        applications: Controller, scenario and sensors.
+        inputs: The lane's.
+        state: Before the step.
+    """
     decided = decide(applications, inputs, state)
     motion = mechanics.drive(inputs, state.body, decided.control)
     return settle(applications, inputs, state, decided, motion)

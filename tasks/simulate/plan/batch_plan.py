@@ -1,4 +1,4 @@
-"""What a batch is going to run: its job templates multiplied by worlds, seeds and parameters."""
+"""The plan of a batch: job templates to be multiplied by worlds, seeds and parameters."""
 
 from pydantic import Field
 

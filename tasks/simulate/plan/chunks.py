@@ -1,12 +1,10 @@
-"""Episodes grouped into chunks: what runs as the lanes of one compiled program.
+"""Groups episodes into chunks: a chunk runs as the lanes of one compiled program.
 
 A chunk is the unit of work, of resume and of progress. How requests fall into chunks depends on the requests and the
 lane count alone, so that a resumed batch has the chunks of the unbroken one.
 
-The order in which a batch that may be ended early takes its episodes: any beginning of it stands for the whole.
-
-It follows from the batch's plan alone and from no library's release: a batch that is continued elsewhere has the chunks
-that it had.
+A batch that may be ended early takes its episodes in a drawn order, so that any beginning of it stands for the whole.
+The order follows from the batch's plan alone and from no library's release.
 """
 
 import hashlib

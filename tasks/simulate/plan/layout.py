@@ -1,4 +1,4 @@
-"""Which episode a batch's plan has where: computed for any place in it, so that a large batch is never written out.
+"""The layout of a batch: which episode stands where in its plan, computed for any place and never written out.
 
 Episodes are numbered by request, world, parameter set and seed. Those that share a program form a group, in the order
 of their numbers, and a group is cut into chunks of as many as there are lanes

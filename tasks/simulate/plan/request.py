@@ -1,4 +1,4 @@
-"""What a batch was asked for: the request in its record, of a batch or of a single job.
+"""The request in a batch's record, of a batch or of a single job.
 
 See docs/reference/robomaker.md, sections 3 and 4.
 """

@@ -1,4 +1,4 @@
-"""A document's simulation section with everything it refers to resolved: the batch's plan."""
+"""Makes a batch's plan of a document's simulation section, with all references resolved."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -41,24 +41,12 @@ def plan_batch(
     Raises:
         DocumentError: A request lacks an application or a launch configuration; tells of all requests at once.
     """
-    faults = [
-        fault
-        for number, request in enumerate(section.createSimulationJobRequests)
-        for fault in _faults(number, request)
-    ]
-    if faults:
+    requests, policy = section.createSimulationJobRequests, section.batchPolicy
+    if faults := [fault for number, request in enumerate(requests) for fault in _faults(number, request)]:
         raise DocumentError(faults)
-    data = [
-        within_limits(tuple(map(find_data, request.dataSources or ())))
-        for request in section.createSimulationJobRequests
-    ]
-    templates = tuple(
-        _template(f"{_REQUESTS}[{number}]", request, find_version, data[number])
-        for number, request in enumerate(section.createSimulationJobRequests)
-    )
-    policy = section.batchPolicy
+    data = [within_limits(tuple(map(find_data, request.dataSources or ()))) for request in requests]
     plan = BatchPlan(
-        templates=templates,
+        templates=_templates(requests, find_version, data),
         worlds=tuple(worlds),
         seeds=seed_list(section),
         sweep={name: tuple(values) for name, values in section.matrix.environmentVariables.items()},
@@ -108,6 +96,15 @@ def output_location(section: SimulationBatch) -> OutputLocation:
         allowed = "one place for the whole batch, as simulationBatch.outputLocation"
         raise DocumentError([Fault(path=path, value=", ".join(sorted(places)), allowed=allowed)])
     return next(iter(places.values()), DEFAULT_OUTPUT)
+
+
+def _templates(
+    requests: Sequence[PipelineJobRequest], find_version: FindVersion, data: Sequence[Sequence[PinnedSource]]
+) -> tuple[JobTemplate, ...]:
+    return tuple(
+        _template(f"{_REQUESTS}[{number}]", request, find_version, data[number])
+        for number, request in enumerate(requests)
+    )
 
 
 def _template(

@@ -1,1 +1,1 @@
-"""An episode simulated once more, and made smaller. Flows may import it."""
+"""Replays an episode, and makes a failing one smaller. Flows may import it."""

@@ -1,4 +1,4 @@
-"""Less of what makes an episode fail: delta debugging, with all that is tried in a round tried together.
+"""Delta debugging: finds a small part of a world that still makes an episode fail.
 
 Zeller and Hildebrandt 2002 (IEEE Transactions on Software Engineering 28:183), algorithm ddmin: parts, then what is
 left without each part, in ever smaller parts, until nothing can be left out any more. There a test is run after the

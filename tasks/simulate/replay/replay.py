@@ -1,4 +1,4 @@
-"""An episode of a batch that has ended, simulated once more from nothing but its batch's record.
+"""Replays an episode of a batch from nothing but the batch's record.
 
 This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
 """
@@ -13,7 +13,7 @@ from specs.base import Fault
 from specs.data.episode import EpisodeRequest
 from specs.data.world import World
 from specs.errors import ResourceNotFound
-from tasks.simulate.batch.commit import load_worlds, mounts
+from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.devices import prepare_devices
 
@@ -50,7 +50,7 @@ def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine:
     """
     request = batch.layout.request(index)
     worlds, missing = load_worlds(batch, [request])
-    mounted = mounts(batch)
+    mounted = batch_mounts(batch)
     if why := missing.get(request.world) or mounted.failure(request):
         fault = Fault(path="simulation-job", value=f"{batch.id}/{index}", allowed=f"one that can be replayed: {why}")
         raise ResourceNotFound([fault], source="simyard")

@@ -1,4 +1,4 @@
-"""One episode driven again, with what a picture of it needs besides its row."""
+"""Drives one episode again, and keeps what a picture of it needs besides its row."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

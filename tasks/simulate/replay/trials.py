@@ -1,4 +1,4 @@
-"""One episode in other worlds and with other seeds, simulated together.
+"""Simulates one episode in other worlds and with other seeds, all together.
 
 This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
 """
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.batch.commit import mounts
+from tasks.simulate.batch.commit import batch_mounts
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.chunk.runner import simulate_chunk
 from tasks.simulate.plan.chunks import plan_chunks
@@ -37,7 +37,7 @@ def simulate_trials(
     Raises:
         JaxAlreadyImported: JAX was imported before its settings could be made.
     """
-    asked = mounts(batch).resolved(request)
+    asked = batch_mounts(batch).resolved(request)
     worlds = {f"trials/{number}": trial.world for number, trial in enumerate(trials)}
     requests = [
         asked.model_copy(update={"index": number, "world": world, "seed": trials[number].seed})

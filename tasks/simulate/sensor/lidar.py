@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Float32, Int
 
 from tasks.simulate.sensor.noise import Seed, step_key
-from tasks.simulate.sensor.sensor import Fields, Memory, Scalar, Sensor, Situation, is_set, turned
+from tasks.simulate.sensor.sensor import Fields, Memory, Scalar, Sensor, Situation, is_set, rotate
 from tasks.simulate.surroundings.lidar import scan_ranges
 
 _TURN_RAD = 2 * math.pi
@@ -96,7 +96,7 @@ def _scan(shared: Lidar, own: Lidar, situation: Situation) -> Float[Array, "rays
     mount = (own.x_m, own.y_m, own.yaw_rad)
     if any(map(is_set, mount)):
         offset = jnp.stack([jnp.asarray(value, pose.dtype) for value in mount])
-        pose = pose + turned(offset, pose[2])
+        pose = pose + rotate(offset, pose[2])
     ranges = scan_ranges(situation.seen, pose, ray_angles(shared), shared.range_m)
     return noisy_ranges(ranges, own, situation.seed, situation.step)
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from tasks.simulate.sensor.noise import Seed, step_key
-from tasks.simulate.sensor.sensor import Drive, Fields, Memory, Scalar, Sensor, Situation, turned
+from tasks.simulate.sensor.sensor import Drive, Fields, Memory, Scalar, Sensor, Situation, rotate
 
 Pose = Float[Array, "3"]
 _NOISE = 2
@@ -31,7 +31,9 @@ class Odometry(NamedTuple):
     sigma_rad_per_rad: Scalar = 0.0
 
 
-def drifted(believed: Pose, before: Pose, after: Pose, odometry: Odometry, *, seed: Seed, step: Int[Array, ""]) -> Pose:
+def believed_pose(
+    believed: Pose, before: Pose, after: Pose, odometry: Odometry, *, seed: Seed, step: Int[Array, ""]
+) -> Pose:
     """Returns the pose that a robot believes to have after a control step.
 
     Args:
@@ -63,7 +65,7 @@ def _feel(_shared: Odometry | None, own: Odometry | None, believed: Memory, driv
     if own is None or believed is None:
         return None
     before, after = drive.before.qpos, drive.motion.body.qpos
-    return drifted(believed, before, after, own, seed=drive.seed, step=drive.step)
+    return believed_pose(believed, before, after, own, seed=drive.seed, step=drive.step)
 
 
 def _observe(_shared: Odometry | None, _own: Odometry | None, believed: Memory, situation: Situation) -> Fields:
@@ -71,7 +73,7 @@ def _observe(_shared: Odometry | None, _own: Odometry | None, believed: Memory, 
     if believed is None:
         return {}
     pose, velocity = situation.body.qpos, situation.body.qvel
-    return {"pose": believed, "velocity": turned(velocity, believed[2] - pose[2])}
+    return {"pose": believed, "velocity": rotate(velocity, believed[2] - pose[2])}
 
 
 def _blank(_shared: Odometry | None) -> Fields:

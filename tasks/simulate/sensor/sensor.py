@@ -1,4 +1,4 @@
-"""What a sensor is: one record of how a controller declares it, what it remembers, and what it gives at a control step.
+"""The record of a sensor: how a controller declares it, what it remembers, and what it gives at a control step.
 
 The functions of a record are pure JAX for one lane, the same for every engine. They get the sensor as the program has
 it, in plain numbers, and as the lane has it, whose numbers may be traced.
@@ -102,7 +102,7 @@ def is_set(value: Scalar) -> bool:
     return not (isinstance(value, int | float) and value == 0.0)
 
 
-def turned(vector: Float[jax.Array, "axes"], yaw_rad: Float[jax.Array, ""]) -> Float[jax.Array, "axes"]:
+def rotate(vector: Float[jax.Array, "axes"], yaw_rad: Float[jax.Array, ""]) -> Float[jax.Array, "axes"]:
     """Returns a vector with its first two parts turned counter-clockwise."""
     cos, sin = jnp.cos(yaw_rad), jnp.sin(yaw_rad)
     rotated = jnp.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])

@@ -1,4 +1,4 @@
-"""The sensors of a robot: the table of all that there are, read from its controller object and checked.
+"""The table of sensors, and the sensors of a robot: read from its controller object, and checked.
 
 A controller has its sensors as attributes: ``lidar``, ``odometry``, ``bumper``. Each is an object with the attributes
 of the tuple in its module; those that have a default may be left out. What decides array shapes or what is staged is
@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, cast
 
-from tasks.simulate.application.code import BundleCrash, CrashCode, guarded
+from tasks.simulate.application.code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensor.bumper import BUMPER, Bumper
 from tasks.simulate.sensor.lidar import LIDAR, Lidar
 from tasks.simulate.sensor.odometry import ODOMETRY, Odometry
@@ -34,7 +34,8 @@ SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER)
 def sensors_of(controller: object) -> Sensors:
     """Returns what a controller declares; its numbers may be traced, and none is checked."""
     declared = ((sensor, getattr(controller, sensor.name, None)) for sensor in SENSORS)
-    return Sensors(*(sensor.absent if own is None else _filled(sensor, own) for sensor, own in declared))
+    values: list[Any] = [sensor.absent if own is None else _filled(sensor, own) for sensor, own in declared]
+    return Sensors(*values)
 
 
 def read_sensors(make_controller: Callable[..., object], environment: Mapping[str, object]) -> Sensors:
@@ -43,8 +44,8 @@ def read_sensors(make_controller: Callable[..., object], environment: Mapping[st
     Raises:
         BundleCrash: The controller cannot be made, or declares what cannot be; tells of all faults at once.
     """
-    made = guarded(_ROBOT, "controller(environment)", make_controller, environment)
-    found = guarded(_ROBOT, "the controller's sensors", sensors_of, made)
+    made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
+    found = call_bundle(_ROBOT, "the controller's sensors", sensors_of, made)
     faults = [
         fault
         for sensor, declared in zip(SENSORS, found, strict=True)

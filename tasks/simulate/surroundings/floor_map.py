@@ -78,10 +78,3 @@ def _to_box_squared(
 def _extent_m(world: World) -> float:
     outer = world.footprint
     return max(outer.x_max_m - outer.x_min_m, outer.y_max_m - outer.y_min_m)
-
-
-def cell_of(floor: HostMap, point_m: Float64[np.ndarray, "2"]) -> tuple[int, int]:
-    """Returns the (row, column) of the cell that holds a point, clipped to the grid."""
-    column, row = np.rint((point_m - floor.origin_m) / floor.cell_m).astype(int)
-    rows, columns = floor.clearance_m.shape
-    return int(np.clip(row, 0, rows - 1)), int(np.clip(column, 0, columns - 1))

@@ -1,4 +1,4 @@
-"""A planar lidar over silhouettes: exact intersections, all lanes at once.
+"""The scan of a planar lidar: exact intersections of rays with silhouettes, all lanes at once.
 
 Rays lie in the last axis, so vector units work on neighbouring rays of one lane and every outline is read once. How
 many outlines are looked at is decided while running, by the fullest world among the lanes: padding costs nothing.

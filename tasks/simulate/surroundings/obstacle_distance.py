@@ -1,4 +1,4 @@
-"""How far a point is from the obstacles of a world, seen from above."""
+"""The distance of a point from the obstacles of a world, seen from above."""
 
 import jax
 import jax.numpy as jnp

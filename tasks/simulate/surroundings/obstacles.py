@@ -1,4 +1,4 @@
-"""A world as obstacle arrays: what the robot can touch, and what its lidar sees, padded so that all worlds fit."""
+"""The obstacles of a world as arrays, padded so that all worlds of a chunk have the same shapes."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -38,7 +38,7 @@ def obstacles(world: World, low_m: float, high_m: float) -> Obstacles:
     return Obstacles(np.asarray(boxes, np.float32).reshape(-1, 8), np.asarray(cylinders, np.float32).reshape(-1, 5))
 
 
-def padded(worlds: Iterable[Obstacles]) -> list[Obstacles]:
+def pad_obstacles(worlds: Iterable[Obstacles]) -> list[Obstacles]:
     """Returns the worlds' obstacles with parked specks added, so that all have the same, bucketed counts."""
     given = list(worlds)
     boxes = _bucket(max((len(each.boxes) for each in given), default=0), _LEAST_BOXES)

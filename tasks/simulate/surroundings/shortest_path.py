@@ -1,4 +1,4 @@
-"""Shortest way on the floor for a disc: the length that a driven path is compared with.
+"""The shortest path of a disc on the floor, which a driven path is compared with.
 
 Ways go at any angle and are exact but for the polygons that stand for arcs. A goal is a disc, too: where the robot has
 arrived.
@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from tasks.simulate.application.contract import Placement
 from tasks.simulate.surroundings.obstacles import Obstacles
-from tasks.simulate.surroundings.tangent_graph import TangentGraph, is_free_place, joined, tangent_graph
+from tasks.simulate.surroundings.tangent_graph import TangentGraph, distance_matrix, is_free_place, tangent_graph
 from tasks.simulate.surroundings.visibility import Points, is_free, solids_of
 
 _GRAPHS_KEPT = 512
@@ -96,7 +96,7 @@ def _lines(graph: TangentGraph, stops: Float64[np.ndarray, "tasks stops 2"]) -> 
     pairs = np.unique(np.stack([nodes[:, :-1].ravel(), nodes[:, 1:].ravel()]), axis=1)
     corners = len(graph.corners_m)
     sources = np.unique(nodes[:, :-1])
-    ways = joined(graph, points, (pairs[0], pairs[1]))
+    ways = distance_matrix(graph, points, (pairs[0], pairs[1]))
     _, before = dijkstra(ways, directed=False, indices=corners + sources, return_predecessors=True)
     places = np.vstack([graph.corners_m, points])
     rows = {int(node): before[row] for row, node in enumerate(sources)}

@@ -1,4 +1,4 @@
-"""A world cut at the lidar's plane, sorted by what a ray costs: upright boxes, turned boxes, circles."""
+"""The outlines of a world in the lidar's plane, sorted by what a ray costs: upright boxes, turned boxes, circles."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -56,7 +56,7 @@ def silhouettes(seen: Obstacles) -> HostSilhouettes:
     return HostSilhouettes(straight.astype(np.float32), turned.astype(np.float32), circles.astype(np.float32), counts)
 
 
-def padded_silhouettes(worlds: Iterable[HostSilhouettes]) -> list[HostSilhouettes]:
+def pad_silhouettes(worlds: Iterable[HostSilhouettes]) -> list[HostSilhouettes]:
     """Returns the worlds' outlines with parked specks added, so that all have the same, bucketed sizes."""
     given = list(worlds)
     most = np.max([each.counts for each in given], axis=0) if given else np.zeros(3, np.int32)

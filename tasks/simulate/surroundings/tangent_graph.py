@@ -1,4 +1,4 @@
-"""All ways that a shortest one can take around a world's solids: straight from corner to corner.
+"""The tangent graph of a world: the straight lines, from corner to corner, that a shortest path can take.
 
 A shortest way of a disc among solids is made of straight lines that touch the rounded corners of the solids, grown by
 the disc's radius, and of arcs around these corners (T. Lozano-Perez and M. Wesley, 1979; the reduced visibility graph
@@ -73,7 +73,7 @@ def is_free_place(graph: TangentGraph, points: Points) -> Bool[np.ndarray, "poin
     return clearance_m(graph.solids, points) >= graph.radius_m
 
 
-def joined(
+def distance_matrix(
     graph: TangentGraph, points: Points, pairs: tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]
 ) -> csr_array:
     """Returns lengths between all corners and, after them, points; straight between points only for the given pairs."""

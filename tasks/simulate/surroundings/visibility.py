@@ -1,4 +1,4 @@
-"""Which straight ways a disc has between a world's solids, exactly, seen from above."""
+"""The straight ways that a disc has between a world's solids, exactly, seen from above."""
 
 from typing import NamedTuple
 
@@ -55,6 +55,12 @@ def is_free(solids: Solids, starts: Points, ends: Points, radius_m: float) -> Bo
     """Returns whether a disc gets straight from each start to its end without touching a solid.
 
     Both ends must be free themselves.
+
+    Args:
+        solids: What is in the way.
+        starts: Where each line begins.
+        ends: Where it ends.
+        radius_m: The disc's.
     """
     free = np.ones(len(starts), bool)
     reach = np.hypot(*solids.half_m.T) + solids.rim_m + radius_m

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from applications.delivery.delivery.rooms import ARRIVED_M, HARD_IMPULSE_NS, STUCK_S, Progress, Rooms, Verdict, scenario
 from specs.data.world import Rectangle, World
 from tasks.simulate.application.contract import REASONS, HostMap, Placement, Truth
-from tasks.simulate.surroundings.floor_map import cell_of, floor_map
+from tasks.simulate.surroundings.floor_map import floor_map
 from tasks.simulate.surroundings.obstacles import obstacles
+from tests.factories.floor_cells import cell_of
 from tests.factories.simulations import cluttered, pen
 
 RADIUS_M = 0.18

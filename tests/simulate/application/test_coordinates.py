@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.simulate.application.coordinates import placed, pose_of, velocity_of
+from tasks.simulate.application.coordinates import coordinates_at, pose_of, velocity_of
 from tasks.simulate.application.robot_mjcf import base_of
 
 FREE = """<mujoco><worldbody><body name="b" pos="1 2 0.7" euler="20 10 40"><freejoint/><geom size="0.1"/>
@@ -28,7 +28,7 @@ def frame(qpos: np.ndarray, qvel: np.ndarray) -> mujoco.MjData:
 @given(st.floats(-5, 5), st.floats(-5, 5), ANGLES)
 def test_a_robot_is_placed_as_tall_and_as_tilted_as_it_rests(x: float, y: float, yaw: float):
     rest = frame(MODEL.qpos0, np.zeros(MODEL.nv))
-    there = frame(placed(BASE, MODEL.qpos0, np.array([x, y, yaw]), np), np.zeros(MODEL.nv))
+    there = frame(coordinates_at(BASE, MODEL.qpos0, np.array([x, y, yaw]), np), np.zeros(MODEL.nv))
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     np.testing.assert_allclose(there.xpos[1], [x, y, rest.xpos[1][2]], atol=1e-12)
@@ -53,7 +53,7 @@ def test_pose_and_velocity_are_the_base_frames(quaternion: list[float], rate: fl
 def test_many_robots_are_each_as_one_and_jax_agrees(lanes: int):
     rng = np.random.default_rng(lanes)
     starts = rng.uniform(-3, 3, (lanes, 3))
-    together = placed(BASE, MODEL.qpos0, starts, np)
+    together = coordinates_at(BASE, MODEL.qpos0, starts, np)
     for start, qpos in zip(starts, together, strict=True):
-        np.testing.assert_array_equal(placed(BASE, MODEL.qpos0, start, np), qpos)
+        np.testing.assert_array_equal(coordinates_at(BASE, MODEL.qpos0, start, np), qpos)
         np.testing.assert_allclose(pose_of(BASE, jnp.asarray(qpos), jnp), pose_of(BASE, qpos, np), atol=1e-5)

@@ -9,7 +9,7 @@ from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit.audit_drive import audit
 from tasks.simulate.audit.audit_report import AuditReport
-from tasks.simulate.audit.audit_sample import Sampled
+from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.chunk.runner import simulate_chunk
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pushing
@@ -28,8 +28,8 @@ def report(rows: list[EpisodeResult], apartments: dict[str, World]) -> AuditRepo
     return audit(sample(REQUESTS, rows), apartments, FOLDERS, lanes=8)
 
 
-def sample(requests: Sequence[EpisodeRequest], rows: Sequence[EpisodeResult]) -> list[Sampled]:
-    return [Sampled(request, row, row.index % 2 == 0) for request, row in zip(requests, rows, strict=True)]
+def sample(requests: Sequence[EpisodeRequest], rows: Sequence[EpisodeResult]) -> list[SampledEpisode]:
+    return [SampledEpisode(request, row, row.index % 2 == 0) for request, row in zip(requests, rows, strict=True)]
 
 
 def test_sound_rows_pass(report: AuditReport):

@@ -2,16 +2,16 @@
 
 import pytest
 
-from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict, Deviation, FlipRate, judged, not_run
+from tasks.simulate.audit.audit_report import ApartQuantiles, AuditReport, AuditVerdict, FlipRate, not_run, with_verdict
 
-WAY = Deviation(median_m=1e-6, p90_m=3e-6, max_m=1e-5)
+WAY = ApartQuantiles(median_m=1e-6, p90_m=3e-6, max_m=1e-5)
 
 
 def report(**changes: object) -> AuditReport:
     base = AuditReport(
         verdict="NOT RUN", sentence="", lanes=16, compared=16, way=WAY, spread=FlipRate(lanes=16, flips=0)
     )
-    return judged(base.model_copy(update=changes))
+    return with_verdict(base.model_copy(update=changes))
 
 
 @pytest.mark.parametrize(
@@ -23,9 +23,9 @@ def report(**changes: object) -> AuditReport:
         ({"spread": FlipRate(lanes=4, flips=1)}, "SOUND"),
         ({"spread": FlipRate(lanes=4, flips=2)}, "SUSPECT"),
         ({"failed": FlipRate(lanes=1, flips=1)}, "SOUND"),
-        ({"unflipped": Deviation(median_m=1e-6, p90_m=0.06, max_m=0.07)}, "SUSPECT"),
-        ({"unflipped": Deviation(median_m=1e-6, p90_m=0.04, max_m=9.0)}, "SOUND"),
-        ({"way": Deviation(median_m=1e-6, p90_m=3.0, max_m=9.0)}, "SOUND"),
+        ({"unflipped": ApartQuantiles(median_m=1e-6, p90_m=0.06, max_m=0.07)}, "SUSPECT"),
+        ({"unflipped": ApartQuantiles(median_m=1e-6, p90_m=0.04, max_m=9.0)}, "SOUND"),
+        ({"way": ApartQuantiles(median_m=1e-6, p90_m=3.0, max_m=9.0)}, "SOUND"),
         ({"compared": 8}, "SOUND"),
         ({"compared": 7}, "NOT COMPARED"),
         ({"compared": 7, "spread": FlipRate(lanes=7, flips=2)}, "SUSPECT"),
@@ -48,13 +48,13 @@ def test_the_sentence_has_the_numbers():
     assert found.sentence == "16 lanes on C MuJoCo: 1 of 10 outcomes flipped, 1 of 6 failed ones, p90 3e-06 m apart"
     alarmed = report(unreproduced=(3, 9))
     assert alarmed.sentence.startswith("2 of 16 rows are not what their engine makes of them (3, 9); ")
-    apart = report(unflipped=Deviation(median_m=0.1, p90_m=0.25, max_m=0.3))
+    apart = report(unflipped=ApartQuantiles(median_m=0.1, p90_m=0.25, max_m=0.3))
     assert apart.sentence.startswith("robots with the same outcome are apart from C MuJoCo's by 0.25 m (p90); ")
     assert report(compared=4).sentence.endswith("; no more than 4 of the 16 drawn could be compared")
 
 
 def test_a_comparison_of_an_engine_with_itself_is_none():
-    found = judged(AuditReport(verdict="NOT RUN", sentence="", lanes=4), "the rows were made by mujoco")
+    found = with_verdict(AuditReport(verdict="NOT RUN", sentence="", lanes=4), "the rows were made by mujoco")
     assert (found.verdict, found.sentence) == (
         "NOT COMPARED",
         "4 lanes made again, not compared: the rows were made by mujoco",

@@ -14,9 +14,9 @@ from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit import audit_drive as auditing_module
 from tasks.simulate.audit import audit_run
-from tasks.simulate.audit.audit_report import AuditReport, judged
+from tasks.simulate.audit.audit_report import AuditReport, with_verdict
 from tasks.simulate.audit.audit_run import audit_batch
-from tasks.simulate.audit.audit_sample import Sampled
+from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.data.pins import pinned
@@ -27,7 +27,7 @@ from tests.factories.planned_batches import begun, mixed, plan, template
 from tests.factories.worlds import apartment
 
 PLACE = OutputLocation(s3Bucket="results", s3Prefix="nightly")
-Calls = list[Sequence[Sampled]]
+Calls = list[Sequence[SampledEpisode]]
 
 
 @pytest.fixture
@@ -35,10 +35,10 @@ def audited(monkeypatch: pytest.MonkeyPatch) -> Calls:
     """Replaces the driving: every sample is sound."""
     calls: Calls = []
 
-    def sound(sample: Sequence[Sampled], *_: object, drawn: int, **__: object) -> AuditReport:
+    def sound(sample: Sequence[SampledEpisode], *_: object, drawn: int, **__: object) -> AuditReport:
         calls.append(sample)
         count = len(sample)
-        return judged(AuditReport(verdict="NOT RUN", sentence="", sampled=drawn, lanes=count, compared=count))
+        return with_verdict(AuditReport(verdict="NOT RUN", sentence="", sampled=drawn, lanes=count, compared=count))
 
     monkeypatch.setattr(auditing_module, "audit", sound)
     return calls

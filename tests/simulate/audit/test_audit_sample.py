@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeResult, unfinished
-from tasks.simulate.audit.audit_sample import audited_positions, sampled
+from tasks.simulate.audit.audit_sample import audited_positions, draw_sample
 from tasks.simulate.batch.stop import LEFT_OUT
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
@@ -45,7 +45,7 @@ class Rows:
 
 def test_half_of_the_sample_failed_where_so_many_did():
     rows = Rows(100, 10)
-    found = sampled(rows.layout, rows, 16)
+    found = draw_sample(rows.layout, rows, 16)
     failed = [each for each in found if each.row.outcome == "Failed"]
     assert len([each for each in failed if not each.spread]) <= 8
     assert len(failed) >= 8
@@ -55,14 +55,14 @@ def test_half_of_the_sample_failed_where_so_many_did():
 
 def test_without_failures_all_are_evenly_spread():
     rows = Rows(100, 10**9)
-    found = sampled(rows.layout, rows, 16)
+    found = draw_sample(rows.layout, rows, 16)
     # the first one collides: 0 is a multiple of everything
     assert len([each for each in found if each.spread]) >= 15
 
 
 def test_a_large_batch_is_not_read_as_a_whole():
     rows = Rows(50_000, 10)
-    found = sampled(rows.layout, rows, 16)
+    found = draw_sample(rows.layout, rows, 16)
     assert rows.layout.chunks == 2000
     assert len(rows.read) == len(set(rows.read)) <= 16
     assert len(found) <= 16
@@ -76,15 +76,15 @@ def test_what_was_canceled_or_never_began_is_left_out():
         3: collided(3),
     }
     small = layout(2)
-    found = sampled(small, lambda number: [made[r.index] for r in small.chunk(number).requests], 16)
+    found = draw_sample(small, lambda number: [made[r.index] for r in small.chunk(number).requests], 16)
     assert [each.request.index for each in found] == [2, 3]
 
 
 @given(st.integers(1, 400), st.integers(1, 50), st.integers(1, 64))
 def test_the_sample_is_the_same_again_and_never_too_large(seeds: int, each: int, lanes: int):
     rows = Rows(seeds, each)
-    found = sampled(rows.layout, rows, lanes)
-    assert found == sampled(rows.layout, rows, lanes)
+    found = draw_sample(rows.layout, rows, lanes)
+    assert found == draw_sample(rows.layout, rows, lanes)
     assert 1 <= len(found) <= lanes
 
 
@@ -106,7 +106,7 @@ def test_every_value_of_a_sweep_is_audited(swept: int):
         "seeds": (0,),
     }
     swept_layout = Layout(layout(1).plan.model_copy(update=changes))
-    found = sampled(swept_layout, lambda number: [passed(r.index) for r in swept_layout.chunk(number).requests], 16)
+    found = draw_sample(swept_layout, lambda number: [passed(r.index) for r in swept_layout.chunk(number).requests], 16)
     values = [each.request.environment["MAX_SPEED"] for each in found]
     counts = [values.count(speed) for speed in speeds]
     assert sum(counts) == 16
@@ -127,7 +127,7 @@ def test_another_plan_has_another_sample():
     one, other = (audited_positions(10_000, 16, seed) for seed in ("a", "b"))
     assert one != other
     rows, others = Rows(1000, 10**9), Rows(1001, 10**9)
-    indices = [{each.request.index for each in sampled(each.layout, each, 16)} for each in (rows, others)]
+    indices = [{each.request.index for each in draw_sample(each.layout, each, 16)} for each in (rows, others)]
     assert indices[0] != indices[1]
 
 
@@ -142,7 +142,7 @@ def test_of_a_batch_that_was_ended_early_what_was_driven_is_audited():
             return [passed(index) for index in indices]
         return [unfinished(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
 
-    found = sampled(early, rows_of, 16)
+    found = draw_sample(early, rows_of, 16)
     assert len(found) == 16
     assert {early.chunk_of(each.request.index) for each in found} == {0, 1, 2}
     assert len(set(read)) <= 3 + 4  # of 16 chunks
@@ -151,5 +151,5 @@ def test_of_a_batch_that_was_ended_early_what_was_driven_is_audited():
 def test_a_shuffled_batch_that_ran_to_its_end_is_audited_as_any_other():
     rows = Rows(100, 10)
     rows.layout = Layout(rows.layout.plan.model_copy(update={"shuffled": True}))
-    found = sampled(rows.layout, rows, 16)
+    found = draw_sample(rows.layout, rows, 16)
     assert max(each.request.index for each in found) > 150

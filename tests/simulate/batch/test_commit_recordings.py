@@ -10,7 +10,7 @@ from specs.pipeline.simulation_section import Recordings
 from tasks.simulate.batch.cancel_restart import cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import Part, run_chunk
-from tasks.simulate.lane.lane_state import Record
+from tasks.simulate.lane.lane_state import StepRecord
 from tasks.simulate.lane.recording import Columns, Ends
 from tasks.storage.base.store import Store
 from tests.factories.episodes import collided
@@ -29,7 +29,7 @@ class Recorded:
         lanes = len(rows)
         one = np.zeros((lanes, 1, 3), np.float32)
         part.recorder.begin(lanes, 0.05)
-        part.recorder.keep(Record(one, one, one[:, :, 0], one, one, one[:, :, 0]), np.ones(lanes, int))  # pyright: ignore[reportArgumentType]
+        part.recorder.keep(StepRecord(one, one, one[:, :, 0], one, one, one[:, :, 0]), np.ones(lanes, int))  # pyright: ignore[reportArgumentType]
         done = Ends(np.ones(lanes, int), np.zeros(lanes, bool), one[:, 0], one[:, 0], one[:, 0], np.zeros(lanes, int))
         part.recorder.end(done, rows)
         return rows

@@ -7,7 +7,7 @@ from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import Part, run_chunk
 from tasks.simulate.batch.job import close_batch, complete
 from tasks.simulate.batch.metrics import METRICS, BatchMeter, ChunkWork, metric_rows, metrics_of, told_metrics, work_of
-from tasks.simulate.chunk.timings import ChunkTiming, collected, remember
+from tasks.simulate.chunk.timings import ChunkTiming, collect_timings, remember_timing
 from tasks.simulate.plan.chunks import ProgramKey
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import all_pass, begun
@@ -33,7 +33,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
 
 
 def timed(part: Part) -> list[EpisodeResult]:
-    remember(PROGRAM, TIMING)
+    remember_timing(PROGRAM, TIMING)
     return all_pass(part)
 
 
@@ -77,9 +77,9 @@ def test_every_share_of_the_time_is_told():
 
 
 def test_a_timing_is_collected_inside_the_block_only():
-    with collected() as inside:
-        remember(PROGRAM, TIMING)
-    remember(PROGRAM, TIMING)
+    with collect_timings() as inside:
+        remember_timing(PROGRAM, TIMING)
+    remember_timing(PROGRAM, TIMING)
     assert inside == [TIMING]
 
 

@@ -11,7 +11,7 @@ import pytest
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.chunk.runner import simulate_chunk
-from tasks.simulate.chunk.timings import recalled
+from tasks.simulate.chunk.timings import recall_timings
 from tasks.simulate.plan.chunks import Chunk, program_key
 from tests.factories.simulations import delivery, pushing
 from tests.simulate.conftest import FOLDERS, LANES, PUSHER_LANES, Simulate
@@ -114,7 +114,7 @@ def test_what_a_chunk_took_is_remembered_for_the_program_that_plans_know(
     chunk = Chunk(number=0, requests=(pushing(0, world="hand/pen-0"),))
     ran = functools.partial(simulate_chunk, chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)
     ran(timed_as=("planned",))
-    assert len(recalled(("planned",))) == 1
-    assert recalled(program_key(chunk.requests[0])) == []
+    assert len(recall_timings(("planned",))) == 1
+    assert recall_timings(program_key(chunk.requests[0])) == []
     ran()
-    assert len(recalled(program_key(chunk.requests[0]))) == 1
+    assert len(recall_timings(program_key(chunk.requests[0]))) == 1

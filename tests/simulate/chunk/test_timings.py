@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from specs.pipeline.simulation_section import EngineName
-from tasks.simulate.chunk.timings import ChunkTiming, ChunkWatch, recalled, recalled_of_engine, remember
+from tasks.simulate.chunk.timings import ChunkTiming, ChunkWatch, recall_engine_timings, recall_timings, remember_timing
 
 PROGRAM, OTHER = ("courier", "delivery"), ("courier", "coverage")
 
@@ -32,30 +32,30 @@ def timing(engine: EngineName = "planar", ready_s: float = 1.0) -> ChunkTiming:
 
 
 def test_a_program_has_its_own_timings():
-    remember(PROGRAM, timing(ready_s=1.0))
-    remember(PROGRAM, timing("mujoco", ready_s=2.0))
-    remember(OTHER, timing(ready_s=3.0))
-    assert [each.ready_s for each in recalled(PROGRAM)] == [1.0, 2.0]
-    assert sorted(each.ready_s for each in recalled_of_engine("planar", "cpu")) == [1.0, 3.0]
-    assert recalled_of_engine("planar", "gpu") == []
+    remember_timing(PROGRAM, timing(ready_s=1.0))
+    remember_timing(PROGRAM, timing("mujoco", ready_s=2.0))
+    remember_timing(OTHER, timing(ready_s=3.0))
+    assert [each.ready_s for each in recall_timings(PROGRAM)] == [1.0, 2.0]
+    assert sorted(each.ready_s for each in recall_engine_timings("planar", "cpu")) == [1.0, 3.0]
+    assert recall_engine_timings("planar", "gpu") == []
 
 
 def test_only_the_last_ones_are_kept():
     for number in range(20):
-        remember(PROGRAM, timing(ready_s=float(number)))
-    assert [each.ready_s for each in recalled(PROGRAM)] == [float(number) for number in range(8, 20)]
+        remember_timing(PROGRAM, timing(ready_s=float(number)))
+    assert [each.ready_s for each in recall_timings(PROGRAM)] == [float(number) for number in range(8, 20)]
 
 
 def test_a_file_of_another_version_and_a_folder_that_is_none_are_no_memory(cache: Path):
-    remember(PROGRAM, timing())
+    remember_timing(PROGRAM, timing())
     (file,) = (cache / "timings").glob("*.json")
     file.write_text('[{"engine": "planar"}]')
-    assert recalled(PROGRAM) == []
+    assert recall_timings(PROGRAM) == []
     file.unlink()
     (cache / "timings").rmdir()
     (cache / "timings").write_text("a file")
-    remember(PROGRAM, timing())
-    assert recalled(PROGRAM) == []
+    remember_timing(PROGRAM, timing())
+    assert recall_timings(PROGRAM) == []
 
 
 def test_a_watch_tells_readying_the_first_slice_and_the_others_apart():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import ApplicationLaunch
-from tasks.simulate.chunk.timings import ChunkTiming, remember
+from tasks.simulate.chunk.timings import ChunkTiming, remember_timing
 from tasks.simulate.forecast import forecast
 from tasks.simulate.forecast.forecast import engine_plan
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -96,7 +96,7 @@ def test_a_hundred_thousand_episodes_are_counted_and_not_listed(monkeypatch: pyt
 def test_what_the_program_took_here_is_what_is_predicted():
     request = Layout(plan()).request(0)
     for _ in range(3):
-        remember(program_key(request), timing())
+        remember_timing(program_key(request), timing())
     found = engine_plan(plan(audit=0), FOLDERS)
     assert found.known_from == "this very program"
     assert found.wall_s.low <= 3 * 10.0 <= found.wall_s.high
@@ -108,7 +108,7 @@ def test_what_the_program_took_here_is_what_is_predicted():
 def test_other_programs_say_less_and_none_least():
     guessed = engine_plan(plan(audit=0), FOLDERS)
     assert guessed.known_from == "nothing"
-    remember(("another",), timing())
+    remember_timing(("another",), timing())
     forecast._speed_of_engine.cache_clear()  # pyright: ignore[reportPrivateUsage] - as above
     told = engine_plan(plan(audit=0), FOLDERS)
     assert told.known_from == "other programs"

@@ -6,7 +6,7 @@ import pytest
 
 from tasks.simulate.engine.choice import EngineChoice
 from tasks.simulate.forecast import remembered_engine
-from tasks.simulate.forecast.remembered_engine import EngineAnswer, remembered_choice
+from tasks.simulate.forecast.remembered_engine import EngineAnswer, recall_choice
 from tasks.simulate.refusal import RobotRefused
 
 DIGEST = "d" * 64
@@ -35,7 +35,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def chosen(folder: Path, engine: str = "auto", digest: str = DIGEST) -> EngineAnswer:
-    return remembered_choice(engine, digest, folder / "robot.xml", folder / "controller.py", "cpu")
+    return recall_choice(engine, digest, folder / "robot.xml", folder / "controller.py", "cpu")
 
 
 def test_a_robot_is_loaded_once(tmp_path: Path, asked: list[str]):

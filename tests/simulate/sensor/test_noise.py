@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tasks.simulate.sensor.lidar import Lidar, noisy_ranges
 from tasks.simulate.sensor.noise import seed_words, step_key
-from tasks.simulate.sensor.odometry import Odometry, drifted
+from tasks.simulate.sensor.odometry import Odometry, believed_pose
 from tasks.simulate.sensor.sensors import SENSORS
 
 QUIET = Lidar(rays=64, range_m=8.0, height_m=0.2)
@@ -93,7 +93,7 @@ def driven(odometry: Odometry, poses: np.ndarray, seeds: int) -> np.ndarray:
     def one(seed: jax.Array) -> jax.Array:
         def step(believed: jax.Array, k: jax.Array) -> tuple[jax.Array, None]:
             way = jnp.asarray(poses, jnp.float32)
-            return drifted(believed, way[k], way[k + 1], odometry, seed=seed, step=k), None
+            return believed_pose(believed, way[k], way[k + 1], odometry, seed=seed, step=k), None
 
         return jax.lax.scan(step, jnp.asarray(poses[0], jnp.float32), jnp.arange(len(poses) - 1))[0]
 

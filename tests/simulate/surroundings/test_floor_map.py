@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.data.world import Rectangle, Solid, solids
-from tasks.simulate.surroundings.floor_map import cell_of, floor_map, floor_maps, grid_cells
+from tasks.simulate.surroundings.floor_map import floor_map, floor_maps, grid_cells
 from tasks.simulate.surroundings.obstacles import obstacles
+from tests.factories.floor_cells import cell_of
 from tests.factories.simulations import pen
 from tests.factories.worlds import apartment
 

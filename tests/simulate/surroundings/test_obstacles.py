@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.simulate.surroundings.obstacles import PARKING_M, obstacles, padded
+from tasks.simulate.surroundings.obstacles import PARKING_M, obstacles, pad_obstacles
 from tests.factories.simulations import cluttered
 from tests.factories.worlds import apartment
 
@@ -23,7 +23,7 @@ def test_a_solid_that_only_touches_the_band_is_left_out():
 
 def test_padding_keeps_the_solids_and_parks_the_rest_far_away():
     few, many = (obstacles(world, 0.02, 0.38) for world in (apartment(), cluttered(1)))
-    first, second = padded([few, many])
+    first, second = pad_obstacles([few, many])
     assert first.boxes.shape == second.boxes.shape
     assert first.cylinders.shape == second.cylinders.shape
     np.testing.assert_array_equal(first.boxes[: len(few.boxes)], few.boxes)
@@ -32,7 +32,7 @@ def test_padding_keeps_the_solids_and_parks_the_rest_far_away():
 
 
 def test_another_world_does_not_change_the_shapes():
-    alone = padded([obstacles(apartment(), 0.02, 0.38)])[0]
-    together = padded([obstacles(cluttered(seed), 0.02, 0.38) for seed in range(5)])[0]
+    alone = pad_obstacles([obstacles(apartment(), 0.02, 0.38)])[0]
+    together = pad_obstacles([obstacles(cluttered(seed), 0.02, 0.38) for seed in range(5)])[0]
     assert alone.boxes.shape == together.boxes.shape
     assert alone.cylinders.shape == together.cylinders.shape

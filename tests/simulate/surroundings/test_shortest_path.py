@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, padded
+from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
 from tasks.simulate.surroundings.shortest_path import shortest_paths_m
 from tasks.simulate.surroundings.visibility import clearance_m, solids_of
 from tests.factories.simulations import cluttered, pen
@@ -104,7 +104,7 @@ def test_a_goal_where_the_disc_has_no_room_counts_from_where_it_has():
 
 def test_parked_places_change_nothing():
     alone = among(GATE)
-    (filled,) = padded([alone])
+    (filled,) = pad_obstacles([alone])
     assert length(filled, (0.0, 1.0), (4.0, -1.0)) == length(alone, (0.0, 1.0), (4.0, -1.0))
 
 

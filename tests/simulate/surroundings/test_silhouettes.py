@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tasks.simulate.surroundings.obstacles import PARKING_M, Obstacles
-from tasks.simulate.surroundings.silhouettes import padded_silhouettes, silhouettes
+from tasks.simulate.surroundings.silhouettes import pad_silhouettes, silhouettes
 
 
 def box(x: float, half_x: float, half_y: float, yaw_rad: float) -> tuple[float, ...]:
@@ -37,7 +37,7 @@ def test_circles_keep_place_and_radius():
 
 def test_worlds_are_padded_to_the_same_sizes_with_what_nobody_sees():
     one, two = silhouettes(seen(box(1.0, 0.4, 0.1, 0.0))), silhouettes(seen(*[box(1.0, 0.4, 0.1, 0.3)] * 65))
-    first, second = padded_silhouettes([one, two])
+    first, second = pad_silhouettes([one, two])
     assert [len(each) for each in first[:3]] == [len(each) for each in second[:3]] == [256, 128, 64]
     np.testing.assert_array_equal(first.upright[:1], one.upright)
     assert (first.upright[1:, :2] == PARKING_M).all()

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from tasks.simulate.application.contract import Joints
-from tasks.simulate.application.coordinates import placed, pose_of, velocity_of
+from tasks.simulate.application.coordinates import coordinates_at, pose_of, velocity_of
 from tasks.simulate.application.motion import Body, Motion, Work
+from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel, load_robot
-from tasks.simulate.engine.mjx.quiet_mjx import mjx
-from tasks.simulate.engine.mjx.window import distance_m, nearest_obstacles, with_window
+from tasks.simulate.engine.mjx.window import nearest_obstacles, window_distance_m, with_window
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.step import Mechanics
 
@@ -36,12 +36,19 @@ def mjx_mechanics(path: Path) -> Mechanics:
 
 def first_body(robot: RobotModel, start: Float[jax.Array, "3"]) -> Body:
     """Returns a robot at rest at its start."""
-    joints = Joints(placed(robot.base, jnp.asarray(robot.rest), start, jnp), jnp.zeros(robot.host.nv))
+    joints = Joints(coordinates_at(robot.base, jnp.asarray(robot.rest), start, jnp), jnp.zeros(robot.host.nv))
     return _body(robot, joints, jnp.asarray(robot.rest_act), jnp.zeros(robot.host.nv))
 
 
 def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Float[jax.Array, "actuators"]) -> Motion:
-    """Returns what a control step's physics does to a robot."""
+    """Returns what a control step's physics does to a robot.
+
+    Args:
+        robot: The robot.
+        inputs: The lane's, with the obstacles.
+        body: The robot at the step's beginning.
+        control: One number for each actuator.
+    """
     window = nearest_obstacles(inputs.boxes, inputs.cylinders, body.qpos[:2], BOX_SLOTS, CYLINDER_SLOTS)
     model = with_window(robot, window)
     step_s = model.opt.timestep
@@ -65,7 +72,7 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Float[jax.
 
     nothing = Work(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
     (after, work), _ = jax.lax.scan(physics_step, (body, nothing), None, length=robot.physics_steps)
-    return Motion(after, work, distance_m(window, after.qpos[:2]) - robot.hull.radius_m)
+    return Motion(after, work, window_distance_m(window, after.qpos[:2]) - robot.hull.radius_m)
 
 
 def _body(robot: RobotModel, joints: Joints, act: jax.Array, warmstart: jax.Array) -> Body:

@@ -14,12 +14,12 @@ from tasks.simulate.application.robot_mjcf import (
     add_obstacle,
     base_of,
     collision_bits,
-    compiled,
+    compile_robot,
     hull_of,
     read_robot,
     rest_position,
 )
-from tasks.simulate.engine.mjx.quiet_mjx import mjx
+from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.refusals import refuse_what_mjx_lacks
 from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.surroundings.obstacles import PARKING_M
@@ -82,12 +82,12 @@ def load_robot(path: Path) -> RobotModel:
         RobotRefused: The robot cannot be represented; says which element, and the remedy.
     """
     spec = read_robot(path)
-    alone = compiled(spec)
+    alone = compile_robot(spec)
     base, hull = base_of(alone), hull_of(alone)
     refuse_what_mjx_lacks(alone)
     boxes, cylinders = _add_slots(spec)
     _tune(spec, alone, base)
-    host = compiled(spec)
+    host = compile_robot(spec)
     try:
         model = mjx.put_model(host, impl=_IMPLEMENTATION)
         data = mjx.make_data(model)

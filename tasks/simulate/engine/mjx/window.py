@@ -1,4 +1,4 @@
-"""The obstacle window: the few solids near the robot, written into the slots of one MJX model.
+"""The obstacle window of the mjx engine: the nearest obstacles, written into the slots of one MJX model.
 
 MJX pays for every geom pair at every step, near or far. Of an apartment's hundred solids only those within reach of
 the next control step can matter, so each lane's model holds slots for those, refilled at each control step.
@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.model import RobotModel
-from tasks.simulate.engine.mjx.quiet_mjx import mjx
 from tasks.simulate.surroundings.lidar import Boxes, Cylinders
 from tasks.simulate.surroundings.obstacle_distance import distance_of_all_m, to_boxes_m, to_cylinders_m
 
@@ -21,20 +21,28 @@ class Window(NamedTuple):
 
     boxes: Boxes
     cylinders: Cylinders
-    distance_m: Float[jax.Array, ""]
+    window_distance_m: Float[jax.Array, ""]
 
 
 def nearest_obstacles(
     boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], box_count: int, cylinder_count: int
 ) -> Window:
-    """Returns the boxes and cylinders nearest to a point, seen from above."""
+    """Returns the boxes and cylinders nearest to a point, seen from above.
+
+    Args:
+        boxes: Of the world, in the hull's band of heights.
+        cylinders: Likewise.
+        center_m: The point (x, y).
+        box_count: How many boxes.
+        cylinder_count: How many cylinders.
+    """
     to_boxes, to_cylinders = to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)
     near_boxes, box_index = jax.lax.top_k(-to_boxes, box_count)
     near_cylinders, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
     return Window(boxes[box_index], cylinders[cylinder_index], -jnp.maximum(near_boxes[0], near_cylinders[0]))
 
 
-def distance_m(window: Window, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
+def window_distance_m(window: Window, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
     """Returns how far a point is from the window's nearest obstacle; at most 0 inside one."""
     return distance_of_all_m(window.boxes, window.cylinders, center_m)
 

@@ -26,7 +26,7 @@ from tasks.simulate.engine.mujoco.plain_python import PlainControllers, StandIn
 from tasks.simulate.engine.mujoco.stepper import HostBody, Stepper
 from tasks.simulate.engine.program import lane_mesh, padded_lanes, put_lanes, split_over, strong_types
 from tasks.simulate.lane.calls import Applications
-from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, Record, begin_lane
+from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, StepRecord, begin_lane
 from tasks.simulate.lane.sense import decide, observe
 from tasks.simulate.lane.settle import settle
 from tasks.simulate.lane.staging import Lane
@@ -59,7 +59,7 @@ class HostProgram:
     begin: Callable[[LaneInputs, Body], LaneState]
     sense: Callable[[LaneInputs, LaneState], Observation]
     decide: Callable[[LaneInputs, LaneState], Decided]
-    settle: Callable[[LaneInputs, LaneState, Decided, Body, Work], tuple[LaneState, Record]]
+    settle: Callable[[LaneInputs, LaneState, Decided, Body, Work], tuple[LaneState, StepRecord]]
     plain: Callable[..., object] | None
     engine: EngineName = "mujoco"
 
@@ -108,9 +108,9 @@ class HostRun:
         """Returns the lanes before the first control step."""
         return self.program.begin(self.inputs, _body(self.stepper.body()))
 
-    def advance(self, state: LaneState) -> tuple[LaneState, Record]:
+    def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, or when all are done, and the records up to then."""
-        records: list[Record] = []
+        records: list[StepRecord] = []
         while len(records) < SLICE_STEPS:
             moving = ~np.asarray(state.done)
             if records and not moving.any():
@@ -188,7 +188,7 @@ def _settle_lane(  # noqa: PLR0917 - as the program maps it
     decided: Decided,
     body: Body,
     work: Work,
-) -> tuple[LaneState, Record]:
+) -> tuple[LaneState, StepRecord]:
     changed, control, ranges_m = decided
     clearance_m = distance_of_all_m(inputs.boxes, inputs.cylinders, body.qpos[:2]) - hull.radius_m
     kept = _with_changes(state.controller, changed)

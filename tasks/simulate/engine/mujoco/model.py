@@ -16,7 +16,7 @@ from tasks.simulate.application.robot_mjcf import (
     add_obstacle,
     base_of,
     collision_bits,
-    compiled,
+    compile_robot,
     hull_of,
     read_robot,
     rest_position,
@@ -66,7 +66,7 @@ def host_robot(path: Path) -> HostRobot:
     """
     spec = read_robot(path)
     _name_parts(spec)
-    alone = compiled(spec)
+    alone = compile_robot(spec)
     return HostRobot(
         spec=spec,
         alone=alone,
@@ -106,7 +106,7 @@ def world_model(robot: HostRobot, world: World, places: int = 0) -> mujoco.MjMod
     _add_sensors(spec, robot)
     # A state that blows up stays as it is, and is reported, instead of starting anew.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    return compiled(spec)
+    return compile_robot(spec)
 
 
 def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, bits: tuple[int, int]) -> None:

@@ -1,4 +1,4 @@
-"""Controllers that are plain Python: called on the host, lane by lane, each lane with an object of its own.
+"""Runs controllers that are plain Python: on the host, lane by lane, each lane with an object of its own.
 
 A module that says ``jax = False`` may do in its controller whatever Python can: branch, keep lists, run an ONNX file.
 In the compiled functions around it a stand-in has its place.
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from tasks.simulate.application.code import BundleCrash, CrashCode, guarded
+from tasks.simulate.application.code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import split_environment
@@ -70,8 +70,8 @@ class PlainControllers:
         environment = {**texts, **numbers}
         try:
             _require_same(self._sensors, read_sensors(self._make, environment))
-            made: Any = guarded(_ROBOT, "controller(environment)", self._make, environment)
-            guarded(_ROBOT, "controller.reset", lambda: made.reset(lane.stage.floor, lane.placement.goals_m))
+            made: Any = call_bundle(_ROBOT, "controller(environment)", self._make, environment)
+            call_bundle(_ROBOT, "controller.reset", lambda: made.reset(lane.stage.floor, lane.placement.goals_m))
         except BundleCrash as crash:
             self.crashes[number] = crash.reason
             return None
@@ -82,8 +82,8 @@ class PlainControllers:
         if self._controllers[lane] is None:
             return nothing
         try:
-            control = guarded(_ROBOT, "controller.step", lambda: self._controllers[lane].step(observation))
-            control = guarded(_ROBOT, "controller.step", np.asarray, control, np.float32)
+            control = call_bundle(_ROBOT, "controller.step", lambda: self._controllers[lane].step(observation))
+            control = call_bundle(_ROBOT, "controller.step", np.asarray, control, np.float32)
             _require_shape(control, self._actuators)
         except BundleCrash as crash:
             self.crashes[lane] = crash.reason

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
 from mujoco.rollout import Rollout
 
-from tasks.simulate.application.coordinates import placed, pose_of, velocity_of
+from tasks.simulate.application.coordinates import coordinates_at, pose_of, velocity_of
 from tasks.simulate.engine.mujoco.model import HostRobot
 
 logger = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ class Stepper:
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, state, _STATE)
         states = np.tile(state, (len(starts), 1))
-        states[:, self._qpos] = placed(self._robot.base, self._robot.rest, starts, np)
+        states[:, self._qpos] = coordinates_at(self._robot.base, self._robot.rest, starts, np)
         states[:, self._act] = self._robot.rest_act
         return states
 

@@ -100,7 +100,15 @@ def bearing(disc: Disc, obstacle: Obstacle) -> Bearing:
 
 
 def touch(disc: Disc, obstacle: Obstacle, how: Bearing, x: Scalar, y: Scalar) -> Touch:
-    """Returns how a disc at a place touches an obstacle."""
+    """Returns how a disc at a place touches an obstacle.
+
+    Args:
+        disc: Of the robot.
+        obstacle: In its window.
+        how: How the two lie to each other.
+        x: The disc's place, relative to where the control step began.
+        y: Likewise.
+    """
     dx, dy = x - obstacle.x, y - obstacle.y
     along, across = obstacle.cos * dx + obstacle.sin * dy, obstacle.cos * dy - obstacle.sin * dx
     past_x = along - jnp.clip(along, -obstacle.half_x, obstacle.half_x)

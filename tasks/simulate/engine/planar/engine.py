@@ -20,9 +20,10 @@ from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.motors import Push, push
 from tasks.simulate.engine.planar.parts import PlanarRobot
 from tasks.simulate.engine.planar.solver import contact_force, minimizer
-from tasks.simulate.engine.planar.window import Boxes, Cylinders, Obstacle, distance_m, window
+from tasks.simulate.engine.planar.window import Obstacle, distance_m, window
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.step import Mechanics
+from tasks.simulate.surroundings.lidar import Boxes, Cylinders
 
 # Obstacles that a robot may touch in one control step. They are those nearest to its axis: around it three were always
 # enough, but an arm's length from it six (heavy contact in dense clutter, against C among all obstacles).
@@ -80,14 +81,29 @@ def first_body(robot: PlanarRobot, start: Float[jax.Array, "3"]) -> Body:
 
 
 def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax.Array, "actuators"]) -> Motion:
-    """Returns what a control step's physics does to a robot."""
+    """Returns what a control step's physics does to a robot.
+
+    Args:
+        robot: The robot.
+        inputs: The lane's, with the obstacles.
+        body: The robot at the step's beginning.
+        control: One number for each actuator.
+    """
     return drive_among(robot, inputs.boxes, inputs.cylinders, body, control)
 
 
 def drive_among(
     robot: PlanarRobot, boxes: Boxes, cylinders: Cylinders, body: Body, control: Float[jax.Array, "actuators"]
 ) -> Motion:
-    """Returns what a control step's physics does to a robot among obstacles."""
+    """Returns what a control step's physics does to a robot among obstacles.
+
+    Args:
+        robot: The robot.
+        boxes: Obstacles in the hull's band of heights.
+        cylinders: Likewise.
+        body: The robot at the step's beginning.
+        control: One number for each actuator.
+    """
     origin = Planar(*body.qpos)
     obstacles = window(boxes, cylinders, body.qpos[:2], _window_size(robot))
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]

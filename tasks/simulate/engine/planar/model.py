@@ -1,4 +1,4 @@
-"""A planar base read off what MuJoCo compiled.
+"""Reads a planar base from the model that MuJoCo compiled.
 
 Numbers that MuJoCo derives (mass matrix, mixed contact parameters, stiffness, regularizers, transmissions) are not
 derived again: the robot is compiled with an obstacle pressed into each of its hull's geoms, and MuJoCo's own constraint

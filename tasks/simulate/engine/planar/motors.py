@@ -29,7 +29,14 @@ class Push(NamedTuple):
 
 
 def push(robot: PlanarRobot, controls: list[Scalar], activations: list[Scalar], moving: Moving) -> Push:
-    """Returns what the actuators do to a robot that gets these controls, one for each motor."""
+    """Returns what the actuators do to a robot.
+
+    Args:
+        robot: With its motors.
+        controls: One for each motor.
+        activations: Of the motors that have one.
+        moving: How the robot stands and moves.
+    """
     after = list(activations)
     power_w = jnp.zeros_like(moving.cos)
     total = Planar(*[jnp.zeros_like(moving.cos)] * 3)

@@ -1,4 +1,4 @@
-"""The obstacles that a lane's robot can reach in a control step, as scalars relative to where it stands.
+"""The obstacle window of the planar engine: the nearest obstacles, as scalars relative to where the robot stands.
 
 One lane's scalars become vectors over lanes when the program maps it, so that everything downstream is elementwise and
 vectorises; arrays of one lane's obstacles would put eight numbers, not all lanes, into the innermost loop.
@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from tasks.simulate.engine.planar.algebra import Scalar
+from tasks.simulate.surroundings.lidar import Boxes, Cylinders
+from tasks.simulate.surroundings.obstacle_distance import to_boxes_m, to_cylinders_m
 
-Boxes = Float[jax.Array, "boxes 8"]
-Cylinders = Float[jax.Array, "cylinders 5"]
 _NEVER = 2**31 - 1
 
 
@@ -42,9 +42,16 @@ class Obstacle(NamedTuple):
 
 
 def window(boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], count: int) -> list[Obstacle]:
-    """Returns the obstacles nearest to a point, seen from above, nearest first."""
+    """Returns the obstacles nearest to a point, seen from above, nearest first.
+
+    Args:
+        boxes: Of the world, in the hull's band of heights.
+        cylinders: Likewise.
+        center_m: The point (x, y).
+        count: How many, boxes and cylinders together.
+    """
     box_count = boxes.shape[0]
-    distances = jnp.concatenate([_to_boxes(boxes, center_m), _to_cylinders(cylinders, center_m)])
+    distances = jnp.concatenate([to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)])
     nearest = _smallest(distances, min(count, distances.shape[0]))
     near_boxes = boxes[jnp.minimum(nearest, box_count - 1)]
     near_cylinders = cylinders[jnp.maximum(nearest - box_count, 0)]
@@ -103,16 +110,3 @@ def _obstacle(
         half_height=either(cylinder[4], box[5]),
         round=is_round,
     )
-
-
-def _to_boxes(boxes: Boxes, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, "boxes"]:
-    dx, dy = center_m[0] - boxes[:, 0], center_m[1] - boxes[:, 1]
-    cos, sin = boxes[:, 6], boxes[:, 7]
-    beyond_x = jnp.maximum(jnp.abs(cos * dx + sin * dy) - boxes[:, 3], 0.0)
-    beyond_y = jnp.maximum(jnp.abs(cos * dy - sin * dx) - boxes[:, 4], 0.0)
-    return jnp.sqrt(beyond_x**2 + beyond_y**2)
-
-
-def _to_cylinders(cylinders: Cylinders, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, "cylinders"]:
-    dx, dy = center_m[0] - cylinders[:, 0], center_m[1] - cylinders[:, 1]
-    return jnp.sqrt(dx**2 + dy**2) - cylinders[:, 3]

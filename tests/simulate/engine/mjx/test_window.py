@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tasks.simulate.engine.mjx.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel, load_robot
-from tasks.simulate.engine.mjx.window import distance_m, nearest_obstacles, with_window
-from tasks.simulate.surroundings.obstacles import obstacles, padded
+from tasks.simulate.engine.mjx.window import nearest_obstacles, window_distance_m, with_window
+from tasks.simulate.surroundings.obstacles import obstacles, pad_obstacles
 from tests.factories.simulations import COURIER, FOLDERS, cluttered
 
-OBSTACLES = padded([obstacles(cluttered(3), 0.02, 0.38)])[0]
+OBSTACLES = pad_obstacles([obstacles(cluttered(3), 0.02, 0.38)])[0]
 BOXES, CYLINDERS = jnp.asarray(OBSTACLES.boxes), jnp.asarray(OBSTACLES.cylinders)
 
 
@@ -43,7 +43,7 @@ def test_the_window_knows_the_distance_of_the_nearest_obstacle_of_all(x: float, 
     window = nearest_obstacles(BOXES, CYLINDERS, jnp.array([x, y]), BOX_SLOTS, CYLINDER_SLOTS)
     round_ones = np.hypot(OBSTACLES.cylinders[:, 0] - x, OBSTACLES.cylinders[:, 1] - y) - OBSTACLES.cylinders[:, 3]
     boxes = min(to_box(box, x, y) for box in OBSTACLES.boxes if box[0] < 500)
-    assert float(distance_m(window, jnp.array([x, y]))) == pytest.approx(min(boxes, round_ones.min()), abs=0.02)
+    assert float(window_distance_m(window, jnp.array([x, y]))) == pytest.approx(min(boxes, round_ones.min()), abs=0.02)
 
 
 def test_the_model_gets_the_windows_obstacles_in_its_slots(robot: RobotModel):

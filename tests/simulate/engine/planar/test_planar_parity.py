@@ -14,7 +14,7 @@ import pytest
 from specs.data.episode import CONTROL_S
 from specs.data.world import World
 from tasks.simulate.engine.planar.parts import PlanarRobot
-from tasks.simulate.surroundings.obstacles import obstacles, padded
+from tasks.simulate.surroundings.obstacles import obstacles, pad_obstacles
 from tests.factories.planar import CAPSULE, ROUGH, Obstacles, Parts, drive_planar, read, write_robot
 from tests.factories.simulations import pen
 from tests.simulate.reference import reference_model
@@ -75,7 +75,7 @@ def in_c(model: mujoco.MjModel, start: np.ndarray, controls: np.ndarray) -> tupl
 
 def surroundings(robot: PlanarRobot, worlds: list[World], lanes: int) -> Obstacles:
     """Returns each lane's obstacles; lanes take the worlds in turn."""
-    near = padded([obstacles(world, robot.hull.low_m, robot.hull.high_m) for world in worlds])
+    near = pad_obstacles([obstacles(world, robot.hull.low_m, robot.hull.high_m) for world in worlds])
     turn = [near[lane % len(worlds)] for lane in range(lanes)]
     return Obstacles(np.stack([each.boxes for each in turn]), np.stack([each.cylinders for each in turn]))
 

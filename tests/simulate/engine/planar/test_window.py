@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tasks.simulate.engine.planar.window import Obstacle, distance_m, window
-from tasks.simulate.surroundings.obstacles import obstacles, padded
+from tasks.simulate.surroundings.obstacles import obstacles, pad_obstacles
 from tests.factories.simulations import cluttered
 
-ALL = padded([obstacles(cluttered(3), 0.02, 0.38)])[0]
+ALL = pad_obstacles([obstacles(cluttered(3), 0.02, 0.38)])[0]
 COUNT = 6
 PLACES = {"x": st.floats(-2.3, 6.4), "y": st.floats(-1.8, 1.8)}
 

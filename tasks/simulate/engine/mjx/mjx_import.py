@@ -1,4 +1,4 @@
-"""MJX, imported without what it prints about packages that it can do without."""
+"""Imports MJX without the lines that it prints about optional packages."""
 
 from contextlib import redirect_stdout
 from io import StringIO
