@@ -1,4 +1,4 @@
-"""The version that a gate compares with, and the batch that drove it on the same episodes."""
+"""Finds the version that a gate compares with, and the batch that drove it on the same episodes."""
 
 from collections.abc import Hashable, Iterable, Iterator
 from typing import NamedTuple, cast
@@ -54,7 +54,7 @@ def find_baseline(rule: NoWorseThan, batch: JobRecord, store: Store) -> Baseline
     )
 
 
-def driven(store: Store, record: JobRecord, digests: Iterable[str]) -> dict[Hashable, bool]:
+def read_outcomes(store: Store, record: JobRecord, digests: Iterable[str]) -> dict[Hashable, bool]:
     """Returns whether a batch's episodes passed, by what was asked of them but for the robot application.
 
     Args:
@@ -92,10 +92,10 @@ def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Stor
     if not set(plan.seeds) & set(other.seeds):  # there is no need to look into worlds and rows
         return False
     try:
-        theirs = driven(store, record, [digest])
+        theirs = read_outcomes(store, record, [digest])
     except (ResourceNotFound, BucketNotFound):  # somebody cleared old results away
         return False
-    return count_pairs(driven(store, batch, candidates(plan, digest)), theirs).n > 0
+    return count_pairs(read_outcomes(store, batch, candidates(plan, digest)), theirs).n > 0
 
 
 def _results_digest(record: JobRecord) -> str:

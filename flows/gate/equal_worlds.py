@@ -1,4 +1,4 @@
-"""Which worlds are the same, whatever their generation is called: each run of a document generates its own."""
+"""Tells which worlds have the same content, whatever their generation is called."""
 
 import hashlib
 import json

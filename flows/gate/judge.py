@@ -1,4 +1,7 @@
-"""The gate of a run: what it judges by, looked up once and pinned, so that the run judges the same when it goes on."""
+"""Judges the batch of a run, and pins the answer and the baseline in the run's record.
+
+A run that is killed and continued finds both there, and so judges the same.
+"""
 
 from functools import partial
 from typing import cast
@@ -8,14 +11,14 @@ import pyarrow.compute as pc
 from pydantic import JsonValue
 
 from flows.document.tested_batch import candidates
-from flows.gate.baselines import NoBaseline, driven, find_baseline
+from flows.gate.baselines import NoBaseline, find_baseline, read_outcomes
 from specs.arn import parse_reference
 from specs.base import Spec
-from specs.data.run_report import Verdict as Answer
+from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.evidence import Baseline, Tested, tested
+from tasks.results.gate.evidence import Baseline, TestedBatch, tested_batch
 from tasks.results.gate.gate import columns_needed, count_rows
-from tasks.results.gate.rules.rule import Completeness, Material
+from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.statistics.pairs import PairCounts, count_pairs
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.results.tables.result_files import RESULTS_FILE
@@ -40,7 +43,7 @@ class GateAnswer(Spec):
     """
 
     batch: str
-    verdict: Answer
+    verdict: Verdict
     sentence: str
     evidence_url: str
     evidence: str
@@ -51,6 +54,12 @@ def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> G
 
     A run that was killed after its gate is not judged again: its evidence stands, and is held against what it speaks of
     before anything is shipped.
+
+    Args:
+        gate: What the document asks for.
+        batch: An ended batch.
+        store: Where both records are.
+        run: The run, in whose record the answer is pinned.
 
     Raises:
         StageFailed: The results are not what the batch wrote.
@@ -67,7 +76,7 @@ def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> G
         parse_reference(batch.arn).path,
         rule=gate,
         material=partial(material, gate, batch, store, other),
-        tested=facts(plan_of(batch), batch),
+        tested=tested_facts(plan_of(batch), batch),
         baseline=baseline,
     )
     answer = GateAnswer(
@@ -83,13 +92,13 @@ def answered(store: Store, run: JobRecord) -> GateAnswer | None:
     return GateAnswer.model_validate(said) if said is not None else None
 
 
-def compared_with(store: Store, run: JobRecord) -> Baseline | None:
+def read_baseline(store: Store, run: JobRecord) -> Baseline | None:
     """Returns the version that the gate of a run compares with, once it has found one."""
     found = read(store, "pipeline-run", run.id).detail.get(_BASELINE)
     return Baseline.model_validate(found) if found is not None else None
 
 
-def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> Material:
+def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> GateMaterial:
     """Returns what the gate judges a batch by: of the tested version alone, where another one is in the batch too.
 
     Args:
@@ -108,7 +117,7 @@ def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBas
         counts = count_rows(rows)
     stop = cast("dict[str, JsonValue]", batch.detail.get("stopped_early", {}))
     left_out = cast("int", stop["left_out"]) if stop.get("gate") == gate.model_dump(mode="json") else 0
-    return Material(
+    return GateMaterial(
         counts=counts,
         lacks=Completeness(
             canceled=counts.canceled - left_out,
@@ -121,9 +130,9 @@ def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBas
     )
 
 
-def facts(plan: BatchPlan, batch: JobRecord) -> Tested:
+def tested_facts(plan: BatchPlan, batch: JobRecord) -> TestedBatch:
     """Returns what a batch tested, and with what, for its evidence."""
-    return tested(
+    return tested_batch(
         robots=[template.robot for template in plan.templates],
         simulations=[template.scenario for template in plan.templates],
         worlds=plan.worlds_used(),
@@ -138,7 +147,7 @@ def _baseline(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> Bas
     """Returns the version that the gate compares with, the same one whenever the run is continued."""
     if gate.noWorseThan is None:
         return None
-    pinned = compared_with(store, run)
+    pinned = read_baseline(store, run)
     if pinned is not None:
         return pinned
     found = find_baseline(gate.noWorseThan, batch, store)
@@ -152,8 +161,8 @@ def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) 
         return ""
     if isinstance(other, NoBaseline):
         return other.why
-    ours = driven(store, batch, candidates(plan_of(batch), other.digest))
-    return count_pairs(ours, driven(store, read(store, KIND, other.batch), [other.digest]))
+    ours = read_outcomes(store, batch, candidates(plan_of(batch), other.digest))
+    return count_pairs(ours, read_outcomes(store, read(store, KIND, other.batch), [other.digest]))
 
 
 def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:

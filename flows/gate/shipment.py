@@ -1,9 +1,9 @@
-"""What may be shipped: the bundle that the gate passed, as long as everything that the gate saw is still as it was."""
+"""Lets a bundle be shipped if the gate passed it and everything that the gate saw is unchanged."""
 
 from pydantic import JsonValue
 
 from flows.document.tested_batch import tested_bundles
-from flows.gate.judge import answered, compared_with
+from flows.gate.judge import answered, read_baseline
 from specs.data.run_report import StageReport
 from specs.errors import ResourceNotFound
 from tasks.deploy.rollout.operator_commands import steer
@@ -18,7 +18,7 @@ _JOB = "deployment-job"
 
 def shippable(batch: JobRecord, store: Store, run: JobRecord) -> dict[str, str]:
     """Returns the digest of each robot application that a batch tested, by name, but for what it was compared with."""
-    other = compared_with(store, run)
+    other = read_baseline(store, run)
     return tested_bundles(plan_of(batch), other.digest if other else "")
 
 

@@ -11,9 +11,9 @@ from pydantic import JsonValue
 from specs.data.run_report import Verdict
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.evidence import Baseline, Tested, evidence_digest, gather, write_evidence
+from tasks.results.gate.evidence import Baseline, TestedBatch, evidence_digest, gather, write_evidence
 from tasks.results.gate.gate import GateVerdict, judge
-from tasks.results.gate.rules.rule import Material
+from tasks.results.gate.rules.rule import GateMaterial
 from tasks.results.statistics.summary import summary_rows
 from tasks.results.tables.result_files import Part, Variables
 from tasks.results.tables.table_record import write_batch_tables
@@ -61,8 +61,8 @@ def judge_batch(
     batch: str,
     *,
     rule: Gate,
-    material: Callable[[], Material],
-    tested: Tested,
+    material: Callable[[], GateMaterial],
+    tested: TestedBatch,
     baseline: Baseline | None = None,
 ) -> tuple[GateVerdict, str, str]:
     """Returns the gate's verdict, and the URL and the SHA-256 of its evidence.

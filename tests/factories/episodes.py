@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from tasks.results.statistics.success import EpisodeCounts
-from tasks.results.statistics.summary import Tally
+from tasks.results.statistics.summary import EpisodeTally
 
 ROBOT = ApplicationLaunch(
     name="courier", version="1", digest="a" * 64, package="courier", launch_file="go_to_goal"
@@ -95,7 +95,7 @@ def batch(successes: int, failures: int, cancels: int = 0) -> list[EpisodeResult
 
 def counted(results: Sequence[EpisodeResult]) -> EpisodeCounts:
     """Returns what the results come to."""
-    tally = Tally()
+    tally = EpisodeTally()
     tally.add([request(result.index) for result in results], results)
     return tally.counts()
 

@@ -1,8 +1,7 @@
-"""Two batches beside each other: which episodes they have in common, and which of those came out differently.
+"""Compares the tables of two batches: the episodes they have in common, and those that came out differently.
 
 Episodes are the same if world, seed, environment and applications are; versions of applications are what is compared.
-
-What only one of two batches asked of its episodes, so that they have fewer of them in common.
+`differences` names what only one batch asked of its episodes, so that they have fewer of them in common.
 """
 
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -12,13 +11,16 @@ from typing import cast
 import pyarrow as pa
 
 from specs.base import Spec
+from specs.data.episode import short_reason
 from tasks.results.statistics.pairs import episode_keys
 
 _NAMED = 5
 _NOT_SET = "(not set)"
 
 
-def apart(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], others: Mapping[str, str]) -> Iterator[str]:
+def differences(
+    first: pa.Table, second: pa.Table, worlds: Mapping[str, str], others: Mapping[str, str]
+) -> Iterator[str]:
     """Yields what only one of two batches has: values of environment variables, worlds, seeds; a line each.
 
     Args:
@@ -29,9 +31,9 @@ def apart(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], others: 
     """
     one, other, unset = _variables(first), _variables(second), {_NOT_SET: None}
     for name in sorted(one.keys() | other.keys()):
-        yield from _told(name, one.get(name, unset), other.get(name, unset))
-    yield from _told("worlds", _worlds(first, worlds), _worlds(second, others), counted=True)
-    yield from _told("seeds", _seeds(first), _seeds(second))
+        yield from _difference(name, one.get(name, unset), other.get(name, unset))
+    yield from _difference("worlds", _worlds(first, worlds), _worlds(second, others), counted=True)
+    yield from _difference("seeds", _seeds(first), _seeds(second))
 
 
 def _variables(table: pa.Table) -> dict[str, dict[str, None]]:
@@ -50,19 +52,19 @@ def _seeds(table: pa.Table) -> dict[str, None]:
     return dict.fromkeys(map(str, sorted(table.column("seed").unique().to_pylist())))
 
 
-def _told(name: str, one: Collection[str], other: Collection[str], *, counted: bool = False) -> Iterator[str]:
+def _difference(name: str, one: Collection[str], other: Collection[str], *, counted: bool = False) -> Iterator[str]:
     sides = ((one, other, "the first"), (other, one, "the second"))
-    alone = [(_own(mine, theirs), which) for mine, theirs, which in sides]
-    said = [f"{len(own) if counted else _some(own)} only in {which}" for own, which in alone if own]
+    alone = [(_alone(mine, theirs), which) for mine, theirs, which in sides]
+    said = [f"{len(own) if counted else _listing(own)} only in {which}" for own, which in alone if own]
     if said:
         yield f"{name}: {'; '.join(said)}"
 
 
-def _own(mine: Iterable[str], theirs: Collection[str]) -> list[str]:
+def _alone(mine: Iterable[str], theirs: Collection[str]) -> list[str]:
     return [value for value in mine if value not in theirs]
 
 
-def _some(values: list[str]) -> str:
+def _listing(values: list[str]) -> str:
     more = f" and {len(values) - _NAMED} more" if len(values) > _NAMED else ""
     return ", ".join(values[:_NAMED]) + more
 
@@ -73,7 +75,7 @@ _COLUMNS = ("index", "world", "seed", "environment", "success", "status", "failu
 
 
 @dataclass(frozen=True)
-class Episode:
+class ComparedEpisode:
     """An episode as far as it is compared.
 
     Attributes:
@@ -161,8 +163,8 @@ def compared(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], other
             told apart by their names.
         others: The same of the second batch, whose worlds may be others of the same names.
     """
-    told_apart = _told_apart(first, second)
-    ours, theirs = _by_key(first, worlds, told_apart), _by_key(second, others, told_apart)
+    columns = _distinguishing_columns(first, second)
+    ours, theirs = _by_key(first, worlds, columns), _by_key(second, others, columns)
     both = [(ours[key], theirs[key]) for key in theirs if key in ours]
     counted = [(one, other) for one, other in both if one.passed is not None and other.passed is not None]
     return Pairs(
@@ -174,29 +176,30 @@ def compared(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], other
         canceled=len(both) - len(counted),
         flips=tuple(_flip(one, other) for one, other in counted if one.passed != other.passed),
         origins=tuple(_origins(first, second)),
-        apart=tuple(apart(first, second, worlds, others)),
+        apart=tuple(differences(first, second, worlds, others)),
     )
 
 
-def _by_key(table: pa.Table, worlds: Mapping[str, str], told_apart: Sequence[str]) -> dict[Hashable, Episode]:
+def _by_key(table: pa.Table, worlds: Mapping[str, str], columns: Sequence[str]) -> dict[Hashable, ComparedEpisode]:
     rows = table.select(list(_COLUMNS)).to_pylist()
-    return dict(zip(episode_keys(table, worlds, told_apart), map(_episode, rows), strict=True))
+    return dict(zip(episode_keys(table, worlds, columns), map(_episode, rows), strict=True))
 
 
-def _episode(row: Mapping[str, object]) -> Episode:
+def _episode(row: Mapping[str, object]) -> ComparedEpisode:
     passed = cast("bool | None", row["success"])
-    return Episode(
+    failure_code, outcome_reason, status = (str(row[name]) for name in ("failure_code", "outcome_reason", "status"))
+    return ComparedEpisode(
         index=cast("int", row["index"]),
         world=str(row["world"]),
         seed=cast("int", row["seed"]),
         environment=dict(cast("Iterable[tuple[str, str]]", row["environment"])),
         passed=passed,
-        reason="" if passed else str(row["failure_code"] or row["outcome_reason"] or row["status"]),
+        reason="" if passed else short_reason(failure_code, outcome_reason, status),
         recording=str(row["recording"]),
     )
 
 
-def _told_apart(first: pa.Table, second: pa.Table) -> list[str]:
+def _distinguishing_columns(first: pa.Table, second: pa.Table) -> list[str]:
     """Returns the columns that tell applications apart.
 
     Where each batch has a single robot, or a single scenario, it is what is compared, whatever its name.
@@ -220,7 +223,7 @@ def _distinct(table: pa.Table, name: str) -> list[str]:
     return sorted({str(value)[:12] for value in table.column(name).unique().to_pylist()})
 
 
-def _flip(one: Episode, other: Episode) -> Flip:
+def _flip(one: ComparedEpisode, other: ComparedEpisode) -> Flip:
     return Flip(
         world=other.world,
         seed=other.seed,

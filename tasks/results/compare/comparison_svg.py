@@ -1,4 +1,4 @@
-"""Episodes that came out differently in two batches, both ways of each on the plan of their world."""
+"""Draws episodes that came out differently in two batches: both paths of each on the plan of their world."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tasks.results.compare.comparison import Flip
-from tasks.results.playback.plan_scale import PlanPage, drawn_over, plan_page
+from tasks.results.playback.plan_scale import PlanPage, draw_over, plan_page
 
 _STYLE = """
 .flips{fill:none;stroke-linejoin:round;stroke-linecap:round;stroke-width:2.6}
@@ -47,7 +47,7 @@ def flip_map_svg(plan: str, ways: Sequence[Ways]) -> str:
             if way_m is not None and len(way_m):
                 _way(group, page, name, way_m, why)
     _legend(root, page)
-    return drawn_over(plan, root)
+    return draw_over(plan, root)
 
 
 def flip_text(flip: Flip) -> str:

@@ -6,7 +6,7 @@ from specs.base import Spec
 from tasks.results.compare.comparison import Pairs
 from tasks.results.statistics.intervals import Interval, mcnemar, paired_difference
 
-Answer = Literal["NO WORSE", "WORSE", "INCONCLUSIVE"]
+ComparisonAnswer = Literal["NO WORSE", "WORSE", "INCONCLUSIVE"]
 
 
 class Comparison(Spec):
@@ -28,7 +28,7 @@ class Comparison(Spec):
     confidence: float
     p_value: float
     margin: float
-    answer: Answer
+    answer: ComparisonAnswer
 
 
 def comparison(first: str, second: str, pairs: Pairs, *, margin: float, confidence: float) -> Comparison:
@@ -42,7 +42,7 @@ def comparison(first: str, second: str, pairs: Pairs, *, margin: float, confiden
         confidence: Coverage of the interval, between 0 and 1.
     """
     interval = paired_difference(pairs.gains, pairs.losses, pairs.pairs, confidence)
-    answer: Answer = "INCONCLUSIVE"
+    answer: ComparisonAnswer = "INCONCLUSIVE"
     if interval.lower > -margin:
         answer = "NO WORSE"
     elif interval.upper < -margin:

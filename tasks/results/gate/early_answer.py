@@ -1,4 +1,7 @@
-"""Whether a gate is certain before its batch has ended; ``sequential`` says why one may ask repeatedly."""
+"""Answers a gate before its batch has ended, as soon as the answer is certain.
+
+``tasks.results.statistics.sequential`` says why one may ask after each chunk.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -7,8 +10,8 @@ from specs.data.episode import CANCELED, EpisodeResult
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import SEQUENTIAL_RULES, Gate
 from tasks.results.gate.gate import GATE_RULES, combine
-from tasks.results.gate.rules.rule import Completeness, Material, Share
-from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending
+from tasks.results.gate.rules.rule import Completeness, GateMaterial, Share
+from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending_of
 
 
 class EarlyAnswer:
@@ -24,7 +27,7 @@ class EarlyAnswer:
 
     def add(self, results: Sequence[EpisodeResult]) -> None:
         """Counts episodes."""
-        self._endings.update(map(ending, results))
+        self._endings.update(map(ending_of, results))
         ended = [result for result in results if result.status != CANCELED]
         for rule, label, asked in self._rules:
             if rule.count:
@@ -43,7 +46,7 @@ class EarlyAnswer:
         """
         counts = self._counts()
         lacks = Completeness(canceled=counts.canceled, sequential=True)
-        material = Material(counts, lacks, shares=self._shares)
+        material = GateMaterial(counts, lacks, shares=self._shares)
         answer = combine([rule.judge(asked, material, label).verdict for rule, label, asked in self._rules])
         return answer if answer == "FAIL" or (answer == "PASS" and self._all_can_be_sure) else None
 

@@ -1,4 +1,4 @@
-"""Evidence: what was judged, by which rule, with which answer, named by digests to be held against a bundle.
+"""The evidence of a verdict: what was judged, by which rules, with which answer, all named by digests.
 
 It holds no time and no place: the same pipeline gives the same evidence, byte for byte, on any store and at any hour.
 """
@@ -31,7 +31,7 @@ class ApplicationEvidence(Spec):
     digest: str
 
 
-class Tested(Spec):
+class TestedBatch(Spec):
     """What a batch tested, and with what.
 
     Attributes:
@@ -75,7 +75,7 @@ class Baseline(Spec):
     sha256: str
 
 
-class Evidence(Tested):
+class Evidence(TestedBatch):
     """What a roll-out may rest on.
 
     Attributes:
@@ -100,14 +100,14 @@ class Evidence(Tested):
     left_out: int = 0
     baseline: Baseline | None = None
 
-    def vouched(self) -> tuple[ApplicationEvidence, ...]:
+    def judged_robots(self) -> tuple[ApplicationEvidence, ...]:
         """Returns the robot applications that the verdict is about."""
         if self.baseline is None or self.baseline.batch != self.batch:
             return self.robots
         return tuple(robot for robot in self.robots if robot.digest != self.baseline.digest)
 
 
-def tested(
+def tested_batch(
     *,
     robots: Iterable[ApplicationLaunch],
     simulations: Iterable[ApplicationLaunch],
@@ -116,7 +116,7 @@ def tested(
     variables: Mapping[str, Iterable[str | None]],
     metadata: Mapping[str, str],
     files: Mapping[str, str],
-) -> Tested:
+) -> TestedBatch:
     """Returns what a batch tested, in the one order that equal batches share.
 
     Args:
@@ -128,7 +128,7 @@ def tested(
         metadata: ``engine``, ``device`` and ``lanes``, and versions by package.
         files: SHA-256 of the result files by name.
     """
-    return Tested(
+    return TestedBatch(
         robots=_applications(robots),
         simulations=_applications(simulations),
         worlds={name: worlds[name] for name in sorted(worlds)},
@@ -148,7 +148,7 @@ def gather(
     batch_id: str,
     rule: Gate,
     verdict: GateVerdict,
-    facts: Tested,
+    facts: TestedBatch,
     *,
     left_out: int = 0,
     baseline: Baseline | None = None,

@@ -1,4 +1,4 @@
-"""Evidence held against what it speaks of, to the byte, right before something is shipped."""
+"""Checks, right before a bundle is shipped, that everything the evidence names still has the same bytes."""
 
 import hashlib
 import tempfile
@@ -38,27 +38,27 @@ def evidence_faults(store: Store, batch: str, pinned: str, shipped: str, locate:
         return [f"{key} is gone; the gate wrote it with the SHA-256 {pinned}"]
     found = hashlib.sha256(body).hexdigest()
     if found != pinned:
-        return [_changed(key, found, pinned)]
+        return [_change_text(key, found, pinned)]
     evidence = Evidence.model_validate_json(body)
-    return [*_not_vouched(evidence, shipped), *_changes(store, evidence, locate)]
+    return [*_robot_faults(evidence, shipped), *_file_faults(store, evidence, locate)]
 
 
-def _not_vouched(evidence: Evidence, shipped: str) -> Iterator[str]:
+def _robot_faults(evidence: Evidence, shipped: str) -> Iterator[str]:
     if evidence.verdict != "PASS":
         yield f"the evidence of {evidence.batch} says {evidence.verdict}"
-    vouched = evidence.vouched()
-    if shipped not in {robot.digest for robot in vouched}:
-        names = ", ".join(f"{robot.name} version {robot.version} ({robot.digest})" for robot in vouched)
+    judged = evidence.judged_robots()
+    if shipped not in {robot.digest for robot in judged}:
+        names = ", ".join(f"{robot.name} version {robot.version} ({robot.digest})" for robot in judged)
         yield f"the bundle that is to be shipped is {shipped}; the evidence of {evidence.batch} is about {names}"
 
 
-def _changes(store: Store, evidence: Evidence, locate: Locate) -> Iterator[str]:
+def _file_faults(store: Store, evidence: Evidence, locate: Locate) -> Iterator[str]:
     for use in (*evidence.robots, *evidence.simulations):
         what = f"bundle of {use.name} version {use.version}, {bundle_key(use.digest)},"
-        yield from _held(store, bundle_key(use.digest), use.digest, what)
+        yield from _object_faults(store, bundle_key(use.digest), use.digest, what)
     for name, digest in evidence.worlds.items():
         key = reference_key(name)
-        yield from _held(store, key, digest, f"world {name}, {key},")
+        yield from _object_faults(store, key, digest, f"world {name}, {key},")
     files = [(evidence.batch, name, digest) for name, digest in evidence.files.items()]
     if evidence.baseline and evidence.baseline.batch != evidence.batch:
         files.append((evidence.baseline.batch, RESULTS_FILE, evidence.baseline.sha256))
@@ -66,10 +66,10 @@ def _changes(store: Store, evidence: Evidence, locate: Locate) -> Iterator[str]:
         place = locate(batch)
         bucket = open_bucket(store, place.s3Bucket or "")
         key = output_key(place.s3Prefix, f"{batch}/{name}")
-        yield from _held(bucket, key, digest, f"result file {bucket.url}/{key}")
+        yield from _object_faults(bucket, key, digest, f"result file {bucket.url}/{key}")
 
 
-def _held(store: Store, key: str, digest: str, what: str) -> Iterator[str]:
+def _object_faults(store: Store, key: str, digest: str, what: str) -> Iterator[str]:
     """Yields what is wrong with an object, if its bytes are not those of the digest."""
     with tempfile.TemporaryDirectory(prefix="simyard-evidence-") as folder:
         copy = Path(folder) / "object"
@@ -81,8 +81,8 @@ def _held(store: Store, key: str, digest: str, what: str) -> Iterator[str]:
         with copy.open("rb") as file:
             found = hashlib.file_digest(file, "sha256").hexdigest()
     if found != digest:
-        yield _changed(what, found, digest)
+        yield _change_text(what, found, digest)
 
 
-def _changed(what: str, found: str, digest: str) -> str:
+def _change_text(what: str, found: str, digest: str) -> str:
     return f"{what} has changed: its SHA-256 is {found}; judged was {digest}"

@@ -15,7 +15,7 @@ from tasks.results.gate.rules.collision_rate import COLLISION_RATE
 from tasks.results.gate.rules.no_worse_than import NO_WORSE_THAN
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
 from tasks.results.gate.rules.quantiles import QUANTILES
-from tasks.results.gate.rules.rule import GateRule, Material, RuleVerdict, Share
+from tasks.results.gate.rules.rule import GateMaterial, GateRule, RuleVerdict, Share
 from tasks.results.gate.rules.success_rate import SUCCESS_RATE
 from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings
 
@@ -39,7 +39,7 @@ class GateVerdict(Spec):
     rules: tuple[RuleVerdict, ...]
 
 
-def judge(gate: Gate, material: Material) -> GateVerdict:
+def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
     """Returns the verdict on a batch."""
     counted = replace(material, shares=_shares(gate, material))
     rules = tuple(rule.judge(asked, counted, label) for rule in GATE_RULES for label, asked in rule.asked(gate))
@@ -66,7 +66,7 @@ def count_rows(rows: "pa.Table") -> EpisodeCounts:
     return count_endings(Counter(map(Ending, rows.column("success").to_pylist(), failed_jobs)))
 
 
-def _shares(gate: Gate, material: Material) -> dict[str, Share]:
+def _shares(gate: Gate, material: GateMaterial) -> dict[str, Share]:
     """Returns what each of the gate's rules that count episodes counts in the material's rows."""
     found: dict[str, Share] = {}
     for rule in GATE_RULES:

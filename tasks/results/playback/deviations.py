@@ -1,4 +1,4 @@
-"""How far a replay is from what was recorded, column by column: bit for bit, or by how much not."""
+"""Compares a replay with what was recorded, column by column, to the last bit."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -46,16 +46,16 @@ def row_deviations(recorded: pa.Table, batch_id: str, request: EpisodeRequest, r
     table = failures_table if "trajectory_t_s" in recorded.column_names and success(row) is False else results_table
     again = table(batch_id, [request], [row])
     names = [name for name in recorded.column_names if name != _PLACE and name in again.column_names]
-    return [_compared(name, name, recorded, again) for name in names]
+    return [_deviation(name, name, recorded, again) for name in names]
 
 
 def recording_deviations(recorded: pa.Table, again: pa.Table) -> list[Deviation]:
     """Returns each column of an episode's recording beside the replay's."""
     names = [name for name in recorded.column_names if name in again.column_names]
-    return [_compared(f"recording.{name}", name, recorded, again) for name in names]
+    return [_deviation(f"recording.{name}", name, recorded, again) for name in names]
 
 
-def _compared(shown: str, name: str, recorded: pa.Table, again: pa.Table) -> Deviation:
+def _deviation(shown: str, name: str, recorded: pa.Table, again: pa.Table) -> Deviation:
     before, after = recorded.column(name).to_pylist(), again.column(name).to_pylist()
     metadata = cast("Mapping[bytes, bytes]", again.schema.field(name).metadata or {})
     # As text, so that -0.0 is not 0.0, and what is no number is itself.
@@ -66,7 +66,7 @@ def _compared(shown: str, name: str, recorded: pa.Table, again: pa.Table) -> Dev
         recorded=_text(before),
         replayed=_text(after),
         same=same,
-        most=0.0 if same else _most(before, after),
+        most=0.0 if same else _largest_difference(before, after),
     )
 
 
@@ -80,7 +80,7 @@ def _text(values: Sequence[object]) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def _most(before: object, after: object) -> float:
+def _largest_difference(before: object, after: object) -> float:
     """Returns the largest difference of two numbers at the same place; infinite if the rest is not the same."""
     apart = [abs(one - other) for one, other in _pairs(before, after)]
     return max((each if not math.isnan(each) else math.inf for each in apart), default=math.inf)
@@ -89,13 +89,13 @@ def _most(before: object, after: object) -> float:
 def _pairs(before: object, after: object) -> Iterator[tuple[float, float]]:
     if isinstance(before, list | tuple) and isinstance(after, list | tuple):
         ours, theirs = cast("Sequence[object]", before), cast("Sequence[object]", after)
-        yield from _all_pairs(ours, theirs) if len(ours) == len(theirs) else [(0.0, math.inf)]
+        yield from _paired_items(ours, theirs) if len(ours) == len(theirs) else [(0.0, math.inf)]
     elif isinstance(before, int | float) and isinstance(after, int | float) and not isinstance(before, bool):
         yield before, after
     elif before != after:
         yield 0.0, math.inf
 
 
-def _all_pairs(before: Iterable[object], after: Iterable[object]) -> Iterator[tuple[float, float]]:
+def _paired_items(before: Iterable[object], after: Iterable[object]) -> Iterator[tuple[float, float]]:
     for one, other in zip(before, after, strict=True):
         yield from _pairs(one, other)

@@ -1,8 +1,7 @@
-"""A world, its goals and the robot as entities of a Foxglove scene.
+"""Foxglove's messages for a replay: their schemas, and the scene of a world, its goals and the robot.
 
-The message kinds of a replay: Foxglove's by name, as JSON, with the fields that are written.
-
-Foxglove knows a schema by its name (docs.foxglove.dev, message schemas); other readers read the JSON schema.
+Foxglove knows a schema by its name (docs.foxglove.dev, message schemas); other readers read the JSON schema, which has
+the fields that are written here.
 """
 
 import math
@@ -45,7 +44,14 @@ def turn(yaw_rad: float) -> Message:
 
 
 def pose(x: float, y: float, z: float = 0.0, yaw_rad: float = 0.0) -> Message:
-    """Returns a pose upright above the floor."""
+    """Returns a pose upright above the floor.
+
+    Args:
+        x: Position, m.
+        y: Position, m.
+        z: Height, m.
+        yaw_rad: Heading, counter-clockwise from +x.
+    """
     return {"position": vector(x, y, z), "orientation": turn(yaw_rad)}
 
 

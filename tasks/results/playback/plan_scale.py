@@ -1,4 +1,4 @@
-"""Where a floor plan has which metre.
+"""Reads the scale of a floor plan, and draws over one.
 
 A plan is any SVG whose root says how metres became page units: ``data-units-per-m``, and ``data-origin-x`` and
 ``data-origin-y``, the page position of (0, 0); y is up in the world and down on the page.
@@ -43,7 +43,7 @@ def plan_page(plan: str) -> PlanPage:
     return PlanPage(units_per_m, x, y, width, height)
 
 
-def drawn_over(plan: str, overlay: ET.Element) -> str:
+def draw_over(plan: str, overlay: ET.Element) -> str:
     """Returns a plan with something drawn on top of it."""
     body, end, tail = plan.rpartition(_END)
     return body + ET.tostring(overlay, encoding="unicode") + end + tail

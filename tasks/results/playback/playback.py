@@ -1,4 +1,4 @@
-"""An episode as it is played back: what the robot did, step by step, and what it should do."""
+"""An episode to be played back: what the robot did in each step, and where it should go."""
 
 from dataclasses import dataclass
 

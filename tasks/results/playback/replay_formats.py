@@ -1,4 +1,4 @@
-"""Which kinds of replay can be written here: two need libraries that not everybody wants."""
+"""Refuses a format of replays whose libraries are not installed; two formats are extras."""
 
 from collections.abc import Mapping
 from importlib.util import find_spec

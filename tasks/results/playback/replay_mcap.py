@@ -1,4 +1,4 @@
-"""An episode as an MCAP file that Foxglove opens: frames, poses, scans, the scene, and what was decided.
+"""Writes an episode as an MCAP file that Foxglove opens: frames, poses, scans, the scene, and the controls.
 
 Its times are simulated ones from 0. Needs the extra ``mcap``.
 """

@@ -1,4 +1,4 @@
-"""An episode as an animated drawing on the plan of its world: one SVG file that any browser plays, without network.
+"""Draws an episode as an animated SVG on the plan of its world, which any browser plays without network.
 
 It moves by SMIL (SVG 1.1, chapter 19), which needs no script. Whoever asks for less motion is shown the whole way and
 how it ended instead.
@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from specs.data.world import Rectangle
-from tasks.results.playback.plan_scale import PlanPage, drawn_over, plan_page
+from tasks.results.playback.plan_scale import PlanPage, draw_over, plan_page
 from tasks.results.playback.playback import Playback
 
 _REST_S = 1.5
@@ -78,7 +78,7 @@ class _Film:
         self._robot(moving)
         self._clock(moving)
         self._still(still)
-        return drawn_over(plan, root)
+        return draw_over(plan, root)
 
     def _goals(self, root: ET.Element) -> None:
         for number, goal in enumerate(self._playback.goals_m):

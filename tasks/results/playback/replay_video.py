@@ -1,6 +1,6 @@
-"""Pictures of an episode, seen from above, one after the other. Needs Pillow, of the extra ``video``.
+"""Draws an episode from above, picture by picture, and writes pictures as an MP4 file (H.264).
 
-Pictures as an MP4 file (H.264). Needs the extra ``video``.
+Needs the extra ``video``: Pillow and PyAV.
 """
 
 import math

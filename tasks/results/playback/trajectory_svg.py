@@ -1,4 +1,4 @@
-"""Where failed episodes went wrong, drawn on the floor plan of their world (``tasks.results.playback.plan_scale``)."""
+"""Draws the paths of failed episodes on the floor plan of their world."""
 
 import re
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 from specs.data.episode import EpisodeResult, reason
 from specs.data.outcome_reasons import mark_of
-from tasks.results.playback.plan_scale import drawn_over, plan_page
+from tasks.results.playback.plan_scale import draw_over, plan_page
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -27,7 +27,7 @@ def failure_map_svg(plan: str, failures: Sequence[tuple[str, EpisodeResult]]) ->
         if result.trajectory:
             points = [page.at((x_m, y_m)) for _, x_m, y_m, _ in result.trajectory]
             _path(overlay, f"{job}: {reason(result)}", mark_of(reason(result)).plan, points)
-    return drawn_over(plan, overlay)
+    return draw_over(plan, overlay)
 
 
 def _path(parent: ET.Element, title: str, color: str, points: Sequence[tuple[float, float]]) -> None:

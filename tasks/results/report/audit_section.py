@@ -1,4 +1,4 @@
-"""The parity audit, as recorded, in words."""
+"""The report's section about the parity audit, made from what the batch's record says."""
 
 from collections.abc import Mapping, Sequence
 from typing import cast
@@ -46,7 +46,7 @@ def audit_view(audit: Mapping[str, JsonValue]) -> AuditView:
         )
     found += [(label, _flips(share)) for name, label in _SHARES if (share := _mapping(audit, name))]
     found += [(label, _metres(each)) for name, label in _DISTANCES if (each := _mapping(audit, name))]
-    found += [(label, _some(texts)) for label, texts in _episodes(audit) if texts]
+    found += [(label, _listing(texts)) for label, texts in _episodes(audit) if texts]
     return AuditView(
         verdict=str(audit.get("verdict", "")),
         sentence=str(audit.get("sentence", "")),
@@ -65,7 +65,7 @@ def _episodes(audit: Mapping[str, JsonValue]) -> list[tuple[str, list[str]]]:
     ]
 
 
-def _some(texts: Sequence[str]) -> str:
+def _listing(texts: Sequence[str]) -> str:
     more = f", and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
     return "; ".join(texts[:_NAMED]) + more
 

@@ -1,4 +1,4 @@
-"""A batch's tables as columns: whole where a column is narrow, the wide ones only for the rows that are shown."""
+"""Reads a batch's tables as columns: narrow columns whole, wide ones only for the rows that are shown."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _LAUNCHED = (
     *("robot_application", "robot_version", "robot_launch_file"),
     *("simulation_application", "simulation_version", "simulation_launch_file"),
 )
-_TOLD = (
+_LISTED = (
     *("index", "world", "seed", "reason", "failure_reason", "simulated_s", "environment"),
     *("goals_reached", "goals_total", "final_x_m", "final_y_m"),
 )
@@ -78,7 +78,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Failures:
-    """The columns of ``failures.parquet`` that a report counts; `told` gives rows of it.
+    """The columns of ``failures.parquet`` that a report counts; `read_rows` gives rows of it.
 
     Attributes:
         table: Its narrow columns.
@@ -92,7 +92,7 @@ class Failures:
     reason: Labels
     final_m: Float[np.ndarray, "rows 2"]
 
-    def told(self, rows: Sequence[int]) -> list[Failure]:
+    def read_rows(self, rows: Sequence[int]) -> list[Failure]:
         """Returns what is known of some failures."""
         found = self.table.take(pa.array(rows, pa.int64())).to_pylist()
         return [_failure(row, values) for row, values in zip(rows, found, strict=True)]
@@ -112,13 +112,13 @@ def read_episodes(path: Path, variables: Sequence[str]) -> Episodes:
         world=_labels(table.column("world")),
         application=_applications(table),
         final_m=_points(table, "final_x_m", "final_y_m"),
-        variables={name: _labels(_looked_up(table.column("environment"), name)) for name in variables},
+        variables={name: _labels(_variable_values(table.column("environment"), name)) for name in variables},
     )
 
 
 def read_failures(path: Path) -> Failures:
     """Returns what is counted of ``failures.parquet``."""
-    table = pq.read_table(path, columns=list(_TOLD))
+    table = pq.read_table(path, columns=list(_LISTED))
     return Failures(
         table=table,
         world=_labels(table.column("world")),
@@ -158,7 +158,7 @@ def _applications(table: pa.Table) -> Labels:
     return _labels(pc.call_function("binary_join_element_wise", [robot, scenario, " in "]))
 
 
-def _looked_up(words: pa.ChunkedArray, name: str) -> pa.ChunkedArray:
+def _variable_values(words: pa.ChunkedArray, name: str) -> pa.ChunkedArray:
     return pc.call_function("map_lookup", [words], pc.MapLookupOptions(name, "first"))  # pyright: ignore[reportAttributeAccessIssue] - stubs
 
 

@@ -1,21 +1,23 @@
-"""Episodes counted by what they have in common."""
+"""Counts a batch's episodes by world, application, variable or room, and failures by reason."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
 from tasks.results.report.batch_columns import CANCELED, FAILED, PASSED, Episodes, Failures, Labels
-from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.summary import Group
+from tasks.results.statistics.success import Ending, count_endings
+from tasks.results.statistics.summary import EpisodeGroup
 
 
-def whole(episodes: Episodes, confidence: float) -> Group:
+def total_group(episodes: Episodes, confidence: float) -> EpisodeGroup:
     """Returns all episodes as one group."""
-    (group,) = counted(episodes, Labels(("all episodes",), np.zeros(len(episodes.outcome), np.int64)), confidence)
+    (group,) = group_episodes(
+        episodes, Labels(("all episodes",), np.zeros(len(episodes.outcome), np.int64)), confidence
+    )
     return group
 
 
-def counted(episodes: Episodes, labels: Labels, confidence: float) -> list[Group]:
+def group_episodes(episodes: Episodes, labels: Labels, confidence: float) -> list[EpisodeGroup]:
     """Returns a group a label, in the labels' order, without their reasons.
 
     Args:
@@ -23,19 +25,15 @@ def counted(episodes: Episodes, labels: Labels, confidence: float) -> list[Group
         labels: Which group each episode belongs to.
         confidence: Of the Wilson intervals.
     """
-    counts = {kind: _count(labels, episodes.outcome == kind) for kind in (PASSED, FAILED, CANCELED)}
+    kinds = {
+        Ending(success, failed_job=False): _count(labels, episodes.outcome == code)
+        for success, code in ((True, PASSED), (False, FAILED), (None, CANCELED))
+    }
     return [
-        Group(
-            label=label,
-            episodes=passed + failed,
-            successes=passed,
-            canceled=canceled,
-            interval=wilson(passed, passed + failed, confidence),
-            reasons=(),
+        EpisodeGroup.of_counts(
+            label, count_endings({kind: counts[number] for kind, counts in kinds.items()}), confidence
         )
-        for label, passed, failed, canceled in zip(
-            labels.names, *(counts[kind] for kind in (PASSED, FAILED, CANCELED)), strict=True
-        )
+        for number, label in enumerate(labels.names)
     ]
 
 

@@ -1,10 +1,10 @@
-"""What a report is made of besides the batch's tables and its worlds: told by its records, never looked up here."""
+"""The facts that a report takes from a batch's records, besides its tables and its worlds."""
 
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch
-from specs.data.run_report import Verdict as Answer
+from specs.data.run_report import Verdict
 from tasks.results.statistics.intervals import Interval
 
 
@@ -12,7 +12,7 @@ class RuleAnswer(Spec):
     """One of the gate's rules, and what it said."""
 
     name: str
-    verdict: Answer
+    verdict: Verdict
     sentence: str
 
 
@@ -29,7 +29,7 @@ class Judgement(Spec):
         alone: The version that was judged, where the batch drove the one that it was compared with, too; else empty.
     """
 
-    verdict: Answer
+    verdict: Verdict
     sentence: str
     at_least: float | None
     confidence: float

@@ -1,6 +1,6 @@
-"""A world from above as a few SVG paths: centimetres, x to the right, y down the page.
+"""Draws a world from above as a few SVG paths, and simplifies paths to few points.
 
-Fewer points for the same line.
+Drawings are in centimetres, x to the right, y down the page.
 """
 
 import math
@@ -125,7 +125,7 @@ def _cm(metres: float) -> int:
     return round(100.0 * metres)
 
 
-def simplified(line_m: Float[np.ndarray, "points 2"], tolerance_m: float) -> Float[np.ndarray, "kept 2"]:
+def simplify(line_m: Float[np.ndarray, "points 2"], tolerance_m: float) -> Float[np.ndarray, "kept 2"]:
     """Returns the first, the last, and as few points between them as keep all others near the line that they make.
 
     After Douglas and Peucker (1973, Cartographica 10:112): the farthest point from a chord is kept if it is farther
@@ -143,12 +143,12 @@ def simplified(line_m: Float[np.ndarray, "points 2"], tolerance_m: float) -> Flo
     return line_m[keep]
 
 
-def fitted(line_m: Float[np.ndarray, "points 2"], tolerance_m: float, most: int) -> Float[np.ndarray, "kept 2"]:
-    """Returns the line with as few points as `simplified` leaves, coarser where those were more than ``most``."""
-    kept = simplified(line_m, tolerance_m)
+def fit_line(line_m: Float[np.ndarray, "points 2"], tolerance_m: float, most: int) -> Float[np.ndarray, "kept 2"]:
+    """Returns the line with as few points as `simplify` leaves, coarser where those were more than ``most``."""
+    kept = simplify(line_m, tolerance_m)
     while len(kept) > max(2, most):
         tolerance_m *= 2.0
-        kept = simplified(kept, tolerance_m)
+        kept = simplify(kept, tolerance_m)
     return kept
 
 

@@ -2,7 +2,7 @@
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from specs.data.run_report import Verdict as Answer
+from specs.data.run_report import Verdict
 from specs.errors import ObjectNotFound
 from tasks.results.gate.evidence import EVIDENCE_FILE, Evidence, read_evidence
 from tasks.results.report.facts import Judgement, RuleAnswer
@@ -14,12 +14,12 @@ _CONFIDENCE = 0.95
 _RATE = "successRate"
 
 
-class _Told(BaseModel):
+class _AnyEvidence(BaseModel):
     """What evidence of any version says."""
 
     model_config = ConfigDict(extra="ignore")
 
-    verdict: Answer
+    verdict: Verdict
     sentence: str
 
 
@@ -36,12 +36,12 @@ def judgement(store: Store, batch: str) -> Judgement | None:
     except ObjectNotFound:
         return None
     except ValidationError:
-        told = _Told.model_validate_json(store.get(result_key(batch, EVIDENCE_FILE)).body)
-        return Judgement(verdict=told.verdict, sentence=told.sentence, at_least=None, confidence=_CONFIDENCE)
-    return judged(evidence)
+        found = _AnyEvidence.model_validate_json(store.get(result_key(batch, EVIDENCE_FILE)).body)
+        return Judgement(verdict=found.verdict, sentence=found.sentence, at_least=None, confidence=_CONFIDENCE)
+    return judgement_of(evidence)
 
 
-def judged(evidence: Evidence) -> Judgement:
+def judgement_of(evidence: Evidence) -> Judgement:
     """Returns what evidence says of the gate's answer."""
     rate, rules = evidence.rule.successRate, evidence.rules
     answer = next((each for each in rules if each.rule == _RATE), None)
@@ -54,15 +54,15 @@ def judged(evidence: Evidence) -> Judgement:
         interval=_interval(answer.lower, answer.upper) if answer else None,
         method=answer.method if answer else "",
         rules=tuple(RuleAnswer(name=each.title, verdict=each.verdict, sentence=each.sentence) for each in rules),
-        alone=_alone(evidence),
+        alone=_judged_version(evidence),
     )
 
 
-def _alone(evidence: Evidence) -> str:
-    vouched = evidence.vouched()
-    if vouched == evidence.robots:
+def _judged_version(evidence: Evidence) -> str:
+    judged = evidence.judged_robots()
+    if judged == evidence.robots:
         return ""
-    return ", ".join(f"{robot.name} version {robot.version}" for robot in vouched)
+    return ", ".join(f"{robot.name} version {robot.version}" for robot in judged)
 
 
 def _interval(lower: float | None, upper: float | None) -> Interval | None:

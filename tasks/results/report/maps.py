@@ -1,6 +1,6 @@
-"""Worlds from above, with the ways of failures, and the failures told one by one.
+"""The report's maps: worlds from above with the paths of failures, and a list of failures beside each.
 
-Which failures a report shows: a few that differ, and not the first hundred of one kind.
+A report shows a few failures that differ, and not the first hundred of one kind.
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from specs.base import Spec
 from specs.data.outcome_reasons import mark_of
 from tasks.results.report.batch_columns import NOT_SET, PASSED, Episodes, Failure, Failures, read_ways
 from tasks.results.report.facts import BatchFacts
-from tasks.results.report.floor import FloorDrawing, dots_path, draw_floor, fitted, way_path
+from tasks.results.report.floor import FloorDrawing, dots_path, draw_floor, fit_line, way_path
 from tasks.results.report.places import Worlds
-from tasks.results.report.rows import clipped, short_world
+from tasks.results.report.rows import clip, short_world
 
 # At 24 worlds these are some 400 kB of page, whatever the size of the batch.
 LISTED = 6
@@ -27,7 +27,7 @@ _APART_M = 0.4
 
 
 @dataclass(frozen=True)
-class Picked:
+class FailureChoice:
     """What is shown of one world's failures, as rows of the table of failures.
 
     Attributes:
@@ -41,27 +41,29 @@ class Picked:
     failures: int
 
 
-def picked(failures: Failures, worlds: Sequence[str]) -> dict[str, Picked]:
+def choose_failures(failures: Failures, worlds: Sequence[str]) -> dict[str, FailureChoice]:
     """Returns what is shown of the failures of each of the worlds.
 
     Reasons take turns, each in the order of the episodes, so that one that is rare is not hidden by one that is not;
     listed are first those that ended apart from one another.
     """
     codes = {name: code for code, name in enumerate(failures.world.names)}
-    return {world: _picked(failures, codes.get(world, -1)) for world in worlds}
+    return {world: _choose(failures, codes.get(world, -1)) for world in worlds}
 
 
-def _picked(failures: Failures, world: int) -> Picked:
+def _choose(failures: Failures, world: int) -> FailureChoice:
     rows = np.flatnonzero(failures.world.codes == world)
     by_reason = [
         rows[failures.reason.codes[rows] == reason][:DRAWN].tolist() for reason in range(len(failures.reason.names))
     ]
     turns = [row for turn in zip_longest(*by_reason) for row in turn if row is not None]
     drawn = turns[:DRAWN]
-    return Picked(listed=tuple(sorted(_apart(failures, drawn))), drawn=tuple(sorted(drawn)), failures=len(rows))
+    return FailureChoice(
+        listed=tuple(sorted(_spread_out(failures, drawn))), drawn=tuple(sorted(drawn)), failures=len(rows)
+    )
 
 
-def _apart(failures: Failures, rows: Sequence[int]) -> list[int]:
+def _spread_out(failures: Failures, rows: Sequence[int]) -> list[int]:
     far: list[int] = []
     for row in rows:
         ends = failures.final_m[far] - failures.final_m[row]
@@ -130,7 +132,7 @@ class WorldMap(Spec):
     not_listed: int
 
 
-def mapped_worlds(failures: Failures, worlds: Sequence[str]) -> list[str]:
+def worlds_to_map(failures: Failures, worlds: Sequence[str]) -> list[str]:
     """Returns the worlds that are drawn: most failures first, then in the batch's order."""
     counts = dict(
         zip(failures.world.names, np.bincount(failures.world.codes, minlength=len(failures.world.names)), strict=True)
@@ -154,14 +156,15 @@ def world_maps(
         failures_file: ``failures.parquet``, for the ways.
         worlds: Its worlds.
     """
-    names = mapped_worlds(failures, [name for name in facts.worlds if name in worlds.rooms])
-    picks = picked(failures, names)
+    names = worlds_to_map(failures, [name for name in facts.worlds if name in worlds.rooms])
+    picks = choose_failures(failures, names)
     ways = read_ways(failures_file, sorted(row for pick in picks.values() for row in pick.drawn))
     label = short_world(tuple(facts.worlds))
     found: list[WorldMap] = []
     for number, name in enumerate(names, start=1):
         pick = picks[name]
-        drawn, numbers = failures.told(pick.drawn), {row: str(place) for place, row in enumerate(pick.listed, start=1)}
+        drawn = failures.read_rows(pick.drawn)
+        numbers = {row: str(place) for place, row in enumerate(pick.listed, start=1)}
         found.append(
             WorldMap(
                 number=number,
@@ -186,26 +189,26 @@ def _ends(episodes: Episodes, world: str) -> Float[np.ndarray, "ends 2"]:
 
 
 def _way(failure: Failure, way_m: Float[np.ndarray, "poses 2"], number: str) -> WayDrawing:
-    line = fitted(way_m, _TOLERANCE_M, _POINTS)
+    line = fit_line(way_m, _TOLERANCE_M, _POINTS)
     x, y = np.rint((line[-1] if len(line) else np.array(failure.final_m)) * _CM).astype(int).tolist()
     title = f"job {failure.index}: {failure.reason} after {failure.simulated_s:.1f} s"
     return WayDrawing(mark=mark_of(failure.reason).name, title=title, path=way_path(line), x=x, y=y, number=number)
 
 
 def _listed(facts: BatchFacts, failure: Failure, number: str) -> ListedFailure:
-    told = [f"seed {failure.seed}"]
-    told += [
-        f"{name} {clipped(failure.environment.get(name, NOT_SET), 40)}"
+    said = [f"seed {failure.seed}"]
+    said += [
+        f"{name} {clip(failure.environment.get(name, NOT_SET), 40)}"
         for name, values in facts.variables.items()
         if len(values) > 1
     ]
-    told += [f"{failure.goals_reached} of {failure.goals_total} goals"] * bool(failure.goals_total)
+    said += [f"{failure.goals_reached} of {failure.goals_total} goals"] * bool(failure.goals_total)
     return ListedFailure(
         number=number,
         job=failure.index,
         mark=mark_of(failure.reason).name,
         reason=f"{failure.reason} after {failure.simulated_s:.1f} s",
-        circumstances=", ".join(told),
-        what=clipped(failure.failure_reason, _LONGEST),
+        circumstances=", ".join(said),
+        what=clip(failure.failure_reason, _LONGEST),
         replay=f"simyard replay {arn('simulation-job', facts.store, f'{facts.batch}/{failure.index}')}",
     )

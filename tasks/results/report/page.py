@@ -1,9 +1,7 @@
-"""The report's page: one HTML file with its styles and drawings in it, that loads and runs nothing.
+"""Renders a report: as one HTML page that loads and runs nothing, as one picture, and in short as Markdown.
 
 Whatever a document or an application names (worlds, variables, reasons) is escaped, and the page's own policy forbids
-scripts and requests besides.
-
-A report in short, as Markdown: for Prefect's pages.
+scripts and requests besides. Prefect's pages show the picture and the Markdown.
 """
 
 import functools
@@ -15,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from specs.data.outcome_reasons import MARKS
-from tasks.results.report.rows import Row
+from tasks.results.report.rows import RateRow
 from tasks.results.report.view import View
 
 # What XML cannot hold, and what turns the direction of the text around it.
@@ -70,29 +68,35 @@ def report_markdown(view: View, url: str) -> str:
     """Returns the verdict, the rates and the reasons, and where the page is."""
     judged = view.facts.judgement
     title = f"# {_MARKS[judged.verdict]} {judged.verdict}" if judged else "# Not judged"
-    told = judged.sentence.splitlines() if judged else ["No gate has judged this batch."]
-    sentence = "\n".join([plain(told[0]), *(f"- {plain(line)}" for line in told[1:])])
+    said = judged.sentence.splitlines() if judged else ["No gate has judged this batch."]
+    sentence = "\n".join([escape_markdown(said[0]), *(f"- {escape_markdown(line)}" for line in said[1:])])
     rows = [
         view.whole,
-        *(row for column in view.columns for table in column for row in _marked(table.caption, table.rows)),
+        *(row for column in view.columns for table in column for row in _captioned_rows(table.caption, table.rows)),
     ]
-    reasons = [f"- {row.count:,} x {plain(row.reason)} ({row.share} of failures)" for row in view.reasons]
-    return "\n\n".join([title, sentence, _table(rows), "\n".join(reasons) or "No failures.", f"Report: {plain(url)}"])
+    reasons = [f"- {row.count:,} x {escape_markdown(row.reason)} ({row.share} of failures)" for row in view.reasons]
+    return "\n\n".join(
+        [title, sentence, _table(rows), "\n".join(reasons) or "No failures.", f"Report: {escape_markdown(url)}"]
+    )
 
 
-def plain(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Returns the text with what Markdown or HTML would take for more than text escaped, in one line."""
     return _ACTIVE.sub(r"\\\1", " ".join(text.split()))
 
 
-def _marked(caption: str, rows: Sequence[Row]) -> list[Row]:
+def _captioned_rows(caption: str, rows: Sequence[RateRow]) -> list[RateRow]:
     return [row.model_copy(update={"label": f"{caption.removeprefix('By ')}: {row.label}"}) for row in rows]
 
 
-def _table(rows: Sequence[Row]) -> str:
+def _table(rows: Sequence[RateRow]) -> str:
     lines = [(row.label, row.counts, row.rate, row.interval, row.why) for row in rows]
     return "\n".join(
-        [_line(_HEAD), _line(["---"] * len(_HEAD)), *(_line([plain(cell) for cell in line]) for line in lines)]
+        [
+            _line(_HEAD),
+            _line(["---"] * len(_HEAD)),
+            *(_line([escape_markdown(cell) for cell in line]) for line in lines),
+        ]
     )
 
 

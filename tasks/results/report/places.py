@@ -1,4 +1,4 @@
-"""In which room something is."""
+"""Finds the room in which each episode started and ended."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ def start_rooms(episodes: Episodes, worlds: Worlds) -> Labels:
     """Returns the type of the room that each episode starts in: the one around the origin."""
     rooms = worlds.rooms
     kinds = [_room_types(rooms[name], np.zeros((1, 2)))[0] if name in rooms else UNKNOWN for name in _names(episodes)]
-    return _relabelled(np.array(kinds, object)[episodes.world.codes])
+    return _as_labels(np.array(kinds, object)[episodes.world.codes])
 
 
 def end_rooms(episodes: Episodes, worlds: Worlds) -> Labels:
@@ -42,7 +42,7 @@ def end_rooms(episodes: Episodes, worlds: Worlds) -> Labels:
         rows = order[end - count : end]
         if name in worlds.rooms:
             found[rows] = _room_types(worlds.rooms[name], episodes.final_m[rows])
-    return _relabelled(found)
+    return _as_labels(found)
 
 
 def _names(episodes: Episodes) -> tuple[str, ...]:
@@ -60,7 +60,7 @@ def _room_types(rooms: Sequence[Room], points_m: Float[np.ndarray, "points 2"]) 
     return found
 
 
-def _relabelled(names: np.ndarray) -> Labels:
+def _as_labels(names: np.ndarray) -> Labels:
     known, codes = np.unique(names.astype(str), return_inverse=True)
     kept: Int[np.ndarray, " rows"] = codes.astype(np.int64)
     return Labels(tuple(str(name) for name in known), kept)

@@ -1,4 +1,4 @@
-"""A batch's report made from the store: its tables and worlds are read, and the page is put beside the tables."""
+"""Makes a batch's report from its tables and worlds in the store, and puts the page beside the tables."""
 
 import hashlib
 import logging
@@ -58,7 +58,14 @@ def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> Vie
 
 
 def put_report(store: Store, location: OutputLocation, batch: str, page: bytes) -> str:
-    """Writes the page beside the batch's tables, and returns its URL."""
+    """Writes the page beside the batch's tables, and returns its URL.
+
+    Args:
+        store: The store of the batch.
+        location: Where its tables lie.
+        batch: The batch's id.
+        page: The page.
+    """
     bucket = open_bucket(store, location.s3Bucket or "")
     key = file_key(location, batch, REPORT_FILE)
     bucket.put(key, page)

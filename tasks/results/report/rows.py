@@ -1,6 +1,6 @@
-"""Groups of episodes as lines of a table, with their intervals drawn.
+"""The report's tables of success rates: a line a group of episodes, with its interval drawn on an axis.
 
-Where shares and their intervals stand on an axis, as percentages of a drawing's width.
+Positions on an axis are percentages of a drawing's width.
 """
 
 import math
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from specs.base import Spec
 from tasks.results.statistics.intervals import Interval
-from tasks.results.statistics.summary import Group
+from tasks.results.statistics.summary import EpisodeGroup
 
 # So that what stands at either end is whole.
 _MARGIN_PERCENT = 4.0
@@ -62,7 +62,7 @@ class Scale(Spec):
         return Bar(begin=_percent(begin), length=_percent(end - begin), dot=dot)
 
 
-def scale(groups: Sequence[Group], goal: float | None) -> Scale:
+def scale(groups: Sequence[EpisodeGroup], goal: float | None) -> Scale:
     """Returns the axis that shows all groups and the gate's bar, and as little else as round marks allow."""
     shares = [group.interval.lower for group in groups if group.episodes] + ([] if goal is None else [goal])
     lowest = min(shares, default=0.0)
@@ -87,7 +87,7 @@ MOST_ROWS = 40
 _LONGEST = 60
 
 
-class Row(Spec):
+class RateRow(Spec):
     """One group: its name, its numbers as text, and where its interval stands."""
 
     label: str
@@ -110,14 +110,14 @@ class RateTable(Spec):
     caption: str
     head: str
     scale: Scale
-    rows: tuple[Row, ...]
+    rows: tuple[RateRow, ...]
     left_out: int
 
 
 def rate_table(
     caption: str,
     head: str,
-    groups: Sequence[Group],
+    groups: Sequence[EpisodeGroup],
     *,
     goal: float | None,
     why: Mapping[str, str] | None = None,
@@ -144,11 +144,18 @@ def rate_table(
     )
 
 
-def rate_row(group: Group, axis: Scale, label: str, why: str = "") -> Row:
-    """Returns a group as a line."""
+def rate_row(group: EpisodeGroup, axis: Scale, label: str, why: str = "") -> RateRow:
+    """Returns a group as a line.
+
+    Args:
+        group: The group.
+        axis: Where its interval is drawn.
+        label: Its name on the page.
+        why: Why its episodes did not pass, or empty.
+    """
     canceled = f", {group.canceled} canceled" if group.canceled else ""
-    return Row(
-        label=clipped(label, _LONGEST),
+    return RateRow(
+        label=clip(label, _LONGEST),
         counts=f"{group.successes:,} of {group.episodes:,}{canceled}",
         rate="-" if group.rate is None else percent(group.rate),
         interval=percent_range(group.interval),
@@ -157,7 +164,7 @@ def rate_row(group: Group, axis: Scale, label: str, why: str = "") -> Row:
     )
 
 
-def worst_first(groups: Sequence[Group]) -> list[Group]:
+def worst_first(groups: Sequence[EpisodeGroup]) -> list[EpisodeGroup]:
     """Returns groups by their share of successes, the least first; those without episodes at the end."""
     return sorted(groups, key=lambda group: (2.0 if group.rate is None else group.rate, group.label))
 
@@ -186,7 +193,7 @@ def short_world(worlds: Sequence[str]) -> Callable[[str], str]:
     return (lambda world: world.partition("/")[2] or world) if len(generations) == 1 else str
 
 
-def clipped(text: str, most: int) -> str:
+def clip(text: str, most: int) -> str:
     """Returns the text in one line, cut off with an ellipsis where it is longer."""
     line = " ".join(text.split())
     return line if len(line) <= most else f"{line[: most - 1]}…"

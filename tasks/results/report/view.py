@@ -1,4 +1,4 @@
-"""A report as its template wants it: every number counted, every text cut to its length, nothing left to decide."""
+"""Everything that the report's template shows: all numbers counted, all texts cut to their length."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -8,16 +8,16 @@ from specs.base import Spec
 from specs.data.outcome_reasons import mark_of
 from tasks.results.report.audit_section import AuditView, audit_view
 from tasks.results.report.batch_columns import NOT_SET, Episodes, Failures, read_episodes, read_failures
-from tasks.results.report.episode_groups import counted, reasons, reasons_by_world, whole
+from tasks.results.report.episode_groups import group_episodes, reasons, reasons_by_world, total_group
 from tasks.results.report.facts import BatchFacts, Judgement, RuleAnswer
 from tasks.results.report.maps import WorldMap, world_maps
 from tasks.results.report.places import Worlds, end_rooms, start_rooms
 from tasks.results.report.rows import (
     Bar,
+    RateRow,
     RateTable,
-    Row,
     Scale,
-    clipped,
+    clip,
     percent,
     percent_range,
     rate_row,
@@ -27,7 +27,7 @@ from tasks.results.report.rows import (
     short_world,
     worst_first,
 )
-from tasks.results.statistics.summary import Group
+from tasks.results.statistics.summary import EpisodeGroup
 
 _CONFIDENCE = 0.95
 _LONGEST = 240
@@ -59,7 +59,7 @@ class StageRow(Spec):
     summary: str
 
 
-class Judged(Spec):
+class JudgedRate(Spec):
     """The rate beside the verdict, in words and on an axis."""
 
     text: str
@@ -88,9 +88,9 @@ class View(Spec):
     sentence: str
     rules: tuple[RuleAnswer, ...]
     confidence: str
-    total: Group
-    whole: Row
-    judged: Judged
+    total: EpisodeGroup
+    whole: RateRow
+    judged: JudgedRate
     sequential: bool
     reasons: tuple[ReasonRow, ...]
     columns: tuple[tuple[RateTable, ...], ...]
@@ -115,7 +115,7 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
     episodes, failed = read_episodes(results, swept), read_failures(failures)
     judgement = facts.judgement
     confidence = judgement.confidence if judgement else _CONFIDENCE
-    total = whole(episodes, confidence)
+    total = total_group(episodes, confidence)
     return View(
         facts=facts,
         title=facts.name or facts.batch,
@@ -125,7 +125,7 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
         confidence=f"{100 * confidence:g}\u00a0%",
         total=total,
         whole=rate_row(total, scale([total], None), total.label),
-        judged=_judged(total, judgement, confidence),
+        judged=_judged_rate(total, judgement, confidence),
         sequential=judgement is not None and judgement.method not in {"", "Wilson"},
         reasons=_reasons(failed),
         columns=_columns(_tables(facts, episodes, failed, worlds, confidence)),
@@ -138,14 +138,14 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
     )
 
 
-def _judged(total: Group, judgement: Judgement | None, confidence: float) -> Judged:
+def _judged_rate(total: EpisodeGroup, judgement: Judgement | None, confidence: float) -> JudgedRate:
     rate, interval, method = total.rate, total.interval, "Wilson"
     if judgement and judgement.interval:
         rate, interval, method = judgement.rate, judgement.interval, judgement.method
     axis = scale([total.model_copy(update={"interval": interval})], judgement.at_least if judgement else None)
     text = f"{100 * confidence:g}\u00a0% interval ({method}) {percent_range(interval)}"
     shown = "no rate" if rate is None else percent(rate)
-    return Judged(text=f"{shown}, {text}", axis=axis, bar=axis.bar(interval, rate))
+    return JudgedRate(text=f"{shown}, {text}", axis=axis, bar=axis.bar(interval, rate))
 
 
 def _sentence(judgement: Judgement) -> str:
@@ -174,17 +174,17 @@ def _tables(
 ) -> tuple[RateTable, ...]:
     goal = facts.judgement.at_least if facts.judgement else None
     why = {world: reasons_text(found) for world, found in reasons_by_world(failed).items()}
-    by_world = worst_first(counted(episodes, episodes.world, confidence))
+    by_world = worst_first(group_episodes(episodes, episodes.world, confidence))
     found = [rate_table("By world", "World", by_world, goal=goal, why=why, label=short_world(tuple(facts.worlds)))]
     if len(episodes.application.names) > 1:
-        by_application = counted(episodes, episodes.application, confidence)
+        by_application = group_episodes(episodes, episodes.application, confidence)
         found.append(rate_table("By application", "Robot and scenario", by_application, goal=goal))
     for name, labels in episodes.variables.items():
-        groups = _ordered(counted(episodes, labels, confidence), facts.variables[name])
-        found.append(rate_table(f"By {clipped(name, 60)}", "Value", groups, goal=goal))
+        groups = _in_document_order(group_episodes(episodes, labels, confidence), facts.variables[name])
+        found.append(rate_table(f"By {clip(name, 60)}", "Value", groups, goal=goal))
     if worlds.rooms:
         for caption, place in (("By room of the start", start_rooms), ("By room of the end", end_rooms)):
-            groups = worst_first(counted(episodes, place(episodes, worlds), confidence))
+            groups = worst_first(group_episodes(episodes, place(episodes, worlds), confidence))
             if len(groups) > 1:  # one room type says what all episodes say
                 found.append(rate_table(caption, "Room type", groups, goal=goal))
     return tuple(found)
@@ -198,7 +198,7 @@ def _columns(tables: Sequence[RateTable]) -> tuple[tuple[RateTable, ...], ...]:
     return tuple(tuple(column) for column in (tables[:cut], tables[cut:]) if column)
 
 
-def _ordered(groups: Sequence[Group], values: Sequence[str | None]) -> list[Group]:
+def _in_document_order(groups: Sequence[EpisodeGroup], values: Sequence[str | None]) -> list[EpisodeGroup]:
     order = {NOT_SET if value is None else value: position for position, value in enumerate(values)}
     return sorted(groups, key=lambda group: order.get(group.label, len(order)))
 
@@ -213,7 +213,7 @@ def _reasons(failed: Failures) -> tuple[ReasonRow, ...]:
             count=count,
             share=percent(count / all_of_them),
             width=f"{100 * count / found[0][1]:.2f}%",
-            sample=clipped(samples.get(reason, ""), _LONGEST),
+            sample=clip(samples.get(reason, ""), _LONGEST),
         )
         for reason, count in found
     )
@@ -224,7 +224,7 @@ def _samples(failed: Failures) -> dict[str, str]:
     firsts: dict[int, int] = {}
     for row, code in enumerate(failed.reason.codes.tolist()):
         firsts.setdefault(code, row)
-    return {failure.reason: failure.failure_reason for failure in failed.told(list(firsts.values()))}
+    return {failure.reason: failure.failure_reason for failure in failed.read_rows(list(firsts.values()))}
 
 
 def _stages(facts: BatchFacts) -> tuple[StageRow, ...]:
@@ -235,7 +235,7 @@ def _stages(facts: BatchFacts) -> tuple[StageRow, ...]:
             name=stage.name,
             seconds=f"{stage.seconds:.1f} s",
             width=f"{100 * stage.seconds / (longest_s or 1.0):.2f}%",
-            summary=clipped(stage.summary, _LONGEST),
+            summary=clip(stage.summary, _LONGEST),
         )
         for stage in slowest
     )

@@ -1,4 +1,4 @@
-"""How many episodes a rule of a gate needs, if they come out as one expects."""
+"""Computes how many episodes a rule of a gate needs, for a share of successes that one expects."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How sure one can be of shares, of their difference, and of quantiles; the distributions are scipy's.
+"""Confidence intervals of shares, of differences of shares, and of quantiles; the distributions are scipy's.
 
 All intervals are two-sided. scipy takes a second to import, and most commands judge nothing, so that it is imported
 where it is needed.

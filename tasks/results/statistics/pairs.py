@@ -1,4 +1,4 @@
-"""The same episodes of two versions: which of them both have, and where they came to different ends."""
+"""Pairs the episodes that two versions drove both, and counts those that came to different ends."""
 
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence

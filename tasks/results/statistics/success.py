@@ -1,4 +1,4 @@
-"""How many episodes passed, counted in one place: for the tables, the gate, the report and what is printed."""
+"""Counts how episodes ended: the one place for the tables, the gate, the report and what is printed."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -37,7 +37,7 @@ class Ending(NamedTuple):
     reason: str = ""
 
 
-def ending(result: EpisodeResult) -> Ending:
+def ending_of(result: EpisodeResult) -> Ending:
     """Returns how an episode ended."""
     return Ending(success(result), result.status == "Failed", reason(result))
 

@@ -1,18 +1,19 @@
-"""What a person wants to see of a batch: how often it went well, by world and by swept value, and why not."""
+"""Summarises a batch: success rates by world and by swept value, and why episodes did not pass."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Self
 
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending, pair_results
+from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending_of, pair_results
 
 _NOT_SET = "(not set)"
 _Counts = Counter[Ending]
 
 
-class Group(Spec):
+class EpisodeGroup(Spec):
     """Some of a batch's episodes.
 
     Attributes:
@@ -31,6 +32,27 @@ class Group(Spec):
     interval: Interval
     reasons: tuple[tuple[str, int], ...]
 
+    @classmethod
+    def of_counts(
+        cls, label: str, counts: EpisodeCounts, confidence: float, reasons: Sequence[tuple[str, int]] = ()
+    ) -> Self:
+        """Returns a group of episodes that were counted.
+
+        Args:
+            label: What they have in common.
+            counts: What they came to.
+            confidence: Coverage of the interval.
+            reasons: Why those that did not pass did not.
+        """
+        return cls(
+            label=label,
+            episodes=counts.episodes,
+            successes=counts.successes,
+            canceled=counts.canceled,
+            interval=wilson(counts.successes, counts.episodes, confidence),
+            reasons=tuple(reasons),
+        )
+
     @property
     def rate(self) -> float | None:
         """Returns the share that passed, or None of no episodes."""
@@ -47,12 +69,12 @@ class BatchSummary(Spec):
             order too.
     """
 
-    total: Group
-    by_world: tuple[Group, ...]
-    by_variable: tuple[tuple[str, tuple[Group, ...]], ...]
+    total: EpisodeGroup
+    by_world: tuple[EpisodeGroup, ...]
+    by_variable: tuple[tuple[str, tuple[EpisodeGroup, ...]], ...]
 
 
-class Tally:
+class EpisodeTally:
     """Counts of a batch's episodes, taken part by part; what it holds grows with groups and not with episodes."""
 
     def __init__(self, variables: Sequence[str] = ()) -> None:
@@ -76,7 +98,7 @@ class Tally:
             ValueError: The requests and results do not pair up.
         """
         for request, result in pair_results(requests, results):
-            ended = ending(result)
+            ended = ending_of(result)
             self.simulated_s += result.simulated_s
             self._engines.add(result.engine)
             self._devices.add(result.device)
@@ -93,7 +115,7 @@ class Tally:
 
     def ran_on(self) -> dict[str, str]:
         """Returns ``engine`` and ``device``, comma-separated where episodes differ; ``none`` if nothing ran."""
-        return {"engine": _named(self._engines), "device": _named(self._devices)}
+        return {"engine": _join_names(self._engines), "device": _join_names(self._devices)}
 
     def summary(self, confidence: float = 0.95) -> BatchSummary:
         """Returns the groups of the batch so far."""
@@ -115,15 +137,7 @@ def summary_rows(summary: BatchSummary) -> list[tuple[str, str, str, str, str]]:
     return [_row(prefix, group) for prefix, group in groups]
 
 
-def summary_text(summary: BatchSummary) -> str:
-    """Returns the rows of `summary_rows` under headings, aligned, for a terminal without colours or for a log."""
-    rows = [("episodes", "passed", "rate", "interval", "why not"), *summary_rows(summary)]
-    widths = [max(len(row[column]) for row in rows) for column in range(5)]
-    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows)
-    return "\n".join(lines)
-
-
-def _named(names: set[str]) -> str:
+def _join_names(names: set[str]) -> str:
     return ", ".join(sorted(name for name in names if name)) or "none"
 
 
@@ -135,23 +149,15 @@ def _reasons(counts: _Counts) -> list[tuple[str, int]]:
     return sorted(reasons.items(), key=lambda pair: (-pair[1], pair[0]))
 
 
-def _groups(members: Mapping[str, _Counts], confidence: float) -> tuple[Group, ...]:
+def _groups(members: Mapping[str, _Counts], confidence: float) -> tuple[EpisodeGroup, ...]:
     return tuple(_group(label, counts, confidence) for label, counts in members.items())
 
 
-def _group(label: str, counts: _Counts, confidence: float) -> Group:
-    found = count_endings(counts)
-    return Group(
-        label=label,
-        episodes=found.episodes,
-        successes=found.successes,
-        canceled=found.canceled,
-        interval=wilson(found.successes, found.episodes, confidence),
-        reasons=tuple(_reasons(counts)),
-    )
+def _group(label: str, counts: _Counts, confidence: float) -> EpisodeGroup:
+    return EpisodeGroup.of_counts(label, count_endings(counts), confidence, _reasons(counts))
 
 
-def _row(prefix: str, group: Group) -> tuple[str, str, str, str, str]:
+def _row(prefix: str, group: EpisodeGroup) -> tuple[str, str, str, str, str]:
     rate = "-" if group.rate is None else f"{100 * group.rate:.1f} %"
     interval = f"{100 * group.interval.lower:.1f} - {100 * group.interval.upper:.1f} %"
     reasons = [f"{count} {name}" for name, count in group.reasons]

@@ -1,4 +1,4 @@
-"""Parquet files whose bytes depend on the rows and the metadata alone, however the rows came."""
+"""Writes Parquet files whose bytes depend on the rows and the metadata alone, however the rows came."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Recordings as Parquet: a file a chunk, a row a sample (docs/reference/recordings-schema.md).
+"""Writes recordings as Parquet: a file a chunk, a row a sample (docs/reference/recordings-schema.md).
 
 A file a chunk and not an episode: 100,000 episodes would be 100,000 objects, each with a footer larger than what most
 episodes leave. Rows stand in the order of episodes and time, and every row group says which episodes it holds, so that

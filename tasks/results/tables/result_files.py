@@ -1,4 +1,4 @@
-"""The result files of a batch, in the bucket that its document names."""
+"""Writes the result files of a batch into the bucket that its document names."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import JsonValue
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.statistics.summary import Tally
+from tasks.results.statistics.summary import EpisodeTally
 from tasks.results.tables.parquet import ParquetFile
 from tasks.results.tables.tables import extended_schemas, failures_table, results_table, sweep_variables
 from tasks.storage.base.keys import checked_name, output_key
@@ -27,7 +27,7 @@ def write_results(
     *,
     variables: Variables,
     metadata: Mapping[str, str],
-) -> tuple[dict[str, JsonValue], Tally]:
+) -> tuple[dict[str, JsonValue], EpisodeTally]:
     """Writes both tables; returns where they lie, and what the episodes came to.
 
     Where they lie is ``results_url``, ``failures_url``, and ``sha256s`` by file name. Each file appears whole under
@@ -60,10 +60,10 @@ def write_results(
 
 def _write(
     folder: Path, batch_id: str, parts: Iterable[Part], variables: Variables, metadata: Mapping[str, str]
-) -> tuple[dict[str, str], Tally]:
+) -> tuple[dict[str, str], EpisodeTally]:
     """Returns the SHA-256 of each file by name, and the tally."""
     swept = sweep_variables(variables)
-    tally = Tally([name for name, values in variables.items() if len(values) > 1])
+    tally = EpisodeTally([name for name, values in variables.items() if len(values) > 1])
     results_schema, failures_schema = extended_schemas(swept)
     with (
         ParquetFile(folder / RESULTS_FILE, results_schema, metadata) as results,

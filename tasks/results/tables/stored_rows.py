@@ -1,4 +1,4 @@
-"""Rows of a batch's files, read back from where its document put them."""
+"""Reads rows of a batch's files from where its document put them."""
 
 import hashlib
 from collections.abc import Sequence
@@ -46,6 +46,13 @@ def stored_rows(
 
 def recorded_samples(store: Store, location: OutputLocation, batch_id: str, name: str, index: int) -> pa.Table:
     """Returns an episode's recording, by the name of its file.
+
+    Args:
+        store: The store that the output location's bucket belongs to.
+        location: The batch's output location.
+        batch_id: The batch.
+        name: The file's name below the batch's recordings.
+        index: The episode.
 
     Raises:
         ResourceNotFound: The file is gone.

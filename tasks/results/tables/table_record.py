@@ -1,11 +1,11 @@
-"""What a batch's record says of its tables."""
+"""Writes a batch's tables, and what the batch's record says of them."""
 
 from collections.abc import Iterable, Mapping
 
 from pydantic import JsonValue
 
 from specs.field_types import OutputLocation
-from tasks.results.statistics.summary import Tally
+from tasks.results.statistics.summary import EpisodeTally
 from tasks.results.tables.result_files import Part, Variables, write_results
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -19,7 +19,7 @@ def write_batch_tables(
     variables: Variables,
     location: OutputLocation,
     metadata: Mapping[str, str],
-) -> tuple[dict[str, JsonValue], Tally]:
+) -> tuple[dict[str, JsonValue], EpisodeTally]:
     """Writes a batch's tables; returns where they lie and what they add up to, for its record, and the tally.
 
     Args:

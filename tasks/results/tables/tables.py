@@ -1,4 +1,4 @@
-"""Episodes as Arrow tables: nothing in them depends on the store, the machine or the hour.
+"""Makes Arrow tables of episodes: nothing in them depends on the store, the machine or the hour.
 
 The columns are those of ``specs.data.result_columns``, and one more for each environment variable that is a number
 everywhere (`sweep_variables`).

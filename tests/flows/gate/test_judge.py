@@ -8,7 +8,7 @@ import pytest
 
 from flows.document.tested_batch import candidates
 from flows.gate.baselines import NoBaseline, find_baseline
-from flows.gate.judge import compared_with, facts, gate_answer, material
+from flows.gate.judge import gate_answer, material, read_baseline, tested_facts
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.errors import ResourceNotFound, StageFailed
 from specs.pipeline.gate_section import Gate, NoWorseThan
@@ -174,7 +174,7 @@ def test_a_run_that_goes_on_compares_with_what_it_compared_with(
     baseline = read_evidence(file_store, batch.id).baseline
     assert baseline
     assert baseline.batch == before.id
-    assert compared_with(file_store, run) == baseline
+    assert read_baseline(file_store, run) == baseline
 
 
 def test_results_that_are_not_what_the_batch_wrote_are_not_judged(file_store: Store, shelf: Shelf):
@@ -198,4 +198,4 @@ def test_evidence_names_bundles_worlds_files_and_each_rules_numbers(file_store: 
     ]
     assert evidence.worlds == plan_of(batch).world_digests
     assert evidence.files == batch.detail["sha256s"]
-    assert facts(plan_of(batch), batch).robots == evidence.robots
+    assert tested_facts(plan_of(batch), batch).robots == evidence.robots

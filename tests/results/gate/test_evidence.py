@@ -9,11 +9,11 @@ from tasks.results.gate.evidence import (
     evidence_digest,
     gather,
     read_evidence,
-    tested,
+    tested_batch,
     write_evidence,
 )
 from tasks.results.gate.gate import judge
-from tasks.results.gate.rules.rule import Material
+from tasks.results.gate.rules.rule import GateMaterial
 from tasks.storage.store_url import open_store
 from tests.factories.episodes import ROBOT, SCENARIO, batch, counted
 
@@ -23,7 +23,7 @@ FILES = {"results.parquet": "f" * 64}
 
 
 def evidence(successes: int = 40, worlds: dict[str, str] | None = None, seeds: tuple[int, ...] = (2, 0, 1)) -> Evidence:
-    facts = tested(
+    facts = tested_batch(
         robots=[ROBOT, ROBOT],
         simulations=[SCENARIO],
         worlds=worlds or WORLDS,
@@ -32,7 +32,7 @@ def evidence(successes: int = 40, worlds: dict[str, str] | None = None, seeds: t
         metadata={"engine": "planar", "device": "cpu", "lanes": "192", "mujoco": "3.17.0"},
         files=FILES,
     )
-    return gather("simb-1", GATE, judge(GATE, Material(counted(batch(successes, 40 - successes)))), facts)
+    return gather("simb-1", GATE, judge(GATE, GateMaterial(counted(batch(successes, 40 - successes)))), facts)
 
 
 def test_it_names_applications_worlds_seeds_and_files():

@@ -8,7 +8,7 @@ from pydantic import JsonValue
 
 from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, Gate, SuccessRate
 from tasks.results.gate.gate import GATE_RULES, GateVerdict, columns_needed, count_rows, judge
-from tasks.results.gate.rules.rule import Completeness, Material
+from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.statistics.pairs import PairCounts
 from tasks.results.tables.tables import results_table
 from tests.factories.episodes import batch, canceled, collided, counted, crashed, passed, request
@@ -26,15 +26,15 @@ def gate(**rules: object) -> Gate:
 
 def judged(successes: int, failures: int, cancels: int = 0, *, rule: Gate = GATE, missing: int = 0) -> GateVerdict:
     counts = counted(batch(successes, failures, cancels))
-    return judge(rule, Material(counts, Completeness(canceled=cancels, missing=missing)))
+    return judge(rule, GateMaterial(counts, Completeness(canceled=cancels, missing=missing)))
 
 
-def rows(successes: int, failures: int, crashes: int = 0, **columns: object) -> Material:
+def rows(successes: int, failures: int, crashes: int = 0, **columns: object) -> GateMaterial:
     """Returns a batch of episodes that passed, collided, or whose job failed before it touched anything."""
     kinds = [passed] * successes + [collided] * failures + [crashed] * crashes
     results = [kind(index).model_copy(update=columns) for index, kind in enumerate(kinds)]
     table = results_table("simb-1", [request(index) for index in range(len(kinds))], results)
-    return Material(counted(results), rows=table)
+    return GateMaterial(counted(results), rows=table)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_the_sentence_gives_the_numbers():
 
 def test_a_job_that_failed_counts_as_not_successful():
     counts = counted([*batch(50, 0), *(crashed(50 + number) for number in range(50))])
-    verdict = judge(GATE, Material(counts))
+    verdict = judge(GATE, GateMaterial(counts))
     assert verdict.verdict == "FAIL"
     assert (verdict.counts.successes, verdict.counts.failed_jobs) == (50, 50)
 
@@ -144,24 +144,24 @@ def test_what_a_scenario_measures_by_itself_is_a_column_too():
 def test_a_version_is_no_worse_when_the_interval_of_the_difference_is_above_the_margin(
     gains: int, losses: int, verdict: str
 ):
-    material = Material(counted(batch(300, 0)), pairs=PairCounts(n=300, gains=gains, losses=losses, unpaired=0))
+    material = GateMaterial(counted(batch(300, 0)), pairs=PairCounts(n=300, gains=gains, losses=losses, unpaired=0))
     assert judge(gate(noWorseThan={"applicationVersion": "1", "margin": 0.03}), material).verdict == verdict
 
 
 def test_without_another_version_to_compare_with_nothing_passes():
-    material = Material(counted(batch(9, 0)), pairs="no batch drove version 1")
+    material = GateMaterial(counted(batch(9, 0)), pairs="no batch drove version 1")
     verdict = judge(gate(noWorseThan={"applicationVersion": "1", "margin": 0.03}), material)
     assert verdict.sentence == "INCONCLUSIVE: no batch drove version 1"
 
 
-def audit(lanes: int, flips: int, verdict: str = "SOUND", **more: JsonValue) -> Material:
+def audit(lanes: int, flips: int, verdict: str = "SOUND", **more: JsonValue) -> GateMaterial:
     report: dict[str, JsonValue] = {
         "verdict": verdict,
         "sentence": "as it went",
         "spread": {"lanes": lanes, "flips": flips},
         **more,
     }
-    return Material(counted(batch(9, 0)), audit=report)
+    return GateMaterial(counted(batch(9, 0)), audit=report)
 
 
 def test_outcomes_that_flip_on_the_reference_are_judged_by_the_spread_sample():
@@ -173,7 +173,7 @@ def test_outcomes_that_flip_on_the_reference_are_judged_by_the_spread_sample():
 
 def test_an_audit_that_was_not_made_or_not_sound_lets_nothing_pass():
     rule = gate(maxOutcomeFlipRate={"atMost": 0.2})
-    assert judge(rule, Material(counted(batch(9, 0)))).sentence == "INCONCLUSIVE: the batch was not audited"
+    assert judge(rule, GateMaterial(counted(batch(9, 0)))).sentence == "INCONCLUSIVE: the batch was not audited"
     assert judge(rule, audit(16, 0, verdict="NOT COMPARED")).verdict == "INCONCLUSIVE"
     assert judge(rule, audit(16, 0, verdict="SUSPECT", unreproduced=[3])).verdict == "INCONCLUSIVE"
 
@@ -203,15 +203,15 @@ def test_a_quantile_is_called_by_its_column():
 
 def test_a_batch_that_may_be_ended_early_is_judged_by_what_holds_at_any_look():
     counts = counted(batch(38, 0))
-    fixed = judge(GATE, Material(counts))
-    looked = judge(GATE, Material(counts, Completeness(sequential=True)))
+    fixed = judge(GATE, GateMaterial(counts))
+    looked = judge(GATE, GateMaterial(counts, Completeness(sequential=True)))
     assert (fixed.verdict, looked.verdict) == ("PASS", "INCONCLUSIVE")
     assert "95 % interval at any look" in looked.sentence
 
 
 def test_episodes_that_were_not_needed_any_more_do_not_stand_in_the_way():
     counts = counted(batch(64, 0, cancels=64))
-    verdict = judge(GATE, Material(counts, Completeness(left_out=64, sequential=True)))
+    verdict = judge(GATE, GateMaterial(counts, Completeness(left_out=64, sequential=True)))
     assert verdict.verdict == "PASS"
     assert verdict.sentence.endswith("; 64 not needed any more")
 
@@ -220,7 +220,7 @@ def test_a_rule_that_needs_the_whole_batch_does_not_pass_on_a_part_of_it():
     rule = gate(quantiles=[{"column": "min_clearance_m", "quantile": 0.5, "atLeast": 0.1}])
     whole = rows(80, 0)
     assert judge(rule, whole).verdict == "PASS"
-    part = Material(whole.counts, Completeness(left_out=5, sequential=True), rows=whole.rows)
+    part = GateMaterial(whole.counts, Completeness(left_out=5, sequential=True), rows=whole.rows)
     assert judge(rule, part).verdict == "INCONCLUSIVE"
 
 

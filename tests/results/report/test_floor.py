@@ -1,10 +1,17 @@
-"""Worlds from above: where things stand, in centimetres, and y up."""
+"""Worlds from above: where things stand, in centimetres, and y up; and lines with fewer points that stay near."""
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from jaxtyping import Float
 
 from specs.data.world import Solid
-from tasks.results.report.floor import dots_path, draw_floor, way_path
+from tasks.results.report.floor import dots_path, draw_floor, fit_line, simplify, way_path
 from tests.factories.worlds import apartment
+
+TOLERANCE_M = 0.05
+lines = st.integers(1, 40).flatmap(lambda points: arrays(np.float64, (points, 2), elements=st.floats(-10, 10)))
 
 
 def test_the_drawing_is_as_large_as_the_world_and_a_margin():
@@ -44,3 +51,49 @@ def test_a_way_that_goes_nowhere_is_a_dot_and_none_is_nothing():
     assert way_path(np.array([[0.1, 0.2], [0.1, 0.2]])) == "M10 -20h0"
     assert way_path(np.zeros((0, 2))) == ""
     assert dots_path(np.array([[0.1, 0.2], [1.0, 1.0]])) == "M10 -20h0M100 -100h0"
+
+
+def away_m(point: Float[np.ndarray, "2"], line: Float[np.ndarray, "points 2"]) -> float:
+    begins, ends = line[:-1], line[1:]
+    along = ends - begins
+    length2 = np.maximum(np.sum(along**2, axis=1), 1e-300)
+    share = np.clip(np.sum((point - begins) * along, axis=1) / length2, 0, 1)
+    return float(np.min(np.hypot(*(begins + share[:, None] * along - point).T)))
+
+
+@given(lines)
+def test_no_point_is_farther_from_the_new_line_than_allowed(line: Float[np.ndarray, "points 2"]):
+    kept = simplify(line, TOLERANCE_M)
+    if len(kept) > 1:
+        assert max(away_m(point, kept) for point in line) <= TOLERANCE_M + 1e-9
+
+
+@given(lines)
+def test_the_first_and_the_last_point_stay_and_no_point_is_new(line: Float[np.ndarray, "points 2"]):
+    kept = simplify(line, TOLERANCE_M)
+    assert kept[0].tolist() == line[0].tolist()
+    assert kept[-1].tolist() == line[-1].tolist()
+    assert {tuple(point) for point in kept.tolist()} <= {tuple(point) for point in line.tolist()}
+
+
+def test_a_straight_way_is_two_points_however_many_it_had():
+    line = np.stack([np.linspace(0, 5, 100), np.linspace(0, 3, 100)], axis=1)
+    assert simplify(line, TOLERANCE_M).tolist() == [[0, 0], [5, 3]]
+
+
+def test_a_corner_stays():
+    line = np.array([[0.0, 0.0], [1.0, 0.01], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0]])
+    assert simplify(line, TOLERANCE_M).tolist() == [[0, 0], [2, 0], [2, 2]]
+
+
+def test_a_way_back_to_where_it_began_is_more_than_a_point():
+    line = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 0.0]])
+    assert simplify(line, TOLERANCE_M).tolist() == line.tolist()
+
+
+@given(lines, st.integers(2, 10))
+def test_a_line_has_never_more_points_than_there_is_room_for(line: Float[np.ndarray, "points 2"], most: int):
+    kept = fit_line(line, TOLERANCE_M, most)
+    assert len(kept) <= most
+    assert kept[0].tolist() == line[0].tolist()
+    assert kept[-1].tolist() == line[-1].tolist()

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from specs.pipeline.gate_section import CollisionRate, Gate, SuccessRate
 from tasks.results.gate.evidence import ApplicationEvidence, Baseline
 from tasks.results.report.facts import Judgement
-from tasks.results.report.judgement import judged, judgement
+from tasks.results.report.judgement import judgement, judgement_of
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 from tests.results.gate.test_evidence import evidence
@@ -35,12 +35,12 @@ def test_what_the_gate_wrote_is_told_with_its_bar_and_its_rules(file_store: Stor
 
 def test_a_gate_without_a_success_rate_has_no_bar_to_draw():
     other = evidence().model_copy(update={"rule": Gate(collisionRate=CollisionRate(atMost=0.1))})
-    assert judged(other).at_least is None
+    assert judgement_of(other).at_least is None
 
 
 def test_the_confidence_is_the_one_of_the_rule():
     other = evidence().model_copy(update={"rule": Gate(successRate=SuccessRate(atLeast=0.5, confidence=0.8))})
-    assert (judged(other).at_least, judged(other).confidence) == (0.5, 0.8)
+    assert (judgement_of(other).at_least, judgement_of(other).confidence) == (0.5, 0.8)
 
 
 def test_of_a_batch_with_both_versions_the_judged_one_is_named():
@@ -48,10 +48,10 @@ def test_of_a_batch_with_both_versions_the_judged_one_is_named():
     other = ApplicationEvidence(name="courier", version="2", digest="e" * 64)
     both = one.model_copy(update={"robots": (*one.robots, other)})
     against = Baseline(version="1", digest="a" * 64, batch=one.batch, sha256="f" * 64)
-    assert judged(both).alone == ""
-    assert judged(both.model_copy(update={"baseline": against})).alone == "courier version 2"
+    assert judgement_of(both).alone == ""
+    assert judgement_of(both.model_copy(update={"baseline": against})).alone == "courier version 2"
     elsewhere = against.model_copy(update={"batch": "simb-0"})
-    assert judged(one.model_copy(update={"baseline": elsewhere})).alone == ""
+    assert judgement_of(one.model_copy(update={"baseline": elsewhere})).alone == ""
 
 
 def test_evidence_of_another_version_tells_its_verdict_and_its_sentence(file_store: Store):

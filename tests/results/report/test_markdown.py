@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tasks.results.report.facts import Judgement
-from tasks.results.report.page import plain, report_markdown
+from tasks.results.report.page import escape_markdown, report_markdown
 from tests.factories.episodes import crashed, request
 from tests.factories.reports import view
 
@@ -35,7 +35,7 @@ def test_no_name_becomes_markup(tmp_path: Path):
     assert "<b>" not in text
     assert "[x](y)" not in text
     assert "\n# z" not in text
-    assert plain("a_b | c") == "a\\_b \\| c"
+    assert escape_markdown("a_b | c") == "a\\_b \\| c"
 
 
 def test_several_rules_are_a_list_under_what_they_come_to(tmp_path: Path):

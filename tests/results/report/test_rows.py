@@ -3,14 +3,14 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.results.report.rows import MOST_ROWS, clipped, percent, rate_table, scale, short_world, worst_first
+from tasks.results.report.rows import MOST_ROWS, clip, percent, rate_table, scale, short_world, worst_first
 from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.summary import Group
+from tasks.results.statistics.summary import EpisodeGroup
 
 
-def group(successes: int, episodes: int, label: str = "g") -> Group:
+def group(successes: int, episodes: int, label: str = "g") -> EpisodeGroup:
     interval = wilson(successes, episodes, 0.95)
-    return Group(label=label, episodes=episodes, successes=successes, canceled=0, interval=interval, reasons=())
+    return EpisodeGroup(label=label, episodes=episodes, successes=successes, canceled=0, interval=interval, reasons=())
 
 
 counts = st.integers(0, 5000).flatmap(lambda episodes: st.tuples(st.integers(0, episodes), st.just(episodes)))
@@ -57,5 +57,5 @@ def test_worlds_of_one_generation_are_called_by_their_own_names():
 
 
 def test_a_long_text_becomes_one_line_of_the_length():
-    assert clipped("a\n b", 10) == "a b"
-    assert clipped("x" * 20, 10) == "x" * 9 + "…"
+    assert clip("a\n b", 10) == "a b"
+    assert clip("x" * 20, 10) == "x" * 9 + "…"

@@ -4,7 +4,7 @@ import pytest
 
 from specs.pipeline.gate_section import Gate, SuccessRate
 from tasks.results.gate.gate import judge
-from tasks.results.gate.rules.rule import Completeness, Material
+from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.statistics.episodes_needed import (
     episodes_needed,
     episodes_needed_at_any_look,
@@ -17,7 +17,7 @@ from tests.factories.episodes import batch, counted
 
 def verdict(n: int, bar: float, rate: float, *, sequential: bool = False) -> str:
     successes = int(rate * n + 1e-9)
-    material = Material(counted(batch(successes, n - successes)), Completeness(sequential=sequential))
+    material = GateMaterial(counted(batch(successes, n - successes)), Completeness(sequential=sequential))
     return judge(Gate(successRate=SuccessRate(atLeast=bar)), material).verdict
 
 

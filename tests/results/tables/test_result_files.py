@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from specs.errors import DocumentError
-from tasks.results.statistics.summary import Tally
+from tasks.results.statistics.summary import EpisodeTally
 from tasks.results.tables.result_files import write_results
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
@@ -51,7 +51,7 @@ def test_footers_name_what_the_rows_ran_on(tmp_path: Path):
 
 
 def test_episodes_that_never_ran_ran_on_none():
-    assert Tally().ran_on() == {"engine": "none", "device": "none"}
+    assert EpisodeTally().ran_on() == {"engine": "none", "device": "none"}
 
 
 def test_another_store_gets_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

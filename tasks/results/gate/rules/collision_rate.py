@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import CollisionRate
-from tasks.results.gate.rules.rule import ColumnValues, GateRule, Material, PlannedEpisodes, RuleVerdict, Share
+from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share
 from tasks.results.gate.rules.wording import (
     answer_below,
     confidence_text,
@@ -30,7 +30,7 @@ def _count(values: ColumnValues) -> Share:
     return Share(sum(touched), unknown, len(touched))
 
 
-def _judge(asked: CollisionRate, material: Material, label: str) -> RuleVerdict:
+def _judge(asked: CollisionRate, material: GateMaterial, label: str) -> RuleVerdict:
     (collided, unknown, n), lacks = material.shares[label], material.lacks
     if n == 0:
         return nothing_counted(label, "no episode has a result to count")

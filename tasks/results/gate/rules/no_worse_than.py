@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import NoWorseThan
-from tasks.results.gate.rules.rule import GateRule, Material, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.wording import answer_above, confidence_text, needed_line, nothing_counted, sentence
 from tasks.results.statistics.episodes_needed import pairs_needed
 from tasks.results.statistics.intervals import mcnemar, paired_difference
@@ -17,7 +17,7 @@ def _columns(_: NoWorseThan) -> Sequence[str]:
     return ("robot_digest", "status", "success")
 
 
-def _judge(asked: NoWorseThan, material: Material, label: str) -> RuleVerdict:
+def _judge(asked: NoWorseThan, material: GateMaterial, label: str) -> RuleVerdict:
     pairs, lacks = material.pairs, material.lacks
     if isinstance(pairs, str) or pairs.n == 0:
         return nothing_counted(label, pairs if isinstance(pairs, str) else "no episode of both versions is the same")

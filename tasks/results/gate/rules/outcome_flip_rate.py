@@ -6,7 +6,7 @@ from typing import cast
 from pydantic import JsonValue
 
 from specs.pipeline.gate_section import FlipRate
-from tasks.results.gate.rules.rule import Completeness, GateRule, Material, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.wording import (
     answer_below,
     confidence_text,
@@ -21,7 +21,7 @@ from tasks.results.statistics.intervals import wilson
 _NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
 
 
-def _judge(asked: FlipRate, material: Material, label: str) -> RuleVerdict:
+def _judge(asked: FlipRate, material: GateMaterial, label: str) -> RuleVerdict:
     audit = material.audit
     why_not = _why_not(audit)
     spread = cast("Mapping[str, int]", audit["spread"]) if audit and not why_not else {"lanes": 0, "flips": 0}

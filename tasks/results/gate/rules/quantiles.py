@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from specs.pipeline.gate_section import QuantileRule
-from tasks.results.gate.rules.rule import GateRule, Material, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.wording import (
     answer_above,
     answer_below,
@@ -28,7 +28,7 @@ def _columns(asked: QuantileRule) -> Sequence[str]:
     return ("status", _METRICS if asked.column.startswith(_PREFIX) else asked.column)
 
 
-def _judge(asked: QuantileRule, material: Material, label: str) -> RuleVerdict:
+def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdict:
     values, unknown = _values(material.ended_rows(), asked.column)
     n = len(values) + unknown
     if not values:

@@ -107,7 +107,7 @@ class Share(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Material:
+class GateMaterial:
     """What a gate judges by.
 
     Attributes:
@@ -177,7 +177,7 @@ class GateRule(Generic[Section]):
     """
 
     name: str
-    judge: Callable[[Section, Material, str], RuleVerdict]
+    judge: Callable[[Section, GateMaterial, str], RuleVerdict]
     plan: Callable[[Section, PlannedEpisodes], Iterator[str]]
     columns: Callable[[Section], Sequence[str]] = _no_columns
     count: Callable[[ColumnValues], Share] | None = None

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from specs.pipeline.gate_section import SuccessRate
-from tasks.results.gate.rules.rule import GateRule, Material, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.wording import (
     answer_above,
     confidence_text,
@@ -18,7 +18,7 @@ from tasks.results.gate.rules.wording import (
 _EXPECTED_RATES = (1.0, 0.98, 0.95)
 
 
-def _judge(asked: SuccessRate, material: Material, label: str) -> RuleVerdict:
+def _judge(asked: SuccessRate, material: GateMaterial, label: str) -> RuleVerdict:
     counts, lacks = material.counts, material.lacks
     if counts.episodes == 0:
         return nothing_counted(label, "no episode has a result to count")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tasks.results.report.batch_columns import Failures, read_failures, read_ways
-from tasks.results.report.maps import DRAWN, LISTED, picked
+from tasks.results.report.maps import DRAWN, LISTED, choose_failures
 from tests.factories.episodes import collided, request
 from tests.factories.reports import written
 
@@ -20,25 +20,25 @@ def failures(folder: Path, reasons: list[str], ends_m: list[tuple[float, float]]
 
 
 def test_a_rare_reason_is_shown_among_many_of_another(tmp_path: Path):
-    pick = picked(failures(tmp_path, ["timeout"] * 200 + ["collision"]), [WORLD])[WORLD]
+    pick = choose_failures(failures(tmp_path, ["timeout"] * 200 + ["collision"]), [WORLD])[WORLD]
     assert 200 in pick.listed
 
 
 def test_there_are_never_more_than_are_looked_at(tmp_path: Path):
-    pick = picked(failures(tmp_path, ["timeout", "stuck"] * 100), [WORLD])[WORLD]
+    pick = choose_failures(failures(tmp_path, ["timeout", "stuck"] * 100), [WORLD])[WORLD]
     assert (len(pick.listed), len(pick.drawn), pick.failures) == (LISTED, DRAWN, 200)
     assert set(pick.listed) <= set(pick.drawn)
 
 
 def test_failures_at_other_places_are_listed_before_more_of_the_same_place(tmp_path: Path):
     ends_m = [(0.0, 0.0)] * 10 + [(5.0, 5.0)]
-    pick = picked(failures(tmp_path, ["stuck"] * 11, ends_m), [WORLD])[WORLD]
+    pick = choose_failures(failures(tmp_path, ["stuck"] * 11, ends_m), [WORLD])[WORLD]
     assert 10 in pick.listed
     assert len(pick.listed) == LISTED
 
 
 def test_a_world_without_failures_has_nothing_to_show(tmp_path: Path):
-    pick = picked(failures(tmp_path, ["stuck"]), ["wgj-1/other"])["wgj-1/other"]
+    pick = choose_failures(failures(tmp_path, ["stuck"]), ["wgj-1/other"])["wgj-1/other"]
     assert (pick.listed, pick.drawn, pick.failures) == ((), (), 0)
 
 
