@@ -167,20 +167,20 @@ class _Builder:
         for room in way.rooms:
             others = [gap for gap in self.gaps if room in gap.rooms]
             share = _HALLWAY_SHARE if self._brief.rooms[room].type == "Hallway" else 1.0
-            cost += _FROM_CORNER * share * min(_from_corner(way, self._floors[room]), _CORNER_MAX_M)
-            cost += sum(_PATH * share * _apart(way, gap) for gap in others)
+            cost += _FROM_CORNER * share * min(_corner_distance(way, self._floors[room]), _CORNER_MAX_M)
+            cost += sum(_PATH * share * _distance(way, gap) for gap in others)
             if self._brief.doors is not None:
                 swing = way.box(self._width)
                 cost += _LEAVES_MEET * sum(swing.meets(gap.box(self._width)) for gap in others)
         return cost
 
 
-def _from_corner(gap: Gap, floor: Box) -> float:
+def _corner_distance(gap: Gap, floor: Box) -> float:
     axis = 0 if gap.along == "x" else 1
     return min(gap.center[axis] - floor[axis], floor[axis + 2] - gap.center[axis]) - gap.width / 2
 
 
-def _apart(one: Gap, other: Gap) -> float:
+def _distance(one: Gap, other: Gap) -> float:
     return abs(one.center[0] - other.center[0]) + abs(one.center[1] - other.center[1])
 
 

@@ -45,7 +45,7 @@ def choose_start(
     spots = [
         (inner.x_min + u * inner.width, inner.y_min + v * inner.height) for u, v in rng.random((_SPOTS, 2)).tolist()
     ]
-    spots += [_clamped(gap.center, inner, reach) for gap in exits for reach in _reaches(brief, gap)]
+    spots += [_clamp(gap.center, inner, reach) for gap in exits for reach in _reaches(brief, gap)]
     taste = rng.random(len(spots)).tolist()
     costs = [_cost(brief, exits, spot) + _TASTE_M * each for spot, each in zip(spots, taste, strict=True)]
     x, y = spots[costs.index(min(costs))]
@@ -62,7 +62,7 @@ def _reaches(brief: Brief, gap: Gap) -> tuple[float, ...]:
     return (0.0,) if brief.doors is None else (0.0, gap.width)
 
 
-def _clamped(point: tuple[float, float], inner: Box, reach: float) -> tuple[float, float]:
+def _clamp(point: tuple[float, float], inner: Box, reach: float) -> tuple[float, float]:
     """Returns the place next to a point that is inside by that much, where there is so much."""
     in_x, in_y = min(reach, inner.width / 2), min(reach, inner.height / 2)
     x = min(max(point[0], inner.x_min + in_x), inner.x_max - in_x)

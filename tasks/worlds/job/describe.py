@@ -49,7 +49,7 @@ def describe_generation_job(record: JobRecord) -> DescribeWorldGenerationJobResp
         **_state(record),
         **_from_request(record, _DESCRIBED),
         "clientRequestToken": record.token,
-        "finishedWorldsSummary": _finished(record),
+        "finishedWorldsSummary": _finished_worlds_summary(record),
     }
     if record.failure_code:
         fields |= {"failureCode": record.failure_code, "failureReason": record.failure_reason}
@@ -86,7 +86,7 @@ def describe_world(world: World, record: JobRecord | None, store: str) -> Descri
 
 def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:
     """Returns the lines of a job's worlds in ListWorlds."""
-    store = _store(record)
+    store = _store_of(record)
     return tuple(WorldSummary.model_validate(_identity(reference, record, store)) for reference in _worlds(record))
 
 
@@ -114,7 +114,7 @@ def _from_request(record: JobRecord, names: tuple[str, ...]) -> dict[str, JsonVa
     return {name: record.request[name] for name in names if name in record.request}
 
 
-def _finished(record: JobRecord) -> dict[str, JsonValue]:
+def _finished_worlds_summary(record: JobRecord) -> dict[str, JsonValue]:
     """Returns the finishedWorldsSummary: finished are those that succeeded and those that failed.
 
     See docs/reference/robomaker.md, section 5.
@@ -123,7 +123,7 @@ def _finished(record: JobRecord) -> dict[str, JsonValue]:
     failed = sum(failure.count for failure in failures.values())
     summary: dict[str, JsonValue] = {"finishedCount": len(worlds) + failed}
     if worlds:
-        summary["succeededWorlds"] = [arn("world", _store(record), reference) for reference in worlds]
+        summary["succeededWorlds"] = [arn("world", _store_of(record), reference) for reference in worlds]
     if failures:
         listed: list[JsonValue] = [
             {"failureCode": code, "sampleFailureReason": failure.sample_reason, "failureCount": failure.count}
@@ -141,7 +141,7 @@ def _failures(record: JobRecord) -> dict[str, _Failure]:
     return _FAILURES.validate_python(record.detail.get("failures", {}))
 
 
-def _store(record: JobRecord) -> str:
+def _store_of(record: JobRecord) -> str:
     return record.arn.split(":")[3]
 
 
@@ -157,7 +157,7 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
         DocumentError: The path is no world's.
     """
     generation, _, name = path.partition("/")
-    body = _found(store, world_key(generation, name), "world", path)
+    body = _read_object(store, world_key(generation, name), "world", path)
     try:
         record = read(store, _KIND, generation)
     except ResourceNotFound:
@@ -184,7 +184,7 @@ def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
         ResourceNotFound: There is no such template.
         DocumentError: The name is none.
     """
-    body = TemplateBody.model_validate_json(_found(store, template_key(name), "world-template", name))
+    body = TemplateBody.model_validate_json(_read_object(store, template_key(name), "world-template", name))
     return DescribeWorldTemplateResponse(arn=_arn(store, name), name=name, version=body.Version)
 
 
@@ -199,7 +199,7 @@ def _arn(store: Store, name: str) -> str:
     return arn("world-template", store_id(store), name)
 
 
-def _found(store: Store, key: str, kind: str, path: str) -> bytes:
+def _read_object(store: Store, key: str, kind: str, path: str) -> bytes:
     try:
         return store.get(key).body
     except ObjectNotFound as exc:
