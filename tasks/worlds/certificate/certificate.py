@@ -39,7 +39,15 @@ def survey(
     furniture: Sequence[Furniture],
     doors: Sequence[Door] = (),
 ) -> Survey:
-    """Returns the clearances of a finished world."""
+    """Returns the clearances of a finished world.
+
+    Args:
+        rooms: All rooms.
+        passages: The ways between them.
+        walls: All walls.
+        furniture: All furniture.
+        doors: All doors, as they stand.
+    """
     fixed = [*walls, *(solid for piece in furniture for solid in piece.solids)]
     area = bounding_box([_box(room) for room in rooms]).grown(WALL_M)
     as_set = measure_clearance(area, [*fixed, *(door.leaf for door in doors)])

@@ -71,7 +71,15 @@ class SharedWall:
         return self.end - self.start
 
     def gap(self, rooms: tuple[int, int], kind: PassageKind, start: float, width: float, *, desired: bool) -> Gap:
-        """Returns a gap in the wall that begins at a place along it."""
+        """Returns a gap in the wall.
+
+        Args:
+            rooms: The two rooms, lower index first.
+            kind: Doorway or opening.
+            start: Where it begins along the wall (metres).
+            width: Its extent along the wall (metres).
+            desired: Whether the template wishes for it.
+        """
         middle = round(start + width / 2, 3)
         center = (middle, self.at) if self.along == "x" else (self.at, middle)
         return Gap(rooms, kind, center, round(width, 2), self.along, desired)

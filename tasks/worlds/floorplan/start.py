@@ -36,6 +36,12 @@ def choose_start(
     """Returns where the robot starts, in whole centimetres; None when no room holds the clear disc.
 
     Floor that is kept free for walking anyway is the best place for a disc that must be free.
+
+    Args:
+        rng: The floor plan's stream.
+        brief: What the template asks for.
+        cells: Each room's cell, in the brief's order.
+        gaps: The passages.
     """
     fitting = [room for room, cell in enumerate(cells) if min(_inner(cell).width, _inner(cell).height) >= -1e-9]
     if not fitting:
@@ -87,6 +93,12 @@ def hindrance(brief: Brief, cells: Sequence[Box], gaps: Sequence[Gap], start: tu
     """Returns what keeps the brief's robot from the start or from a room, for a person; empty for nothing.
 
     In a room without furniture a disc gets everywhere that it fits, and through every gap wider than itself.
+
+    Args:
+        brief: What the template asks for.
+        cells: Each room's cell, in the brief's order.
+        gaps: The passages.
+        start: Where the robot starts; None for nowhere.
     """
     names = [room.name for room in brief.rooms]
     floors = [cell.grown(-WALL_M / 2) for cell in cells]

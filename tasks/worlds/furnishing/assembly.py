@@ -69,7 +69,14 @@ def draw_look(rng: np.random.Generator) -> Look:
 
 
 def assemble(piece: Piece, name: str, room: str, look: Look) -> Furniture:
-    """Returns a piece as the world holds it."""
+    """Returns a piece as the world holds it.
+
+    Args:
+        piece: The piece where it stands.
+        name: Its name in the world.
+        room: The name of its room.
+        look: The shapes and colours of the room's furniture.
+    """
     x, y = piece.center
     return Furniture(
         name=name,

@@ -87,14 +87,30 @@ Composition = Callable[[Size, Style], tuple[Primitive, ...]]
 
 
 def block(name: str, x: Range, y: Range, z: Range, color: Paint) -> Primitive:
-    """Returns a box from its extents along each axis."""
+    """Returns a box.
+
+    Args:
+        name: Its name in the piece.
+        x: From where to where along the piece's back (metres).
+        y: From where to where from back to front (metres).
+        z: From where to where above the floor (metres).
+        color: Its paint.
+    """
     center = ((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, (z[0] + z[1]) / 2)
     half = ((x[1] - x[0]) / 2, (y[1] - y[0]) / 2, (z[1] - z[0]) / 2)
     return Primitive(name, "box", center, half, color)
 
 
 def post(name: str, at: tuple[float, float], radius: float, z: Range, color: Paint) -> Primitive:
-    """Returns an upright cylinder."""
+    """Returns an upright cylinder.
+
+    Args:
+        name: Its name in the piece.
+        at: Its axis (metres).
+        radius: Its radius (metres).
+        z: From where to where above the floor (metres).
+        color: Its paint.
+    """
     return Primitive(name, "cylinder", (*at, (z[0] + z[1]) / 2), (radius, radius, (z[1] - z[0]) / 2), color)
 
 
@@ -127,7 +143,14 @@ def stand(size: tuple[float, float], height: float, style: Style) -> tuple[Primi
 
 
 def runners(size: tuple[float, float], height: float, color: Paint, inset: float = 0.05) -> tuple[Primitive, ...]:
-    """Returns two low runners from back to front under something of that width and depth."""
+    """Returns two low runners from back to front under a piece.
+
+    Args:
+        size: Width and depth of the piece (metres).
+        height: Their height (metres).
+        color: Their paint.
+        inset: Distance from the edges (metres).
+    """
     x, y = size[0] / 2 - inset, size[1] / 2 - inset
     return tuple(
         block(f"runner_{n}", (at - 0.02, at + 0.02), (-y, y), (0.0, height), color)
@@ -138,7 +161,17 @@ def runners(size: tuple[float, float], height: float, color: Paint, inset: float
 def fronts(
     columns: int, rows: int, x: Range, z: Range, y: float, *, color: Paint = FRONT, name: str = "front"
 ) -> tuple[Primitive, ...]:
-    """Returns a grid of doors or drawers whose outer face lies at ``y``, with reveals between and around them."""
+    """Returns a grid of doors or drawers, with reveals between and around them.
+
+    Args:
+        columns: How many stand side by side.
+        rows: How many lie above each other.
+        x: From where to where the grid reaches along the back (metres).
+        z: From where to where it reaches above the floor (metres).
+        y: Where the outer faces lie (metres).
+        color: Their paint.
+        name: Their name in the piece; a number is added.
+    """
     width, height = (x[1] - x[0] - REVEAL_M) / columns, (z[1] - z[0] - REVEAL_M) / rows
     return tuple(
         block(
