@@ -12,11 +12,11 @@ from specs.data.world import ROBOT_RADIUS_M, Light, Passage, Rectangle, Room, Wi
 from specs.template.body import TemplateBody, template_digest
 from tasks.worlds.brief import FULLY_OPEN, Brief, brief_of
 from tasks.worlds.certificate.certificate import Survey, broken_guarantees, certify, survey
-from tasks.worlds.floorplan.doors import build_doors, hang_doors, opened
+from tasks.worlds.floorplan.doors import build_doors, hang_doors, open_leaves
 from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
 from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.floorplan.walls import build_walls
-from tasks.worlds.furnishing.rooms import Draw, furnish_interior
+from tasks.worlds.furnishing.interior import InteriorKey, furnish_interior
 from tasks.worlds.geometry.boxes import Box, rounded
 from tasks.worlds.geometry.clearance import measure_clearance, occupancy, reaches_room
 from tasks.worlds.materials import Surfaces, draw_surfaces
@@ -36,13 +36,13 @@ def sound_plan(brief: Brief, seed: int, floorplan_index: int) -> FloorPlan:
     """
     plan = plan_floor(brief, seed, floorplan_index)
     for redraw in range(1, _REDRAWS):
-        if brief.doors is None or _passable(brief, plan):
+        if brief.doors is None or _is_passable(brief, plan):
             return plan
         plan = plan_floor(brief, seed, floorplan_index, redraw)
     return plan
 
 
-def _passable(brief: Brief, plan: FloorPlan) -> bool:
+def _is_passable(brief: Brief, plan: FloorPlan) -> bool:
     walls = build_walls(plan, brief.ceiling_height_m, [_GREY] * len(plan.cells))
     leaves = [way.leaf("leaf", 100.0, _GREY) for way in hang_doors(brief, plan)]
     clearance = measure_clearance(plan.footprint, [*walls, *leaves])
@@ -88,7 +88,7 @@ def generate_world(
     brief = brief_of(template, robot_radius_m)
     broken: tuple[str, ...] = ()
     for sub_seed in range(_SUB_SEEDS):
-        draw = Draw(seed, floorplan_index, interior_index, sub_seed)
+        draw = InteriorKey(seed, floorplan_index, interior_index, sub_seed)
         world = _draw_world(brief, draw, generation, template_digest(template))
         broken = broken_guarantees(world.certificate)
         if not broken:
@@ -97,7 +97,7 @@ def generate_world(
     raise WorldRejected("InternalServiceError", f"{name}, tried {_SUB_SEEDS} times: {'; '.join(broken)}")
 
 
-def _draw_world(brief: Brief, draw: Draw, generation: str, digest: str) -> World:
+def _draw_world(brief: Brief, draw: InteriorKey, generation: str, digest: str) -> World:
     """Returns the world of one sub-seed, whatever it keeps of its guarantees."""
     indices = (draw.seed, draw.floorplan_index, draw.interior_index)
     plan = sound_plan(brief, draw.seed, draw.floorplan_index)
@@ -105,7 +105,7 @@ def _draw_world(brief: Brief, draw: Draw, generation: str, digest: str) -> World
     walls = build_walls(plan, brief.ceiling_height_m, [each.walls.color for each in surfaces])
     doors = build_doors(brief, plan, doors_stream(*indices, draw.sub_seed))
     rooms, passages = _rooms(brief, plan, surfaces), _passages(brief, plan)
-    interior = furnish_interior(brief, plan, [*walls, *opened(doors, passages)], draw)
+    interior = furnish_interior(brief, plan, [*walls, *open_leaves(doors, passages)], draw)
     furniture = interior.furniture
     shut = any(door.open_percent < FULLY_OPEN for door in doors)
     as_set = survey(rooms, passages, walls, furniture, doors).as_set if shut else interior.clearance

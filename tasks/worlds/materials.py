@@ -17,7 +17,7 @@ Scheme = tuple[Color, Color]
 
 
 @dataclass(frozen=True)
-class Material:
+class SurfaceMaterial:
     """What a flooring or a wall covering looks like.
 
     Attributes:
@@ -33,8 +33,8 @@ class Material:
 
 # Planks, tiles and bricks are as shops sell them (laminate 1.2 x 0.19 m; brick courses 0.25 x 0.075 m with the joint,
 # DIN 105 normal format 240 x 115 x 71 mm).
-FLOORINGS: dict[str, Material] = {
-    "Carpet": Material(
+FLOORINGS: dict[str, SurfaceMaterial] = {
+    "Carpet": SurfaceMaterial(
         "fibres",
         (0.02, 0.02),
         (
@@ -44,12 +44,12 @@ FLOORINGS: dict[str, Material] = {
             ((0.46, 0.5, 0.44), (0.4, 0.44, 0.38)),
         ),
     ),
-    "Concrete": Material(
+    "Concrete": SurfaceMaterial(
         "plain",
         (1.0, 1.0),
         (((0.66, 0.66, 0.65), (0.6, 0.6, 0.59)), ((0.56, 0.56, 0.56), (0.5, 0.5, 0.5))),
     ),
-    "Floorboards": Material(
+    "Floorboards": SurfaceMaterial(
         "planks",
         (1.2, 0.19),
         (
@@ -59,7 +59,7 @@ FLOORINGS: dict[str, Material] = {
             ((0.78, 0.74, 0.68), (0.67, 0.63, 0.57)),
         ),
     ),
-    "Linoleum": Material(
+    "Linoleum": SurfaceMaterial(
         "plain",
         (1.0, 1.0),
         (
@@ -68,12 +68,12 @@ FLOORINGS: dict[str, Material] = {
             ((0.7, 0.55, 0.46), (0.63, 0.48, 0.4)),
         ),
     ),
-    "Parquetry": Material(
+    "Parquetry": SurfaceMaterial(
         "parquet",
         (0.4, 0.1),
         (((0.64, 0.44, 0.27), (0.54, 0.35, 0.2)), ((0.76, 0.58, 0.38), (0.66, 0.48, 0.3))),
     ),
-    "Tiles": Material(
+    "Tiles": SurfaceMaterial(
         "tiles",
         (0.3, 0.3),
         (
@@ -84,19 +84,19 @@ FLOORINGS: dict[str, Material] = {
         ),
     ),
 }
-WALLS: dict[str, Material] = {
-    "Brick": Material(
+WALLS: dict[str, SurfaceMaterial] = {
+    "Brick": SurfaceMaterial(
         "bricks",
         (0.25, 0.083),
         (((0.66, 0.36, 0.28), (0.8, 0.76, 0.7)), ((0.82, 0.8, 0.77), (0.7, 0.68, 0.65))),
     ),
-    "Concrete": Material("plain", (1.0, 1.0), (((0.72, 0.72, 0.71), (0.66, 0.66, 0.65)),)),
-    "Stone": Material(
+    "Concrete": SurfaceMaterial("plain", (1.0, 1.0), (((0.72, 0.72, 0.71), (0.66, 0.66, 0.65)),)),
+    "Stone": SurfaceMaterial(
         "stones",
         (0.5, 0.25),
         (((0.62, 0.6, 0.55), (0.5, 0.48, 0.44)), ((0.74, 0.7, 0.62), (0.62, 0.58, 0.5))),
     ),
-    "Tiles": Material(
+    "Tiles": SurfaceMaterial(
         "tiles",
         (0.2, 0.2),
         (
@@ -106,12 +106,12 @@ WALLS: dict[str, Material] = {
             ((0.9, 0.86, 0.78), (0.76, 0.72, 0.65)),
         ),
     ),
-    "Wood panels": Material(
+    "Wood panels": SurfaceMaterial(
         "panels",
         (0.15, 2.4),
         (((0.7, 0.54, 0.38), (0.58, 0.43, 0.29)), ((0.86, 0.85, 0.81), (0.75, 0.74, 0.7))),
     ),
-    "Wall paint": Material(
+    "Wall paint": SurfaceMaterial(
         "plain",
         (1.0, 1.0),
         (
@@ -123,7 +123,7 @@ WALLS: dict[str, Material] = {
             ((0.88, 0.82, 0.83), (0.88, 0.82, 0.83)),
         ),
     ),
-    "Wallpaper": Material(
+    "Wallpaper": SurfaceMaterial(
         "stripes",
         (0.12, 2.4),
         (
@@ -172,13 +172,13 @@ def draw_surfaces(brief: Brief, rng: np.random.Generator) -> tuple[Surfaces, ...
     )
 
 
-def known_name(wished: str, known: Mapping[str, Material]) -> str | None:
+def known_name(wished: str, known: Mapping[str, SurfaceMaterial]) -> str | None:
     """Returns the material that a template means, None for none."""
     return {_plain(name): name for name in known}.get(_plain(wished))
 
 
 def _draw(
-    rng: np.random.Generator, wished: tuple[str, ...], known: dict[str, Material], usual: tuple[str, ...]
+    rng: np.random.Generator, wished: tuple[str, ...], known: dict[str, SurfaceMaterial], usual: tuple[str, ...]
 ) -> Finish:
     choice = [name for wish in wished if (name := known_name(wish, known))] or list(usual)
     name = choice[int(rng.integers(len(choice)))]

@@ -16,14 +16,30 @@ def materials_stream(seed: int, floorplan_index: int, interior_index: int) -> np
 
 
 def doors_stream(seed: int, floorplan_index: int, interior_index: int, sub_seed: int) -> np.random.Generator:
-    """Returns the stream that draws how an interior's doors look and stand."""
+    """Returns the stream that draws how an interior's doors look and stand.
+
+    Args:
+        seed: The generation's seed.
+        floorplan_index: From 1.
+        interior_index: From 1.
+        sub_seed: How many tries were given up before.
+    """
     return _stream(seed, _DOORS, floorplan_index, interior_index, sub_seed)
 
 
 def room_stream(
     seed: int, floorplan_index: int, interior_index: int, sub_seed: int, *, room: int, attempt: int
 ) -> np.random.Generator:
-    """Returns the stream that furnishes one room of an interior; each attempt has its own."""
+    """Returns the stream that furnishes one room of an interior.
+
+    Args:
+        seed: The generation's seed.
+        floorplan_index: From 1.
+        interior_index: From 1.
+        sub_seed: How many tries were given up before.
+        room: The room's index.
+        attempt: From 0; each attempt has its own stream.
+    """
     return _stream(seed, _ROOM, floorplan_index, interior_index, sub_seed, room, attempt)
 
 

@@ -23,7 +23,17 @@ def generate_worlds(
     robot_radius_m: float,
     elsewhere: Elsewhere | None = None,
 ) -> JobRecord:
-    """Returns the ended generation job of the token, having made the worlds that were missing."""
+    """Returns the ended generation job of the token, having made the worlds that were missing.
+
+    Args:
+        store_url: Where worlds and records lie.
+        request: What is asked for.
+        template: The template that the request names.
+        seed: At least 0.
+        token: The client request token.
+        robot_radius_m: Radius of the robot that every room shall be reachable for.
+        elsewhere: Workers of a cluster that make the worlds instead, where there are any.
+    """
     with watched("Worlds", "worlds-progress") as progress:
         return run_generation_job(
             open_store(store_url),

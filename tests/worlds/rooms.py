@@ -13,7 +13,7 @@ from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.floorplan.walls import build_walls
 from tasks.worlds.floorplan.windows import Pane
 from tasks.worlds.furnishing.assembly import Look, Palette, assemble
-from tasks.worlds.furnishing.scene import Piece, Scene, open_scene
+from tasks.worlds.furnishing.scene import Piece, RoomScene, open_scene
 from tasks.worlds.furniture.primitives import Size, Style
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.templates import furniture, room, template
@@ -76,7 +76,7 @@ def walls_of(plan: FloorPlan) -> tuple[Solid, ...]:
     return build_walls(plan, 3.0, [GREY] * len(plan.cells))
 
 
-def empty_scene(width_m: float = 5.0, depth_m: float = 4.0, *keep_clear: Box) -> Scene:
+def empty_scene(width_m: float = 5.0, depth_m: float = 4.0, *keep_clear: Box) -> RoomScene:
     """Returns an empty room far from (0, 0), so that the disc around the start is not in the way."""
     return open_scene(Box(10.0, 10.0, 10.0 + width_m, 10.0 + depth_m), keep_clear, ROBOT_M)
 

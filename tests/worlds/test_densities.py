@@ -7,7 +7,7 @@ import pytest
 from specs.data.world import RoomType
 from specs.template.interior import Density
 from tasks.worlds.brief import COVERED, COVERED_BY_TYPE, COVERED_SPREAD, FREE_FLOOR
-from tasks.worlds.furnishing.rooms import Draw, furnish_interior
+from tasks.worlds.furnishing.interior import InteriorKey, furnish_interior
 from tests.worlds.rooms import home, walls_of
 from tests.worlds.templates import ROOM_TYPES
 
@@ -21,7 +21,7 @@ def free_floor(kind: RoomType, density: Density) -> list[float]:
     for area in AREAS_M2:
         brief, plan = home(kind, area, density)
         for seed in SEEDS:
-            clearance = furnish_interior(brief, plan, walls_of(plan), Draw(seed, 1, 1)).clearance
+            clearance = furnish_interior(brief, plan, walls_of(plan), InteriorKey(seed, 1, 1)).clearance
             found.append(1.0 - float(clearance.covered[clearance.cells(plan.floors[0])].mean()))
     return found
 

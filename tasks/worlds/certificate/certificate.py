@@ -8,9 +8,9 @@ import numpy as np
 from specs.data.world import Certificate, Door, Furniture, Passage, Room, RoomFigures, Solid
 from tasks.worlds.brief import Brief
 from tasks.worlds.certificate.wishes import weigh_wishes
-from tasks.worlds.floorplan.doors import LEAF_PLAY_M, LEAF_THICKNESS_M, opened
+from tasks.worlds.floorplan.doors import LEAF_PLAY_M, LEAF_THICKNESS_M, open_leaves
 from tasks.worlds.floorplan.scoring import WALL_M
-from tasks.worlds.geometry.boxes import Box, around, rounded
+from tasks.worlds.geometry.boxes import Box, bounding_box, rounded
 from tasks.worlds.geometry.clearance import HEADROOM_M, Clearance, connected_share, measure_clearance, reaches_room
 from tasks.worlds.geometry.overlaps import count_overlaps
 
@@ -39,13 +39,21 @@ def survey(
     furniture: Sequence[Furniture],
     doors: Sequence[Door] = (),
 ) -> Survey:
-    """Returns the clearances of a finished world."""
+    """Returns the clearances of a finished world.
+
+    Args:
+        rooms: All rooms.
+        passages: The ways between them.
+        walls: All walls.
+        furniture: All furniture.
+        doors: All doors, as they stand.
+    """
     fixed = [*walls, *(solid for piece in furniture for solid in piece.solids)]
-    area = around([_box(room) for room in rooms]).grown(WALL_M)
+    area = bounding_box([_box(room) for room in rooms]).grown(WALL_M)
     as_set = measure_clearance(area, [*fixed, *(door.leaf for door in doors)])
     if all(door.open_percent == 100.0 for door in doors):
         return Survey(as_set, as_set)
-    return Survey(measure_clearance(area, [*fixed, *opened(doors, passages)]), as_set)
+    return Survey(measure_clearance(area, [*fixed, *open_leaves(doors, passages)]), as_set)
 
 
 def certify(
@@ -72,7 +80,7 @@ def certify(
     clear = surveyed or survey(rooms, passages, walls, furniture, doors)
     floors = [_box(room) for room in rooms]
     figures = tuple(_figures(brief, clear.opened, rooms))
-    outline = around(floors).grown(WALL_M)
+    outline = bounding_box(floors).grown(WALL_M)
     errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
     in_the_way = [*walls, *(door.leaf for door in doors), *(solid for piece in furniture for solid in piece.solids)]
     reachable = reachable_radius(clear.opened, floors)

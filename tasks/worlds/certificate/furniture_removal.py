@@ -27,7 +27,7 @@ def refurnished(world: World, kept: Collection[str], template: TemplateBody | No
     furniture = tuple(piece for piece in world.furniture if piece.name in kept)
     surveyed = survey(world.rooms, world.passages, world.walls, furniture, world.doors)
     measured = certify(
-        _as_built(world) if template is None else brief_of(template, world.certificate.guaranteed_robot_radius_m),
+        _brief_as_built(world) if template is None else brief_of(template, world.certificate.guaranteed_robot_radius_m),
         world.rooms,
         world.passages,
         walls=world.walls,
@@ -35,7 +35,7 @@ def refurnished(world: World, kept: Collection[str], template: TemplateBody | No
         doors=world.doors,
         surveyed=surveyed,
     )
-    certificate = measured if template is not None else _as_wished_before(measured, world.certificate)
+    certificate = measured if template is not None else _keep_other_wishes(measured, world.certificate)
     taken = Wish(
         kind="furniture",
         subject="all rooms",
@@ -53,13 +53,13 @@ def refurnished(world: World, kept: Collection[str], template: TemplateBody | No
     )
 
 
-def _as_wished_before(measured: Certificate, before: Certificate) -> Certificate:
+def _keep_other_wishes(measured: Certificate, before: Certificate) -> Certificate:
     """Returns what was measured, with what an earlier certificate says of wishes that furniture has no part in."""
     wishes = tuple(wish for wish in before.wishes if wish.kind not in _ABOUT_FURNITURE)
     return measured.model_copy(update={"area_error_mean": before.area_error_mean, "wishes": wishes})
 
 
-def _as_built(world: World) -> Brief:
+def _brief_as_built(world: World) -> Brief:
     """Returns a brief that asks for the rooms as they are, to measure with where nobody knows what was asked for."""
     return Brief(
         footprint_aspect=1.0,

@@ -7,7 +7,7 @@ from itertools import chain
 from specs.data.world import Door, Furniture, Passage, Room, RoomFigures, Wish
 from tasks.worlds.brief import FREE_FLOOR, Brief, ConnectionWish, RoomWish
 from tasks.worlds.geometry.boxes import rounded
-from tasks.worlds.materials import FLOORINGS, WALLS, Material, known_name
+from tasks.worlds.materials import FLOORINGS, WALLS, SurfaceMaterial, known_name
 
 AREA_TOLERANCE = 0.03
 ASPECT_TOLERANCE = 0.25
@@ -82,7 +82,7 @@ def _surfaces(wish: RoomWish, room: Room) -> Iterator[Wish]:
 
 
 def _material(
-    kind: str, subject: str, wished: tuple[str, ...], found: str, known: Mapping[str, Material]
+    kind: str, subject: str, wished: tuple[str, ...], found: str, known: Mapping[str, SurfaceMaterial]
 ) -> Iterator[Wish]:
     if not wished:
         return

@@ -110,12 +110,12 @@ def build_doors(brief: Brief, plan: FloorPlan, rng: np.random.Generator) -> tupl
     return tuple(doors)
 
 
-def opened(doors: Sequence[Door], passages: Sequence[Passage]) -> tuple[Solid, ...]:
+def open_leaves(doors: Sequence[Door], passages: Sequence[Passage]) -> tuple[Solid, ...]:
     """Returns the leaves of doors as they stand when all of them are fully open."""
     return tuple(
         door.leaf
         if door.open_percent == 100.0
-        else _hanging_of(door, passages[door.passage]).leaf(door.name, 100.0, door.leaf.color)
+        else _read_hanging(door, passages[door.passage]).leaf(door.name, 100.0, door.leaf.color)
         for door in doors
     )
 
@@ -178,7 +178,7 @@ def _cost(brief: Brief, plan: FloorPlan, way: Hanging, others: Sequence[Hanging]
     )
 
 
-def _hanging_of(door: Door, passage: Passage) -> Hanging:
+def _read_hanging(door: Door, passage: Passage) -> Hanging:
     """Returns how a finished door hangs."""
     quarter = math.remainder(door.open_yaw_rad - door.closed_yaw_rad, 4 * QUARTER_TURN_RAD)
     length = passage.width_m - 2 * LEAF_PLAY_M

@@ -12,7 +12,7 @@ from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.floorplan.search import draw_layout
 from tasks.worlds.floorplan.start import START_CLEAR_M, choose_start, hindrance
 from tasks.worlds.floorplan.windows import Pane, place_windows
-from tasks.worlds.geometry.boxes import Box, around
+from tasks.worlds.geometry.boxes import Box, bounding_box
 from tasks.worlds.rejection import WorldRejected
 from tasks.worlds.streams import floor_plan_stream
 
@@ -58,7 +58,7 @@ class FloorPlan:
     @property
     def footprint(self) -> Box:
         """The outer faces of the outer walls."""
-        return around(self.cells).grown(WALL_M / 2)
+        return bounding_box(self.cells).grown(WALL_M / 2)
 
 
 @lru_cache(maxsize=64)
@@ -85,11 +85,11 @@ def plan_floor(brief: Brief, seed: int, floorplan_index: int, redraw: int = 0) -
         start = choose_start(rng, brief, cells, gaps)
         found = hindrance(brief, cells, gaps, start)
         if start is not None and not found:
-            return _moved(brief, layout, cells, gaps, start)
+            return _move_to_start(brief, layout, cells, gaps, start)
     raise WorldRejected("InvalidInput", f"no floor plan of {_ATTEMPTS} can be driven through: {found}")
 
 
-def _moved(
+def _move_to_start(
     brief: Brief, layout: Layouts, cells: Sequence[Box], gaps: Sequence[Gap], start: tuple[float, float]
 ) -> FloorPlan:
     """Returns the plan with the start as its origin."""

@@ -71,7 +71,15 @@ class SharedWall:
         return self.end - self.start
 
     def gap(self, rooms: tuple[int, int], kind: PassageKind, start: float, width: float, *, desired: bool) -> Gap:
-        """Returns a gap in the wall that begins at a place along it."""
+        """Returns a gap in the wall.
+
+        Args:
+            rooms: The two rooms, lower index first.
+            kind: Doorway or opening.
+            start: Where it begins along the wall (metres).
+            width: Its extent along the wall (metres).
+            desired: Whether the template wishes for it.
+        """
         middle = round(start + width / 2, 3)
         center = (middle, self.at) if self.along == "x" else (self.at, middle)
         return Gap(rooms, kind, center, round(width, 2), self.along, desired)
@@ -167,20 +175,20 @@ class _Builder:
         for room in way.rooms:
             others = [gap for gap in self.gaps if room in gap.rooms]
             share = _HALLWAY_SHARE if self._brief.rooms[room].type == "Hallway" else 1.0
-            cost += _FROM_CORNER * share * min(_from_corner(way, self._floors[room]), _CORNER_MAX_M)
-            cost += sum(_PATH * share * _apart(way, gap) for gap in others)
+            cost += _FROM_CORNER * share * min(_corner_distance(way, self._floors[room]), _CORNER_MAX_M)
+            cost += sum(_PATH * share * _distance(way, gap) for gap in others)
             if self._brief.doors is not None:
                 swing = way.box(self._width)
                 cost += _LEAVES_MEET * sum(swing.meets(gap.box(self._width)) for gap in others)
         return cost
 
 
-def _from_corner(gap: Gap, floor: Box) -> float:
+def _corner_distance(gap: Gap, floor: Box) -> float:
     axis = 0 if gap.along == "x" else 1
     return min(gap.center[axis] - floor[axis], floor[axis + 2] - gap.center[axis]) - gap.width / 2
 
 
-def _apart(one: Gap, other: Gap) -> float:
+def _distance(one: Gap, other: Gap) -> float:
     return abs(one.center[0] - other.center[0]) + abs(one.center[1] - other.center[1])
 
 

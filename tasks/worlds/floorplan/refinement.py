@@ -36,7 +36,7 @@ _KEPT = 0.5
 # Limits are kept with this to spare, for rounding to the centimetre; to miss one by so much costs 1.
 _SPARE_M, _LIMIT_M, _HARD_M = 0.015, 0.01, 0.001
 
-Rows = Float[np.ndarray, "rows layouts"]
+Residuals = Float[np.ndarray, "rows layouts"]
 Slopes = Float[np.ndarray, "rows lines layouts"]
 
 
@@ -59,17 +59,17 @@ class _Frame:
 
 def refine(layouts: Layouts, demands: Demands) -> Layouts:
     """Returns the layouts with their lines where the score is best, in whole centimetres."""
-    frame, found = _framed(layouts, demands), [np.round(layouts.lines, 2)]
+    frame, found = _make_frame(layouts, demands), [np.round(layouts.lines, 2)]
     for _ in range(2):
         for _ in range(_ROUNDS):
-            layouts = layouts.moved(_improved(layouts, demands, frame))
+            layouts = layouts.moved(_improve_lines(layouts, demands, frame))
         found.append(np.round(layouts.lines, 2))
-        frame = replace(frame, weight=_sharpened(layouts, demands))
+        frame = replace(frame, weight=_sharpen_weights(layouts, demands))
     best = np.argmin([np.round(score(layouts.moved(lines), demands), 4) for lines in found], axis=0)
     return layouts.moved(np.take_along_axis(np.stack(found), best[None, None], axis=0)[0])
 
 
-def _framed(layouts: Layouts, demands: Demands) -> _Frame:
+def _make_frame(layouts: Layouts, demands: Demands) -> _Frame:
     ids = np.arange(len(layouts.lines))[:, None]
     at = layouts.sides.transpose(1, 0, 2)[:, :, None] == ids
     cells = layouts.cells()
@@ -84,7 +84,7 @@ def _framed(layouts: Layouts, demands: Demands) -> _Frame:
     )
 
 
-def _sharpened(layouts: Layouts, demands: Demands) -> Float[np.ndarray, "rooms layouts"]:
+def _sharpen_weights(layouts: Layouts, demands: Demands) -> Float[np.ndarray, "rooms layouts"]:
     """Returns the weights of aspects, higher for those that a little effort can get or keep within the tolerance."""
     cells = layouts.cells()
     width, height = cells[2:] - cells[:2] - WALL_M
@@ -93,7 +93,7 @@ def _sharpened(layouts: Layouts, demands: Demands) -> Float[np.ndarray, "rooms l
     return demands.weight[:, None] * np.where(near, _EFFORT, 1.0)
 
 
-def _improved(layouts: Layouts, demands: Demands, frame: _Frame) -> Float[np.ndarray, "lines layouts"]:
+def _improve_lines(layouts: Layouts, demands: Demands, frame: _Frame) -> Float[np.ndarray, "lines layouts"]:
     """Returns where the lines lie after one round."""
     terms = list(_terms(layouts, demands, frame))
     rows = np.concatenate([term[0] for term in terms])
@@ -101,13 +101,13 @@ def _improved(layouts: Layouts, demands: Demands, frame: _Frame) -> Float[np.nda
     free = slopes[:, 2:]  # the outline's lower left corner stays
     normal = np.stack([(free * free[:, n, None]).sum(axis=0) for n in range(free.shape[1])])
     step = np.zeros_like(layouts.lines)
-    step[2:] = _solved(normal, -(free * rows[:, None]).sum(axis=0))
+    step[2:] = _solve(normal, -(free * rows[:, None]).sum(axis=0))
     extent = (frame.spread * layouts.lines).sum(axis=2)
     shrinking = np.maximum(-(frame.spread * step).sum(axis=2) / extent, 1e-9)
     return layouts.lines + np.minimum(_KEPT / shrinking.max(axis=(0, 1)), 1.0) * step
 
 
-def _terms(layouts: Layouts, demands: Demands, frame: _Frame) -> Iterator[tuple[Rows, Slopes]]:
+def _terms(layouts: Layouts, demands: Demands, frame: _Frame) -> Iterator[tuple[Residuals, Slopes]]:
     """Yields what is missed, as the score counts it, with its slopes: areas, aspects, outline, widths, connections."""
     spread = frame.spread
     extent = np.maximum((spread * layouts.lines).sum(axis=2) - WALL_M, 1e-2)
@@ -116,41 +116,43 @@ def _terms(layouts: Layouts, demands: Demands, frame: _Frame) -> Iterator[tuple[
     scale = AREA**0.5 / AREA_TOLERANCE
     yield scale * (area - 1.0), scale * area[:, None] * (relative[0] + relative[1])
     ratio = extent[0] / extent[1] / demands.aspect[:, None]
-    yield _skewed(ratio, relative[0] - relative[1], frame.weight)
-    yield from _outline(layouts, demands)
+    yield _skew_terms(ratio, relative[0] - relative[1], frame.weight)
+    yield from _outline_terms(layouts, demands)
     for sign in (1.0, -1.0):
-        yield _limited(sign * (area - 1.0) - AREA_LIMIT, sign * area[:, None] * (relative[0] + relative[1]), AREA_OVER)
+        yield _limit_terms(
+            sign * (area - 1.0) - AREA_LIMIT, sign * area[:, None] * (relative[0] + relative[1]), AREA_OVER
+        )
     for axis in (0, 1):
-        yield _limited(demands.slim_m[:, None] + _SPARE_M - extent[axis], -spread[axis], SLIVER_M)
-        yield _limited(frame.least_m + _SPARE_M - extent[axis], -spread[axis], _HARD_M)
-    yield _connected(layouts, demands, frame)
+        yield _limit_terms(demands.slim_m[:, None] + _SPARE_M - extent[axis], -spread[axis], SLIVER_M)
+        yield _limit_terms(frame.least_m + _SPARE_M - extent[axis], -spread[axis], _HARD_M)
+    yield _connection_terms(layouts, demands, frame)
 
 
-def _skewed(ratio: Rows, relative: Slopes, weight: Rows) -> tuple[Rows, Slopes]:
+def _skew_terms(ratio: Residuals, relative: Slopes, weight: Residuals) -> tuple[Residuals, Slopes]:
     """Returns by how much aspects miss the wished ones."""
     scale = np.sqrt(weight) / ASPECT_TOLERANCE
     return scale * skew(ratio), (scale * (ratio + 1.0 / ratio) / 2.0)[:, None] * relative
 
 
-def _outline(layouts: Layouts, demands: Demands) -> Iterator[tuple[Rows, Slopes]]:
+def _outline_terms(layouts: Layouts, demands: Demands) -> Iterator[tuple[Residuals, Slopes]]:
     """Yields by how much the footprint misses its aspect, and the limit of what counts as met."""
     lines = layouts.lines[None]
     width, height = lines[:, 2] + WALL_M, lines[:, 3] + WALL_M
     relative = np.zeros_like(lines)
     relative[:, 2], relative[:, 3] = 1.0 / width, -1.0 / height
     ratio, weight = width / height / demands.footprint_aspect, np.full((1, 1), demands.footprint_weight)
-    yield _skewed(ratio, relative, weight)
-    missed, slopes = _skewed(ratio, relative, np.ones((1, 1)))
+    yield _skew_terms(ratio, relative, weight)
+    missed, slopes = _skew_terms(ratio, relative, np.ones((1, 1)))
     sign = np.where(missed < 0.0, -1.0, 1.0)
-    yield _limited(sign * missed - FOOTPRINT_LIMIT, sign[:, None] * slopes, demands.footprint_over)
+    yield _limit_terms(sign * missed - FOOTPRINT_LIMIT, sign[:, None] * slopes, demands.footprint_over)
 
 
-def _limited(short: Rows, slopes: Slopes, scale: float) -> tuple[Rows, Slopes]:
+def _limit_terms(short: Residuals, slopes: Slopes, scale: float) -> tuple[Residuals, Slopes]:
     """Returns by how much limits are missed; those that are kept count nothing."""
     return np.maximum(short, 0.0) / scale, np.where(short > 0.0, 1.0, 0.0)[:, None] * slopes / scale
 
 
-def _connected(layouts: Layouts, demands: Demands, frame: _Frame) -> tuple[Rows, Slopes]:
+def _connection_terms(layouts: Layouts, demands: Demands, frame: _Frame) -> tuple[Residuals, Slopes]:
     """Returns by how much the walls between connected rooms are too short."""
     a, b = demands.pairs
     along = np.maximum(frame.facing, 0)[:, None]
@@ -162,10 +164,10 @@ def _connected(layouts: Layouts, demands: Demands, frame: _Frame) -> tuple[Rows,
     short = np.where(frame.facing >= 0, demands.shared_m[:, None] + _SPARE_M - length, 0.0)
     ids = np.arange(len(layouts.lines))[:, None]
     slopes = (low[:, None] == ids).astype(float) - (high[:, None] == ids)
-    return _limited(short, slopes, _LIMIT_M)
+    return _limit_terms(short, slopes, _LIMIT_M)
 
 
-def _solved(
+def _solve(
     normal: Float[np.ndarray, "size size layouts"], right: Float[np.ndarray, "size layouts"]
 ) -> Float[np.ndarray, "size layouts"]:
     """Returns the solutions of symmetric positive systems, by elimination of all at once."""

@@ -39,7 +39,7 @@ class Layouts:
         return np.take_along_axis(self.lines[None], self.sides.transpose(1, 0, 2), axis=1)
 
 
-def joined(many: list[Layouts]) -> Layouts:
+def join_layouts(many: list[Layouts]) -> Layouts:
     """Returns several bulks of layouts as one."""
     return Layouts(
         np.concatenate([each.sides for each in many], axis=-1),

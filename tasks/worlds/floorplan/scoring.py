@@ -116,7 +116,7 @@ def demands_of(brief: Brief) -> Demands:
         areas_m2=np.array([room.area_m2 for room in brief.rooms]),
         aspect=aspect,
         weight=np.where(aspect == 1.0, _DEFAULT_ROOM, 1.0),
-        slim_m=np.array([_slim(room) for room in brief.rooms]),
+        slim_m=np.array([_sliver_width(room) for room in brief.rooms]),
         lit=np.array([room.type in LIT for room in brief.rooms]),
         quiet=np.array([[room.type in types for room in brief.rooms] for types in (PRIVATE, PRIVATE | {"Bedroom"})]),
         pairs=np.array(list(shared), dtype=int).reshape(-1, 2).T,
@@ -129,7 +129,7 @@ def demands_of(brief: Brief) -> Demands:
     )
 
 
-def _slim(room: RoomWish) -> float:
+def _sliver_width(room: RoomWish) -> float:
     least = _HABITABLE_M if room.type in LIT - {"Kitchen"} else _HALLWAY_M if room.type == "Hallway" else _OTHER_M
     wished = math.sqrt(room.area_m2 * min(room.aspect, 1.0 / room.aspect))
     return min(least, _SLIM_SHARE * math.sqrt(room.area_m2), wished)
@@ -144,20 +144,23 @@ def score(layouts: Layouts, demands: Demands) -> Float[np.ndarray, " layouts"]:
     """Returns what layouts cost that are drawn to the centimetre."""
     cells = layouts.cells()
     return (
-        _shapes(layouts, cells, demands)
-        + _connections(cells, demands)
-        + _reach(cells, demands)
-        + sum(cost * _through(cells, demands, quiet) for cost, quiet in zip(_THROUGH, demands.quiet, strict=True))
-        + _DARK * _dark(layouts, demands)
+        _shape_cost(layouts, cells, demands)
+        + _connection_cost(cells, demands)
+        + _reach_cost(cells, demands)
+        + sum(
+            cost * _count_walk_throughs(cells, demands, quiet)
+            for cost, quiet in zip(_THROUGH, demands.quiet, strict=True)
+        )
+        + _DARK * _count_dark(layouts, demands)
     )
 
 
-def _missed(ratio: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+def _miss_cost(ratio: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     relative = skew(ratio) / ASPECT_TOLERANCE
     return relative * relative + _MISSED * (np.abs(relative) > 1.0)
 
 
-def _shapes(
+def _shape_cost(
     layouts: Layouts, cells: Float[np.ndarray, "4 rooms layouts"], demands: Demands
 ) -> Float[np.ndarray, " layouts"]:
     """Returns what areas, aspects and widths cost, and no room that the start fits into."""
@@ -167,19 +170,19 @@ def _shapes(
     over = np.maximum(error - AREA_LIMIT, 0.0) / AREA_OVER
     sliver = np.maximum(demands.slim_m[:, None] - side, 0.0) / SLIVER_M
     rooms = (
-        demands.weight[:, None] * _missed(extent[0] / extent[1] / demands.aspect[:, None])
+        demands.weight[:, None] * _miss_cost(extent[0] / extent[1] / demands.aspect[:, None])
         + AREA * (error / AREA_TOLERANCE) ** 2
         + over * over
         + sliver * sliver
     )
     outline = (layouts.lines[2] + WALL_M) / (layouts.lines[3] + WALL_M) / demands.footprint_aspect
     beyond = np.maximum(np.abs(skew(outline)) / ASPECT_TOLERANCE - FOOTPRINT_LIMIT, 0.0) / demands.footprint_over
-    footprint = demands.footprint_weight * _missed(outline) + beyond * beyond
+    footprint = demands.footprint_weight * _miss_cost(outline) + beyond * beyond
     impassable = (side.max(axis=0) < START_SIDE_M) | (side.min(axis=0) < demands.narrow_m)
     return rooms.sum(axis=0) + footprint + HARD * impassable
 
 
-def _connections(cells: Float[np.ndarray, "4 rooms layouts"], demands: Demands) -> Float[np.ndarray, " layouts"]:
+def _connection_cost(cells: Float[np.ndarray, "4 rooms layouts"], demands: Demands) -> Float[np.ndarray, " layouts"]:
     """Returns what it costs that wished pairs lie side by side for too short a way."""
     needed = demands.shared_m[:, None]
     missing = np.maximum(needed - 1e-6 - common_walls(cells, *demands.pairs), 0.0) / needed
@@ -194,12 +197,12 @@ def _joints(cells: Float[np.ndarray, "4 rooms layouts"], demands: Demands) -> Bo
     return joints | joints.transpose(1, 0, 2)
 
 
-def _reach(cells: Float[np.ndarray, "4 rooms layouts"], demands: Demands) -> Float[np.ndarray, " layouts"]:
+def _reach_cost(cells: Float[np.ndarray, "4 rooms layouts"], demands: Demands) -> Float[np.ndarray, " layouts"]:
     """Returns what it costs that doorways cannot join all rooms."""
     return HARD * ~all_connected(_joints(cells, demands))
 
 
-def _through(
+def _count_walk_throughs(
     cells: Float[np.ndarray, "4 rooms layouts"], demands: Demands, quiet: Bool[np.ndarray, " rooms"]
 ) -> Float[np.ndarray, " layouts"]:
     """Returns how often the only way leads through a quiet room, where the template does not say so."""
@@ -212,7 +215,7 @@ def _through(
     return apart + alone.sum(axis=0)
 
 
-def _dark(layouts: Layouts, demands: Demands) -> Float[np.ndarray, " layouts"]:
+def _count_dark(layouts: Layouts, demands: Demands) -> Float[np.ndarray, " layouts"]:
     """Returns how many rooms that want a window have no outer wall."""
     return (layouts.sides[demands.lit] > 3).all(axis=1).sum(axis=0).astype(float)
 

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from tasks.worlds.brief import Brief
 from tasks.worlds.floorplan.refinement import refine
-from tasks.worlds.floorplan.room_layouts import Layouts, common_walls, joined
+from tasks.worlds.floorplan.room_layouts import Layouts, common_walls, join_layouts
 from tasks.worlds.floorplan.scoring import (
     CONNECTION,
     HARD,
@@ -40,7 +40,7 @@ _APART, _SHORT = 1e4, 25.0
 def propose(demands: Demands, count: int) -> Layouts:
     """Returns the best plans by their aspects and connections, wall thickness taken as that of square rooms."""
     rooms = len(demands.areas_m2)
-    every = [_rough(shape, demands) for shape in shapes(rooms)]
+    every = [_rough_costs(shape, demands) for shape in shapes(rooms)]
     cost = np.concatenate([each[0] for each in every])
     shortlist = np.sort(np.argsort(cost, kind="stable")[:_SHORTLIST])
     ends = np.cumsum([len(each[0]) for each in every])
@@ -50,12 +50,14 @@ def propose(demands: Demands, count: int) -> Layouts:
         chosen = shortlist[(shortlist >= first) & (shortlist < end)] - first
         if chosen.size:
             kept.append(_shape_layouts(shape, chosen, stretch[chosen], demands))
-    layouts, costs = joined(kept), cost[shortlist]
+    layouts, costs = join_layouts(kept), cost[shortlist]
     short = np.maximum(demands.shared_m[:, None] - common_walls(layouts.cells(), *demands.pairs), 0.0)
     return layouts[np.argsort(costs + _SHORT * (short * short).sum(axis=0), kind="stable")[:count]]
 
 
-def _rough(shape: Shape, demands: Demands) -> tuple[Float[np.ndarray, " labelings"], Float[np.ndarray, " labelings"]]:
+def _rough_costs(
+    shape: Shape, demands: Demands
+) -> tuple[Float[np.ndarray, " labelings"], Float[np.ndarray, " labelings"]]:
     """Returns what each labeling costs when it is stretched best, and by what factor its aspects are stretched."""
     order = labelings(shape)
     lines = lay_out(shape, _cell_areas(demands)[order])
@@ -67,7 +69,7 @@ def _rough(shape: Shape, demands: Demands) -> tuple[Float[np.ndarray, " labeling
     deep = (weight / square).sum(axis=0) + own * footprint
     cost = np.sqrt(wide * deep)
     if demands.pairs.size:
-        cost += _APART * _apart(shape, order, demands)
+        cost += _APART * _count_apart(shape, order, demands)
     return cost, np.sqrt(np.sqrt(deep / wide))
 
 
@@ -76,7 +78,9 @@ def _cell_areas(demands: Demands) -> Float[np.ndarray, " rooms"]:
     return side * side
 
 
-def _apart(shape: Shape, order: Int[np.ndarray, "places labelings"], demands: Demands) -> Int[np.ndarray, " labelings"]:
+def _count_apart(
+    shape: Shape, order: Int[np.ndarray, "places labelings"], demands: Demands
+) -> Int[np.ndarray, " labelings"]:
     """Returns how many wished pairs have no line between them."""
     place = np.argsort(order, axis=0)
     apart: Bool[np.ndarray, "places places"] = ~shape.faces()
@@ -150,11 +154,11 @@ def draw_layout(rng: np.random.Generator, brief: Brief) -> Layouts:
     chosen = min(int(np.searchsorted(np.cumsum(good.chance), place)), len(good.scores) - 1)
     layout = good.layouts[np.array([chosen])]
     for axis in [axis for axis, flipped in enumerate((across < 0.5, along < 0.5)) if flipped]:
-        layout = _mirrored(layout, axis)
-    return _stretched(rng, layout, good.demands, float(good.scores[chosen]))
+        layout = _mirror(layout, axis)
+    return _stretch(rng, layout, good.demands, float(good.scores[chosen]))
 
 
-def _mirrored(layout: Layouts, axis: int) -> Layouts:
+def _mirror(layout: Layouts, axis: int) -> Layouts:
     """Returns the mirror image with low and high changed along an axis."""
     low, high = axis, axis + 2
     columns, names = np.arange(4), np.arange(len(layout.lines))
@@ -164,7 +168,7 @@ def _mirrored(layout: Layouts, axis: int) -> Layouts:
     return Layouts(names[layout.sides[:, columns]], layout.vertical, lines)
 
 
-def _stretched(rng: np.random.Generator, layout: Layouts, demands: Demands, cost: float) -> Layouts:
+def _stretch(rng: np.random.Generator, layout: Layouts, demands: Demands, cost: float) -> Layouts:
     """Returns the layout with other proportions that are about as good."""
     by = 1.0 + _STRETCH * (2.0 * rng.random(_STRETCHES) - 1.0)
     by[-1] = 1.0

@@ -92,7 +92,7 @@ def shapes(rooms: int) -> tuple[Shape, ...]:
     found: list[Shape] = []
     for form in _forms(rooms):
         for axis in (0, 1) if rooms > 1 else (0,):
-            images = {flips: _mirrored(form, axis, flips) for flips in ((0,), (1,), (0, 1))}
+            images = {flips: _mirror(form, axis, flips) for flips in ((0,), (1,), (0, 1))}
             if any(image < form for image in images.values()):
                 continue
             draft = _Draft()
@@ -150,9 +150,9 @@ def _size(form: Form) -> int:
     return sum(map(_size, form)) if form else 1
 
 
-def _mirrored(form: Form, axis: int, flips: tuple[int, ...]) -> Form:
+def _mirror(form: Form, axis: int, flips: tuple[int, ...]) -> Form:
     """Returns the mirror image of a piece that is cut along an axis, the axes in flips turned round."""
-    parts = tuple(_mirrored(part, 1 - axis, flips) for part in form)
+    parts = tuple(_mirror(part, 1 - axis, flips) for part in form)
     return parts[::-1] if axis in flips else parts
 
 

@@ -36,6 +36,12 @@ def choose_start(
     """Returns where the robot starts, in whole centimetres; None when no room holds the clear disc.
 
     Floor that is kept free for walking anyway is the best place for a disc that must be free.
+
+    Args:
+        rng: The floor plan's stream.
+        brief: What the template asks for.
+        cells: Each room's cell, in the brief's order.
+        gaps: The passages.
     """
     fitting = [room for room, cell in enumerate(cells) if min(_inner(cell).width, _inner(cell).height) >= -1e-9]
     if not fitting:
@@ -45,7 +51,7 @@ def choose_start(
     spots = [
         (inner.x_min + u * inner.width, inner.y_min + v * inner.height) for u, v in rng.random((_SPOTS, 2)).tolist()
     ]
-    spots += [_clamped(gap.center, inner, reach) for gap in exits for reach in _reaches(brief, gap)]
+    spots += [_clamp(gap.center, inner, reach) for gap in exits for reach in _reaches(brief, gap)]
     taste = rng.random(len(spots)).tolist()
     costs = [_cost(brief, exits, spot) + _TASTE_M * each for spot, each in zip(spots, taste, strict=True)]
     x, y = spots[costs.index(min(costs))]
@@ -62,7 +68,7 @@ def _reaches(brief: Brief, gap: Gap) -> tuple[float, ...]:
     return (0.0,) if brief.doors is None else (0.0, gap.width)
 
 
-def _clamped(point: tuple[float, float], inner: Box, reach: float) -> tuple[float, float]:
+def _clamp(point: tuple[float, float], inner: Box, reach: float) -> tuple[float, float]:
     """Returns the place next to a point that is inside by that much, where there is so much."""
     in_x, in_y = min(reach, inner.width / 2), min(reach, inner.height / 2)
     x = min(max(point[0], inner.x_min + in_x), inner.x_max - in_x)
@@ -87,6 +93,12 @@ def hindrance(brief: Brief, cells: Sequence[Box], gaps: Sequence[Gap], start: tu
     """Returns what keeps the brief's robot from the start or from a room, for a person; empty for nothing.
 
     In a room without furniture a disc gets everywhere that it fits, and through every gap wider than itself.
+
+    Args:
+        brief: What the template asks for.
+        cells: Each room's cell, in the brief's order.
+        gaps: The passages.
+        start: Where the robot starts; None for nowhere.
     """
     names = [room.name for room in brief.rooms]
     floors = [cell.grown(-WALL_M / 2) for cell in cells]

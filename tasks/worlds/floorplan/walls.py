@@ -16,7 +16,7 @@ _HALF = WALL_M / 2
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _WallPiece:
     """A straight piece of wall: its base on the floor, from what height, and whose colour it has."""
 
     name: str
@@ -37,7 +37,7 @@ def build_walls(plan: FloorPlan, ceiling_height_m: float, colors: Sequence[Color
     return tuple(_solid(piece, ceiling_height_m, colors[piece.room]) for piece in pieces)
 
 
-def _outer(plan: FloorPlan) -> list[_Piece]:
+def _outer(plan: FloorPlan) -> list[_WallPiece]:
     outline = plan.footprint
     sides: tuple[tuple[str, Literal["x", "y"], int, float, float], ...] = (
         ("south", "x", 1, outline.x_min, outline.x_max),
@@ -53,33 +53,33 @@ def _outer(plan: FloorPlan) -> list[_Piece]:
     ]
 
 
-def _outer_side(plan: FloorPlan, name: str, line: Cut, side: int) -> list[_Piece]:
+def _outer_side(plan: FloorPlan, name: str, line: Cut, side: int) -> list[_WallPiece]:
     """Returns one side's pieces, a piece for each room behind it; the first and last reach the corners."""
     axis = 0 if line.along == "x" else 1
     rooms = [room for room, cell in enumerate(plan.cells) if abs(cell[side] - line.at) < EPSILON_M]
     rooms.sort(key=lambda room: plan.cells[room][axis])
     borders = [line.start, *(plan.cells[room][axis] for room in rooms[1:]), line.end]
     return [
-        _Piece(f"wall_{name}_{n + 1}", _strip(line, borders[n], borders[n + 1]), 0.0, room)
+        _WallPiece(f"wall_{name}_{n + 1}", _strip(line, borders[n], borders[n + 1]), 0.0, room)
         for n, room in enumerate(rooms)
     ]
 
 
-def _inner(plan: FloorPlan) -> list[_Piece]:
-    pieces: list[_Piece] = []
+def _inner(plan: FloorPlan) -> list[_WallPiece]:
+    pieces: list[_WallPiece] = []
     for number, cut in enumerate(plan.cuts, start=1):
-        room = _beside(plan, cut)
+        room = _first_room_beside(plan, cut)
         gaps = sorted((gap for gap in plan.gaps if _in_wall(gap, cut)), key=lambda gap: _span(gap)[0])
         borders = [cut.start + _HALF, *(edge for gap in gaps for edge in _span(gap)), cut.end - _HALF]
         standing = zip(borders[::2], borders[1::2], strict=True)
         for n, (start, end) in enumerate(standing, start=1):
-            pieces.append(_Piece(f"wall_inner_{number}_{n}", _strip(cut, start, end), 0.0, room))
+            pieces.append(_WallPiece(f"wall_inner_{number}_{n}", _strip(cut, start, end), 0.0, room))
         for n, gap in enumerate((gap for gap in gaps if gap.kind == "Doorway"), start=1):
-            pieces.append(_Piece(f"lintel_{number}_{n}", _strip(cut, *_span(gap)), LINTEL_BOTTOM_M, room))
+            pieces.append(_WallPiece(f"lintel_{number}_{n}", _strip(cut, *_span(gap)), LINTEL_BOTTOM_M, room))
     return pieces
 
 
-def _beside(plan: FloorPlan, cut: Cut) -> int:
+def _first_room_beside(plan: FloorPlan, cut: Cut) -> int:
     """Returns the first room that has the wall at one of its sides."""
     strip = _strip(cut, cut.start + _HALF, cut.end - _HALF)
     return next(room for room, cell in enumerate(plan.cells) if cell.meets(strip))
@@ -101,7 +101,7 @@ def _strip(line: Cut, start: float, end: float) -> Box:
     return Box(line.at - _HALF, start, line.at + _HALF, end)
 
 
-def _solid(piece: _Piece, top: float, color: Color) -> Solid:
+def _solid(piece: _WallPiece, top: float, color: Color) -> Solid:
     x, y = piece.base.center
     return Solid(
         name=piece.name,

@@ -8,7 +8,7 @@ from typing import Literal
 from specs.data.world import RoomType
 from tasks.worlds.brief import Brief
 from tasks.worlds.floorplan.scoring import LIT, WALL_M
-from tasks.worlds.geometry.boxes import EPSILON_M, Box, around
+from tasks.worlds.geometry.boxes import EPSILON_M, Box, bounding_box
 
 GLAZING_SHARE = 0.08
 """Least glazing of a habitable room over its floor area (International Residential Code R303.1)."""
@@ -57,7 +57,7 @@ class _Side:
 
 def place_windows(brief: Brief, cells: Sequence[Box]) -> tuple[Pane, ...]:
     """Returns the windows of a plan, room by room; a closet has none, and nor has a room without an outer wall."""
-    outline = around(cells)
+    outline = bounding_box(cells)
     return tuple(
         pane
         for room, wish in enumerate(brief.rooms)
@@ -73,7 +73,7 @@ def _windows(room: int, kind: RoomType, cell: Box, sides: list[_Side]) -> list[P
         return []
     needed = glazing / (HEAD_M - sill)
     sides = sorted(sides, key=lambda side: side.start - side.end)
-    width, count = _measured(needed, sides)
+    width, count = _choose_width(needed, sides)
     panes: list[Pane] = []
     for side in sides:
         here = min(side.fits(width), count - len(panes))
@@ -84,7 +84,7 @@ def _windows(room: int, kind: RoomType, cell: Box, sides: list[_Side]) -> list[P
     return panes
 
 
-def _measured(needed: float, sides: Sequence[_Side]) -> tuple[float, int]:
+def _choose_width(needed: float, sides: Sequence[_Side]) -> tuple[float, int]:
     """Returns how wide windows are and how many: the fewest that are enough, or as many wide ones as the walls hold."""
     first = math.ceil(needed / _WIDTH_MAX_M - EPSILON_M)
     for count in range(first, 4 * first + 4):

@@ -4,15 +4,15 @@ from collections.abc import Callable, Iterator
 
 from tasks.worlds.furnishing.groups.bedroom_groups import bed_groups, desk_groups
 from tasks.worlds.furnishing.groups.dining_groups import table_groups
-from tasks.worlds.furnishing.groups.group import Group
+from tasks.worlds.furnishing.groups.group import FurnitureGroup
 from tasks.worlds.furnishing.groups.kitchen_groups import laundry_groups, unit_groups
 from tasks.worlds.furnishing.groups.living_groups import armchair_groups, sofa_groups, television_groups
 from tasks.worlds.furnishing.groups.single_groups import single_groups, storage_groups
-from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tasks.worlds.furniture.furniture_type import GroupName, TypeName
 
-GroupMaker = Callable[[Setting, TypeName], Iterator[Group]]
+GroupMaker = Callable[[RoomContext, TypeName], Iterator[FurnitureGroup]]
 _MAKERS: dict[GroupName, GroupMaker] = {
     "single": single_groups,
     "storage": storage_groups,
@@ -27,6 +27,6 @@ _MAKERS: dict[GroupName, GroupMaker] = {
 }
 
 
-def arrangements(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def groups_to_try(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields the groups to try for a type, the most welcome first."""
     yield from _MAKERS[CATALOGUE[kind].group](setting, kind)

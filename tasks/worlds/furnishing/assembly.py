@@ -8,11 +8,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from specs.data.world import Color, Furniture, Solid
-from tasks.worlds.furnishing.placement import turned
+from tasks.worlds.furnishing.placement import turn_quarters
 from tasks.worlds.furnishing.scene import Piece
 from tasks.worlds.furniture.catalogue import compose
 from tasks.worlds.furniture.furniture_type import TypeName
-from tasks.worlds.furniture.primitives import Paint, Part, Size, Style
+from tasks.worlds.furniture.primitives import Paint, Primitive, Size, Style
 from tasks.worlds.geometry.boxes import QUARTER_TURN_RAD, rounded
 
 
@@ -51,7 +51,7 @@ class Look:
     palette: Palette
 
 
-class _Placed(NamedTuple):
+class _PlacedPrimitive(NamedTuple):
     """A primitive of a piece that is turned as it stands, about the piece's middle."""
 
     name: str
@@ -69,14 +69,21 @@ def draw_look(rng: np.random.Generator) -> Look:
 
 
 def assemble(piece: Piece, name: str, room: str, look: Look) -> Furniture:
-    """Returns a piece as the world holds it."""
+    """Returns a piece as the world holds it.
+
+    Args:
+        piece: The piece where it stands.
+        name: Its name in the world.
+        room: The name of its room.
+        look: The shapes and colours of the room's furniture.
+    """
     x, y = piece.center
     return Furniture(
         name=name,
         model_type=piece.type,
         room=room,
         center_m=(rounded(x), rounded(y)),
-        yaw_rad=_bounded(piece.quarter * QUARTER_TURN_RAD + piece.askew_rad),
+        yaw_rad=_wrap_angle(piece.quarter * QUARTER_TURN_RAD + piece.askew_rad),
         solids=tuple(
             Solid(
                 name=f"{name}_{part.name}",
@@ -84,25 +91,27 @@ def assemble(piece: Piece, name: str, room: str, look: Look) -> Furniture:
                 center_m=(rounded(x + part.center[0]), rounded(y + part.center[1]), part.center[2]),
                 half_extents_m=part.half,
                 yaw_rad=part.yaw,
-                color=_mixed(part.paint, look.palette),
+                color=_mix(part.paint, look.palette),
             )
-            for part in _turned_parts(piece.type, piece.size, look.style, piece.quarter, piece.askew_rad)
+            for part in _turn_parts(piece.type, piece.size, look.style, piece.quarter, piece.askew_rad)
         ),
     )
 
 
 @lru_cache(maxsize=8192)
-def _turned_parts(kind: TypeName, size: Size, style: Style, quarter: int, askew_rad: float) -> tuple[_Placed, ...]:
+def _turn_parts(
+    kind: TypeName, size: Size, style: Style, quarter: int, askew_rad: float
+) -> tuple[_PlacedPrimitive, ...]:
     """Returns the primitives of a piece that faces some way; pieces of one size and style share them."""
-    return tuple(_turned_part(part, quarter, askew_rad) for part in compose(kind, size, style))
+    return tuple(_turn_part(part, quarter, askew_rad) for part in compose(kind, size, style))
 
 
-def _turned_part(part: Part, quarter: int, askew_rad: float) -> _Placed:
+def _turn_part(part: Primitive, quarter: int, askew_rad: float) -> _PlacedPrimitive:
     """Returns a primitive turned; quarter turns swap extents, so that most boxes need no yaw at all."""
     half_x, half_y, half_z = part.half
     yaw = part.yaw
     if askew_rad == 0.0:
-        x, y = turned(part.center[:2], quarter)
+        x, y = turn_quarters(part.center[:2], quarter)
         if part.yaw == 0.0 and quarter % 2:
             half_x, half_y = half_y, half_x
         elif part.yaw:
@@ -113,16 +122,16 @@ def _turned_part(part: Part, quarter: int, askew_rad: float) -> _Placed:
         x, y = cos * part.center[0] - sin * part.center[1], sin * part.center[0] + cos * part.center[1]
         yaw += turn
     half = (rounded(half_x), rounded(half_y), rounded(half_z))
-    yaw = 0.0 if part.shape == "cylinder" else _bounded(yaw)
-    return _Placed(part.name, part.shape, (x, y, rounded(part.center[2])), half, yaw, part.color)
+    yaw = 0.0 if part.shape == "cylinder" else _wrap_angle(yaw)
+    return _PlacedPrimitive(part.name, part.shape, (x, y, rounded(part.center[2])), half, yaw, part.color)
 
 
-def _bounded(yaw: float) -> float:
+def _wrap_angle(yaw: float) -> float:
     return rounded(math.remainder(yaw, 4 * QUARTER_TURN_RAD))
 
 
 @lru_cache(maxsize=1024)
-def _mixed(paint: Paint, palette: Palette) -> Color:
+def _mix(paint: Paint, palette: Palette) -> Color:
     """Returns the colour of a paint in a palette."""
     color: Color = getattr(palette, paint.role) if paint.role else paint.color
     red, green, blue = (round(min(1.0, paint.share * channel), 3) for channel in color)

@@ -4,21 +4,21 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tasks.worlds.floorplan.floorplan import START_CLEAR_M
-from tasks.worlds.furnishing.groups.group import Group
-from tasks.worlds.furnishing.room_access import ways_open
-from tasks.worlds.furnishing.scene import Piece, Placed, Scene
+from tasks.worlds.furnishing.groups.group import FurnitureGroup
+from tasks.worlds.furnishing.room_access import robot_gets_around
+from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
 from tasks.worlds.furnishing.spots import Spots, find_spots
-from tasks.worlds.furnishing.suitability import dislike
+from tasks.worlds.furnishing.suitability import placement_cost
 from tasks.worlds.furniture.catalogue import CATALOGUE
-from tasks.worlds.geometry.boxes import EPSILON_M, Box
+from tasks.worlds.geometry.boxes import EPSILON_M, Box, find_meetings
 
 _CAREFUL_TRIES = 4
 _TWICE = np.array([0, 1, 0, 1])
 
 
-def place(
-    rng: np.random.Generator, scene: Scene, group: Group, *, spare_m2: float = 1e9, radius_m: float = 0.0
-) -> Placed | None:
+def place_group(
+    rng: np.random.Generator, scene: RoomScene, group: FurnitureGroup, *, spare_m2: float = 1e9, radius_m: float = 0.0
+) -> PlacedGroup | None:
     """Puts a group into a scene where it suits it best, and returns it there; None when there is no room for it.
 
     Args:
@@ -35,30 +35,30 @@ def place(
     if fitting.size == 0:
         return None
     spots, free, boxes = Spots(*[column[fitting] for column in spots]), free[fitting], boxes[:, fitting]
-    cost = dislike(rng, scene, group, spots, free)
+    cost = placement_cost(rng, scene, group, spots, free)
     for best in cost.argsort(kind="stable")[:_CAREFUL_TRIES].tolist() if radius_m else [int(cost.argmin())]:
         quarter, middle = int(spots.quarters[best]), spots.centers[best].tolist()
-        found = _settled(group, (*middle, quarter), free[best].tolist(), boxes[:, best].T.tolist(), spare_m2)
-        if not radius_m or _leaves_ways(scene, found, radius_m):
+        found = _stand(group, (*middle, quarter), free[best].tolist(), boxes[:, best].T.tolist(), spare_m2)
+        if not radius_m or _keeps_ways_open(scene, found, radius_m):
             scene.add(found)
             return found
     return None
 
 
-def turned(point: tuple[float, float], quarter: int) -> tuple[float, float]:
+def turn_quarters(point: tuple[float, float], quarter: int) -> tuple[float, float]:
     """Returns a point turned counter-clockwise about the origin by quarter turns, exactly."""
     x, y = point
     return ((x, y), (-y, x), (-x, -y), (y, -x))[quarter % 4]
 
 
-def _leaves_ways(scene: Scene, group: Placed, radius_m: float) -> bool:
+def _keeps_ways_open(scene: RoomScene, group: PlacedGroup, radius_m: float) -> bool:
     bodies = [piece.body for piece in (*scene.pieces, *group.pieces)]
-    return ways_open(scene.floor, bodies, scene.entries, radius_m)
+    return robot_gets_around(scene.floor, bodies, scene.entries, radius_m)
 
 
-def _settled(
-    group: Group, pose: tuple[float, float, int], free: list[bool], boxes: list[list[float]], spare_m2: float
-) -> Placed:
+def _stand(
+    group: FurnitureGroup, pose: tuple[float, float, int], free: list[bool], boxes: list[list[float]], spare_m2: float
+) -> PlacedGroup:
     """Returns a group at a place.
 
     Args:
@@ -76,24 +76,24 @@ def _settled(
             if not free[number] or member.covers > spare_m2:
                 continue
             spare_m2 -= member.covers
-        dx, dy = turned(member.at, quarter)
+        dx, dy = turn_quarters(member.at, quarter)
         center = (round(x + dx, 3), round(y + dy, 3))
         facing = (quarter + member.quarter) % 4
         pieces.append(Piece(member.kind, member.size, center, facing, member.askew, Box(*boxes[number]), member.covers))
         kept.add(number)
     zones = zip(boxes[len(group.members) :], group.zones, strict=True)
-    return Placed(tuple(pieces), tuple(Box(*box) for box, zone in zones if zone.member in kept))
+    return PlacedGroup(tuple(pieces), tuple(Box(*box) for box, zone in zones if zone.member in kept))
 
 
 def _free_members(
-    scene: Scene, group: Group, boxes: Float[np.ndarray, "4 many boxes"]
+    scene: RoomScene, group: FurnitureGroup, boxes: Float[np.ndarray, "4 many boxes"]
 ) -> Bool[np.ndarray, "many members"]:
     """Returns which members stand on the floor, in nobody's way and usable, at each place."""
     count = len(group.members)
     x_min, y_min, x_max, y_max = boxes
     low_x, low_y, high_x, high_y = scene.floor.grown(EPSILON_M)
     inside = (x_min >= low_x) & (y_min >= low_y) & (x_max <= high_x) & (y_max <= high_y)
-    meeting = _meeting(boxes, scene.taken)
+    meeting = find_meetings(boxes, scene.taken)
     # Bodies keep off everything; what they use may lie where others walk, but nothing may stand there.
     inside[:, :count] &= ~meeting[:, :count].any(axis=2)
     inside[:, count:] &= ~meeting[:, count:, : len(scene.pieces)].any(axis=2)
@@ -103,7 +103,7 @@ def _free_members(
     for sill in scene.sills:
         tall = [member.size[2] > sill.height and not CATALOGUE[member.kind].under_window for member in group.members]
         if any(tall):
-            free &= ~(_meeting(boxes[:, :, :count], np.array(sill.zone)[:, None])[..., 0] & np.array(tall))
+            free &= ~(find_meetings(boxes[:, :, :count], np.array(sill.zone)[:, None])[..., 0] & np.array(tall))
     for number, zone in enumerate(group.zones):
         free[:, zone.member] &= usable[:, number]
     return free
@@ -113,15 +113,3 @@ def _clear_of_start(boxes: Float[np.ndarray, "4 many some"]) -> Bool[np.ndarray,
     x_min, y_min, x_max, y_max = boxes
     gap_x, gap_y = (np.maximum(np.maximum(low, -high), 0.0) for low, high in ((x_min, x_max), (y_min, y_max)))
     return gap_x * gap_x + gap_y * gap_y >= START_CLEAR_M**2
-
-
-def _meeting(
-    boxes: Float[np.ndarray, "4 many some"], others: Float[np.ndarray, "4 others"]
-) -> Bool[np.ndarray, "many some others"]:
-    """Returns which boxes share more than a border with which of the others."""
-    x_min, y_min, x_max, y_max = boxes[..., None]
-    meeting = x_min < others[2] - EPSILON_M
-    meeting &= x_max > others[0] + EPSILON_M
-    meeting &= y_min < others[3] - EPSILON_M
-    meeting &= y_max > others[1] + EPSILON_M
-    return meeting

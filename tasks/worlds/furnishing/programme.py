@@ -8,7 +8,7 @@ import numpy as np
 
 from specs.data.world import RoomType
 from tasks.worlds.furniture.catalogue import CATALOGUE
-from tasks.worlds.furniture.furniture_type import Demand, Tier, TypeName
+from tasks.worlds.furniture.furniture_type import RoomUse, Tier, TypeName
 
 
 @dataclass(frozen=True)
@@ -27,23 +27,18 @@ class Programme:
 
 
 def programme_of(room: RoomType) -> Programme:
-    """Returns the programme that the catalogue's demands make for a type of room."""
+    """Returns the programme that the catalogue gives a type of room."""
     places: dict[int, list[TypeName]] = {}
-    for kind, demand in _demands(room, "essential"):
-        places.setdefault(demand.place, []).append(kind)
-    likely, occasional = (
-        {kind: demand.floor_m2 for kind, demand in _demands(room, tier)} for tier in ("likely", "occasional")
-    )
+    for kind, use in _uses(room, "essential"):
+        places.setdefault(use.place, []).append(kind)
+    likely, occasional = ({kind: use.floor_m2 for kind, use in _uses(room, tier)} for tier in ("likely", "occasional"))
     return Programme(tuple(map(tuple, places.values())), likely, occasional)
 
 
-def _demands(room: RoomType, tier: Tier) -> list[tuple[TypeName, Demand]]:
-    """Returns a room type's demands of one tier by their places, and in the catalogue's order within a place."""
+def _uses(room: RoomType, tier: Tier) -> list[tuple[TypeName, RoomUse]]:
+    """Returns a room type's furniture of one tier by its places, and in the catalogue's order within a place."""
     found = [
-        (kind, demand)
-        for kind, model in CATALOGUE.items()
-        for demand in model.demand
-        if (demand.room, demand.tier) == (room, tier)
+        (kind, use) for kind, model in CATALOGUE.items() for use in model.rooms if (use.room, use.tier) == (room, tier)
     ]
     return sorted(found, key=lambda each: each[1].place)
 

@@ -14,7 +14,9 @@ _PLAY_M = 0.09
 _CONNECTED = 0.78
 
 
-def ways_open(floor: Box, bodies: Sequence[Box], entries: Sequence[tuple[float, float]], radius_m: float) -> bool:
+def robot_gets_around(
+    floor: Box, bodies: Sequence[Box], entries: Sequence[tuple[float, float]], radius_m: float
+) -> bool:
     """Returns whether a robot gets around in a room.
 
     Args:

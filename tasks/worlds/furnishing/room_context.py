@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from specs.data.world import RoomType
-from tasks.worlds.furnishing.scene import Scene
+from tasks.worlds.furnishing.scene import RoomScene
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tasks.worlds.furniture.furniture_type import TypeName, Variant
 from tasks.worlds.furniture.primitives import Size
@@ -14,7 +14,7 @@ _HALL_M2 = 50.0
 
 
 @dataclass(frozen=True)
-class Setting:
+class RoomContext:
     """A room that is being furnished, as the makers of groups see it.
 
     Attributes:
@@ -27,7 +27,7 @@ class Setting:
 
     rng: np.random.Generator
     room: RoomType
-    scene: Scene
+    scene: RoomScene
     listed: tuple[TypeName, ...] | None
     spare_m2: float
 

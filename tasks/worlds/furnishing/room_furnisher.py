@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tasks.worlds.brief import RoomWish
-from tasks.worlds.furnishing.arrangements import arrangements
-from tasks.worlds.furnishing.groups.group import Group
-from tasks.worlds.furnishing.placement import place
+from tasks.worlds.furnishing.arrangements import groups_to_try
+from tasks.worlds.furnishing.groups.group import FurnitureGroup
+from tasks.worlds.furnishing.placement import place_group
 from tasks.worlds.furnishing.programme import listed_programme, open_programme
-from tasks.worlds.furnishing.room_access import ways_open
-from tasks.worlds.furnishing.room_context import Setting
-from tasks.worlds.furnishing.scene import Placed, Scene
+from tasks.worlds.furnishing.room_access import robot_gets_around
+from tasks.worlds.furnishing.room_context import RoomContext
+from tasks.worlds.furnishing.scene import PlacedGroup, RoomScene
 from tasks.worlds.furniture.catalogue import compose
 from tasks.worlds.furniture.furniture_type import TypeName
 from tasks.worlds.furniture.primitives import Style
@@ -39,7 +39,7 @@ class _Work:
 
     rng: np.random.Generator
     wish: RoomWish
-    scene: Scene
+    scene: RoomScene
     style: Style
     target_m2: float
     solids: int
@@ -56,7 +56,7 @@ class _Work:
 def furnish(
     rng: np.random.Generator,
     wish: RoomWish,
-    scene: Scene,
+    scene: RoomScene,
     style: Style,
     *,
     solids: int,
@@ -84,9 +84,9 @@ def furnish(
     work = _Work(rng, wish, scene, style, density * scene.floor.area, solids, radius_m, careful)
     for kind in first:
         if scene.count(kind) == 0 and not (work.done and scene.pieces):
-            _put(work, kind, _ESSENTIAL_WITHIN)
+            _place_first_fit(work, kind, _ESSENTIAL_WITHIN)
     _fill(work, rest)
-    if _open(work, len(scene.groups)):
+    if _leaves_open(work, len(scene.groups)):
         return True
     work.careful = True
     mended = _mend(work)
@@ -108,34 +108,34 @@ def _fill(work: _Work, kinds: dict[TypeName, float]) -> None:
             if work.done:
                 return
             if kind not in work.hopeless and scene.count(kind) < 1 + int(scene.floor.area / spread_m2):
-                _put(work, kind, _SHARE_WITHIN)
+                _place_first_fit(work, kind, _SHARE_WITHIN)
         if len(scene.pieces) == before:
             return
 
 
-def _put(work: _Work, kind: TypeName, within: float) -> None:
+def _place_first_fit(work: _Work, kind: TypeName, within: float) -> None:
     """Places the first group for a type that fits the density and the room."""
     left = work.target_m2 - work.covered_m2
-    setting = Setting(work.rng, work.wish.type, work.scene, work.wish.furniture, left)
+    setting = RoomContext(work.rng, work.wish.type, work.scene, work.wish.furniture, left)
     tried = False
-    last: Group | None = None
-    for group in arrangements(setting, kind):
+    last: FurnitureGroup | None = None
+    for group in groups_to_try(setting, kind):
         last = group
         if within * group.area > left:
             continue
         tried = True
-        if _placed(work, group, left):
+        if _try_group(work, group, left):
             return
     if not work.scene.pieces and last is not None and not tried:
-        _placed(work, last, left)
+        _try_group(work, last, left)
     elif tried:
         work.hopeless.add(kind)
 
 
-def _placed(work: _Work, group: Group, left_m2: float) -> bool:
+def _try_group(work: _Work, group: FurnitureGroup, left_m2: float) -> bool:
     care = work.radius_m if work.careful or group.area > _LARGE_M2 else 0.0
     spare = left_m2 - group.area + _OPTIONAL_M2 if group.area <= left_m2 else 0.0
-    found = place(work.rng, work.scene, group, spare_m2=spare, radius_m=care)
+    found = place_group(work.rng, work.scene, group, spare_m2=spare, radius_m=care)
     if found is None:
         return False
     _account(work, found, 1)
@@ -149,19 +149,19 @@ def _mend(work: _Work) -> bool:
         low, high = 0, len(groups)
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (middle, high) if _open(work, middle) else (low, middle)
+            low, high = (middle, high) if _leaves_open(work, middle) else (low, middle)
         _account(work, work.scene.remove(high - 1), -1)
-        if _open(work, len(groups)):
+        if _leaves_open(work, len(groups)):
             return True
     return False
 
 
-def _open(work: _Work, count: int) -> bool:
+def _leaves_open(work: _Work, count: int) -> bool:
     """Returns whether a robot gets around when only the first so many groups stand."""
     bodies = [piece.body for group in work.scene.groups[:count] for piece in group.pieces]
-    return ways_open(work.scene.floor, bodies, work.scene.entries, work.radius_m)
+    return robot_gets_around(work.scene.floor, bodies, work.scene.entries, work.radius_m)
 
 
-def _account(work: _Work, group: Placed, sign: int) -> None:
+def _account(work: _Work, group: PlacedGroup, sign: int) -> None:
     work.covered_m2 += sign * sum(piece.covers_m2 for piece in group.pieces)
     work.solids -= sign * sum(len(compose(piece.type, piece.size, work.style)) for piece in group.pieces)

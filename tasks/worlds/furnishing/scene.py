@@ -42,7 +42,7 @@ class Piece:
     covers_m2: float = 0.0
 
 
-class Line(NamedTuple):
+class BackLine(NamedTuple):
     """Where backs stand: facing ``quarter``, at a coordinate across, from one along to another.
 
     ``wall`` tells walls from lines in the middle of a large room.
@@ -85,7 +85,7 @@ class LineTable(NamedTuple):
         return LineTable(*(column[kept] for column in self))
 
 
-def _table(lines: Sequence[Line]) -> LineTable:
+def _table(lines: Sequence[BackLine]) -> LineTable:
     quarter, at, start, end, wall = (np.array(column) for column in zip(*lines, strict=True))
     inward = np.where((quarter == 0) | (quarter == 3), 1.0, -1.0)
     ahead = np.where(quarter < 2, 1.0, -1.0)
@@ -102,7 +102,7 @@ class Sill(NamedTuple):
     zone: Box
 
 
-class Placed(NamedTuple):
+class PlacedGroup(NamedTuple):
     """A group where it stands: its pieces, and the floor that their use needs."""
 
     pieces: tuple[Piece, ...]
@@ -110,7 +110,7 @@ class Placed(NamedTuple):
 
 
 @dataclass
-class Scene:
+class RoomScene:
     """A room while it is being furnished.
 
     Attributes:
@@ -132,17 +132,17 @@ class Scene:
     sills: tuple[Sill, ...] = ()
     entries: tuple[tuple[float, float], ...] = ()
     holds_start: bool = True
-    groups: list[Placed] = field(default_factory=list[Placed])
+    groups: list[PlacedGroup] = field(default_factory=list[PlacedGroup])
     pieces: list[Piece] = field(default_factory=list[Piece])
     _taken: Float[np.ndarray, "4 boxes"] | None = None
 
-    def add(self, group: Placed) -> None:
+    def add(self, group: PlacedGroup) -> None:
         """Puts a group into the room."""
         self.groups.append(group)
         self.pieces += group.pieces
         self._taken = None
 
-    def remove(self, number: int) -> Placed:
+    def remove(self, number: int) -> PlacedGroup:
         """Takes a group out of the room again."""
         group = self.groups.pop(number)
         self.pieces = [piece for each in self.groups for piece in each.pieces]
@@ -169,7 +169,7 @@ def open_scene(
     radius_m: float,
     panes: Sequence[Pane] = (),
     entries: tuple[tuple[float, float], ...] = (),
-) -> Scene:
+) -> RoomScene:
     """Returns an empty room.
 
     Args:
@@ -183,7 +183,7 @@ def open_scene(
     table = _table((*_walls(floor), *_spines(floor, way)))
     sills = tuple(_sill(floor, pane) for pane in panes)
     holds_start = floor.grown(START_CLEAR_M).meets(Box(0.0, 0.0, 1e-3, 1e-3))
-    return Scene(floor, keep_clear, way, table, sills, entries, holds_start=holds_start)
+    return RoomScene(floor, keep_clear, way, table, sills, entries, holds_start=holds_start)
 
 
 def way_width(radius_m: float) -> float:
@@ -191,17 +191,17 @@ def way_width(radius_m: float) -> float:
     return round(2 * (radius_m + 0.11), 2)
 
 
-def _walls(floor: Box) -> tuple[Line, ...]:
+def _walls(floor: Box) -> tuple[BackLine, ...]:
     # The back stands at the south, east, north or west wall for 0, 1, 2 or 3 quarter turns.
     return (
-        Line(0, floor.y_min, floor.x_min, floor.x_max, wall=True),
-        Line(1, floor.x_max, floor.y_min, floor.y_max, wall=True),
-        Line(2, floor.y_max, floor.x_min, floor.x_max, wall=True),
-        Line(3, floor.x_min, floor.y_min, floor.y_max, wall=True),
+        BackLine(0, floor.y_min, floor.x_min, floor.x_max, wall=True),
+        BackLine(1, floor.x_max, floor.y_min, floor.y_max, wall=True),
+        BackLine(2, floor.y_max, floor.x_min, floor.x_max, wall=True),
+        BackLine(3, floor.x_min, floor.y_min, floor.y_max, wall=True),
     )
 
 
-def _spines(floor: Box, way_m: float) -> tuple[Line, ...]:
+def _spines(floor: Box, way_m: float) -> tuple[BackLine, ...]:
     """Returns the lines in the middle of a large room, along its longer side; both faces of each."""
     wide = floor.width >= floor.height
     across, along = (floor.height, floor.width) if wide else (floor.width, floor.height)
@@ -212,12 +212,12 @@ def _spines(floor: Box, way_m: float) -> tuple[Line, ...]:
         return ()
     runs = max(1, round(length / (_SPINE_M + margin)))
     run = (length - (runs - 1) * margin) / runs
-    lines: list[Line] = []
+    lines: list[BackLine] = []
     for bay in range(1, bays):
         at = round(base + across * bay / bays, 2)
         starts = [round(first + margin + n * (run + margin), 2) for n in range(runs)]
         lines += [
-            Line(quarter, at, start, round(start + run, 2), wall=False)
+            BackLine(quarter, at, start, round(start + run, 2), wall=False)
             for start in starts
             for quarter in ((0, 2) if wide else (1, 3))
         ]

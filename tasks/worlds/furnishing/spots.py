@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tasks.worlds.furnishing.groups.group import Group
-from tasks.worlds.furnishing.scene import LineTable, Scene
+from tasks.worlds.furnishing.groups.group import FurnitureGroup
+from tasks.worlds.furnishing.scene import LineTable, RoomScene
 from tasks.worlds.geometry.boxes import EPSILON_M, Box
 
 _WALL_GAP_M = 0.02
@@ -42,7 +42,7 @@ class _Along(NamedTuple):
     held: Float[np.ndarray, " many"]
 
 
-def find_spots(rng: np.random.Generator, scene: Scene, group: Group) -> Spots:
+def find_spots(rng: np.random.Generator, scene: RoomScene, group: FurnitureGroup) -> Spots:
     """Returns the places to try for a group; some may be taken.
 
     Every place on a line can be slid along it until the group touches something, so trying what touches something is
@@ -60,13 +60,13 @@ def find_spots(rng: np.random.Generator, scene: Scene, group: Group) -> Spots:
     return Spots(centers.round(3), lines.quarter[found.line], found.held, aside, lines.wall[found.line])
 
 
-def _along_lines(rng: np.random.Generator, scene: Scene, group: Group, lines: LineTable) -> _Along:
+def _along_lines(rng: np.random.Generator, scene: RoomScene, group: FurnitureGroup, lines: LineTable) -> _Along:
     """Returns places on each line: at its ends, beside what stands there, in its middle, and a few loose ones."""
     needed, everyone = group.reach
     first, last = _ends(lines, needed)
     line, before, after = _beside(scene, group, lines)
     ends, touching = [first, last], _touching(lines, needed, line, before, after)
-    if everyone is not needed:
+    if len(group.members) > 1:
         ends += _ends(lines, everyone)
         touching += _touching(lines, everyone, line, before, after)
     loose = first + (last - first) * np.concatenate([[0.5], rng.random(_LOOSE)])[:, None]
@@ -100,7 +100,9 @@ def _touching(
     return [before - half - shift, after + half - shift]
 
 
-def _below_windows(scene: Scene, lines: LineTable) -> tuple[Float[np.ndarray, " windows"], Int[np.ndarray, " windows"]]:
+def _below_windows(
+    scene: RoomScene, lines: LineTable
+) -> tuple[Float[np.ndarray, " windows"], Int[np.ndarray, " windows"]]:
     """Returns the middles of the windows, and the lines of the walls that they are in."""
     middles = np.array([sill.middle for sill in scene.sills], dtype=np.float64)
     quarters = np.array([sill.quarter for sill in scene.sills], dtype=np.int64)
@@ -109,7 +111,7 @@ def _below_windows(scene: Scene, lines: LineTable) -> tuple[Float[np.ndarray, " 
 
 
 def _beside(
-    scene: Scene, group: Group, lines: LineTable
+    scene: RoomScene, group: FurnitureGroup, lines: LineTable
 ) -> tuple[Int[np.ndarray, " some"], Float[np.ndarray, " some"], Float[np.ndarray, " some"]]:
     """Returns what is in a group's way on its lines: the line's number, and the ends to stand before and after."""
     depth = group.reach[0].height + _WALL_GAP_M
@@ -122,7 +124,7 @@ def _beside(
     return line, sides[axis, box] - gap, sides[axis + 2, box] + gap
 
 
-def _in_room(rng: np.random.Generator, scene: Scene, group: Group) -> Spots:
+def _in_room(rng: np.random.Generator, scene: RoomScene, group: FurnitureGroup) -> Spots:
     """Returns places in the room, among them its middle."""
     floor = scene.floor
     quarters = np.array(group.quarters)[rng.integers(0, len(group.quarters), _IN_ROOM)]

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tasks.worlds.furnishing.groups.group import Group
-from tasks.worlds.furnishing.scene import Scene
+from tasks.worlds.furnishing.groups.group import FurnitureGroup
+from tasks.worlds.furnishing.scene import RoomScene
 from tasks.worlds.furnishing.spots import Spots
 
 # What standing in the middle of a room costs, where that is no hall: there people do so.
@@ -14,8 +14,12 @@ _CORNERLESS_COST = 3.0
 _TURNED_AWAY_COST = 4.0
 
 
-def dislike(
-    rng: np.random.Generator, scene: Scene, group: Group, spots: Spots, free: Bool[np.ndarray, "many members"]
+def placement_cost(
+    rng: np.random.Generator,
+    scene: RoomScene,
+    group: FurnitureGroup,
+    spots: Spots,
+    free: Bool[np.ndarray, "many members"],
 ) -> Float[np.ndarray, " many"]:
     """Returns how little each place suits a group.
 
@@ -40,10 +44,10 @@ def dislike(
         cost -= taste.window * _below_windows(scene, spots)
     if taste.away and scene.keep_clear:
         cost += taste.away / (0.5 + _distance(spots, [box.center for box in scene.keep_clear]))
-    return cost + _company(scene, group, spots)
+    return cost + _company_cost(scene, group, spots)
 
 
-def _company(scene: Scene, group: Group, spots: Spots) -> Float[np.ndarray, " many"] | float:
+def _company_cost(scene: RoomScene, group: FurnitureGroup, spots: Spots) -> Float[np.ndarray, " many"] | float:
     """Returns what each place costs for what stands near it and across from it."""
     taste = group.taste
     cost: Float[np.ndarray, " many"] | float = 0.0
@@ -54,11 +58,11 @@ def _company(scene: Scene, group: Group, spots: Spots) -> Float[np.ndarray, " ma
         same = [piece.center for piece in scene.pieces if piece.type == group.members[0].kind]
         cost = cost + (2.0 / (0.5 + _distance(spots, same)) if same else 0.0)
     if taste.facing:
-        cost = cost + _not_facing(scene, taste.facing, spots)
+        cost = cost + _facing_cost(scene, taste.facing, spots)
     return cost
 
 
-def _below_windows(scene: Scene, spots: Spots) -> Float[np.ndarray, " many"]:
+def _below_windows(scene: RoomScene, spots: Spots) -> Float[np.ndarray, " many"]:
     """Returns how well each place lies below a window, 0-1."""
     along = spots.centers[np.arange(len(spots.quarters)), spots.quarters % 2]
     found = np.zeros(len(along))
@@ -74,7 +78,7 @@ def _distance(spots: Spots, points: list[tuple[float, float]]) -> Float[np.ndarr
     return np.sqrt((apart * apart).sum(axis=2).min(axis=1))
 
 
-def _not_facing(scene: Scene, kind: str, spots: Spots) -> Float[np.ndarray, " many"] | float:
+def _facing_cost(scene: RoomScene, kind: str, spots: Spots) -> Float[np.ndarray, " many"] | float:
     """Returns how far each place is from being across from the first piece of a type: in line, and turned to it."""
     found = next((piece for piece in scene.pieces if piece.type == kind), None)
     if found is None:

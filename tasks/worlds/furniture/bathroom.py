@@ -20,22 +20,22 @@ from tasks.worlds.furniture.primitives import (
     WATER,
     WHITE,
     WORKTOP,
-    Part,
+    Primitive,
     Size,
     Style,
     block,
     fronts,
     post,
-    shaded,
+    shade,
 )
 
 _RIM_M = 0.06
 _COUNTER_M = 0.85
 _MACHINE_M = 0.85
-_PANEL = shaded(STEEL, 0.8)
+_PANEL = shade(STEEL, 0.8)
 
 
-def toilet(size: Size, _style: Style) -> tuple[Part, ...]:
+def toilet(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a close-coupled toilet: foot, bowl, seat, lid, cistern and button (EN 997)."""
     width, depth, height = size
     x, y = width / 2, depth / 2
@@ -45,14 +45,14 @@ def toilet(size: Size, _style: Style) -> tuple[Part, ...]:
         block("foot", (-x + 0.1, x - 0.1), (tank - 0.08, bowl + 0.08), (0.0, 0.2), PORCELAIN),
         block("neck", (-x + 0.06, x - 0.06), (tank - 0.08, bowl - x), (0.2, 0.4), PORCELAIN),
         post("bowl", (0.0, bowl), x, (0.2, 0.4), PORCELAIN),
-        post("seat", (0.0, bowl), x - 0.01, (0.4, 0.42), shaded(WHITE, 0.93)),
+        post("seat", (0.0, bowl), x - 0.01, (0.4, 0.42), shade(WHITE, 0.93)),
         post("water", (0.0, bowl + 0.01), x - 0.08, (0.42, 0.43), WATER),
         block("cistern", (-x, x), (-y, tank), (0.4, height - 0.02), PORCELAIN),
-        block("lid", (-x, x), (-y, tank), (height - 0.02, height), shaded(WHITE, 0.97)),
+        block("lid", (-x, x), (-y, tank), (height - 0.02, height), shade(WHITE, 0.97)),
     )
 
 
-def bath(size: Size, _style: Style) -> tuple[Part, ...]:
+def bath(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a bath: four walls around the water, and a tap at its end (EN 232: 1.7 x 0.7 or 0.75 m)."""
     width, depth, height = size
     x, y, rim = width / 2, depth / 2, height - 0.18
@@ -67,7 +67,7 @@ def bath(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def shower(size: Size, _style: Style) -> tuple[Part, ...]:
+def shower(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a corner shower: walls behind it and on its left, glass on its right and half of its front."""
     width, depth, height = size
     x, y = width / 2, depth / 2
@@ -85,7 +85,7 @@ def shower(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def vanity(size: Size, _style: Style) -> tuple[Part, ...]:
+def vanity(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a washbasin on a cabinet under a mirror; a wide one has two basins."""
     width, depth, height = size
     x, y = width / 2, depth / 2
@@ -94,7 +94,7 @@ def vanity(size: Size, _style: Style) -> tuple[Part, ...]:
     tops = [part for n, at in enumerate(basins, start=1) for part in _basin(n, at, min(0.2, y - 0.08), y)]
     return (
         block("plinth", (-x + 0.02, x - 0.02), (-y, y - 0.08), (0.0, 0.12), DARK),
-        block("body", (-x, x), (-y, y - 0.03), (0.12, under), shaded(FRONT, 0.6)),
+        block("body", (-x, x), (-y, y - 0.03), (0.12, under), shade(FRONT, 0.6)),
         *fronts(2, 1, (-x, x), (0.12, under), y - 0.01, name="door"),
         block("counter", (-x, x), (-y, y), (under, under + 0.03), WORKTOP),
         *tops,
@@ -102,7 +102,7 @@ def vanity(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def _basin(number: int, at: float, radius: float, y: float) -> tuple[Part, ...]:
+def _basin(number: int, at: float, radius: float, y: float) -> tuple[Primitive, ...]:
     """Returns a bowl that stands on the counter, the water in it, and its tap."""
     top = _COUNTER_M - 0.1
     return (
@@ -112,7 +112,7 @@ def _basin(number: int, at: float, radius: float, y: float) -> tuple[Part, ...]:
     )
 
 
-def washing_machine(size: Size, _style: Style) -> tuple[Part, ...]:
+def washing_machine(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a washing machine, with a dryer on top of it when it is tall."""
     width, depth, height = size
     machines = (("washer", 0.0), ("dryer", _MACHINE_M)) if height > _MACHINE_M else (("washer", 0.0),)
@@ -128,7 +128,7 @@ def washing_machine(size: Size, _style: Style) -> tuple[Part, ...]:
     )  # fmt: skip
 
 
-def _porthole(name: str, y: float, z: float) -> tuple[Part, ...]:
+def _porthole(name: str, y: float, z: float) -> tuple[Primitive, ...]:
     """Returns the round glass of a machine as three bars on a ring: an upright face has no round primitive."""
     bars = ((0.1, -0.16, -0.08), (0.16, -0.08, 0.08), (0.1, 0.08, 0.16))
     return (
@@ -148,7 +148,7 @@ TYPES = (
         use_width_m=0.85,
         spread_m2=9.0,
         taste=Taste(corner=0.5, away=0.4, near=("Showers", "Baths", "Toilets")),
-        demand=(
+        rooms=(
             essential("Bathroom", 1),
             occasional("Bathroom", 14.0, 3),
         ),
@@ -165,7 +165,7 @@ TYPES = (
         front_m=0.75,
         row=True,
         taste=Taste(corner=0.2, near=("Toilets", "VanityCounters")),
-        demand=(
+        rooms=(
             essential("Bathroom", 2),
             occasional("Bathroom", 9.0, 2),
         ),
@@ -182,7 +182,7 @@ TYPES = (
         row=True,
         spread_m2=10.0,
         taste=Taste(corner=1.0, away=0.4),
-        demand=(
+        rooms=(
             essential("Bathroom", 3),
             likely("Bathroom", 14.0, 2),
         ),
@@ -196,7 +196,7 @@ TYPES = (
         under_window=True,
         spread_m2=14.0,
         taste=Taste(corner=1.0, window=0.3, away=0.4),
-        demand=(
+        rooms=(
             essential("Bathroom", 3),
             likely("Bathroom", 18.0, 1),
         ),
@@ -209,7 +209,7 @@ TYPES = (
         row=True,
         spread_m2=6.0,
         group="laundry",
-        demand=(
+        rooms=(
             likely("Bathroom", 9.0, 3),
             occasional("Kitchen", 18.0, 2),
             occasional("Closet", 12.0, 3),

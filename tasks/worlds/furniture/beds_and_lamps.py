@@ -8,13 +8,13 @@ from tasks.worlds.furniture.primitives import (
     LINEN,
     WHITE,
     WOOD,
-    Part,
+    Primitive,
     Size,
     Style,
     block,
     legs,
     post,
-    shaded,
+    shade,
 )
 
 _FRAME_M = 0.05
@@ -24,7 +24,7 @@ _SLATS_M = 0.3
 _MATTRESS_TOP_M = 0.5  # Neufert: beds are 0.4 to 0.55 m high
 
 
-def bed(size: Size, style: Style) -> tuple[Part, ...]:
+def bed(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a bed: headboard, legs or base, frame, mattress, blanket, and a pillow for each sleeper."""
     width, depth, height = size
     x, y = width / 2, depth / 2
@@ -33,7 +33,7 @@ def bed(size: Size, style: Style) -> tuple[Part, ...]:
     blanket = back + 0.6
     return (
         block("headboard", (-x, x), (-y, back), (0.0, height), WOOD),
-        *_carried(width, depth, style),
+        *_bed_base(width, depth, style),
         block("frame", (-x, x), (back, y), (_BASE_M, _SLATS_M), WOOD),
         block("mattress", (-side, side), (back, y - 0.04), (_SLATS_M, _MATTRESS_TOP_M), LINEN),
         block("blanket", (-side, side), (blanket, y - 0.04), (_MATTRESS_TOP_M, _MATTRESS_TOP_M + 0.05), CUSHION),
@@ -42,15 +42,15 @@ def bed(size: Size, style: Style) -> tuple[Part, ...]:
     )  # fmt: skip
 
 
-def _carried(width: float, depth: float, style: Style) -> tuple[Part, ...]:
-    dark = shaded(WOOD, 0.7)
+def _bed_base(width: float, depth: float, style: Style) -> tuple[Primitive, ...]:
+    dark = shade(WOOD, 0.7)
     if style.raised:
         return legs((width, depth - 2 * _HEAD_M), _BASE_M, 0.06, dark, 0.03)
     x, y = width / 2, depth / 2
     return (block("base", (-x + 0.08, x - 0.08), (-y + _HEAD_M, y - 0.1), (0.0, _BASE_M), dark),)
 
 
-def _pillows(side: float, back: float) -> tuple[Part, ...]:
+def _pillows(side: float, back: float) -> tuple[Primitive, ...]:
     """Returns one pillow on a narrow bed, else two."""
     y, z = (back + 0.04, back + 0.5), (_MATTRESS_TOP_M, _MATTRESS_TOP_M + 0.12)
     if side < 0.6:
@@ -61,13 +61,13 @@ def _pillows(side: float, back: float) -> tuple[Part, ...]:
     )
 
 
-def floor_lamp(size: Size, style: Style) -> tuple[Part, ...]:
+def floor_lamp(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a standing lamp: foot, pole, and a shade at its top."""
     radius, height = min(size[0], size[1]) / 2, size[2]
     return (
         post("foot", (0.0, 0.0), 0.75 * radius, (0.0, 0.03), DARK),
         post("pole", (0.0, 0.0), 0.015, (0.03, height - 0.28), DARK),
-        post("shade", (0.0, 0.0), radius, (height - 0.28, height), shaded(LINEN, 1.02) if style.round else CUSHION),
+        post("shade", (0.0, 0.0), radius, (height - 0.28, height), shade(LINEN, 1.02) if style.round else CUSHION),
     )
 
 
@@ -85,7 +85,7 @@ TYPES = (
         under_window=True,
         spread_m2=14.0,
         group="bed",
-        demand=(
+        rooms=(
             essential("Bedroom", 1),
             occasional("Bedroom", 24.0, 4),
         ),
@@ -98,7 +98,7 @@ TYPES = (
         anchor="corner",
         spread_m2=6.0,
         taste=Taste(corner=1.0, near=("Sofas", "LivingRoomChairs", "Desks"), apart=True),
-        demand=(
+        rooms=(
             likely("Bedroom", 16.0, 4),
             likely("Living", 12.0, 4),
             likely("Dining", 12.0, 3),

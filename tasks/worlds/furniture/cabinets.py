@@ -18,7 +18,7 @@ from tasks.worlds.furniture.primitives import (
     SPIRIT,
     STEEL,
     WOOD,
-    Part,
+    Primitive,
     Size,
     Style,
     block,
@@ -26,11 +26,11 @@ from tasks.worlds.furniture.primitives import (
     front_face,
     fronts,
     post,
-    shaded,
+    shade,
 )
 
 
-def chest(size: Size, style: Style) -> tuple[Part, ...]:
+def chest(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a chest of drawers, two columns when it is wide."""
     width, _, height = size
     rows = 4 if height > 0.95 else 3
@@ -38,7 +38,7 @@ def chest(size: Size, style: Style) -> tuple[Part, ...]:
     return (*cabinet_body(size, style, top=True), *drawers)
 
 
-def nightstand(size: Size, style: Style) -> tuple[Part, ...]:
+def nightstand(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a small cabinet with two drawers and a book on it."""
     y, height = size[1] / 2, size[2] - 0.04
     low = (size[0], size[1], height)
@@ -49,7 +49,7 @@ def nightstand(size: Size, style: Style) -> tuple[Part, ...]:
     )
 
 
-def sideboard(size: Size, style: Style) -> tuple[Part, ...]:
+def sideboard(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a long low cabinet with three or four doors and a bowl on top."""
     width, depth, height = size
     low = (width, depth, height - 0.1)
@@ -60,7 +60,7 @@ def sideboard(size: Size, style: Style) -> tuple[Part, ...]:
     )
 
 
-def bar_cabinet(size: Size, style: Style) -> tuple[Part, ...]:
+def bar_cabinet(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a high cabinet with two doors, and bottles on its top."""
     width, depth, height = size
     low = (width, depth, height - 0.28)
@@ -75,11 +75,11 @@ def bar_cabinet(size: Size, style: Style) -> tuple[Part, ...]:
     )  # fmt: skip
 
 
-def corner_cabinet(size: Size, _style: Style) -> tuple[Part, ...]:
+def corner_cabinet(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns an L of two wings for a corner that is behind it and on its left, with a door to each wing."""
     width, depth, height = size
     x, y, wing = width / 2, depth / 2, 0.4
-    low, dark = 0.08, shaded(WOOD, 0.85)
+    low, dark = 0.08, shade(WOOD, 0.85)
     return (
         block("plinth_back", (-x, x - 0.03), (-y, -y + wing - 0.06), (0.0, low), DARK),
         block("plinth_left", (-x, -x + wing - 0.06), (-y + wing - 0.06, y - 0.03), (0.0, low), DARK),
@@ -92,7 +92,7 @@ def corner_cabinet(size: Size, _style: Style) -> tuple[Part, ...]:
     )  # fmt: skip
 
 
-def media_unit(size: Size, style: Style) -> tuple[Part, ...]:
+def media_unit(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a low cabinet with a television on it."""
     width, depth, height = size
     low = (width, depth, 0.48)
@@ -112,7 +112,7 @@ TYPES = (
         usual_and_long((0.8, 1.4), (0.45, 0.5), (0.8, 1.0), (1.6, 1.8)),
         front_m=0.7,
         taste=Taste(middle=0.3, near=("Beds",), chance=0.5),
-        demand=(
+        rooms=(
             likely("Bedroom", 18.0, 1),
             occasional("Hallway", 12.0, 2),
             likely("Closet", 9.0, 2),
@@ -133,7 +133,7 @@ TYPES = (
         front_m=0.7,
         spread_m2=9.0,
         taste=Taste(middle=0.5, near=("DiningTables",)),
-        demand=(
+        rooms=(
             likely("Living", 16.0, 3),
             essential("Dining", 2),
             occasional("Dining", 12.0, 4),
@@ -147,7 +147,7 @@ TYPES = (
         usual_and_long((0.8, 1.2), (0.4, 0.45), (1.2, 1.35), (1.6, 2.0)),
         spread_m2=12.0,
         taste=Taste(corner=0.3, near=("DiningTables", "Sofas")),
-        demand=(
+        rooms=(
             occasional("Living", 28.0, 4),
             likely("Dining", 16.0, 1),
             occasional("Kitchen", 24.0, 4),
@@ -161,7 +161,7 @@ TYPES = (
         anchor="corner",
         spread_m2=12.0,
         taste=Taste(corner=1.0),
-        demand=(
+        rooms=(
             occasional("Bathroom", 30.0, 1),
             likely("Dining", 20.0, 2),
         ),
@@ -173,6 +173,6 @@ TYPES = (
         front_m=0.8,
         spread_m2=16.0,
         group="television",
-        demand=(essential("Living", 2),),
+        rooms=(essential("Living", 2),),
     ),
 )

@@ -17,7 +17,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 from specs.data.world import RoomType
-from tasks.worlds.furniture.primitives import Range, Shape, Size
+from tasks.worlds.furniture.primitives import Composition, Range, Size
 
 TypeName = str
 """The name of a furniture type, such as ``Sofas``."""
@@ -102,8 +102,8 @@ class Taste:
     apart: bool = False
 
 
-class Demand(NamedTuple):
-    """A room type's demand for a furniture type, when the template leaves the furniture open.
+class RoomUse(NamedTuple):
+    """A room type that has a furniture type, when the template leaves the furniture open.
 
     Attributes:
         room: The room type.
@@ -118,19 +118,19 @@ class Demand(NamedTuple):
     floor_m2: float = 0.0
 
 
-def essential(room: RoomType, place: int) -> Demand:
-    """Returns the demand for what makes a room that room; of several types in one place, one is drawn."""
-    return Demand(room, "essential", place)
+def essential(room: RoomType, place: int) -> RoomUse:
+    """Returns the use of what makes a room that room; of several types in one place, one is drawn."""
+    return RoomUse(room, "essential", place)
 
 
-def likely(room: RoomType, floor_m2: float, place: int = LAST) -> Demand:
-    """Returns the demand for what most rooms of a type have, one piece for so much floor."""
-    return Demand(room, "likely", place, floor_m2)
+def likely(room: RoomType, floor_m2: float, place: int = LAST) -> RoomUse:
+    """Returns the use of what most rooms of a type have, one piece for so much floor (square metres)."""
+    return RoomUse(room, "likely", place, floor_m2)
 
 
-def occasional(room: RoomType, floor_m2: float, place: int = LAST) -> Demand:
-    """Returns the demand for what some rooms of a type have, one piece for so much floor."""
-    return Demand(room, "occasional", place, floor_m2)
+def occasional(room: RoomType, floor_m2: float, place: int = LAST) -> RoomUse:
+    """Returns the use of what some rooms of a type have, one piece for so much floor (square metres)."""
+    return RoomUse(room, "occasional", place, floor_m2)
 
 
 @dataclass(frozen=True)
@@ -149,11 +149,11 @@ class FurnitureType:
         spread_m2: A room holds one for so much floor, at most; but always one.
         taste: Where it likes to stand when it is placed alone.
         group: With what it is placed.
-        demand: The rooms that have it.
+        rooms: The rooms that have it when the template leaves the furniture open.
     """
 
     name: TypeName
-    shape: Shape
+    shape: Composition
     variants: tuple[Variant, ...]
     front_m: float = 0.6
     use_width_m: float = 0.0
@@ -163,7 +163,7 @@ class FurnitureType:
     spread_m2: float = 8.0
     taste: Taste = Taste()
     group: GroupName = "single"
-    demand: tuple[Demand, ...] = ()
+    rooms: tuple[RoomUse, ...] = ()
 
     def usual(self, room_m2: float) -> tuple[Variant, ...]:
         """Returns the sizes that are usual in a room of that area, smallest first."""

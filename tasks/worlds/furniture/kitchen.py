@@ -11,14 +11,14 @@ from tasks.worlds.furniture.primitives import (
     WHITE,
     WOOD,
     WORKTOP,
-    Part,
+    Primitive,
     Size,
     Style,
     block,
     fronts,
     legs,
     post,
-    shaded,
+    shade,
 )
 
 WORKTOP_M = 0.9
@@ -28,13 +28,13 @@ _PLINTH_M = 0.12
 _UNDER_M = WORKTOP_M - _SLAB_M
 
 
-def fridge(size: Size, _style: Style) -> tuple[Part, ...]:
+def fridge(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a fridge above a freezer, or side by side when it is wide."""
     width, depth, height = size
     x, y = width / 2, depth / 2
     body = (
         block("plinth", (-x + 0.02, x - 0.02), (-y, y - 0.08), (0.0, 0.06), DARK),
-        block("body", (-x, x), (-y, y - 0.06), (0.06, height), shaded(STEEL, 0.85)),
+        block("body", (-x, x), (-y, y - 0.06), (0.06, height), shade(STEEL, 0.85)),
     )
     face, out = (y - 0.06, y - 0.03), (y - 0.03, y)
     if width > 0.8:
@@ -55,7 +55,7 @@ def fridge(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def oven(size: Size, style: Style) -> tuple[Part, ...]:
+def oven(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns an oven under a hob with four rings; a wide one has a unit of drawers beside it."""
     width, depth, _ = size
     x, y = width / 2, depth / 2
@@ -80,7 +80,7 @@ def oven(size: Size, style: Style) -> tuple[Part, ...]:
     )
 
 
-def dishwasher(size: Size, style: Style) -> tuple[Part, ...]:
+def dishwasher(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a dishwasher under the worktop; a wide one has the sink beside it."""
     width, depth, _ = size
     x, y = width / 2, depth / 2
@@ -104,24 +104,24 @@ def dishwasher(size: Size, style: Style) -> tuple[Part, ...]:
             (right[0] + 0.08, right[1] - 0.08),
             (-y + 0.17, y - 0.11),
             (WORKTOP_M + 0.01, WORKTOP_M + 0.02),
-            shaded(STEEL, 0.56),
+            shade(STEEL, 0.56),
         ),
         post("tap", (tap, -y + 0.09), 0.02, (WORKTOP_M, WORKTOP_M + 0.25), STEEL),
         block("spout", (tap - 0.015, tap + 0.015), (-y + 0.11, -y + 0.28), (WORKTOP_M + 0.22, WORKTOP_M + 0.25), STEEL),
     )
 
 
-def _base(size: Size, _style: Style) -> tuple[Part, ...]:
+def _base(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns plinth, body and worktop of a row's unit; the worktop runs on into its neighbour's."""
     x, y = size[0] / 2, size[1] / 2
     return (
         block("plinth", (-x, x), (-y, y - 0.1), (0.0, _PLINTH_M), DARK),
-        block("body", (-x, x), (-y, y - 0.05), (_PLINTH_M, _UNDER_M), shaded(FRONT, 0.6)),
+        block("body", (-x, x), (-y, y - 0.05), (_PLINTH_M, _UNDER_M), shade(FRONT, 0.6)),
         block("worktop", (-x, x), (-y, y - 0.01), (_UNDER_M, WORKTOP_M), WORKTOP),
     )
 
 
-def island(size: Size, style: Style) -> tuple[Part, ...]:
+def island(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns an island with fronts on both long sides, or a butcher's cart when it is small."""
     width, depth, height = size
     if width < 1.1:
@@ -136,7 +136,7 @@ def island(size: Size, style: Style) -> tuple[Part, ...]:
             (-x + 0.04, x - 0.04),
             (-y + 0.06, out - 0.02),
             (_PLINTH_M, height - _SLAB_M),
-            shaded(FRONT, 0.6),
+            shade(FRONT, 0.6),
         ),
         *doors,
         block("panel", (-x + 0.04, x - 0.04), (-y + 0.04, -y + 0.06), (_PLINTH_M, height - _SLAB_M), FRONT),
@@ -144,14 +144,14 @@ def island(size: Size, style: Style) -> tuple[Part, ...]:
     )
 
 
-def _cart(size: Size, _style: Style) -> tuple[Part, ...]:
+def _cart(size: Size, _style: Style) -> tuple[Primitive, ...]:
     width, depth, height = size
     x, y = width / 2, depth / 2
     return (
         *legs((width, depth), height - 0.05, 0.05, WOOD),
         block("shelf_low", (-x + 0.07, x - 0.07), (-y + 0.03, y - 0.03), (0.16, 0.18), WOOD),
         block("drawer", (-x + 0.07, x - 0.07), (-y + 0.03, y - 0.03), (height - 0.22, height - 0.05), FRONT),
-        block("top", (-x, x), (-y, y), (height - 0.05, height), shaded(WOOD, 1.1)),
+        block("top", (-x, x), (-y, y), (height - 0.05, height), shade(WOOD, 1.1)),
         block("crate", (-x + 0.12, 0.05), (-y + 0.08, y - 0.08), (0.18, 0.4), BASKET),
     )
 
@@ -168,7 +168,7 @@ TYPES = (
         row=True,
         spread_m2=16.0,
         group="kitchen row",
-        demand=(
+        rooms=(
             essential("Kitchen", 3),
             occasional("Kitchen", 26.0, 5),
         ),
@@ -182,7 +182,7 @@ TYPES = (
         row=True,
         spread_m2=14.0,
         group="kitchen row",
-        demand=(
+        rooms=(
             essential("Kitchen", 2),
             occasional("Kitchen", 18.0, 7),
         ),
@@ -195,7 +195,7 @@ TYPES = (
         row=True,
         spread_m2=14.0,
         group="kitchen row",
-        demand=(
+        rooms=(
             essential("Kitchen", 1),
             occasional("Kitchen", 18.0, 6),
         ),
@@ -212,6 +212,6 @@ TYPES = (
         anchor="center",
         spread_m2=14.0,
         taste=Taste(middle=0.8),
-        demand=(likely("Kitchen", 20.0, 2),),
+        rooms=(likely("Kitchen", 20.0, 2),),
     ),
 )

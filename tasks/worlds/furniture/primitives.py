@@ -51,7 +51,7 @@ REVEAL_M = 0.01
 """Gap between two fronts, through which one sees the darker body."""
 
 
-class Part(NamedTuple):
+class Primitive(NamedTuple):
     """One primitive of a piece.
 
     Attributes:
@@ -65,7 +65,7 @@ class Part(NamedTuple):
     color: Paint
     yaw: float = 0.0
 
-    def moved(self, dy_m: float) -> "Part":
+    def moved(self, dy_m: float) -> "Primitive":
         """Returns the part further to the front of its piece."""
         x, y, z = self.center
         return self._replace(center=(x, y + dy_m, z))
@@ -83,24 +83,40 @@ class Style(NamedTuple):
     round: bool
 
 
-Shape = Callable[[Size, Style], tuple[Part, ...]]
+Composition = Callable[[Size, Style], tuple[Primitive, ...]]
 
 
-def block(name: str, x: Range, y: Range, z: Range, color: Paint) -> Part:
-    """Returns a box from its extents along each axis."""
+def block(name: str, x: Range, y: Range, z: Range, color: Paint) -> Primitive:
+    """Returns a box.
+
+    Args:
+        name: Its name in the piece.
+        x: From where to where along the piece's back (metres).
+        y: From where to where from back to front (metres).
+        z: From where to where above the floor (metres).
+        color: Its paint.
+    """
     center = ((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, (z[0] + z[1]) / 2)
     half = ((x[1] - x[0]) / 2, (y[1] - y[0]) / 2, (z[1] - z[0]) / 2)
-    return Part(name, "box", center, half, color)
+    return Primitive(name, "box", center, half, color)
 
 
-def post(name: str, at: tuple[float, float], radius: float, z: Range, color: Paint) -> Part:
-    """Returns an upright cylinder."""
-    return Part(name, "cylinder", (*at, (z[0] + z[1]) / 2), (radius, radius, (z[1] - z[0]) / 2), color)
+def post(name: str, at: tuple[float, float], radius: float, z: Range, color: Paint) -> Primitive:
+    """Returns an upright cylinder.
+
+    Args:
+        name: Its name in the piece.
+        at: Its axis (metres).
+        radius: Its radius (metres).
+        z: From where to where above the floor (metres).
+        color: Its paint.
+    """
+    return Primitive(name, "cylinder", (*at, (z[0] + z[1]) / 2), (radius, radius, (z[1] - z[0]) / 2), color)
 
 
 def legs(
     size: tuple[float, float], height: float, thickness: float, color: Paint, inset: float = 0.02
-) -> tuple[Part, ...]:
+) -> tuple[Primitive, ...]:
     """Returns four square legs under the corners of something of that width and depth.
 
     Args:
@@ -118,16 +134,23 @@ def legs(
     )
 
 
-def stand(size: tuple[float, float], height: float, style: Style) -> tuple[Part, ...]:
+def stand(size: tuple[float, float], height: float, style: Style) -> tuple[Primitive, ...]:
     """Returns what a cabinet of that width and depth stands on: two runners, or a plinth set back from its front."""
     x, y = size[0] / 2, size[1] / 2
     if style.raised:
-        return runners(size, height, shaded(WOOD, 0.7))
+        return runners(size, height, shade(WOOD, 0.7))
     return (block("plinth", (-x + 0.02, x - 0.02), (-y, y - 0.06), (0.0, height), DARK),)
 
 
-def runners(size: tuple[float, float], height: float, color: Paint, inset: float = 0.05) -> tuple[Part, ...]:
-    """Returns two low runners from back to front under something of that width and depth."""
+def runners(size: tuple[float, float], height: float, color: Paint, inset: float = 0.05) -> tuple[Primitive, ...]:
+    """Returns two low runners from back to front under a piece.
+
+    Args:
+        size: Width and depth of the piece (metres).
+        height: Their height (metres).
+        color: Their paint.
+        inset: Distance from the edges (metres).
+    """
     x, y = size[0] / 2 - inset, size[1] / 2 - inset
     return tuple(
         block(f"runner_{n}", (at - 0.02, at + 0.02), (-y, y), (0.0, height), color)
@@ -137,8 +160,18 @@ def runners(size: tuple[float, float], height: float, color: Paint, inset: float
 
 def fronts(
     columns: int, rows: int, x: Range, z: Range, y: float, *, color: Paint = FRONT, name: str = "front"
-) -> tuple[Part, ...]:
-    """Returns a grid of doors or drawers whose outer face lies at ``y``, with reveals between and around them."""
+) -> tuple[Primitive, ...]:
+    """Returns a grid of doors or drawers, with reveals between and around them.
+
+    Args:
+        columns: How many stand side by side.
+        rows: How many lie above each other.
+        x: From where to where the grid reaches along the back (metres).
+        z: From where to where it reaches above the floor (metres).
+        y: Where the outer faces lie (metres).
+        color: Their paint.
+        name: Their name in the piece; a number is added.
+    """
     width, height = (x[1] - x[0] - REVEAL_M) / columns, (z[1] - z[0] - REVEAL_M) / rows
     return tuple(
         block(
@@ -153,12 +186,12 @@ def fronts(
     )
 
 
-def cabinet_body(size: Size, style: Style, *, top: bool = False) -> tuple[Part, ...]:
+def cabinet_body(size: Size, style: Style, *, top: bool = False) -> tuple[Primitive, ...]:
     """Returns what a cabinet stands on and its body, with room for fronts; a top reaches over them."""
     width, depth, height = size
     x, y = width / 2, depth / 2
     under = height - BOARD_M if top else height
-    body = block("body", (-x, x), (-y, y - 0.02), (STAND_M, under), shaded(WOOD, 0.72 if top else 0.85))
+    body = block("body", (-x, x), (-y, y - 0.02), (STAND_M, under), shade(WOOD, 0.72 if top else 0.85))
     board = block("top", (-x, x), (-y, y), (under, height), WOOD)
     return (*stand((width, depth), STAND_M, style), body, *((board,) if top else ()))
 
@@ -168,6 +201,6 @@ def front_face(size: Size) -> tuple[Range, Range, float]:
     return (-size[0] / 2, size[0] / 2), (STAND_M, size[2] - BOARD_M), size[1] / 2
 
 
-def shaded(paint: Paint, share: float) -> Paint:
+def shade(paint: Paint, share: float) -> Paint:
     """Returns a paint that is so much brighter, or below 1 darker."""
     return paint._replace(share=paint.share * share)

@@ -19,38 +19,38 @@ from tasks.worlds.furniture.primitives import (
     FABRIC,
     STEEL,
     WOOD,
-    Part,
+    Primitive,
     Size,
     Style,
     block,
     legs,
     post,
     runners,
-    shaded,
+    shade,
 )
 
 _CHAIR_SEAT_M = 0.46  # EN 1335-1 and Neufert: seats of 0.42 to 0.48 m
 _LEG_M = 0.04
 
 
-def sofa(size: Size, style: Style) -> tuple[Part, ...]:
+def sofa(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a sofa: feet, base, back, two arms, and a cushion for each seat."""
     arm = 0.18
     seats = max(2, round((size[0] - 2 * arm) / 0.65))
-    return _upholstered(size, style, arm, seats)
+    return _upholstery(size, style, arm, seats)
 
 
-def armchair(size: Size, style: Style) -> tuple[Part, ...]:
+def armchair(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns an upholstered chair with arms."""
-    return _upholstered(size, style, 0.14, 1)
+    return _upholstery(size, style, 0.14, 1)
 
 
-def _upholstered(size: Size, _style: Style, arm: float, seats: int) -> tuple[Part, ...]:
+def _upholstery(size: Size, _style: Style, arm: float, seats: int) -> tuple[Primitive, ...]:
     width, depth, height = size
     x, y = width / 2, depth / 2
     foot, seat, back = 0.1, 0.3, 0.2
     pitch = (width - 2 * arm) / seats
-    dark = shaded(FABRIC, 0.88)
+    dark = shade(FABRIC, 0.88)
     cushions = tuple(
         block(
             f"cushion_{n + 1}",
@@ -62,7 +62,7 @@ def _upholstered(size: Size, _style: Style, arm: float, seats: int) -> tuple[Par
         for n in range(seats)
     )
     return (
-        *runners((width, depth), foot, shaded(WOOD, 0.7), 0.07),
+        *runners((width, depth), foot, shade(WOOD, 0.7), 0.07),
         block("base", (-x + arm, x - arm), (-y + back, y - 0.02), (foot, seat), dark),
         block("back", (-x + arm, x - arm), (-y, -y + back), (foot, height), FABRIC),
         block("arm_left", (-x, -x + arm), (-y, y - 0.02), (foot, 0.6), FABRIC),
@@ -71,11 +71,11 @@ def _upholstered(size: Size, _style: Style, arm: float, seats: int) -> tuple[Par
     )
 
 
-def dining_chair(size: Size, _style: Style) -> tuple[Part, ...]:
+def dining_chair(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a chair: two front legs, two that run up the back, a seat, and a backrest between them."""
     width, depth, height = size
     x, y, seat = width / 2, depth / 2, _CHAIR_SEAT_M
-    wood = shaded(WOOD, 0.85)
+    wood = shade(WOOD, 0.85)
     return (
         block("leg_1", (-x, -x + _LEG_M), (-y, -y + _LEG_M), (0.0, height), wood),
         block("leg_2", (x - _LEG_M, x), (-y, -y + _LEG_M), (0.0, height), wood),
@@ -86,7 +86,7 @@ def dining_chair(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def desk_chair(size: Size, _style: Style) -> tuple[Part, ...]:
+def desk_chair(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a swivel chair on a star of five spokes, as EN 1335 asks for."""
     width, depth, height = size
     x, y = width / 2, depth / 2
@@ -94,7 +94,7 @@ def desk_chair(size: Size, _style: Style) -> tuple[Part, ...]:
     angles = [(0.25 + 0.4 * n) * math.pi for n in range(5)]
     middle = (reach + 0.04) / 2
     spokes = tuple(
-        Part(
+        Primitive(
             f"spoke_{n}",
             "box",
             (middle * math.cos(angle), middle * math.sin(angle), 0.03),
@@ -113,10 +113,10 @@ def desk_chair(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def ottoman(size: Size, style: Style) -> tuple[Part, ...]:
+def ottoman(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a footstool, round or square, on a base a little smaller than it."""
     x, y, height = size[0] / 2, size[1] / 2, size[2]
-    dark = shaded(WOOD, 0.7)
+    dark = shade(WOOD, 0.7)
     if style.round:
         radius = min(x, y)
         return (
@@ -131,7 +131,7 @@ def ottoman(size: Size, style: Style) -> tuple[Part, ...]:
     )
 
 
-def storage_bench(size: Size, _style: Style) -> tuple[Part, ...]:
+def storage_bench(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a bench whose open compartments hold baskets, with a cushion on top."""
     width, depth, height = size
     x, y, board = width / 2, depth / 2, 0.03
@@ -162,7 +162,7 @@ TYPES = (
         under_window=True,
         spread_m2=11.0,
         group="sofa",
-        demand=(
+        rooms=(
             occasional("Bedroom", 45.0, 5),
             essential("Living", 1),
             occasional("Living", 20.0, 5),
@@ -175,7 +175,7 @@ TYPES = (
         front_m=0.5,
         spread_m2=5.0,
         group="armchair",
-        demand=(
+        rooms=(
             likely("Bedroom", 14.0, 3),
             likely("Living", 9.0, 1),
             occasional("Dining", 12.0, 5),
@@ -205,7 +205,7 @@ TYPES = (
         front_m=0.3,
         spread_m2=5.0,
         taste=Taste(near=("LivingRoomChairs", "Sofas"), chance=0.4, apart=True),
-        demand=(
+        rooms=(
             occasional("Bedroom", 24.0, 3),
             occasional("Bathroom", 30.0, 5),
             likely("Living", 14.0, 5),
@@ -221,7 +221,7 @@ TYPES = (
         under_window=True,
         spread_m2=6.0,
         taste=Taste(middle=0.2, window=0.4, chance=0.5),
-        demand=(
+        rooms=(
             occasional("Bedroom", 22.0, 2),
             occasional("Bathroom", 12.0, 4),
             occasional("Living", 26.0, 6),

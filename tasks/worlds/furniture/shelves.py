@@ -16,22 +16,22 @@ from tasks.worlds.furniture.primitives import (
     WHITE,
     WOOD,
     Paint,
-    Part,
+    Primitive,
     Range,
     Size,
     Style,
     block,
     cabinet_body,
     fronts,
-    shaded,
+    shade,
 )
 
 _BOOKS = (Paint("", (0.48, 0.2, 0.17)), Paint("", (0.2, 0.3, 0.42)), Paint("", (0.82, 0.72, 0.5)))
-_BOXES = (BASKET, shaded(STEEL, 0.85))
+_BOXES = (BASKET, shade(STEEL, 0.85))
 _SHELF_DEPTH_M = (0.4, 0.55)
 
 
-def storage(size: Size, style: Style) -> tuple[Part, ...]:
+def storage(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a wardrobe or larder, a hall cabinet when it is shallow, or open shelving at a depth between."""
     if _SHELF_DEPTH_M[0] < size[1] < _SHELF_DEPTH_M[1]:
         return _rack(size)
@@ -52,7 +52,7 @@ def storage(size: Size, style: Style) -> tuple[Part, ...]:
     )
 
 
-def _rack(size: Size) -> tuple[Part, ...]:
+def _rack(size: Size) -> tuple[Primitive, ...]:
     """Returns metal shelving with boxes on it."""
     width, depth, height = size
     x, y, post_m = width / 2, depth / 2, 0.03
@@ -78,7 +78,7 @@ def _rack(size: Size) -> tuple[Part, ...]:
     return (*posts, *shelves, *boxes)
 
 
-def bookcase(size: Size, _style: Style) -> tuple[Part, ...]:
+def bookcase(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a bookcase: back, sides, boards, and rows of books of different lengths."""
     width, depth, height = size
     x, y = width / 2, depth / 2
@@ -100,7 +100,7 @@ def bookcase(size: Size, _style: Style) -> tuple[Part, ...]:
         for n, span in enumerate(spans, start=1)
     )
     return (
-        block("back", inner, (-y, -y + 0.02), (0.0, height), shaded(WOOD, 0.8)),
+        block("back", inner, (-y, -y + 0.02), (0.0, height), shade(WOOD, 0.8)),
         block("side_left", (-x, -x + BOARD_M), (-y, y), (0.0, height), WOOD),
         block("side_right", (x - BOARD_M, x), (-y, y), (0.0, height), WOOD),
         *boards,
@@ -130,7 +130,7 @@ TYPES = (
         spread_m2=3.0,
         taste=Taste(corner=0.9, away=0.1),
         group="storage",
-        demand=(
+        rooms=(
             essential("Bedroom", 2),
             likely("Bedroom", 9.0, 5),
             likely("Bathroom", 8.0, 4),
@@ -150,7 +150,7 @@ TYPES = (
         row=True,
         spread_m2=5.0,
         taste=Taste(corner=0.6),
-        demand=(
+        rooms=(
             occasional("Bedroom", 14.0, 1),
             likely("Living", 8.0, 2),
             occasional("Dining", 9.0, 3),

@@ -20,14 +20,14 @@ from tasks.worlds.furniture.primitives import (
     SPIRIT,
     STEEL,
     WOOD,
-    Part,
+    Primitive,
     Size,
     Style,
     block,
     fronts,
     legs,
     post,
-    shaded,
+    shade,
 )
 
 DESK_TOP_M = 0.74
@@ -35,49 +35,49 @@ DESK_TOP_M = 0.74
 _MIDDLE = (0.0, 0.0)
 
 
-def dining_table(size: Size, style: Style) -> tuple[Part, ...]:
+def dining_table(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a table on four legs, or on a column when it is as deep as wide and the room likes round tables."""
     width, depth, height = size
     if width == depth and style.round:
         return _pedestal_table(size, style, 0.45)
     x, y = width / 2, depth / 2
     top = block("top", (-x, x), (-y, y), (height - 0.04, height), WOOD)
-    return (*legs((width, depth), height - 0.04, 0.06, shaded(WOOD, 0.85)), top)
+    return (*legs((width, depth), height - 0.04, 0.06, shade(WOOD, 0.85)), top)
 
 
-def coffee_table(size: Size, _style: Style) -> tuple[Part, ...]:
+def coffee_table(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a low table with a shelf below its top, or a round one on three legs."""
     width, depth, height = size
     x, y = width / 2, depth / 2
     if width == depth:
         reach = x - 0.12
         feet = ((0.0, reach), (-0.866 * reach, -0.5 * reach), (0.866 * reach, -0.5 * reach))
-        dark = shaded(WOOD, 0.7)
+        dark = shade(WOOD, 0.7)
         rods = tuple(post(f"leg_{n}", at, 0.025, (0.0, height - 0.04), dark) for n, at in enumerate(feet, start=1))
         return (*rods, post("top", _MIDDLE, x, (height - 0.04, height), WOOD))
     return (
-        *legs((width, depth), height - 0.04, 0.05, shaded(WOOD, 0.85)),
-        block("shelf", (-x + 0.07, x - 0.07), (-y + 0.02, y - 0.02), (0.12, 0.14), shaded(WOOD, 0.9)),
+        *legs((width, depth), height - 0.04, 0.05, shade(WOOD, 0.85)),
+        block("shelf", (-x + 0.07, x - 0.07), (-y + 0.02, y - 0.02), (0.12, 0.14), shade(WOOD, 0.9)),
         block("top", (-x, x), (-y, y), (height - 0.04, height), WOOD),
     )
 
 
-def side_table(size: Size, style: Style) -> tuple[Part, ...]:
+def side_table(size: Size, style: Style) -> tuple[Primitive, ...]:
     """Returns a small table, round on a column or square on four legs."""
     if style.round:
         return _pedestal_table(size, style, 0.6)
     width, depth, height = size
     x, y = width / 2, depth / 2
     return (
-        *legs((width, depth), height - 0.03, 0.035, shaded(WOOD, 0.85), 0.015),
-        block("shelf", (-x + 0.05, x - 0.05), (-y + 0.02, y - 0.02), (0.15, 0.17), shaded(WOOD, 0.9)),
+        *legs((width, depth), height - 0.03, 0.035, shade(WOOD, 0.85), 0.015),
+        block("shelf", (-x + 0.05, x - 0.05), (-y + 0.02, y - 0.02), (0.15, 0.17), shade(WOOD, 0.9)),
         block("top", (-x, x), (-y, y), (height - 0.03, height), WOOD),
     )
 
 
-def _pedestal_table(size: Size, _style: Style, foot: float) -> tuple[Part, ...]:
+def _pedestal_table(size: Size, _style: Style, foot: float) -> tuple[Primitive, ...]:
     radius, height = min(size[0], size[1]) / 2, size[2]
-    dark = shaded(WOOD, 0.7)
+    dark = shade(WOOD, 0.7)
     return (
         post("foot", _MIDDLE, radius * foot, (0.0, 0.03), dark),
         post("column", _MIDDLE, 0.03 + 0.03 * (radius > 0.3), (0.03, height - 0.04), dark),
@@ -85,13 +85,13 @@ def _pedestal_table(size: Size, _style: Style, foot: float) -> tuple[Part, ...]:
     )
 
 
-def console_table(size: Size, _style: Style) -> tuple[Part, ...]:
+def console_table(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a narrow table with a drawer, a low shelf, and a vase."""
     width, depth, height = size
     x, y = width / 2, depth / 2
     top = height - 0.2
     return (
-        *legs((width, depth), top - 0.03, 0.04, shaded(WOOD, 0.85)),
+        *legs((width, depth), top - 0.03, 0.04, shade(WOOD, 0.85)),
         block("shelf", (-x + 0.06, x - 0.06), (-y + 0.02, y - 0.02), (0.15, 0.17), WOOD),
         block("drawer", (-x + 0.1, x - 0.1), (-y + 0.06, y - 0.03), (top - 0.13, top - 0.03), FRONT),
         block("top", (-x, x), (-y, y), (top - 0.03, top), WOOD),
@@ -99,19 +99,19 @@ def console_table(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def desk(size: Size, _style: Style) -> tuple[Part, ...]:
+def desk(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a desk: legs at one end, drawers at the other, a monitor and a keyboard."""
     width, depth, height = size
     x, y, top = width / 2, depth / 2, DESK_TOP_M
     under, pedestal = top - 0.03, (x - 0.42, x - 0.03)
     left = tuple(
-        block(f"leg_{n}", (-x + 0.03, -x + 0.08), (at - 0.025, at + 0.025), (0.0, under), shaded(WOOD, 0.8))
+        block(f"leg_{n}", (-x + 0.03, -x + 0.08), (at - 0.025, at + 0.025), (0.0, under), shade(WOOD, 0.8))
         for n, at in enumerate((-y + 0.06, y - 0.06), start=1)
     )
     screen = min(0.3, x - 0.45)
     return (
         *left,
-        block("pedestal", pedestal, (-y + 0.03, y - 0.06), (0.0, under), shaded(WOOD, 0.8)),
+        block("pedestal", pedestal, (-y + 0.03, y - 0.06), (0.0, under), shade(WOOD, 0.8)),
         *fronts(1, 3, pedestal, (0.04, under), y - 0.04, name="drawer"),
         block("top", (-x, x), (-y, y), (under, top), WOOD),
         block("foot", (-0.2, -0.04), (-y + 0.1, -y + 0.22), (top, top + 0.08), DARK),
@@ -120,7 +120,7 @@ def desk(size: Size, _style: Style) -> tuple[Part, ...]:
     )
 
 
-def serving_cart(size: Size, _style: Style) -> tuple[Part, ...]:
+def serving_cart(size: Size, _style: Style) -> tuple[Primitive, ...]:
     """Returns a trolley: four posts, two trays, a handle, and bottles."""
     width, depth, height = size
     x, y = width / 2, depth / 2
@@ -153,7 +153,7 @@ TYPES = (
         anchor="center",
         spread_m2=11.0,
         group="dining table",
-        demand=(
+        rooms=(
             occasional("Living", 32.0, 2),
             essential("Dining", 1),
             occasional("Dining", 18.0, 2),
@@ -181,7 +181,7 @@ TYPES = (
         console_table,
         usual_and_long((0.9, 1.3), (0.3, 0.4), (1.0, 1.05), (1.6, 2.0)),
         taste=Taste(middle=0.4, chance=0.5, apart=True),
-        demand=(
+        rooms=(
             occasional("Living", 18.0, 1),
             occasional("Dining", 14.0, 1),
             essential("Hallway", 1),
@@ -196,7 +196,7 @@ TYPES = (
         under_window=True,
         spread_m2=10.0,
         group="desk",
-        demand=(
+        rooms=(
             likely("Bedroom", 22.0, 2),
             occasional("Living", 30.0, 3),
         ),
@@ -208,7 +208,7 @@ TYPES = (
         front_m=0.4,
         spread_m2=10.0,
         taste=Taste(corner=0.3, near=("DiningTables",)),
-        demand=(
+        rooms=(
             likely("Dining", 16.0, 4),
             occasional("Kitchen", 20.0, 1),
         ),

@@ -56,22 +56,22 @@ class Box(NamedTuple):
         )
 
 
-def around(boxes: Iterable[Box]) -> Box:
+def bounding_box(boxes: Iterable[Box]) -> Box:
     """Returns the smallest box that holds all of them."""
     low_x, low_y, high_x, high_y = zip(*boxes, strict=True)
     return Box(min(low_x), min(low_y), max(high_x), max(high_y))
 
 
-def meeting(boxes: Float[np.ndarray, "many 4"], others: Float[np.ndarray, "some 4"]) -> Bool[np.ndarray, " many"]:
-    """Returns which of the boxes share more than a border with any of the others (rows: x_min, y_min, x_max, y_max)."""
-    a, b = boxes[:, None, :], others[None, :, :]
-    apart = (
-        (a[..., 0] >= b[..., 2] - EPSILON_M)
-        | (b[..., 0] >= a[..., 2] - EPSILON_M)
-        | (a[..., 1] >= b[..., 3] - EPSILON_M)
-        | (b[..., 1] >= a[..., 3] - EPSILON_M)
-    )
-    return np.any(~apart, axis=1)
+def find_meetings(
+    boxes: Float[np.ndarray, "4 many some"], others: Float[np.ndarray, "4 others"]
+) -> Bool[np.ndarray, "many some others"]:
+    """Returns which boxes share more than a border with which of the others (first axis: sides, as in ``Box``)."""
+    x_min, y_min, x_max, y_max = boxes[..., None]
+    meeting = x_min < others[2] - EPSILON_M
+    meeting &= x_max > others[0] + EPSILON_M
+    meeting &= y_min < others[3] - EPSILON_M
+    meeting &= y_max > others[1] + EPSILON_M
+    return meeting
 
 
 def rounded(value: float, digits: int = 6) -> float:

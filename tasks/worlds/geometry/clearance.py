@@ -103,12 +103,26 @@ def occupancy(clearance: Clearance) -> OccupancyMap:
 
 
 def reaches_room(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floor: Box, radius_m: float) -> bool:
-    """Returns whether a robot gets its whole disc into a room."""
+    """Returns whether a robot gets its whole disc into a room.
+
+    Args:
+        reached: The cells that the robot gets to.
+        clearance: The grid of distances.
+        floor: The room's floor.
+        radius_m: The robot's radius.
+    """
     return bool(reached[clearance.cells(floor.grown(-radius_m))].any())
 
 
 def connected_share(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floor: Box, radius_m: float) -> float:
-    """Returns how much of a room's floor that is free for a robot can be reached, 0-1."""
+    """Returns how much of a room's floor that is free for a robot can be reached, 0-1.
+
+    Args:
+        reached: The cells that the robot gets to.
+        clearance: The grid of distances.
+        floor: The room's floor.
+        radius_m: The robot's radius.
+    """
     cells = clearance.cells(floor)
     free = clearance.distance_m[cells] >= radius_m
     return float(reached[cells].sum()) / max(int(free.sum()), 1)

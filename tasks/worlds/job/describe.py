@@ -50,7 +50,7 @@ def describe_generation_job(record: JobRecord) -> DescribeWorldGenerationJobResp
         **_state(record),
         **_from_request(record, _DESCRIBED),
         "clientRequestToken": record.token,
-        "finishedWorldsSummary": _finished(record),
+        "finishedWorldsSummary": _finished_worlds_summary(record),
     }
     if record.failure_code:
         fields |= {"failureCode": record.failure_code, "failureReason": record.failure_reason}
@@ -115,7 +115,7 @@ def _from_request(record: JobRecord, names: tuple[str, ...]) -> dict[str, JsonVa
     return {name: record.request[name] for name in names if name in record.request}
 
 
-def _finished(record: JobRecord) -> dict[str, JsonValue]:
+def _finished_worlds_summary(record: JobRecord) -> dict[str, JsonValue]:
     """Returns the finishedWorldsSummary: finished are those that succeeded and those that failed.
 
     See docs/reference/robomaker.md, section 5.
@@ -153,7 +153,7 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
         ResourceNotFound: There is no such world.
         DocumentError: The path is no world's.
     """
-    body = _found(store, reference_key(path), "world", path)
+    body = _read_object(store, reference_key(path), "world", path)
     try:
         record = read(store, _KIND, path.partition("/")[0])
     except ResourceNotFound:
@@ -180,7 +180,7 @@ def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
         ResourceNotFound: There is no such template.
         DocumentError: The name is none.
     """
-    body = TemplateBody.model_validate_json(_found(store, template_key(name), "world-template", name))
+    body = TemplateBody.model_validate_json(_read_object(store, template_key(name), "world-template", name))
     return DescribeWorldTemplateResponse(arn=_arn(store, name), name=name, version=body.Version)
 
 
@@ -195,7 +195,7 @@ def _arn(store: Store, name: str) -> str:
     return arn("world-template", store_id(store), name)
 
 
-def _found(store: Store, key: str, kind: str, path: str) -> bytes:
+def _read_object(store: Store, key: str, kind: str, path: str) -> bytes:
     try:
         return store.get(key).body
     except ObjectNotFound as exc:

@@ -51,7 +51,7 @@ class Elsewhere(Protocol):
 
 
 @dataclass
-class _Finished:
+class _JobOutcome:
     """What has come of a job so far: references of its worlds, and failures by code with one sample reason."""
 
     worlds: list[str] = field(default_factory=list[str])
@@ -125,7 +125,7 @@ def run_generation_job(
         order = Order(template=template, seed=seed, generation=record.id, robot_radius_m=robot_radius_m)
         indices = [(plan, interior) for plan in range(1, floorplans + 1) for interior in range(1, interiors + 1)]
         watch = _Watch(store, record, claim)
-        rejected = _made_elsewhere(watch, order, indices, progress, elsewhere) if elsewhere else {}
+        rejected = _make_elsewhere(watch, order, indices, progress, elsewhere) if elsewhere else {}
         return _end(store, record, _make_all(watch, order, indices, progress, workers, rejected=rejected))
 
 
@@ -153,7 +153,7 @@ class _Watch:
         return self.stopped
 
 
-def _made_elsewhere(
+def _make_elsewhere(
     watch: _Watch,
     order: Order,
     indices: Sequence[Indices],
@@ -179,9 +179,9 @@ def _make_all(
     workers: int | None,
     *,
     rejected: Mapping[Indices, Made],
-) -> _Finished:
+) -> _JobOutcome:
     """Returns what came of all worlds of the job, in order; those in the store were created whole, by this job."""
-    finished, total = _Finished(), len(indices)
+    finished, total = _JobOutcome(), len(indices)
     missing = [each for each in missing_worlds(watch.store, order.generation, indices) if each not in rejected]
     to_make, known = set(missing), total - len(missing)
     with closing(produce(order, missing, workers)) as products:
@@ -214,7 +214,7 @@ def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int) ->
         f"{floorplans} floor plans x {interiors} interiors are {floorplans * interiors} worlds; "
         f"a job makes 1 to {max_worlds_of_job()} (SIMYARD_MAX_WORLDS raises it)"
     )
-    detail = _Finished().detail()
+    detail = _JobOutcome().detail()
     code: WorldGenerationJobErrorCode = "AllWorldGenerationFailed"
     return advance(store, KIND, record.id, "Failed", failure_code=code, failure_reason=reason, detail=detail)
 
@@ -224,7 +224,7 @@ def _keep_template(store: Store, template: TemplateBody, digest: str) -> None:
     create_once(store, template_key(digest), canonical_json(canonical_document(template)))
 
 
-def _end(store: Store, record: JobRecord, finished: _Finished) -> JobRecord:
+def _end(store: Store, record: JobRecord, finished: _JobOutcome) -> JobRecord:
     detail = finished.detail()
     if finished.canceled:
         return advance(store, KIND, record.id, "Canceled", detail=detail)

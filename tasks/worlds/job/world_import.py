@@ -35,20 +35,20 @@ def add_world(store: Store, file: Path) -> str:
     try:
         world = decode_world(file.read_bytes())
     except (OSError, ValidationError) as exc:
-        raise _refused(
+        raise _fault(
             file, str(exc).splitlines()[0], "the document of a world, which this version of Simyard wrote"
         ) from exc
-    if wrong := _wrongly_said(world):
-        raise _refused(file, ", ".join(wrong), "what is measured on the world's geometry")
+    if wrong := _wrong_fields(world):
+        raise _fault(file, ", ".join(wrong), "what is measured on the world's geometry")
     reference = f"{world.generation}/{world.name}"
     try:
         write_world(store, reference, encode_world(world))
     except ObjectExists as exc:
-        raise _refused(file, reference, "a name that no other world has there") from exc
+        raise _fault(file, reference, "a name that no other world has there") from exc
     return reference
 
 
-def _wrongly_said(world: World) -> list[str]:
+def _wrong_fields(world: World) -> list[str]:
     """Returns what a world's document says of it and is not so."""
     measured = refurnished(world, {piece.name for piece in world.furniture}, None)
     said, found = world.certificate, measured.certificate
@@ -56,5 +56,5 @@ def _wrongly_said(world: World) -> list[str]:
     return [*wrong, *(["map"] if measured.map != world.map else [])]
 
 
-def _refused(file: Path, value: str, allowed: str) -> DocumentError:
+def _fault(file: Path, value: str, allowed: str) -> DocumentError:
     return DocumentError([Fault(path=str(file), value=value, allowed=allowed)], source="simyard")

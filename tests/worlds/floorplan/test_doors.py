@@ -9,7 +9,7 @@ from pydantic import JsonValue
 
 from specs.data.world import Solid, World
 from tasks.worlds.brief import brief_of
-from tasks.worlds.floorplan.doors import LEAF_THICKNESS_M, hang_doors, opened
+from tasks.worlds.floorplan.doors import LEAF_THICKNESS_M, hang_doors, open_leaves
 from tasks.worlds.floorplan.floorplan import plan_floor
 from tasks.worlds.generate import generate_world
 from tests.worlds.geometry_checks import intersecting
@@ -79,7 +79,7 @@ def test_random_openings_differ_between_doors_and_worlds() -> None:
 
 def test_opened_leaves_are_those_of_a_world_whose_doors_are_open() -> None:
     shut, wide = made(0.0, 3), made(100.0, 3)
-    assert [(each.center_m, each.half_extents_m) for each in opened(shut.doors, shut.passages)] == [
+    assert [(each.center_m, each.half_extents_m) for each in open_leaves(shut.doors, shut.passages)] == [
         (door.leaf.center_m, door.leaf.half_extents_m) for door in wide.doors
     ]
 

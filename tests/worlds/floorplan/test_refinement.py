@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tasks.worlds.brief import Brief
-from tasks.worlds.floorplan.refinement import _framed, _improved, _solved, _terms, refine
+from tasks.worlds.floorplan.refinement import _improve_lines, _make_frame, _solve, _terms, refine
 from tasks.worlds.floorplan.room_layouts import Layouts, common_walls
 from tasks.worlds.floorplan.scoring import START_SIDE_M, WALL_M, Demands, demands_of, score
 from tasks.worlds.floorplan.search import propose
@@ -88,7 +88,7 @@ def test_a_round_leaves_every_room_half_of_its_width_at_least() -> None:
         for areas in ((40.0,) * 4, (10.0, 300.0, 10.0, 300.0))
     )
     layouts = propose(equal, 20)
-    moved = layouts.moved(_improved(layouts, unequal, _framed(layouts, unequal)))
+    moved = layouts.moved(_improve_lines(layouts, unequal, _make_frame(layouts, unequal)))
     before, after = (each.cells()[2:] - each.cells()[:2] for each in (layouts, moved))
     assert (after >= 0.499 * before).all()
     assert (after < 0.6 * before).any()
@@ -115,7 +115,7 @@ def test_slopes_are_those_of_what_is_missed() -> None:
     # Lines apart from each other's limits, where what is missed has a slope.
     layouts = propose(demands, 5)
     layouts = layouts.moved(layouts.lines + 0.003 * np.sin(np.arange(layouts.lines.size)).reshape(layouts.lines.shape))
-    frame, step_m = _framed(layouts, demands), 1e-6
+    frame, step_m = _make_frame(layouts, demands), 1e-6
     for line in range(2, len(layouts.lines)):
         up, down = layouts.lines.copy(), layouts.lines.copy()
         up[line] += step_m
@@ -132,4 +132,4 @@ def test_systems_are_solved_as_linear_algebra_solves_them() -> None:
     right = rng.normal(size=(5, 7))
     damped = normal + 1e-3 * np.eye(5)[:, :, None] * (1.0 + normal)
     expected = np.linalg.solve(damped.transpose(2, 0, 1), right.T[:, :, None])[:, :, 0].T
-    np.testing.assert_allclose(_solved(normal, right), expected, rtol=1e-9)
+    np.testing.assert_allclose(_solve(normal, right), expected, rtol=1e-9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.worlds.floorplan.room_layouts import Layouts, common_walls, joined
+from tasks.worlds.floorplan.room_layouts import Layouts, common_walls, join_layouts
 
 
 def row(*borders: float) -> Layouts:
@@ -21,7 +21,7 @@ def test_cells_lie_between_their_lines() -> None:
 
 
 def test_some_of_several_layouts_can_be_taken() -> None:
-    both = joined([row(0.0, 3.0, 8.0), row(0.0, 5.0, 8.0)])
+    both = join_layouts([row(0.0, 3.0, 8.0), row(0.0, 5.0, 8.0)])
     assert both[np.array([1])].cells().tolist() == row(0.0, 5.0, 8.0).cells().tolist()
 
 

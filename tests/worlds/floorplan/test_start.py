@@ -1,6 +1,7 @@
-"""The robot starts where one would put it down."""
+"""The robot starts where one would put it down, and a bare plan is refused that keeps it from a room."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from specs.data.world import RoomType
 from tasks.worlds.brief import Brief
 from tasks.worlds.floorplan.passages import Gap
-from tasks.worlds.floorplan.start import START_CLEAR_M, choose_start
+from tasks.worlds.floorplan.start import START_CLEAR_M, choose_start, hindrance
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.briefs import brief, wish
 
@@ -87,3 +88,34 @@ def test_starts_are_whole_centimetres_and_the_same_for_the_same_stream() -> None
     spot = start(home, WEST, EAST, seed=3)
     assert spot == start(home, WEST, EAST, seed=3)
     assert spot == tuple(round(side, 2) for side in spot or ())
+
+
+THREE_CELLS = Box(0, 0, 4, 4), Box(4, 0, 8, 4), Box(8, 0, 9, 4)
+THREE_ROOMS = brief(wish("Hall"), wish("Bath"), wish("Closet"))
+TWO_GAPS = tuple(Gap((n, n + 1), "Doorway", (4.0 + 4 * n, 2.0), 0.9, "y", desired=True) for n in range(2))
+MIDDLE = (2.0, 2.0)
+
+
+def test_nothing_hinders_a_robot_that_fits_everywhere() -> None:
+    assert hindrance(THREE_ROOMS, THREE_CELLS, TWO_GAPS, MIDDLE) == ""
+
+
+def test_a_start_at_a_wall_has_no_clear_disc() -> None:
+    assert "around the start" in hindrance(THREE_ROOMS, THREE_CELLS, TWO_GAPS, (1.0, 2.0))
+    assert "around the start" in hindrance(THREE_ROOMS, THREE_CELLS, TWO_GAPS, None)
+
+
+def test_a_room_without_a_way_to_it_is_named() -> None:
+    assert hindrance(THREE_ROOMS, THREE_CELLS, TWO_GAPS[:1], MIDDLE) == "no way leads to Closet"
+    assert hindrance(THREE_ROOMS, THREE_CELLS, TWO_GAPS[1:], MIDDLE) == "no way leads to Bath, Closet"
+
+
+def test_a_room_narrower_than_the_robot_is_named_with_its_size() -> None:
+    assert "Closet is 0.88 x 3.88 m" in hindrance(
+        replace(THREE_ROOMS, robot_radius_m=0.35), THREE_CELLS, TWO_GAPS, MIDDLE
+    )
+
+
+def test_a_gap_narrower_than_the_robot_needs_is_no_way() -> None:
+    narrow = (TWO_GAPS[0], replace(TWO_GAPS[1], width=0.8))
+    assert hindrance(THREE_ROOMS, THREE_CELLS, narrow, MIDDLE) == "no way leads to Closet"

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from specs.data.world import RoomType, Solid
-from tasks.worlds.furnishing.arrangements import arrangements
+from tasks.worlds.furnishing.arrangements import groups_to_try
 from tasks.worlds.furnishing.assembly import assemble
-from tasks.worlds.furnishing.groups.group import Group
-from tasks.worlds.furnishing.placement import place, turned
-from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furnishing.groups.group import FurnitureGroup
+from tasks.worlds.furnishing.placement import place_group, turn_quarters
+from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furnishing.scene import Piece
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tests.worlds.geometry_checks import intersect
@@ -27,16 +27,16 @@ def groups(
     *,
     seed: int = 1,
     size_m: tuple[float, float] = (6.0, 5.0),
-) -> list[Group]:
-    setting = Setting(np.random.default_rng(seed), room, empty_scene(*size_m), listed, 8.0)
-    return list(arrangements(setting, kind))
+) -> list[FurnitureGroup]:
+    setting = RoomContext(np.random.default_rng(seed), room, empty_scene(*size_m), listed, 8.0)
+    return list(groups_to_try(setting, kind))
 
 
-def kinds(group: Group) -> list[str]:
+def kinds(group: FurnitureGroup) -> list[str]:
     return [member.kind for member in group.members]
 
 
-def solids(group: Group) -> list[list[Solid]]:
+def solids(group: FurnitureGroup) -> list[list[Solid]]:
     return [
         list(
             assemble(
@@ -75,8 +75,8 @@ def test_a_list_is_obeyed_in_every_group(kind: str) -> None:
 @pytest.mark.parametrize("kind", MODEL_TYPES)
 def test_every_type_finds_a_place_in_an_empty_room(kind: str) -> None:
     scene = empty_scene(5.0, 4.0)
-    setting = Setting(np.random.default_rng(1), "Living", scene, None, 8.0)
-    assert any(place(np.random.default_rng(1), scene, group) for group in arrangements(setting, kind))
+    setting = RoomContext(np.random.default_rng(1), "Living", scene, None, 8.0)
+    assert any(place_group(np.random.default_rng(1), scene, group) for group in groups_to_try(setting, kind))
 
 
 def test_nightstands_stand_at_both_sides_of_a_double_bed() -> None:
@@ -101,7 +101,7 @@ def test_diners_face_the_table_with_enough_room_for_each(seed: int) -> None:
         table, *chairs = group.members
         assert 1 <= len(chairs) <= 6
         for chair in chairs:
-            ahead = turned((0.0, 1.0), chair.quarter)
+            ahead = turn_quarters((0.0, 1.0), chair.quarter)
             inside = (chair.at[0] + 0.35 * ahead[0], chair.at[1] + 0.35 * ahead[1])
             body = table.body.grown(1e-6)
             assert body.x_min <= inside[0] <= body.x_max

@@ -6,21 +6,25 @@ import numpy as np
 import pytest
 
 from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furnishing.groups.group import Group, Member, Zone, front_zone
-from tasks.worlds.furnishing.placement import place, turned
-from tasks.worlds.furnishing.scene import Placed, Scene, open_scene
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
+from tasks.worlds.furnishing.placement import place_group, turn_quarters
+from tasks.worlds.furnishing.scene import PlacedGroup, RoomScene, open_scene
 from tasks.worlds.furniture.furniture_type import Taste
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.rooms import ROBOT_M, empty_scene
 
 SEEDS = range(8)
-CABINET = Group((Member("Storage", (1.0, 0.6, 2.0)),), (front_zone((1.0, 0.6, 2.0), 0.8),))
+CABINET = FurnitureGroup((Member("Storage", (1.0, 0.6, 2.0)),), (front_zone((1.0, 0.6, 2.0), 0.8),))
 STANDS = tuple(Member("Nightstands", (0.4, 0.4, 0.5), (x, -0.85), needed=False) for x in (-1.05, 1.05))
-BED = Group((Member("Beds", (1.6, 2.1, 1.0)), *STANDS), (front_zone((1.6, 2.1, 1.0), 0.6),), taste=Taste(chance=0.1))
+BED = FurnitureGroup(
+    (Member("Beds", (1.6, 2.1, 1.0)), *STANDS), (front_zone((1.6, 2.1, 1.0), 0.6),), taste=Taste(chance=0.1)
+)
 
 
-def stand(scene: Scene, group: Group, seed: int, radius_m: float = 0.0, spare_m2: float = 1e9) -> Placed | None:
-    return place(np.random.default_rng(seed), scene, group, radius_m=radius_m, spare_m2=spare_m2)
+def stand(
+    scene: RoomScene, group: FurnitureGroup, seed: int, radius_m: float = 0.0, spare_m2: float = 1e9
+) -> PlacedGroup | None:
+    return place_group(np.random.default_rng(seed), scene, group, radius_m=radius_m, spare_m2=spare_m2)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -60,7 +64,7 @@ def test_a_full_room_takes_no_more() -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_nothing_stands_within_the_disc_around_the_start(seed: int) -> None:
     scene = open_scene(Box(-2.0, -2.0, 2.0, 2.0), (), ROBOT_M)
-    found = stand(scene, Group((Member("Nightstands", (0.5, 0.4, 0.5)),), ()), seed)
+    found = stand(scene, FurnitureGroup((Member("Nightstands", (0.5, 0.4, 0.5)),), ()), seed)
     assert found is not None
     body = found.pieces[0].body
     assert math.hypot(max(body.x_min, -body.x_max, 0.0), max(body.y_min, -body.y_max, 0.0)) >= 1.0
@@ -86,7 +90,7 @@ def test_members_beyond_the_spare_floor_are_left_out() -> None:
 
 
 def test_the_zone_of_a_member_that_is_left_out_is_free() -> None:
-    group = Group((BED.members[0], BED.members[1]), (Zone(Box(-1.3, -1.05, -0.8, 0.0), 1),))
+    group = FurnitureGroup((BED.members[0], BED.members[1]), (Zone(Box(-1.3, -1.05, -0.8, 0.0), 1),))
     found = stand(empty_scene(5.0, 4.0), group, 1, spare_m2=0.0)
     assert found is not None
     assert found.zones == ()
@@ -97,8 +101,8 @@ def test_tall_things_do_not_stand_before_windows_but_desks_do(seed: int) -> None
     floor = Box(10.0, 10.0, 12.0, 14.0)
     panes = [Pane(0, (11.0, y), 1.8, "x", 0.9, 2.1) for y in (9.94, 14.06)]
     panes += [Pane(0, (x, 12.0), 3.6, "y", 0.9, 2.1) for x in (9.94, 12.06)]
-    tall = Group((Member("Storage", (1.0, 0.6, 2.0)),), ())
-    desk = Group((Member("Desks", (1.2, 0.7, 1.2)),), ())
+    tall = FurnitureGroup((Member("Storage", (1.0, 0.6, 2.0)),), ())
+    desk = FurnitureGroup((Member("Desks", (1.2, 0.7, 1.2)),), ())
     assert stand(open_scene(floor, (), ROBOT_M, panes), tall, seed) is None
     assert stand(open_scene(floor, (), ROBOT_M, panes), desk, seed) is not None
 
@@ -106,11 +110,13 @@ def test_tall_things_do_not_stand_before_windows_but_desks_do(seed: int) -> None
 def test_a_careful_placement_leaves_the_ways_open() -> None:
     # A corridor of 1.8 m: a bench across it shuts it, along it does not.
     scene = open_scene(Box(10.0, 10.0, 16.0, 11.8), (), ROBOT_M, (), ((10.0, 10.9), (16.0, 10.9)))
-    across = Group((Member("StorageBenches", (0.6, 1.7, 0.5)),), (), quarters=(0, 2))
+    across = FurnitureGroup((Member("StorageBenches", (0.6, 1.7, 0.5)),), (), quarters=(0, 2))
     assert stand(scene, across, 1) is not None
     scene.remove(0)
     assert stand(scene, across, 1, radius_m=ROBOT_M) is None
-    assert stand(scene, Group((Member("StorageBenches", (1.2, 0.4, 0.5)),), ()), 1, radius_m=ROBOT_M) is not None
+    assert (
+        stand(scene, FurnitureGroup((Member("StorageBenches", (1.2, 0.4, 0.5)),), ()), 1, radius_m=ROBOT_M) is not None
+    )
 
 
 def test_members_stand_as_they_lie_in_the_frame() -> None:
@@ -119,13 +125,13 @@ def test_members_stand_as_they_lie_in_the_frame() -> None:
         assert found is not None
         bed, *stands = found.pieces
         for piece in stands:
-            offset = turned((piece.center[0] - bed.center[0], piece.center[1] - bed.center[1]), -bed.quarter)
+            offset = turn_quarters((piece.center[0] - bed.center[0], piece.center[1] - bed.center[1]), -bed.quarter)
             assert abs(offset[0]) == pytest.approx(1.05, abs=2e-3)
             assert offset[1] == pytest.approx(-0.85, abs=2e-3)
 
 
 def test_quarter_turns_are_exact() -> None:
-    assert [turned((1.0, 2.0), quarter) for quarter in range(5)] == [
+    assert [turn_quarters((1.0, 2.0), quarter) for quarter in range(5)] == [
         (1.0, 2.0),
         (-2.0, 1.0),
         (-1.0, -2.0),

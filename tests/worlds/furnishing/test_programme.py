@@ -42,7 +42,7 @@ def test_each_type_of_a_list_is_first_some_time() -> None:
 
 
 def test_the_record_of_a_new_type_brings_it_into_its_rooms(monkeypatch: pytest.MonkeyPatch) -> None:
-    piano = replace(CATALOGUE["SideboardsAndBuffets"], name="Pianos", demand=(likely("Living", 20.0),))
+    piano = replace(CATALOGUE["SideboardsAndBuffets"], name="Pianos", rooms=(likely("Living", 20.0),))
     monkeypatch.setitem(CATALOGUE, "Pianos", piano)
     assert list(programme_of("Living").likely.items())[-1] == ("Pianos", 20.0)
     assert "Pianos" not in programme_of("Bedroom").likely

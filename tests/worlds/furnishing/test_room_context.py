@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furnishing.scene import open_scene
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tests.worlds.rooms import ROBOT_M, empty_scene
@@ -12,9 +12,9 @@ from tests.worlds.templates import MODEL_TYPES
 
 def setting(
     seed: int = 1, width_m: float = 5.0, listed: tuple[str, ...] | None = None, radius_m: float = ROBOT_M
-) -> Setting:
+) -> RoomContext:
     scene = open_scene(empty_scene(width_m, 4.0).floor, (), radius_m)
-    return Setting(np.random.default_rng(seed), "Living", scene, listed, 5.0)
+    return RoomContext(np.random.default_rng(seed), "Living", scene, listed, 5.0)
 
 
 @pytest.mark.parametrize("kind", MODEL_TYPES)

@@ -5,9 +5,9 @@ import pytest
 
 from specs.data.world import RoomType
 from tasks.worlds.brief import RoomWish
-from tasks.worlds.furnishing.room_access import ways_open
+from tasks.worlds.furnishing.room_access import robot_gets_around
 from tasks.worlds.furnishing.room_furnisher import furnish
-from tasks.worlds.furnishing.scene import Scene, open_scene
+from tasks.worlds.furnishing.scene import RoomScene, open_scene
 from tasks.worlds.furniture.catalogue import compose
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.rooms import LOOK, ROBOT_M
@@ -27,18 +27,18 @@ def furnished(
     density: float = 0.2,
     floor: Box = FLOOR,
     radius_m: float = ROBOT_M,
-) -> Scene:
+) -> RoomScene:
     wish = RoomWish("Room", kind, floor.area, 1.2, (), (), listed, "Moderate")
     scene = open_scene(floor, (DOOR,), radius_m, (), (ENTRY,))
     furnish(np.random.default_rng(seed), wish, scene, LOOK.style, solids=solids, density=density, radius_m=radius_m)
     return scene
 
 
-def types(scene: Scene) -> list[str]:
+def types(scene: RoomScene) -> list[str]:
     return [piece.type for piece in scene.pieces]
 
 
-def covered(scene: Scene) -> float:
+def covered(scene: RoomScene) -> float:
     return sum(piece.covers_m2 for piece in scene.pieces) / scene.floor.area
 
 
@@ -62,7 +62,7 @@ def test_a_room_has_what_makes_it_that_room(kind: RoomType, expected: set[str]) 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_robot_gets_around_in_a_full_room(kind: RoomType, seed: int) -> None:
     scene = furnished(kind, seed=seed, density=0.35)
-    assert ways_open(scene.floor, [piece.body for piece in scene.pieces], scene.entries, ROBOT_M)
+    assert robot_gets_around(scene.floor, [piece.body for piece in scene.pieces], scene.entries, ROBOT_M)
 
 
 def test_only_listed_types_stand_companions_included() -> None:
@@ -115,4 +115,4 @@ def test_a_hall_is_furnished_throughout() -> None:
 def test_a_large_robot_gets_wider_ways() -> None:
     for seed in range(4):
         scene = furnished("Living", seed=seed, density=0.3, radius_m=0.45)
-        assert ways_open(scene.floor, [piece.body for piece in scene.pieces], scene.entries, 0.45)
+        assert robot_gets_around(scene.floor, [piece.body for piece in scene.pieces], scene.entries, 0.45)

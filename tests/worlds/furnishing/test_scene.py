@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furnishing.scene import Piece, Placed, open_scene, way_width
+from tasks.worlds.furnishing.scene import Piece, PlacedGroup, open_scene, way_width
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.rooms import ROBOT_M, empty_scene
 
 BODY = Box(11.0, 11.0, 12.0, 12.0)
 ZONE = Box(11.0, 12.0, 12.0, 13.0)
-PLACED = Placed((Piece("Sofas", (1.0, 1.0, 0.8), (11.5, 11.5), 0, 0.0, BODY),), (ZONE,))
+PLACED = PlacedGroup((Piece("Sofas", (1.0, 1.0, 0.8), (11.5, 11.5), 0, 0.0, BODY),), (ZONE,))
 
 
 def test_a_small_room_has_its_four_walls_for_lines() -> None:
@@ -37,7 +37,7 @@ def test_what_stands_is_taken_before_its_zones_and_the_floor_before_doors() -> N
     door = Box(13.0, 10.0, 14.0, 10.9)
     scene = empty_scene(5.0, 4.0, door)
     scene.add(PLACED)
-    np.testing.assert_allclose(scene.taken.T, [BODY, ZONE, door])
+    np.testing.assert_allclose(scene.taken.T, np.array([BODY, ZONE, door]))
     assert scene.count("Sofas") == 1
 
 

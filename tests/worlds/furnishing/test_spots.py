@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from tasks.worlds.furnishing.groups.group import Group, Member
-from tasks.worlds.furnishing.scene import Piece, Placed
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member
+from tasks.worlds.furnishing.scene import Piece, PlacedGroup
 from tasks.worlds.furnishing.spots import find_spots
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.rooms import empty_scene
 
-CABINET = Group((Member("Storage", (1.0, 0.6, 2.0)),), (), flush=True)
+CABINET = FurnitureGroup((Member("Storage", (1.0, 0.6, 2.0)),), (), flush=True)
 
 
 def rng() -> np.random.Generator:
@@ -38,23 +38,23 @@ def test_only_the_corner_on_its_left_holds_a_group_wholly() -> None:
 def test_kitchen_units_are_tried_flush_beside_what_stands() -> None:
     scene = empty_scene(5.0, 4.0)
     body = Box(12.0, 10.02, 13.0, 10.62)
-    scene.add(Placed((Piece("Storage", (1.0, 0.6, 2.0), (12.5, 10.32), 0, 0.0, body),), ()))
+    scene.add(PlacedGroup((Piece("Storage", (1.0, 0.6, 2.0), (12.5, 10.32), 0, 0.0, body),), ()))
     south = find_spots(rng(), scene, CABINET)
     assert {11.5, 13.5} <= set(south.centers[south.quarters == 0][:, 0].tolist())
 
 
 def test_a_group_wider_than_a_wall_is_not_tried_there() -> None:
-    wide = Group((Member("Storage", (3.0, 0.6, 2.0)),), ())
+    wide = FurnitureGroup((Member("Storage", (3.0, 0.6, 2.0)),), ())
     assert set(find_spots(rng(), empty_scene(2.5, 4.0), wide).quarters.tolist()) == {1, 3}
 
 
 def test_a_group_that_faces_two_ways_is_tried_at_two_walls() -> None:
-    group = Group(CABINET.members, (), quarters=(0, 2))
+    group = FurnitureGroup(CABINET.members, (), quarters=(0, 2))
     assert set(find_spots(rng(), empty_scene(), group).quarters.tolist()) == {0, 2}
 
 
 def test_a_free_standing_group_is_tried_in_the_middle() -> None:
-    group = Group((Member("DiningTables", (1.6, 0.9, 0.75)),), (), "center")
+    group = FurnitureGroup((Member("DiningTables", (1.6, 0.9, 0.75)),), (), "center")
     spots = find_spots(rng(), empty_scene(5.0, 4.0), group)
     assert [12.5, 12.0] in spots.centers.tolist()
     assert (spots.centers[:, 0] >= 10.0 + 0.45).all()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furnishing.groups.group import Group, Member
-from tasks.worlds.furnishing.placement import place
-from tasks.worlds.furnishing.scene import Piece, Placed, Scene, open_scene
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member
+from tasks.worlds.furnishing.placement import place_group
+from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene, open_scene
 from tasks.worlds.furniture.furniture_type import Taste
 from tasks.worlds.geometry.boxes import Box
 from tests.worlds.rooms import empty_scene
@@ -16,9 +16,9 @@ from tests.worlds.rooms import empty_scene
 SEEDS = range(6)
 
 
-def stand(scene: Scene, taste: Taste, seed: int, kind: str = "Dressers") -> Piece:
-    group = Group((Member(kind, (1.0, 0.5, 0.8)),), (), taste=replace(taste, chance=0.1))
-    found = place(np.random.default_rng(seed), scene, group)
+def stand(scene: RoomScene, taste: Taste, seed: int, kind: str = "Dressers") -> Piece:
+    group = FurnitureGroup((Member(kind, (1.0, 0.5, 0.8)),), (), taste=replace(taste, chance=0.1))
+    found = place_group(np.random.default_rng(seed), scene, group)
     assert found is not None
     return found.pieces[0]
 
@@ -48,7 +48,7 @@ def test_who_likes_light_stands_below_the_window(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_who_likes_company_stands_near_it(seed: int) -> None:
     scene = empty_scene(8.0, 4.0)
-    scene.add(Placed((Piece("Beds", (1.0, 2.0, 1.0), (10.6, 11.1), 0, 0.0, Box(10.1, 10.1, 11.1, 12.1)),), ()))
+    scene.add(PlacedGroup((Piece("Beds", (1.0, 2.0, 1.0), (10.6, 11.1), 0, 0.0, Box(10.1, 10.1, 11.1, 12.1)),), ()))
     piece = stand(scene, Taste(near=("Beds",)), seed)
     assert piece.center[0] < 13.0
 
@@ -56,7 +56,9 @@ def test_who_likes_company_stands_near_it(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_lamps_keep_away_from_lamps(seed: int) -> None:
     scene = empty_scene(8.0, 4.0)
-    scene.add(Placed((Piece("FloorLamps", (0.4, 0.4, 1.6), (10.3, 10.3), 0, 0.0, Box(10.1, 10.1, 10.5, 10.5)),), ()))
+    scene.add(
+        PlacedGroup((Piece("FloorLamps", (0.4, 0.4, 1.6), (10.3, 10.3), 0, 0.0, Box(10.1, 10.1, 10.5, 10.5)),), ())
+    )
     piece = stand(scene, Taste(apart=True), seed, "FloorLamps")
     assert np.hypot(piece.center[0] - 10.3, piece.center[1] - 10.3) > 2.5
 
@@ -64,7 +66,7 @@ def test_lamps_keep_away_from_lamps(seed: int) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_screen_stands_across_from_the_sofa(seed: int) -> None:
     scene = empty_scene(5.0, 4.0)
-    scene.add(Placed((Piece("Sofas", (2.0, 0.9, 0.8), (12.5, 10.5), 0, 0.0, Box(11.5, 10.02, 13.5, 10.92)),), ()))
+    scene.add(PlacedGroup((Piece("Sofas", (2.0, 0.9, 0.8), (12.5, 10.5), 0, 0.0, Box(11.5, 10.02, 13.5, 10.92)),), ()))
     piece = stand(scene, Taste(facing="Sofas"), seed)
     assert piece.quarter == 2
     assert piece.center[0] == pytest.approx(12.5, abs=0.5)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.worlds.geometry.boxes import Box, around, meeting, rounded
+from tasks.worlds.geometry.boxes import Box, bounding_box, find_meetings, rounded
 
 UNIT = Box(0.0, 0.0, 1.0, 1.0)
 
@@ -15,12 +15,12 @@ def test_boxes_that_share_a_border_do_not_meet() -> None:
 def test_many_boxes_meet_others_as_one_does() -> None:
     boxes = [UNIT.shifted(0.3 * n, 0.1 * n) for n in range(8)]
     others = [UNIT, UNIT.shifted(3.0, 0.0)]
-    expected = [any(box.meets(other) for other in others) for box in boxes]
-    assert meeting(np.array(boxes), np.array(others)).tolist() == expected
+    expected = [[box.meets(other) for other in others] for box in boxes]
+    assert find_meetings(np.array(boxes).T[:, :, None], np.array(others).T)[:, 0].tolist() == expected
 
 
 def test_the_box_around_boxes_holds_them_all() -> None:
-    assert around([UNIT, UNIT.shifted(3.0, -2.0), UNIT.shifted(1.0, 1.0)]) == Box(0.0, -2.0, 4.0, 2.0)
+    assert bounding_box([UNIT, UNIT.shifted(3.0, -2.0), UNIT.shifted(1.0, 1.0)]) == Box(0.0, -2.0, 4.0, 2.0)
 
 
 def test_a_grown_box_keeps_its_middle() -> None:

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Zone, front_zone
-from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
+from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tasks.worlds.furniture.furniture_type import Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
@@ -21,7 +21,7 @@ _BED = Taste(middle=0.8, window=0.2, away=0.6)
 _BED_IN_CORNER = Taste(corner=0.8, window=0.3, away=0.5)
 
 
-def bed_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def bed_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields beds to try: doubles reached from both sides, then from one, then narrower ones in a corner."""
     several = setting.scene.count(kind) > 0 and setting.area_m2 < 40.0
     sizes = [setting.smallest(kind)] if several else setting.sizes(kind)
@@ -35,7 +35,7 @@ def bed_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
         yield _bed(setting, Member(kind, size), (-side,), _BED_IN_CORNER)
 
 
-def _bed(setting: Setting, bed: Member, sides: tuple[int, ...], taste: Taste) -> Group:
+def _bed(setting: RoomContext, bed: Member, sides: tuple[int, ...], taste: Taste) -> FurnitureGroup:
     """Returns a bed with a nightstand, and floor to get up, on the given sides (-1 left, 1 right)."""
     x, y = bed.size[0] / 2, bed.size[1] / 2
     members = [bed]
@@ -56,23 +56,25 @@ def _bed(setting: Setting, bed: Member, sides: tuple[int, ...], taste: Taste) ->
     zones.append(front_zone(bed.size, way))
     if members[-1].kind == "StorageBenches":
         zones.append(Zone(Box(-x, y, x, y + _BENCH_GAP_M + 0.4 + way), len(members) - 1))
-    return Group(tuple(members), tuple(zones), taste=taste)
+    return FurnitureGroup(tuple(members), tuple(zones), taste=taste)
 
 
-def desk_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def desk_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields desks with a chair pushed under them, then smaller ones."""
     for size in (*setting.sizes(kind), setting.smallest(kind)):
         members = [Member(kind, size)]
         if setting.allows("DeskChairs"):
             members.append(_desk_chair(setting, size))
-        yield Group(tuple(members), (_chair_zone(setting, size),), taste=Taste(corner=0.3, window=1.0, away=0.2))
+        yield FurnitureGroup(
+            tuple(members), (_chair_zone(setting, size),), taste=Taste(corner=0.3, window=1.0, away=0.2)
+        )
 
 
-def _desk_chair(setting: Setting, desk: Size) -> Member:
+def _desk_chair(setting: RoomContext, desk: Size) -> Member:
     size = setting.size("DeskChairs", CATALOGUE["DeskChairs"].variants[0])
     knees = -0.17  # the middle between the desk's legs and its drawers
     return Member("DeskChairs", size, (knees, desk[1] / 2 + size[1] / 2 - _TUCK_M), 2, under=_TUCK_M)
 
 
-def _chair_zone(setting: Setting, desk: Size) -> Zone:
+def _chair_zone(setting: RoomContext, desk: Size) -> Zone:
     return front_zone(desk, max(_RISE_M, setting.scene.way_m))

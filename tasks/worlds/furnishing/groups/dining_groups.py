@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Zone
-from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone
+from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furniture.furniture_type import Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box
@@ -19,7 +19,7 @@ _MOST = 6
 _SMALL_ROOM_M2 = 16.0
 
 
-def table_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def table_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields tables to try: in the room with chairs all around, then with one end or side at a wall, then alone."""
     sizes = setting.sizes(kind)
     turns = _long_way(setting)
@@ -31,10 +31,10 @@ def table_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
     small = Member(kind, setting.smallest(kind))
     yield _side_at_wall(setting, small)
     if setting.listed is not None:
-        yield Group((small,), ())
+        yield FurnitureGroup((small,), ())
 
 
-def _long_way(setting: Setting) -> tuple[int, ...]:
+def _long_way(setting: RoomContext) -> tuple[int, ...]:
     """Returns the ways to turn a table so that it lies along the room, or any in a square one."""
     floor = setting.scene.floor
     if max(floor.width, floor.height) < 1.15 * min(floor.width, floor.height):
@@ -42,7 +42,7 @@ def _long_way(setting: Setting) -> tuple[int, ...]:
     return (0,) if floor.width > floor.height else (1,)
 
 
-def _free_standing(setting: Setting, table: Member, turns: tuple[int, ...]) -> Group:
+def _free_standing(setting: RoomContext, table: Member, turns: tuple[int, ...]) -> FurnitureGroup:
     """Returns a table in the room, with chairs all around."""
     size = table.size
     x, y = size[0] / 2, size[1] / 2
@@ -54,8 +54,8 @@ def _free_standing(setting: Setting, table: Member, turns: tuple[int, ...]) -> G
     zone = Zone(Box(-x - around, -y - around, x + around, y + around))
     # The first table of a room takes its middle.
     middle = 1.2 if setting.scene.count(table.kind) == 0 else 0.0
-    return Group(
-        (table, *_allowed(setting, chairs[:most])),
+    return FurnitureGroup(
+        (table, *_keep_allowed(setting, chairs[:most])),
         (zone,),
         "center",
         Taste(middle=middle, away=0.3, chance=0.4),
@@ -63,25 +63,25 @@ def _free_standing(setting: Setting, table: Member, turns: tuple[int, ...]) -> G
     )
 
 
-def _side_at_wall(setting: Setting, table: Member) -> Group:
+def _side_at_wall(setting: RoomContext, table: Member) -> FurnitureGroup:
     """Returns a table with a long side at a wall, and chairs along the other."""
     x, y = table.size[0] / 2, table.size[1] / 2
     chairs = _long_side(setting, table.size, 1)
     zone = Zone(Box(-x, y, x, y + max(_RISE_M, setting.scene.way_m)))
-    return Group((table, *_allowed(setting, chairs)), (zone,), taste=Taste(window=0.6, corner=0.2))
+    return FurnitureGroup((table, *_keep_allowed(setting, chairs)), (zone,), taste=Taste(window=0.6, corner=0.2))
 
 
-def _end_at_wall(setting: Setting, table: Member) -> Group:
+def _end_at_wall(setting: RoomContext, table: Member) -> FurnitureGroup:
     """Returns a table, a quarter turned, whose long side runs from a wall into the room, and chairs along both."""
     x, y = table.size[1] / 2, table.size[0] / 2
     rise = max(_RISE_M, setting.scene.way_m)
-    chairs = [_quarter_turned(chair) for side in (-1, 1) for chair in _long_side(setting, table.size, side)]
+    chairs = [_turn_chair(chair) for side in (-1, 1) for chair in _long_side(setting, table.size, side)]
     zone = Zone(Box(-x - rise, -y, x + rise, y))
     front = Zone(Box(-x, y, x, y + setting.scene.way_m))
-    return Group((table, *_allowed(setting, chairs)), (zone, front), taste=Taste(window=0.4, middle=0.4))
+    return FurnitureGroup((table, *_keep_allowed(setting, chairs)), (zone, front), taste=Taste(window=0.4, middle=0.4))
 
 
-def _long_side(setting: Setting, size: Size, side: int) -> list[Member]:
+def _long_side(setting: RoomContext, size: Size, side: int) -> list[Member]:
     """Returns the chairs along one long side (-1 at the back, 1 in front), as many as have 0.6 m each."""
     usable = size[0] - 2 * _LEGS_M
     if size[0] == size[1]:
@@ -94,7 +94,7 @@ def _long_side(setting: Setting, size: Size, side: int) -> list[Member]:
     ]
 
 
-def _chair(setting: Setting, table: Size, edge: tuple[float, float], quarter: int) -> Member:
+def _chair(setting: RoomContext, table: Size, edge: tuple[float, float], quarter: int) -> Member:
     """Returns a chair that faces a table from a point of its edge, and is pushed under it more or less."""
     tuck = round(_TUCK_M - 0.04 * int(3 * float(setting.rng.random())), 2)
     if table[0] == table[1]:
@@ -105,12 +105,12 @@ def _chair(setting: Setting, table: Size, edge: tuple[float, float], quarter: in
     return Member("DiningChairs", _CHAIR, (edge[0] + dx, edge[1] + dy), quarter, needed=False, worth=0.5, under=tuck)
 
 
-def _quarter_turned(chair: Member) -> Member:
+def _turn_chair(chair: Member) -> Member:
     x, y = chair.at
     return replace(chair, at=(-y, x), quarter=(chair.quarter + 1) % 4)
 
 
-def _allowed(setting: Setting, chairs: list[Member]) -> list[Member]:
+def _keep_allowed(setting: RoomContext, chairs: list[Member]) -> list[Member]:
     """Returns the chairs that a list leaves; a table without any would be a poor one, so the first is needed."""
     if not setting.allows("DiningChairs"):
         return []

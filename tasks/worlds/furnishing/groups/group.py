@@ -4,7 +4,6 @@ The frame is that of the first member: x along its back, y to its front, its mid
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,7 +12,7 @@ from jaxtyping import Float
 
 from tasks.worlds.furniture.furniture_type import Anchor, Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry.boxes import Box, bounding_box
 
 # Where each side of a box comes from, and its sign, after 0 to 3 quarter turns counter-clockwise.
 _SIDES = np.array([[0, 1, 2, 3], [3, 0, 1, 2], [2, 3, 0, 1], [1, 2, 3, 0]])
@@ -68,7 +67,7 @@ class Zone:
 
 
 @dataclass(frozen=True)
-class Group:
+class FurnitureGroup:
     """Pieces and the floor that their use needs.
 
     Attributes:
@@ -103,20 +102,12 @@ class Group:
         """The boxes around the members that it needs, and around all."""
         bodies = [member.body for member in self.members]
         needed = [body for body, member in zip(bodies, self.members, strict=True) if member.needed]
-        return around(needed), around(bodies)
+        return bounding_box(needed), bounding_box(bodies)
 
     @cached_property
     def needed(self) -> list[int]:
         """Which members it cannot do without."""
         return [number for number, member in enumerate(self.members) if member.needed]
-
-
-def around(boxes: Sequence[Box]) -> Box:
-    """Returns the box around boxes."""
-    if len(boxes) == 1:
-        return boxes[0]
-    x_min, y_min, x_max, y_max = zip(*boxes, strict=True)
-    return Box(min(x_min), min(y_min), max(x_max), max(y_max))
 
 
 def front_zone(size: Size, depth_m: float, aside_m: float = 0.0) -> Zone:

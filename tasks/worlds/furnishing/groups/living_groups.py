@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Zone, front_zone
-from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
+from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furniture.furniture_type import Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box
@@ -18,7 +18,7 @@ _CHAIR_ASKEW_RAD = 0.25
 _CORNER_ASKEW_RAD = -0.6
 
 
-def sofa_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def sofa_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields sofas to try: across from a television, then with a table and chairs, then small and alone."""
     sofas = [Member(kind, size) for size in setting.sizes(kind)]
     first = setting.scene.count(kind) == 0
@@ -31,10 +31,10 @@ def sofa_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
         yield _facing_sofas(setting, sofas[0])
     for sofa in sofas:
         yield _sofa(setting, sofa, Taste(middle=0.6, window=0.3, away=0.3, facing=facing))
-    yield Group((sofas[-1],), (front_zone(sofas[-1].size, setting.front_m(kind)),), taste=Taste())
+    yield FurnitureGroup((sofas[-1],), (front_zone(sofas[-1].size, setting.front_m(kind)),), taste=Taste())
 
 
-def armchair_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def armchair_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields armchairs to try: in a corner with a lamp and a footstool, then at a wall."""
     size, front = setting.size(kind), setting.front_m(kind)
     near = Taste(corner=0.3, near=("Sofas", "CoffeeTables"), chance=0.6)
@@ -49,19 +49,19 @@ def armchair_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
             members.append(Member("FloorLamps", lamp, at, needed=False, worth=0.3))
         zone = Zone(Box(chair.body.x_min, chair.body.y_max, chair.body.x_max, chair.body.y_max + front))
         if anchor == "corner":
-            yield Group(tuple(members), (zone,), "corner", Taste(corner=1.0, chance=0.5))
+            yield FurnitureGroup(tuple(members), (zone,), "corner", Taste(corner=1.0, chance=0.5))
         else:
-            yield Group(tuple(members), (zone,), taste=near)
+            yield FurnitureGroup(tuple(members), (zone,), taste=near)
 
 
-def television_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def television_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields a television to try across from the sofa."""
     size = setting.size(kind)
     taste = Taste(middle=0.4, chance=0.3, facing="Sofas")
-    yield Group((Member(kind, size),), (front_zone(size, setting.front_m(kind)),), taste=taste)
+    yield FurnitureGroup((Member(kind, size),), (front_zone(size, setting.front_m(kind)),), taste=taste)
 
 
-def _televisions(setting: Setting, sofa: Member) -> Iterator[Group]:
+def _televisions(setting: RoomContext, sofa: Member) -> Iterator[FurnitureGroup]:
     """Yields a television with a sofa across from it, along the axis with the better view first."""
     floor, media = setting.scene.floor, setting.size("MediaStorage")
     options: list[tuple[float, float, tuple[int, ...]]] = []
@@ -75,23 +75,25 @@ def _televisions(setting: Setting, sofa: Member) -> Iterator[Group]:
         yield _television(setting, media, sofa, round(view, 3), quarters)
 
 
-def _television(setting: Setting, media: Size, sofa: Member, view: float, quarters: tuple[int, ...]) -> Group:
+def _television(
+    setting: RoomContext, media: Size, sofa: Member, view: float, quarters: tuple[int, ...]
+) -> FurnitureGroup:
     """Returns a television whose group faces it at a distance of ``view``."""
     front = media[1] / 2
     seat = replace(sofa, at=(0.0, round(front + view + sofa.size[1] / 2, 3)), quarter=2)
-    members = [Member("MediaStorage", media), seat, *_around_sofa(setting, seat)]
+    members = [Member("MediaStorage", media), seat, *_sofa_companions(setting, seat)]
     x = min(media[0], sofa.size[0]) / 2
     zones = (Zone(Box(-x, front, x, front + view)),)
-    return Group(tuple(members), zones, taste=Taste(middle=0.8, away=0.3), quarters=quarters, walls_only=True)
+    return FurnitureGroup(tuple(members), zones, taste=Taste(middle=0.8, away=0.3), quarters=quarters, walls_only=True)
 
 
-def _sofa(setting: Setting, sofa: Member, taste: Taste) -> Group:
+def _sofa(setting: RoomContext, sofa: Member, taste: Taste) -> FurnitureGroup:
     """Returns a sofa with its back at a wall, a table before it, and chairs at the table's ends."""
-    members = (sofa, *_around_sofa(setting, sofa))
-    return Group(members, (front_zone(sofa.size, setting.front_m(sofa.kind)),), taste=taste)
+    members = (sofa, *_sofa_companions(setting, sofa))
+    return FurnitureGroup(members, (front_zone(sofa.size, setting.front_m(sofa.kind)),), taste=taste)
 
 
-def _facing_sofas(setting: Setting, sofa: Member) -> Group:
+def _facing_sofas(setting: RoomContext, sofa: Member) -> FurnitureGroup:
     """Returns two sofas that face each other across a table, somewhere in a large room."""
     table = setting.size("CoffeeTables")
     width, depth, _ = sofa.size
@@ -101,10 +103,10 @@ def _facing_sofas(setting: Setting, sofa: Member) -> Group:
         members.append(Member("CoffeeTables", table, (0.0, round(apart / 2, 3)), needed=False))
     way = setting.scene.way_m
     zone = Zone(Box(-width / 2 - way, -depth / 2 - way, width / 2 + way, apart + depth / 2 + way))
-    return Group(tuple(members), (zone,), "center", Taste(chance=1.0))
+    return FurnitureGroup(tuple(members), (zone,), "center", Taste(chance=1.0))
 
 
-def _around_sofa(setting: Setting, sofa: Member) -> list[Member]:
+def _sofa_companions(setting: RoomContext, sofa: Member) -> list[Member]:
     """Returns what stands around a sofa that faces +y or, turned by two quarters, -y.
 
     A table before it, chairs at the table's ends, a side table and a lamp beside it.
@@ -131,7 +133,7 @@ def _around_sofa(setting: Setting, sofa: Member) -> list[Member]:
     return found
 
 
-def _beside(setting: Setting, kind: str, sofa: Member, side: int) -> Member:
+def _beside(setting: RoomContext, kind: str, sofa: Member, side: int) -> Member:
     """Returns something small in line with a sofa's back, on one side of it."""
     size = setting.size(kind)
     back = -1 if sofa.quarter == 0 else 1
@@ -140,6 +142,6 @@ def _beside(setting: Setting, kind: str, sofa: Member, side: int) -> Member:
     return Member(kind, size, at, sofa.quarter, needed=False, worth=0.3)
 
 
-def _before(setting: Setting, kind: str, owner: Member, gap_m: float) -> Member:
+def _before(setting: RoomContext, kind: str, owner: Member, gap_m: float) -> Member:
     size = setting.size(kind)
     return Member(kind, size, (0.0, round(owner.body.y_max + gap_m + size[1] / 2, 3)), needed=False, worth=0.4)

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Zone, front_zone
-from tasks.worlds.furnishing.room_context import Setting
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
+from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tasks.worlds.furniture.furniture_type import TypeName
 from tasks.worlds.furniture.primitives import Size
@@ -17,7 +17,7 @@ _HALL_M2 = 50.0
 _MUCH_SPARE = 0.2
 
 
-def single_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def single_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields one piece in each size to try, and in its least."""
     sizes = setting.sizes(kind)
     if setting.room == "Hallway" and not _wide(setting):
@@ -26,28 +26,28 @@ def single_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
         yield _single(setting, kind, size)
 
 
-def storage_groups(setting: Setting, kind: TypeName) -> Iterator[Group]:
+def storage_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields wardrobes for bedrooms, shelving for closets, larders for kitchens, shallow cabinets for the rest."""
     for size in dict.fromkeys(_storage_sizes(setting, kind)):
         yield _single(setting, kind, size)
 
 
-def _single(setting: Setting, kind: TypeName, size: Size) -> Group:
+def _single(setting: RoomContext, kind: TypeName, size: Size) -> FurnitureGroup:
     """Returns a group of one piece."""
     model, members = CATALOGUE[kind], (Member(kind, size),)
     x, y = size[0] / 2, size[1] / 2
     if model.anchor == "center":
         around = max(_AROUND_M, setting.scene.way_m)
         zone = Zone(Box(-x - around, -y - around, x + around, y + around))
-        return Group(members, (zone,), model.anchor, model.taste)
+        return FurnitureGroup(members, (zone,), model.anchor, model.taste)
     zones = [front_zone(size, setting.front_m(kind))]
     aside = max(model.use_width_m - size[0], 0.0) / 2
     if aside:
         zones.append(Zone(Box(-x - aside, -y, x + aside, y)))
-    return Group(members, tuple(zones), model.anchor, model.taste, flush=model.row)
+    return FurnitureGroup(members, tuple(zones), model.anchor, model.taste, flush=model.row)
 
 
-def _storage_sizes(setting: Setting, kind: TypeName) -> list[Size]:
+def _storage_sizes(setting: RoomContext, kind: TypeName) -> list[Size]:
     """Returns the sizes to try, the most welcome first, then one that fits nearly everywhere.
 
     The variants are, in order, a hall cabinet, open shelving, a larder, and wardrobes.
@@ -69,6 +69,6 @@ def _storage_sizes(setting: Setting, kind: TypeName) -> list[Size]:
     return [setting.size(kind, variant) for variant in (*wanted, larder if setting.room == "Bedroom" else hall)]
 
 
-def _wide(setting: Setting) -> bool:
+def _wide(setting: RoomContext) -> bool:
     floor = setting.scene.floor
     return min(floor.width, floor.height) >= _HALL_WIDE_M

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from tasks.worlds.furnishing.groups.group import Group, Member, Zone, around, front_zone
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
+from tasks.worlds.geometry.boxes import Box, bounding_box
 
 BED = Member("Beds", (1.8, 2.0, 1.0))
 STAND = Member("Nightstands", (0.4, 0.4, 0.5), (1.1, -0.8), needed=False)
-GROUP = Group((BED, STAND), (Zone(Box(-0.9, 1.0, 0.9, 1.6)),))
+GROUP = FurnitureGroup((BED, STAND), (Zone(Box(-0.9, 1.0, 0.9, 1.6)),))
 
 
 def test_a_piece_turned_by_a_quarter_swaps_its_extents() -> None:
@@ -27,7 +27,7 @@ def test_a_chair_under_a_table_covers_what_shows() -> None:
 
 
 def test_the_boxes_of_a_group_turn_with_it() -> None:
-    np.testing.assert_allclose(GROUP.boxes[:, 0].T, [BED.body, STAND.body, GROUP.zones[0].box])
+    np.testing.assert_allclose(GROUP.boxes[:, 0].T, np.array([BED.body, STAND.body, GROUP.zones[0].box]))
     np.testing.assert_allclose(GROUP.boxes[:, 1, 2], (-1.6, -0.9, -1.0, 0.9))
     np.testing.assert_allclose(GROUP.boxes[:, 2, 2], (-0.9, -1.6, 0.9, -1.0))
     np.testing.assert_allclose(GROUP.boxes[:, 3, 2], (1.0, -0.9, 1.6, 0.9))
@@ -36,7 +36,7 @@ def test_the_boxes_of_a_group_turn_with_it() -> None:
 def test_a_group_reaches_as_far_as_its_members() -> None:
     needed, everyone = GROUP.reach
     assert needed == BED.body
-    assert everyone == around([BED.body, STAND.body])
+    assert everyone == bounding_box([BED.body, STAND.body])
     assert GROUP.needed == [0]
     assert GROUP.area == pytest.approx(3.6)
 

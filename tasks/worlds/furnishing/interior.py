@@ -10,7 +10,7 @@ from tasks.worlds.floorplan.floorplan import FloorPlan
 from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.furnishing.assembly import Look, assemble, draw_look
 from tasks.worlds.furnishing.room_furnisher import furnish
-from tasks.worlds.furnishing.scene import Piece, Scene, open_scene, way_width
+from tasks.worlds.furnishing.scene import Piece, RoomScene, open_scene, way_width
 from tasks.worlds.geometry.boxes import Box
 from tasks.worlds.geometry.clearance import Clearance, connected_share, measure_clearance, reaches_room
 from tasks.worlds.streams import room_stream
@@ -26,7 +26,7 @@ _ATTEMPTS = (1.0, 1.0, 1.0, 0.7, 0.5, 0.25, 0.0)
 
 
 @dataclass(frozen=True)
-class Draw:
+class InteriorKey:
     """Which interior is drawn: the seed, the indices, both from 1, and how many tries were given up before."""
 
     seed: int
@@ -57,12 +57,12 @@ class _Site:
 
     brief: Brief
     plan: FloorPlan
-    draw: Draw
+    draw: InteriorKey
     hangings: tuple[Hanging, ...]
     floors: tuple[Box, ...]
 
 
-def furnish_interior(brief: Brief, plan: FloorPlan, fixed: Sequence[Solid], draw: Draw) -> Interior:
+def furnish_interior(brief: Brief, plan: FloorPlan, fixed: Sequence[Solid], draw: InteriorKey) -> Interior:
     """Returns all furniture of an interior, such that a robot gets into every room and nearly everywhere in it.
 
     Rooms draw from streams of their own, so trying one again leaves the others as they are.
@@ -77,9 +77,9 @@ def furnish_interior(brief: Brief, plan: FloorPlan, fixed: Sequence[Solid], draw
     attempts = [0] * len(brief.rooms)
     rooms = [_furnish_room(site, room, attempts) for room in range(len(brief.rooms))]
     while True:
-        furniture = _named(brief, rooms)
+        furniture = _name_pieces(brief, rooms)
         clearance = _clearance(plan, fixed, furniture)
-        troubled = _troubled(site, clearance)
+        troubled = _rooms_to_redo(site, clearance)
         troubled = [room for room in troubled if attempts[room] < len(_ATTEMPTS) - 1]
         if not troubled:
             return Interior(furniture, clearance)
@@ -115,26 +115,26 @@ def _solids(site: _Site, room: int) -> int:
     return round(max((_SOLIDS - _SOLIDS_ROOM) * site.floors[room].area / max(sum(furnished), 1.0), _SOLIDS_ROOM))
 
 
-def _scene(site: _Site, room: int) -> Scene:
+def _scene(site: _Site, room: int) -> RoomScene:
     """Returns an empty room, with the floor kept free before its passages and under the leaves that swing into it."""
     plan, floor, radius = site.plan, site.floors[room], site.brief.robot_radius_m
     deep = max(_DOOR_CLEAR_M, WALL_M / 2 + way_width(radius))
     gaps = [gap for gap in plan.gaps if room in gap.rooms]
     passages = tuple(gap.box(deep, _DOOR_EXTRA_M) for gap in gaps)
     swings = tuple(hanging.swing.grown(_DOOR_EXTRA_M) for hanging in site.hangings if hanging.room == room)
-    entries = tuple(_inside(floor, gap.center) for gap in gaps)
+    entries = tuple(_clamp(floor, gap.center) for gap in gaps)
     if floor.x_min < 0 < floor.x_max and floor.y_min < 0 < floor.y_max:
         entries = (*entries, (0.0, 0.0))
     panes = [pane for pane in plan.windows if pane.room == room]
     return open_scene(floor, passages + swings, radius, panes, entries)
 
 
-def _inside(floor: Box, point: tuple[float, float]) -> tuple[float, float]:
+def _clamp(floor: Box, point: tuple[float, float]) -> tuple[float, float]:
     x, y = point
     return min(max(x, floor.x_min), floor.x_max), min(max(y, floor.y_min), floor.y_max)
 
 
-def _named(brief: Brief, rooms: Sequence[_Furnished]) -> tuple[Furniture, ...]:
+def _name_pieces(brief: Brief, rooms: Sequence[_Furnished]) -> tuple[Furniture, ...]:
     counts: dict[str, int] = {}
     named: list[Furniture] = []
     for wish, furnished in zip(brief.rooms, rooms, strict=True):
@@ -148,7 +148,7 @@ def _clearance(plan: FloorPlan, fixed: Sequence[Solid], furniture: Sequence[Furn
     return measure_clearance(plan.footprint, [*fixed, *(solid for piece in furniture for solid in piece.solids)])
 
 
-def _troubled(site: _Site, clearance: Clearance) -> list[int]:
+def _rooms_to_redo(site: _Site, clearance: Clearance) -> list[int]:
     """Returns the rooms to furnish again: those with floor shut off, those not reached, and the ways to them."""
     radius, gaps = site.brief.robot_radius_m, site.plan.gaps
     reached = clearance.reached(radius)

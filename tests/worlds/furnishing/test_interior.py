@@ -12,7 +12,7 @@ from specs.data.world import Furniture, RoomType, Solid
 from specs.template.interior import Density
 from tasks.worlds.brief import Brief, brief_of
 from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
-from tasks.worlds.furnishing.rooms import Draw, Interior, furnish_interior
+from tasks.worlds.furnishing.interior import Interior, InteriorKey, furnish_interior
 from tasks.worlds.geometry.clearance import connected_share, reaches_room
 from tests.worlds.geometry_checks import distances, intersect, polygon
 from tests.worlds.rooms import ROBOT_M, home, walls_of
@@ -24,7 +24,7 @@ _BEFORE_DOOR_M = 0.8
 
 
 @st.composite
-def homes(draw: st.DrawFn) -> tuple[Brief, FloorPlan, Draw, list[str] | None]:
+def homes(draw: st.DrawFn) -> tuple[Brief, FloorPlan, InteriorKey, list[str] | None]:
     """Draws a room of any type, area, density and list, with a door and perhaps a window and the start."""
     listed = draw(st.none() | st.lists(st.sampled_from(MODEL_TYPES), max_size=8, unique=True))
     brief, plan = home(
@@ -37,17 +37,17 @@ def homes(draw: st.DrawFn) -> tuple[Brief, FloorPlan, Draw, list[str] | None]:
         start_inside=draw(st.booleans()),
         window=draw(st.booleans()),
     )
-    return brief, plan, Draw(draw(st.integers(0, 10_000)), 1, 1), listed
+    return brief, plan, InteriorKey(draw(st.integers(0, 10_000)), 1, 1), listed
 
 
-def interior(brief: Brief, plan: FloorPlan, draw: Draw) -> Interior:
+def interior(brief: Brief, plan: FloorPlan, draw: InteriorKey) -> Interior:
     return furnish_interior(brief, plan, walls_of(plan), draw)
 
 
 @settings(max_examples=60)
 @given(homes())
 def test_pieces_stand_apart_on_the_floor_and_off_start_and_door(
-    case: tuple[Brief, FloorPlan, Draw, list[str] | None],
+    case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
     brief, plan, draw, _ = case
     pieces = interior(brief, plan, draw).furniture
@@ -60,7 +60,7 @@ def test_pieces_stand_apart_on_the_floor_and_off_start_and_door(
 
 @settings(max_examples=60)
 @given(homes())
-def test_a_robot_reaches_nearly_all_of_every_room(case: tuple[Brief, FloorPlan, Draw, list[str] | None]) -> None:
+def test_a_robot_reaches_nearly_all_of_every_room(case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None]) -> None:
     brief, plan, draw, _ = case
     clearance = interior(brief, plan, draw).clearance
     reached = clearance.reached(brief.robot_radius_m)
@@ -71,7 +71,7 @@ def test_a_robot_reaches_nearly_all_of_every_room(case: tuple[Brief, FloorPlan, 
 
 @settings(max_examples=60)
 @given(homes())
-def test_lists_are_obeyed(case: tuple[Brief, FloorPlan, Draw, list[str] | None]) -> None:
+def test_lists_are_obeyed(case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None]) -> None:
     brief, plan, draw, listed = case
     pieces = interior(brief, plan, draw).furniture
     assert {piece.room for piece in pieces} <= {"Room"}
@@ -81,7 +81,7 @@ def test_lists_are_obeyed(case: tuple[Brief, FloorPlan, Draw, list[str] | None])
 
 @settings(max_examples=30)
 @given(homes())
-def test_the_same_stream_gives_the_same_interior(case: tuple[Brief, FloorPlan, Draw, list[str] | None]) -> None:
+def test_the_same_stream_gives_the_same_interior(case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None]) -> None:
     brief, plan, draw, _ = case
     assert interior(brief, plan, draw).furniture == interior(brief, plan, draw).furniture
 
@@ -91,19 +91,19 @@ def test_the_same_stream_gives_the_same_interior(case: tuple[Brief, FloorPlan, D
 def test_a_listed_type_stands_where_there_is_room(kind: RoomType, density: Density) -> None:
     for model in MODEL_TYPES[::3]:
         brief, plan = home(kind, 20.0, density, [model], window=True)
-        assert {piece.model_type for piece in interior(brief, plan, Draw(1, 1, 1)).furniture} == {model}
+        assert {piece.model_type for piece in interior(brief, plan, InteriorKey(1, 1, 1)).furniture} == {model}
 
 
 def test_all_listed_types_appear_over_several_interiors() -> None:
     listed = list(MODEL_TYPES[:10])
     brief, plan = home("Living", 30.0, "Moderate", listed)
-    found = {piece.model_type for n in range(1, 9) for piece in interior(brief, plan, Draw(1, 1, n)).furniture}
+    found = {piece.model_type for n in range(1, 9) for piece in interior(brief, plan, InteriorKey(1, 1, n)).furniture}
     assert found == set(listed)
 
 
 def test_interiors_of_a_plan_differ() -> None:
     brief, plan = home("Living", 25.0, "Moderate")
-    first, second = (interior(brief, plan, Draw(1, 1, n)).furniture for n in (1, 2))
+    first, second = (interior(brief, plan, InteriorKey(1, 1, n)).furniture for n in (1, 2))
     assert first != second
 
 
@@ -113,7 +113,7 @@ def test_a_home_of_six_rooms_has_no_more_primitives_than_a_simulation_bears(dens
     rooms = [room(name, kind, 22.0) for name, kind in zip(names, ROOM_TYPES, strict=False)]
     brief = brief_of(template(*rooms, arrangements=(furniture({"RoomNames": [*names]}, None, density),)))
     plan = plan_floor(brief, 3, 1)
-    assert sum(len(piece.solids) for piece in interior(brief, plan, Draw(3, 1, 1)).furniture) <= 480
+    assert sum(len(piece.solids) for piece in interior(brief, plan, InteriorKey(3, 1, 1)).furniture) <= 480
 
 
 def crowded() -> Brief:
@@ -125,7 +125,7 @@ def crowded() -> Brief:
 def test_names_are_numbered_by_type_across_rooms() -> None:
     brief = crowded()
     plan = plan_floor(brief, 2, 1)
-    pieces = interior(brief, plan, Draw(2, 1, 1)).furniture
+    pieces = interior(brief, plan, InteriorKey(2, 1, 1)).furniture
     assert len({piece.name for piece in pieces}) == len(pieces)
     assert all(piece.name.rsplit("_", 1)[0] == piece.model_type for piece in pieces)
     counts = Counter(piece.model_type for piece in pieces)
