@@ -80,25 +80,38 @@ def certify(
     clear = surveyed or survey(rooms, passages, walls, furniture, doors)
     floors = [_box(room) for room in rooms]
     figures = tuple(_figures(brief, clear.opened, rooms))
-    outline = bounding_box(floors).grown(WALL_M)
-    errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
+    reachable, as_set = _reachable_radii(clear, floors)
     in_the_way = [*walls, *(door.leaf for door in doors), *(solid for piece in furniture for solid in piece.solids)]
-    reachable = reachable_radius(clear.opened, floors)
-    same = clear.as_set is clear.opened
     return Certificate(
         origin_clear_radius_m=rounded(distance_to_origin(in_the_way)),
         guaranteed_robot_radius_m=rounded(brief.robot_radius_m),
         reachable_robot_radius_m=rounded(reachable),
-        doors_as_set_robot_radius_m=rounded(reachable if same else reachable_radius(clear.as_set, floors)),
+        doors_as_set_robot_radius_m=rounded(as_set),
         narrowest_passage_m=rounded(narrowest_passage(passages, doors)),
         free_floor_share=rounded(_free_share(clear.opened, floors)),
-        area_error_mean=rounded(float(np.mean(errors))),
+        area_error_mean=rounded(_area_error_mean(brief, floors)),
         overlaps=count_overlaps(furniture, walls, [door.leaf for door in doors]),
         rooms=figures,
-        wishes=weigh_wishes(
-            brief, rooms, passages, furniture, doors, figures=figures, outline_m=(outline.width, outline.height)
-        ),
+        wishes=weigh_wishes(brief, rooms, passages, furniture, doors, figures=figures, outline_m=_outline(floors)),
     )
+
+
+def _outline(floors: Sequence[Box]) -> tuple[float, float]:
+    """Returns the extents of the footprint along x and y (metres)."""
+    box = bounding_box(floors).grown(WALL_M)
+    return box.width, box.height
+
+
+def _area_error_mean(brief: Brief, floors: Sequence[Box]) -> float:
+    """Returns by what share rooms miss their wished areas on average."""
+    errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
+    return float(np.mean(errors))
+
+
+def _reachable_radii(clear: Survey, floors: Sequence[Box]) -> tuple[float, float]:
+    """Returns the reachable radius with all doors fully open, and with the doors as they stand."""
+    opened = reachable_radius(clear.opened, floors)
+    return opened, opened if clear.as_set is clear.opened else reachable_radius(clear.as_set, floors)
 
 
 def narrowest_passage(passages: Sequence[Passage], doors: Sequence[Door]) -> float:
