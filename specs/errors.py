@@ -10,6 +10,7 @@ SimyardError
 ├── PipelineNotPassed                 the gate refused, or the deployment failed: exit code 1
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
 ├── TrustRefused                      signed metadata or a desired state is not what the keys vouch for
+├── WorldChanged                      a world has another SHA-256 than it had
 └── StoreError                        the store could not do it: exit code 3
     ├── StoreUnreachable              no answer, or no such place
     ├── StoreUnsafe                   answers, but ignores conditions on writes
@@ -95,6 +96,10 @@ class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
 
 class TrustRefused(SimyardError):  # noqa: N818 - a state
     """What the keys do not vouch for: changed, older than what was seen, expired, or signed by others."""
+
+
+class WorldChanged(SimyardError):  # noqa: N818 - a state
+    """A world's document has another SHA-256 than it had."""
 
 
 class StoreError(SimyardError):

@@ -1,8 +1,7 @@
-"""Numbers that a team may choose, read from the environment: limits above RoboMaker's, and how long to wait.
+"""Settings of a machine, read from the environment: limits above RoboMaker's, times to wait, and who simulates.
 
-Who simulates: this process, or the workers of a Dask or Ray cluster. A setting of the machine, never of a document.
-
-No result depends on it, so no document and no identity of a run names it.
+This process simulates, or the workers of a Dask or Ray cluster. No result depends on that, so no document and no
+identity of a run names it.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Unions that are told apart by the shape of the data, so that a fault speaks of one member and not of all."""
+"""Unions whose member is chosen by the shape of the data, so that a fault speaks of one member and not of all."""
 
 from typing import Any, cast
 
@@ -15,7 +15,7 @@ def member(name: str) -> Tag:
     return Tag(f"<{name}>")
 
 
-def told_apart(allowed: str, **members: Sign) -> Discriminator:
+def by_shape(allowed: str, **members: Sign) -> Discriminator:
     """Returns a discriminator that chooses a union's member by how the data looks.
 
     Args:

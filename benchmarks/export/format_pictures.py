@@ -25,7 +25,7 @@ from specs.data.world import World
 from tasks.export.format.formats import format_files
 from tasks.export.format.mjcf import GROUND
 from tasks.export.picture.cutaway import cut_open
-from tasks.export.picture.render_process import CUT_M, framed, photographed
+from tasks.export.picture.render_process import CUT_M, photograph, whole_view
 from tasks.worlds.generate import generate_world
 
 WIDTH, HEIGHT, SAMPLES, SEED = 800, 560, 40, 3
@@ -225,7 +225,7 @@ def main(target: Path) -> None:
     """Renders and writes the picture."""
     template = read_template("two-rooms")
     world = generate_world(template, seed=SEED, generation="wgj-1", floorplan_index=1, interior_index=1)
-    opened, view = cut_open(world, CUT_M), framed(world, WIDTH / HEIGHT)
+    opened, view = cut_open(world, CUT_M), whole_view(world, WIDTH / HEIGHT)
     context = mujoco.GLContext(WIDTH, HEIGHT)
     context.make_current()
     page = Image.new("RGB", (2 * WIDTH, 2 * HEIGHT), "white")
@@ -236,7 +236,7 @@ def main(target: Path) -> None:
                 (Path(folder) / path).parent.mkdir(parents=True, exist_ok=True)
                 (Path(folder) / path).write_bytes(body)
             spec = read(opened, files, Path(folder))
-        picture = Image.fromarray(photographed(spec, view, WIDTH, HEIGHT, SAMPLES))
+        picture = Image.fromarray(photograph(spec, view, WIDTH, HEIGHT, SAMPLES))
         ImageDraw.Draw(picture).text((16, 12), caption, fill=(40, 44, 48), font_size=22)
         page.paste(picture, (number % 2 * WIDTH, number // 2 * HEIGHT))
     page.save(target, quality=85)

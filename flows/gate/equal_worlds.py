@@ -5,9 +5,9 @@ import json
 from collections.abc import Mapping
 
 from specs.digest import canonical_json
-from specs.errors import ObjectNotFound
+from specs.errors import ObjectNotFound, WorldChanged
 from tasks.storage.base.store import Store
-from tasks.storage.worlds import WorldChanged, pinned_world_bytes
+from tasks.storage.worlds import pinned_world_bytes
 
 
 def alike_worlds(store: Store, worlds: Mapping[str, str]) -> dict[str, str]:

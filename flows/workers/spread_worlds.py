@@ -73,7 +73,7 @@ def world_makers(store: Store) -> generating.Elsewhere | None:
     return make if workers else None
 
 
-def world_writers(store: Store) -> exporting.Elsewhere | None:
+def world_writers(store: Store) -> exporting.ExportWorkers | None:
     """Returns what hands exported worlds to workers, if SIMYARD_WORKERS names some; None where none are wanted.
 
     Raises:

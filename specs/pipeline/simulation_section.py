@@ -1,6 +1,6 @@
-"""The sections of a pipeline that test and deploy: simulation batch, deployment.
+"""The sections of a pipeline that test and deploy: the simulation batch and the deployment.
 
-What a roll-out may be asked for that RoboMaker's requests have no words for.
+The deployment's fields include what RoboMaker's requests have no words for.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ from specs.robomaker.simulation import (
     duration_rule,
 )
 from specs.rules import Finding, Ruled, distinct, items, part
-from specs.unions import member, told_apart
+from specs.unions import by_shape, member
 
 
 class RollOutRules(Spec):
@@ -62,7 +62,7 @@ Engine = Literal["auto", EngineName]
 Seeds = Annotated[
     Annotated[Integer, Field(ge=1, le=MAX_SEEDS), member("number")]
     | Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct), member("list")],
-    told_apart("how many seeds (1, 2, ...), or a list of seeds", number=(int, float), list=(list, tuple)),
+    by_shape("how many seeds (1, 2, ...), or a list of seeds", number=(int, float), list=(list, tuple)),
 ]
 VariableValues = Annotated[tuple[EnvironmentVariableValue, ...], Field(min_length=1), AfterValidator(distinct)]
 
@@ -241,7 +241,7 @@ class Deployment(Spec):
 
     fleet: Annotated[
         Annotated[Reference, member("text")] | Annotated[LocalFleet, member("LocalFleet")],
-        told_apart("a name, an ARN, or {name: ..., localAgents: ...}", text=str, LocalFleet=dict),
+        by_shape("a name, an ARN, or {name: ..., localAgents: ...}", text=str, LocalFleet=dict),
     ] = Field(title="Fleet")
     deploymentConfig: DeploymentConfig | None = Field(default=None, title="Roll-out")
     rollOut: RollOutRules = Field(default_factory=RollOutRules, title="Rules beyond RoboMaker's")

@@ -22,7 +22,7 @@ from specs.field_types import (
 from specs.rules import Finding, Ruled, broken, distinct, part
 from specs.settings import MAX_WORLDS, max_worlds_of_job
 from specs.template.body import TemplateBody
-from specs.unions import member, told_apart
+from specs.unions import by_shape, member
 
 MAX_SEED = 2**32 - 1
 MAX_WORLDS_OF_EXPORT = 100
@@ -57,13 +57,13 @@ WorldChoice = Annotated[
         AfterValidator(distinct),
         member("list"),
     ],
-    told_apart(
+    by_shape(
         'all, or a list of worlds such as "wgj-0123456789abcdef/world-1-1"', text=frozenset({"all"}), list=(list, tuple)
     ),
 ]
 Template = Annotated[
     Annotated[str, text(1, 1224, GENERIC_PATTERN), member("text")] | Annotated[TemplateBody, member("TemplateBody")],
-    told_apart("a path, a URL, a name, an ARN, or a template body", text=str, TemplateBody=dict),
+    by_shape("a path, a URL, a name, an ARN, or a template body", text=str, TemplateBody=dict),
     BeforeValidator(_json_text_as_object),
 ]
 

@@ -1,4 +1,4 @@
-"""What every List call asks for alike: filters that are alternatives."""
+"""The filters that all List calls share; several filters are alternatives."""
 
 from collections.abc import Collection
 

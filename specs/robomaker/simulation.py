@@ -1,7 +1,4 @@
-"""Simulation jobs: RoboMaker's requests, and the entry of a batch.
-
-Simulation job batches: RoboMaker's requests.
-"""
+"""Simulation jobs and batches of them: RoboMaker's requests."""
 
 from typing import Annotated, Literal
 

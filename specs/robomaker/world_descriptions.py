@@ -1,7 +1,4 @@
-"""What RoboMaker answers about templates, worlds, generation jobs and export jobs.
-
-A world's doors as RoboMaker's ``world_description.json`` and DescribeWorld tell them.
-"""
+"""RoboMaker's answers about templates, worlds, generation jobs and export jobs, with ``world_description.json``."""
 
 from typing import Annotated
 

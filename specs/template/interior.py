@@ -7,7 +7,7 @@ from pydantic import Field
 from specs.base import Spec
 from specs.data.world import RoomType
 from specs.field_types import Number, Text, text
-from specs.unions import member, told_apart
+from specs.unions import by_shape, member
 
 TARGET_ALL = "Target.All"
 NAMES_PATTERN = r"[a-zA-Z0-9_\- ]*"
@@ -72,13 +72,13 @@ class RoomTypeList(Spec):
 _ROOMS = "rooms as {RoomNames: [...]} or {RoomTypes: [...]}"
 RoomTargetFilter = Annotated[
     Annotated[RoomNameList, member("RoomNameList")] | Annotated[RoomTypeList, member("RoomTypeList")],
-    told_apart(_ROOMS, RoomNameList="RoomNames", RoomTypeList="RoomTypes"),
+    by_shape(_ROOMS, RoomNameList="RoomNames", RoomTypeList="RoomTypes"),
 ]
 RoomTarget = Annotated[
     Annotated[RoomNameList, member("RoomNameList")]
     | Annotated[RoomTypeList, member("RoomTypeList")]
     | Annotated[Literal["Target.All"], member("text")],
-    told_apart(
+    by_shape(
         f"{_ROOMS}, or {TARGET_ALL}", RoomNameList="RoomNames", RoomTypeList="RoomTypes", text=frozenset({TARGET_ALL})
     ),
 ]
@@ -188,7 +188,7 @@ class DoorOpenPosition(Spec):
 
     Percent: Annotated[
         Annotated[Number, Field(ge=0, le=100), member("number")] | Annotated[Literal["Random"], member("text")],
-        told_apart("a number from 0 to 100, or Random", number=(int, float), text=frozenset({"Random"})),
+        by_shape("a number from 0 to 100, or Random", number=(int, float), text=frozenset({"Random"})),
     ] = 100.0
 
 
@@ -214,7 +214,7 @@ class InteriorDoor(Spec):
 
 DoorwayTarget = Annotated[
     Annotated[RoomPairTargetFilter, member("RoomPairTargetFilter")] | Annotated[Literal["Target.All"], member("text")],
-    told_apart(
+    by_shape(
         f"pairs of rooms as {{From: ..., To: ...}}, or {TARGET_ALL}",
         RoomPairTargetFilter=dict,
         text=frozenset({TARGET_ALL}),

@@ -1,6 +1,6 @@
-"""The forms that RoboMaker's documents have a template body in, made into one.
+"""A template body before it is checked: its forms in RoboMaker's documents, and the rules of RoboMaker's prose.
 
-What RoboMaker's prose forbids in a template body, found in raw data that may be wrong in other ways too.
+The rules look at raw data, which may be wrong in other ways too.
 """
 
 import json

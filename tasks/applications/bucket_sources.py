@@ -18,8 +18,8 @@ from tasks.applications.versions import (
     application_name,
     change,
     known_application,
-    missing,
     next_revision,
+    not_found,
     require_revision,
 )
 from tasks.storage.archives import digest_of, extract
@@ -40,7 +40,7 @@ def create_application(store: Store, kind: ApplicationKind, name: str, sources: 
     Raises:
         DocumentError: There is one of that name, the name is none, or the sources contradict each other.
     """
-    checked = _checked(sources)
+    checked = _check_sources(sources)
 
     def step(before: Application | None, _number: int) -> Application:
         if before:
@@ -72,7 +72,7 @@ def update_application(
         ResourceNotFound: No such application.
         DocumentError: It was changed since the revision, or the sources contradict each other.
     """
-    checked = _checked(sources)
+    checked = _check_sources(sources)
 
     def step(before: Application | None, _number: int) -> Application:
         found = _there(before, kind, reference)
@@ -100,7 +100,7 @@ def create_version(store: Store, kind: ApplicationKind, reference: str, current_
     found = known_application(store, kind, reference)
     require_revision(found, current_revision)
     if not found.sources:
-        raise missing("sources", found.name, "an application with sources; publish a folder, or name some by update")
+        raise not_found("sources", found.name, "an application with sources; publish a folder, or name some by update")
     bundles = [_taken(store, source) for source in found.sources]
     return add_version(store, kind, found.name, bundles, whole=False, current_revision=found.revision)
 
@@ -127,7 +127,7 @@ def delete_application(store: Store, kind: ApplicationKind, reference: str, vers
             return found.model_copy(update={"versions": (), "sources": (), "deleted": True})
         left = tuple(each for each in found.versions if str(each.number) != version)
         if len(left) == len(found.versions):
-            raise missing("applicationVersion", version, f"a version of {found.name}: {found.numbers}")
+            raise not_found("applicationVersion", version, f"a version of {found.name}: {found.numbers}")
         return found.model_copy(update={"versions": left, "revision": next_revision(found, ["without", version])})
 
     return change(store, kind, application_name(kind, reference), step)
@@ -135,11 +135,11 @@ def delete_application(store: Store, kind: ApplicationKind, reference: str, vers
 
 def _there(before: Application | None, kind: ApplicationKind, reference: str) -> Application:
     if before is None:
-        raise missing("application", reference, f"a {kind}; see simyard list {kind}s")
+        raise not_found("application", reference, f"a {kind}; see simyard list {kind}s")
     return before
 
 
-def _checked(sources: Sequence[SourceConfig]) -> tuple[SourceConfig, ...]:
+def _check_sources(sources: Sequence[SourceConfig]) -> tuple[SourceConfig, ...]:
     """Returns the sources, complete and in one order."""
     whole = [source.model_copy(update={"architecture": source.architecture or "X86_64"}) for source in sources]
     faults = [
@@ -166,7 +166,7 @@ def _taken(store: Store, source: SourceConfig) -> Build:
     with tempfile.TemporaryDirectory(prefix="simyard-source-") as folder:
         archive = Path(folder) / "bundle"
         try:
-            etag = _downloaded(place, key, archive)
+            etag = _download(place, key, archive)
             extract(archive, Path(folder) / "tried")
         except (ObjectNotFound, BundleRefused) as exc:
             path = f"sources[{source.architecture}]"
@@ -179,7 +179,7 @@ def _taken(store: Store, source: SourceConfig) -> Build:
     return Build(architecture=source.architecture or "X86_64", digest=digest, size_bytes=size, origin=origin)
 
 
-def _downloaded(place: Store, key: str, archive: Path) -> str:
+def _download(place: Store, key: str, archive: Path) -> str:
     """Returns the ETag of what was downloaded."""
     etag = place.etag(key)
     place.download(key, archive)

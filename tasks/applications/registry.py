@@ -1,7 +1,4 @@
-"""Published applications: bundles under their digest, versions under their number.
-
-Where the applications lie that come with Simyard.
-"""
+"""Published applications: bundles under their digest, versions under their number, and those that come with Simyard."""
 
 import hashlib
 import tempfile
@@ -16,7 +13,7 @@ from tasks.applications.versions import (
     application_name,
     change,
     known_version,
-    missing,
+    not_found,
     read_application,
     require_revision,
     with_version,
@@ -70,7 +67,7 @@ def publish(
         LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
     """
     folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
-    bundles = [_packed(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
+    bundles = [_pack(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
     return add_version(
         store, kind, name, bundles, whole=isinstance(source, Path), shipped=shipped, current_revision=current_revision
     )
@@ -125,7 +122,7 @@ def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str
     application = read_application(store, kind, application_name(kind, reference))
     found = next((known for known in application.versions if known.digest == digest), None) if application else None
     if found is None:
-        raise missing("application", reference, f"a {kind} with the bundle {digest}")
+        raise not_found("application", reference, f"a {kind} with the bundle {digest}")
     return found
 
 
@@ -155,12 +152,12 @@ def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | 
             return published
         application = read_application(store, kind, name)
     if application is None:
-        raise missing("application", reference, f"a published {kind}, or one that comes with Simyard")
+        raise not_found("application", reference, f"a published {kind}, or one that comes with Simyard")
     if newest and application.versions:
         return application.versions[-1]
     found = next((known for known in application.versions if str(known.number) == version), None)
     if found is None:
-        raise missing("applicationVersion", str(version), f"a version of {name}: {application.numbers}")
+        raise not_found("applicationVersion", str(version), f"a version of {name}: {application.numbers}")
     return found
 
 
@@ -194,7 +191,7 @@ def unpack(store: Store, digest: str, cache: Path) -> Path:
     return target
 
 
-def _packed(store: Store, architecture: Architecture, folder: Path) -> Build:
+def _pack(store: Store, architecture: Architecture, folder: Path) -> Build:
     """Returns a folder's bundle after it was written: first the bytes, then the number that promises them."""
     body = pack(folder)
     digest = hashlib.sha256(body).hexdigest()

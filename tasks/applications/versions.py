@@ -33,7 +33,7 @@ def known_application(store: Store, kind: ApplicationKind, reference: str) -> Ap
     """
     found = read_application(store, kind, application_name(kind, reference))
     if found is None:
-        raise missing("application", reference, f"a published {kind}; see simyard list {kind}s")
+        raise not_found("application", reference, f"a published {kind}; see simyard list {kind}s")
     return found
 
 
@@ -144,7 +144,7 @@ def application_name(kind: ApplicationKind, reference: str) -> str:
     return parsed.path
 
 
-def missing(path: str, value: str, allowed: str) -> ResourceNotFound:
+def not_found(path: str, value: str, allowed: str) -> ResourceNotFound:
     """Returns the error that says that something does not exist."""
     return ResourceNotFound([Fault(path=path, value=repr(value), allowed=allowed)])
 

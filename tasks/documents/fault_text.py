@@ -1,4 +1,4 @@
-"""Pydantic's errors in a person's words: where, what stands there, what may stand there instead."""
+"""Says pydantic's errors in plain words: where, what stands there, what may stand there instead."""
 
 import difflib
 import json
@@ -75,7 +75,7 @@ def fault_of(error: ErrorDetails, model: type[BaseModel]) -> Fault:
         allowed = _object(known_keys(model, error["loc"]))
     if kind in ("greater_than_equal", "less_than_equal"):
         allowed = _bounds(model, error["loc"]) or allowed
-    return Fault(path=path, value=shown(value), allowed=error["msg"] if kind == RULE else allowed)
+    return Fault(path=path, value=short_json(value), allowed=error["msg"] if kind == RULE else allowed)
 
 
 def path_of(place: Place) -> str:
@@ -89,7 +89,7 @@ def path_of(place: Place) -> str:
     return path.removeprefix(".") or "document"
 
 
-def shown(value: object) -> str:
+def short_json(value: object) -> str:
     """Returns a value as JSON, shortened."""
     text = _printable(json.dumps(value, ensure_ascii=False, default=str))
     return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 4]} ..."

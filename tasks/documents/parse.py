@@ -1,4 +1,4 @@
-"""Plain data made into a document, or a list of all that is wrong with it."""
+"""Makes a document of plain data, or lists all that is wrong with it."""
 
 from collections.abc import Iterator
 from itertools import islice

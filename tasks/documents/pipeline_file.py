@@ -1,4 +1,4 @@
-"""A pipeline document, read together with the files beside it that it names."""
+"""Reads a pipeline document together with the files beside it that it names."""
 
 from pathlib import Path
 

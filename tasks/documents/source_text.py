@@ -1,4 +1,4 @@
-"""Reading a YAML or JSON file into plain data, without anything that could surprise.
+"""Reads a YAML or JSON file into plain data, without any surprise.
 
 YAML is read as a notation for JSON: true, false, null, decimal numbers and text. Anchors, aliases, tags, several
 documents in a file and keys that are not text are refused, and ``no``, ``010`` or ``2026-11-21`` are text.

@@ -1,4 +1,4 @@
-"""A template, wherever a document says it is: in the document, a file, a bucket, or the store."""
+"""Finds a template where a document says it is: in the document, a file, a bucket, or the store."""
 
 from pathlib import Path
 
@@ -31,24 +31,24 @@ def find_template(template: str | TemplateBody, store: Store, base: Path) -> Tem
         return template
     if template.startswith("s3://"):
         bucket, _, key = template.removeprefix("s3://").partition("/")
-        return _parsed(_stored(open_bucket(store, bucket), key, template), template)
+        return _parse_template(_read_stored(open_bucket(store, bucket), key, template), template)
     path = base / template
     if not template.startswith("arn:") and path.is_file():
         return parse(TemplateBody, read_document(path), str(path))
     name = parse_reference(template).path
     if "/" in name or "." in name:
         raise _missing(template, f"a file ({path} is none), s3://bucket/key, or a template in {store.url}")
-    return _parsed(_stored(store, template_key(name), template), template)
+    return _parse_template(_read_stored(store, template_key(name), template), template)
 
 
-def _stored(store: Store, key: str, template: str) -> bytes:
+def _read_stored(store: Store, key: str, template: str) -> bytes:
     try:
         return store.get(key).body
     except ObjectNotFound as exc:
         raise _missing(template, f"a template; {store.url} has none there") from exc
 
 
-def _parsed(body: bytes, source: str) -> TemplateBody:
+def _parse_template(body: bytes, source: str) -> TemplateBody:
     return parse(TemplateBody, decode_document(body, source), source)
 
 

@@ -1,4 +1,4 @@
-"""YAML read as a notation for JSON data."""
+"""Reads YAML as a notation for JSON data."""
 
 import re
 from typing import Any, cast

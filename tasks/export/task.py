@@ -10,7 +10,7 @@ from pydantic import JsonValue
 
 from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
-from tasks.export.job.job import Elsewhere, run_export_job
+from tasks.export.job.job import ExportWorkers, run_export_job
 from tasks.export.job.sheet_job import keep_contact_sheet, sheet_markdown
 from tasks.progress.task import watched
 from tasks.storage.base.keys import contact_sheet_key
@@ -25,7 +25,7 @@ def export_worlds(
     *,
     formats: tuple[WorldFormat, ...],
     token: str,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: ExportWorkers | None = None,
 ) -> JobRecord:
     """Returns the ended export job of the token.
 

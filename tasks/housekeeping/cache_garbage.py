@@ -1,4 +1,4 @@
-"""What this machine keeps and can make again: compiled programs, unpacked bundles, data of buckets.
+"""The garbage of this machine's cache: compiled programs, unpacked bundles and data that nobody has used for long.
 
 Keys, robots' disks and Prefect's database lie in the same folder, and are never touched. An entry goes when nobody has
 read or written anything in it for long, by the clock of the disk; it is moved aside before it is removed, and looked at
@@ -28,7 +28,7 @@ _ASIDE = ".gc-"
 
 
 @dataclass(frozen=True)
-class Cached:
+class CacheEntry:
     """Something in the cache.
 
     Attributes:
@@ -44,7 +44,7 @@ class Cached:
     used_s: float
 
 
-def unused(cache: Path, unused_s: float) -> list[Cached]:
+def unused_entries(cache: Path, unused_s: float) -> list[CacheEntry]:
     """Returns what nobody has used for so long.
 
     Args:
@@ -57,7 +57,7 @@ def unused(cache: Path, unused_s: float) -> list[Cached]:
     return [entry for entry in _cached(cache) if entry.used_s <= before_s]
 
 
-def clear(entry: Cached) -> bool:
+def remove_entry(entry: CacheEntry) -> bool:
     """Removes an entry; returns whether it is gone: one that was used since it was seen stays."""
     aside = entry.path.with_name(f"{_ASIDE}{uuid4().hex}")
     try:
@@ -79,17 +79,17 @@ def _put_back(aside: Path, path: Path) -> None:
         _remove(aside)
 
 
-def _cached(cache: Path) -> Iterator[Cached]:
+def _cached(cache: Path) -> Iterator[CacheEntry]:
     for what, folder in _ENTRIES.items():
         if (cache / folder).is_dir():
             yield from (_seen(path, what) for path in sorted((cache / folder).iterdir()))
 
 
-def _seen(path: Path, what: str) -> Cached:
+def _seen(path: Path, what: str) -> CacheEntry:
     found = [each for each in (_stat(path), *(_stat(Path(base, name)) for base, name in _names(path))) if each]
     size_bytes = sum(each.st_size for each in found if stat.S_ISREG(each.st_mode))
     # Reading a folder's names, as this does, is no use of what is in it.
-    return Cached(path, what, size_bytes, max((_used_s(each) for each in found), default=0.0))
+    return CacheEntry(path, what, size_bytes, max((_used_s(each) for each in found), default=0.0))
 
 
 def _used_s(found: os.stat_result) -> float:

@@ -1,4 +1,4 @@
-"""What housekeeping tells."""
+"""The report of `simyard gc`: what can go, what waits, what stays, and why."""
 
 from specs.base import Spec
 
@@ -19,7 +19,7 @@ class Row(Spec):
     why: str
 
 
-class Unread(Spec):
+class UnreadRecord(Spec):
     """A record that cannot be read.
 
     Attributes:
@@ -52,6 +52,6 @@ class GcReport(Spec):
     freed: tuple[Row, ...]
     waiting: tuple[Row, ...]
     stayed: tuple[Row, ...]
-    unread: tuple[Unread, ...]
+    unread: tuple[UnreadRecord, ...]
     left_out: tuple[str, ...]
     cache: tuple[Row, ...]

@@ -1,4 +1,4 @@
-"""A gc of a store and of this machine's cache: marked, told, and swept if that is wanted."""
+"""A gc of a store and of this machine's cache: it marks, reports, and removes if that is wanted."""
 
 import logging
 from collections.abc import Iterable
@@ -10,13 +10,13 @@ from pydantic import Field, ValidationError
 
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
-from tasks.housekeeping.cache_garbage import Cached, clear, unused
-from tasks.housekeeping.findings import GcReport, Row, Unread
-from tasks.housekeeping.object_kinds import TOKENS, Job, job_named, place_of
-from tasks.housekeeping.references import Named, Records, named, read_records, record_entries
+from tasks.housekeeping.cache_garbage import CacheEntry, remove_entry, unused_entries
+from tasks.housekeeping.findings import GcReport, Row, UnreadRecord
+from tasks.housekeeping.object_kinds import TOKENS, Job, job_of_id, kind_of_key
+from tasks.housekeeping.references import NamedByRecords, Records, names_in, read_records, record_entries
 from tasks.housekeeping.signed_metadata import replaced_metadata
-from tasks.housekeeping.sweep import Swept, sweep
-from tasks.housekeeping.sweep_plan import Item, Listing, Plan, planned
+from tasks.housekeeping.sweep import SweepResult, sweep
+from tasks.housekeeping.sweep_plan import Item, StoreListing, SweepPlan, plan_sweep
 from tasks.storage.base.encoding import encoded
 from tasks.storage.base.keys import UNNAMED
 from tasks.storage.base.store import Entry, Store
@@ -68,13 +68,13 @@ def collect(store: Store, cache: Path, ages: Ages, *, remove: bool) -> GcReport:
     """
     marked = _Marked(store, ages)
     notes, etag = _notes(store)
-    plan = planned(marked.listing, marked.named, notes.bundles, ages.grace_s)
-    cached = unused(cache, ages.unused_s)
-    swept = Swept(freed=list(plan.items))
+    plan = plan_sweep(marked.listing, marked.named, notes.bundles, ages.grace_s)
+    cached = unused_entries(cache, ages.unused_s)
+    swept = SweepResult(freed=list(plan.items))
     if remove:
         _keep_notes(store, plan, etag)
         swept = sweep(store, plan, marked.look_again)
-        cached = [entry for entry in cached if clear(entry)]
+        cached = [entry for entry in cached if remove_entry(entry)]
     return _report(marked, plan, swept, cached, removed=remove)
 
 
@@ -88,7 +88,7 @@ class _Marked:
         self._records: Records = {}
         self.left_out = _left_out(store)
         self.named = self.look_again()
-        self.listing = Listing(
+        self.listing = StoreListing(
             entries=entries,
             unfinished=self._unfinished(),
             token_jobs=_token_jobs(store, entries, self.named),
@@ -103,15 +103,15 @@ class _Marked:
             self.left_out += (f"unfinished writes: {exc}",)
             return []
 
-    def look_again(self) -> Named:
+    def look_again(self) -> NamedByRecords:
         """Returns what the records name now; those that are as they were are not read again."""
         self._records = read_records(self._store, record_entries(self._store), self._records)
-        return named(self._records, self._ended_before_s)
+        return names_in(self._records, self._ended_before_s)
 
 
-def _token_jobs(store: Store, entries: Iterable[Entry], known: Named) -> dict[str, Job]:
+def _token_jobs(store: Store, entries: Iterable[Entry], known: NamedByRecords) -> dict[str, Job]:
     """Returns the jobs of the tokens that belong to no record, by the tokens' keys."""
-    keys = [each.key for each in entries if place_of(each.key).what == TOKENS and each.key not in known.tokens]
+    keys = [each.key for each in entries if kind_of_key(each.key).what == TOKENS and each.key not in known.tokens]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         jobs = pool.map(lambda key: _token_job(store, key), keys)
         return {key: job for key, job in zip(keys, jobs, strict=True) if job}
@@ -119,7 +119,7 @@ def _token_jobs(store: Store, entries: Iterable[Entry], known: Named) -> dict[st
 
 def _token_job(store: Store, key: str) -> Job | None:
     try:
-        return job_named(_Token.model_validate_json(store.get(key).body).id)
+        return job_of_id(_Token.model_validate_json(store.get(key).body).id)
     except ObjectNotFound:
         return None
     except (ValidationError, KeyError) as exc:
@@ -138,7 +138,7 @@ def _notes(store: Store) -> tuple[_Unnamed, str]:
         return _Unnamed(), stored.etag
 
 
-def _keep_notes(store: Store, plan: Plan, etag: str) -> None:
+def _keep_notes(store: Store, plan: SweepPlan, etag: str) -> None:
     """Notes since when bundles have had no name, if anything is to be noted."""
     body = encoded(_Unnamed(bundles=dict(plan.unnamed)))
     try:
@@ -150,7 +150,9 @@ def _keep_notes(store: Store, plan: Plan, etag: str) -> None:
         _LOG.info("another gc has noted the bundles without a name")
 
 
-def _report(marked: _Marked, plan: Plan, swept: Swept, cached: Iterable[Cached], *, removed: bool) -> GcReport:
+def _report(
+    marked: _Marked, plan: SweepPlan, swept: SweepResult, cached: Iterable[CacheEntry], *, removed: bool
+) -> GcReport:
     spoilt = marked.named.spoilt
     return GcReport(
         store=marked.url,
@@ -158,9 +160,9 @@ def _report(marked: _Marked, plan: Plan, swept: Swept, cached: Iterable[Cached],
         freed=_rows(swept.freed),
         waiting=_rows(plan.waiting),
         stayed=_rows(swept.stayed),
-        unread=tuple(Unread(record=each.key, why=each.why, keeps=tuple(sorted(each.keeps))) for each in spoilt),
+        unread=tuple(UnreadRecord(record=each.key, why=each.why, keeps=tuple(sorted(each.keeps))) for each in spoilt),
         left_out=marked.left_out,
-        cache=_summed(((entry.what, "that nobody has used for long"), entry.size_bytes) for entry in cached),
+        cache=_sum_rows(((entry.what, "that nobody has used for long"), entry.size_bytes) for entry in cached),
     )
 
 
@@ -172,10 +174,10 @@ def _left_out(store: Store) -> tuple[str, ...]:
 
 
 def _rows(items: Iterable[Item]) -> tuple[Row, ...]:
-    return _summed(((item.what, item.why), item.entry.size_bytes) for item in items)
+    return _sum_rows(((item.what, item.why), item.entry.size_bytes) for item in items)
 
 
-def _summed(sizes: Iterable[tuple[tuple[str, str], int]]) -> tuple[Row, ...]:
+def _sum_rows(sizes: Iterable[tuple[tuple[str, str], int]]) -> tuple[Row, ...]:
     found: dict[tuple[str, str], list[int]] = {}
     for name, size in sizes:
         found.setdefault(name, []).append(size)

@@ -59,7 +59,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Place:
+class ObjectKind:
     """What an object is.
 
     Attributes:
@@ -71,16 +71,16 @@ class Place:
     job: Job | None = None
 
 
-def place_of(key: str) -> Place:
+def kind_of_key(key: str) -> ObjectKind:
     """Returns what the object under a key is; of a token only that it is one."""
     for pattern, part, what in _PLACES:
         if found := pattern.fullmatch(key):
-            return Place(what, job_named(found[part]))
+            return ObjectKind(what, job_of_id(found[part]))
     others = ((_BUNDLE, BUNDLES), (_TOKEN, TOKENS), (_METADATA, METADATA), (_PROBE, PROBES))
-    return Place(next((what for pattern, what in others if pattern.fullmatch(key)), ""))
+    return ObjectKind(next((what for pattern, what in others if pattern.fullmatch(key)), ""))
 
 
-def job_named(job_id: str) -> Job:
+def job_of_id(job_id: str) -> Job:
     """Returns the job with an id such as ``simb-0123456789abcdef``."""
     return Job(_KINDS[job_id.partition("-")[0]], job_id)
 

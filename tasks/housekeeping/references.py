@@ -1,8 +1,6 @@
-"""What each record of a store names: whatever job or digest stands anywhere in it, so that no new field is overlooked.
+"""What the records of a store name: any job or digest that stands anywhere in one, so that no new field is overlooked.
 
-A record that is not what Simyard writes there may name anything; it is told as spoilt, and what it might name stays.
-
-What the records of a store name, taken together.
+A record that is not what Simyard writes there may name anything: it is reported, and what it might name stays.
 """
 
 import json
@@ -27,7 +25,7 @@ from tasks.housekeeping.object_kinds import (
     digests_in,
     ids_in,
     is_record,
-    place_of,
+    kind_of_key,
 )
 from tasks.storage.base.keys import token_key
 from tasks.storage.base.store import Entry, Store
@@ -60,7 +58,7 @@ class JobFacts:
 
 
 @dataclass(frozen=True)
-class Record:
+class NamingRecord:
     """A record, and what it names.
 
     Attributes:
@@ -78,7 +76,7 @@ class Record:
     job: JobFacts | None = None
 
 
-Records = Mapping[str, Record]
+Records = Mapping[str, NamingRecord]
 
 
 def record_entries(store: Store) -> list[Entry]:
@@ -87,14 +85,14 @@ def record_entries(store: Store) -> list[Entry]:
     return [entry for entry in found if is_record(entry.key)]
 
 
-def read_records(store: Store, entries: list[Entry], known: Records) -> dict[str, Record]:
+def read_records(store: Store, entries: list[Entry], known: Records) -> dict[str, NamingRecord]:
     """Returns what the records name, by key; those are read that are not known as they are listed."""
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         found = pool.map(lambda entry: _current(store, entry, known.get(entry.key)), entries)
         return {record.entry.key: record for record in found if record}
 
 
-def _current(store: Store, entry: Entry, known: Record | None) -> Record | None:
+def _current(store: Store, entry: Entry, known: NamingRecord | None) -> NamingRecord | None:
     if known and known.entry.mark == entry.mark:
         return known
     try:
@@ -104,7 +102,7 @@ def _current(store: Store, entry: Entry, known: Record | None) -> Record | None:
     return _record(entry, body)
 
 
-def _record(entry: Entry, body: bytes) -> Record:
+def _record(entry: Entry, body: bytes) -> NamingRecord:
     text = body.decode(errors="replace")
     try:
         # Written anew, so that no other spelling of the same letters hides a name.
@@ -115,7 +113,7 @@ def _record(entry: Entry, body: bytes) -> Record:
         facts, spoilt = None, _one_line(exc)
     own = {PurePosixPath(entry.key).stem} if entry.key.startswith("jobs/") else set[str]()
     ids = ids_in(text) | (facts.stages if facts else frozenset[str]())
-    return Record(entry, spoilt, ids - own, digests_in(text), facts)
+    return NamingRecord(entry, spoilt, ids - own, digests_in(text), facts)
 
 
 def _checked(key: str, body: bytes) -> JobFacts | None:
@@ -188,7 +186,7 @@ def _one_line(exc: Exception) -> str:
 
 
 @dataclass(frozen=True)
-class Spoilt:
+class UnreadableRecord:
     """A record that cannot be read, and what therefore stays.
 
     Attributes:
@@ -203,7 +201,7 @@ class Spoilt:
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedByRecords:
     """What is named.
 
     Attributes:
@@ -216,11 +214,11 @@ class Named:
     """
 
     jobs: dict[Job, bool] = field(default_factory=dict[Job, bool])
-    forgotten: dict[Job, Record] = field(default_factory=dict[Job, Record])
+    forgotten: dict[Job, NamingRecord] = field(default_factory=dict[Job, NamingRecord])
     ids: frozenset[str] = frozenset()
     digests: frozenset[str] = frozenset()
     tokens: frozenset[str] = frozenset()
-    spoilt: tuple[Spoilt, ...] = ()
+    spoilt: tuple[UnreadableRecord, ...] = ()
 
     @property
     def kept(self) -> frozenset[str]:
@@ -228,7 +226,7 @@ class Named:
         return frozenset[str]().union(*(each.keeps for each in self.spoilt))
 
 
-def named(records: Records, ended_before_s: float | None = None) -> Named:
+def names_in(records: Records, ended_before_s: float | None = None) -> NamedByRecords:
     """Returns what records name.
 
     Args:
@@ -240,7 +238,7 @@ def named(records: Records, ended_before_s: float | None = None) -> Named:
     forgotten = {} if unread or ended_before_s is None else _forgotten(records, ended_before_s)
     left = [record for key, record in records.items() if key not in forgotten]
     facts = [record.job for record in left if record.job]
-    return Named(
+    return NamedByRecords(
         jobs={**_unread(left), **{each.job: each.ended for each in facts}},
         forgotten={record.job.job: record for record in forgotten.values() if record.job},
         ids=_ids(left),
@@ -250,22 +248,22 @@ def named(records: Records, ended_before_s: float | None = None) -> Named:
     )
 
 
-def _unread(records: Iterable[Record]) -> dict[Job, bool]:
+def _unread(records: Iterable[NamingRecord]) -> dict[Job, bool]:
     """Returns the jobs whose records cannot be read: they are there, and may be under way."""
-    places = (place_of(record.entry.key) for record in records if record.spoilt)
+    places = (kind_of_key(record.entry.key) for record in records if record.spoilt)
     return {place.job: False for place in places if place.job and place.what == RECORDS}
 
 
-def _ids(records: Iterable[Record]) -> frozenset[str]:
+def _ids(records: Iterable[NamingRecord]) -> frozenset[str]:
     """Returns the jobs that others name; an ended run of a document only tells of them, and needs them no more."""
     return frozenset[str]().union(*(record.ids for record in records if not _is_ended_run(record)))
 
 
-def _is_ended_run(record: Record) -> bool:
+def _is_ended_run(record: NamingRecord) -> bool:
     return record.job is not None and record.job.ended and record.job.job.kind == RUN
 
 
-def _forgotten(records: Records, before_s: float) -> dict[str, Record]:
+def _forgotten(records: Records, before_s: float) -> dict[str, NamingRecord]:
     """Returns the records of jobs that ended long ago and that no other record names, by key."""
     found = {key: record for key, record in records.items() if _ended_before(record, before_s)}
     while True:
@@ -276,12 +274,12 @@ def _forgotten(records: Records, before_s: float) -> dict[str, Record]:
         found = left
 
 
-def _ended_before(record: Record, before_s: float) -> bool:
+def _ended_before(record: NamingRecord, before_s: float) -> bool:
     # The record of a job that has ended is never written again, so it is as old as the end.
     facts = record.job
     return bool(facts and facts.ended and JOB_KINDS[facts.job.kind].forgettable and record.entry.written_s < before_s)
 
 
-def _spoilt(record: Record) -> Spoilt:
+def _spoilt(record: NamingRecord) -> UnreadableRecord:
     keeps = frozenset({BUNDLES}) if record.entry.key.startswith(("robots/", "fleets/")) else NAMED_BY_OTHERS
-    return Spoilt(record.entry.key, record.spoilt, keeps)
+    return UnreadableRecord(record.entry.key, record.spoilt, keeps)

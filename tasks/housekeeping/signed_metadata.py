@@ -1,4 +1,4 @@
-"""Signed metadata that newer versions have replaced: fleets read what the newest timestamp leads to, and no other."""
+"""Signed metadata that newer versions have replaced: fleets read only what the newest timestamp leads to."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import cast
 from pydantic import JsonValue
 
 from specs.errors import ObjectNotFound
-from tasks.housekeeping.object_kinds import METADATA, metadata_version, place_of
+from tasks.housekeeping.object_kinds import METADATA, kind_of_key, metadata_version
 from tasks.storage.base.keys import trust_key
 from tasks.storage.base.store import Entry, Store
 
@@ -24,7 +24,7 @@ def replaced_metadata(store: Store, entries: Sequence[Entry], written_before_s: 
         entries: All that the store holds.
         written_before_s: When what took its place must have been written at the latest, by the store's clock.
     """
-    metadata = [entry for entry in entries if place_of(entry.key).what == METADATA]
+    metadata = [entry for entry in entries if kind_of_key(entry.key).what == METADATA]
     repositories = sorted({metadata_version(entry.key)[0] for entry in metadata})
     current = {repository: _current(store, repository) for repository in repositories}
     written_s = {entry.key: entry.written_s for entry in metadata}

@@ -1,7 +1,8 @@
-"""Removes what a plan says, looking again right before each removal.
+"""Removes what a plan names, and looks again right before each removal.
 
 What a job has left is removed under the job's own claim, so that nobody begins the job anew meanwhile and takes what is
-about to go for what is there. Killed anywhere, the next gc goes on: what shows whose a thing is goes last.
+about to go for what is there. After a gc was killed anywhere, the next one goes on: what shows whose a thing is goes
+last.
 """
 
 import logging
@@ -12,8 +13,8 @@ from pathlib import Path
 
 from specs.errors import ObjectExists, ObjectNotFound
 from tasks.housekeeping.object_kinds import BUNDLES, NAMED_BY_OTHERS, TOKENS, UNFINISHED, WORLDS, Job
-from tasks.housekeeping.references import Named
-from tasks.housekeeping.sweep_plan import Item, Leftover, Plan
+from tasks.housekeeping.references import NamedByRecords
+from tasks.housekeeping.sweep_plan import Item, Leftover, SweepPlan
 from tasks.storage.base.encoding import decoded
 from tasks.storage.base.keys import claim_key, job_key, result_key
 from tasks.storage.base.store import Store
@@ -22,11 +23,11 @@ from tasks.storage.jobs.claim import Claim, ClaimRecord, claimed_unless_alive
 _LOG = logging.getLogger(__name__)
 _CLAIM_TTL_S = 15.0
 _BUNDLES_AT_ONCE, _COPIED_BYTES = 32, 256 << 20
-LookAgain = Callable[[], Named]
+LookAgain = Callable[[], NamedByRecords]
 
 
 @dataclass
-class Swept:
+class SweepResult:
     """What came of a plan.
 
     Attributes:
@@ -42,7 +43,7 @@ class Swept:
         (self.freed if is_gone else self.stayed).append(item)
 
 
-def sweep(store: Store, plan: Plan, look_again: LookAgain) -> Swept:
+def sweep(store: Store, plan: SweepPlan, look_again: LookAgain) -> SweepResult:
     """Returns what was removed, and what was not because it is in use by now.
 
     Args:
@@ -50,9 +51,9 @@ def sweep(store: Store, plan: Plan, look_again: LookAgain) -> Swept:
         plan: What can go.
         look_again: Returns what the store's records name at that moment.
     """
-    swept = Swept()
+    swept = SweepResult()
     for item in plan.single:
-        swept.note(item, is_gone=_removed(store, item))
+        swept.note(item, is_gone=_remove(store, item))
     for leftover in plan.leftovers:
         _sweep_leftover(store, leftover, look_again, swept)
     for few in _few_at_a_time(plan.bundles):
@@ -60,14 +61,14 @@ def sweep(store: Store, plan: Plan, look_again: LookAgain) -> Swept:
     return swept
 
 
-def _removed(store: Store, item: Item) -> bool:
+def _remove(store: Store, item: Item) -> bool:
     if item.what == UNFINISHED:
         store.discard(item.entry)
         return True
     return store.delete_unchanged(item.entry)
 
 
-def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swept: Swept) -> None:
+def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swept: SweepResult) -> None:
     job = leftover.job
     key = claim_key(job.kind, job.id)
     with claimed_unless_alive(store, key, ttl_s=_CLAIM_TTL_S) as claim:
@@ -77,19 +78,19 @@ def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swe
             return
         if leftover.record:
             swept.note(leftover.record, is_gone=True)
-        if not _items_removed(store, leftover.items, claim, swept):
+        if not _remove_items(store, leftover.items, claim, swept):
             swept.stayed += leftover.ends
             return
         for item in leftover.ends:
             if item.what == TOKENS:
-                swept.note(item, is_gone=_token_removed(store, job, item))
+                swept.note(item, is_gone=_remove_token(store, job, item))
     _drop_claim(store, key)
     for item in leftover.ends:
         if item.what != TOKENS:
             swept.note(item, is_gone=True)
 
 
-def _items_removed(store: Store, items: Sequence[Item], claim: Claim, swept: Swept) -> bool:
+def _remove_items(store: Store, items: Sequence[Item], claim: Claim, swept: SweepResult) -> bool:
     """Removes what a job left; returns whether all of it is gone.
 
     A gc that slept may have been replaced by who made the job anew: what that one wrote stays.
@@ -119,7 +120,7 @@ def _is_left(store: Store, leftover: Leftover, look_again: LookAgain) -> bool:
     return job.id not in named.ids and not kinds & named.kept
 
 
-def _token_removed(store: Store, job: Job, item: Item) -> bool:
+def _remove_token(store: Store, job: Job, item: Item) -> bool:
     """Removes the token of a job; who submits the job at this moment, relying on the token, gets it back."""
     try:
         body = store.get(item.entry.key).body
@@ -159,7 +160,7 @@ def _few_at_a_time(bundles: Sequence[Item]) -> Iterator[list[Item]]:
         yield few
 
 
-def _sweep_bundles(store: Store, bundles: Sequence[Item], look_again: LookAgain, swept: Swept) -> None:
+def _sweep_bundles(store: Store, bundles: Sequence[Item], look_again: LookAgain, swept: SweepResult) -> None:
     """Removes bundles, unless they are named or were written again; those named right afterwards are put back.
 
     Only where a store cannot remove and compare in one step can another process have published the same bytes, and
@@ -169,7 +170,7 @@ def _sweep_bundles(store: Store, bundles: Sequence[Item], look_again: LookAgain,
     with tempfile.TemporaryDirectory(prefix="simyard-gc-") as folder:
         gone: list[Item] = []
         for item in bundles:
-            removed = _is_unnamed(item, before) and _bundle_removed(store, item, Path(folder))
+            removed = _is_unnamed(item, before) and _remove_bundle(store, item, Path(folder))
             (gone if removed else swept.stayed).append(item)
         after = look_again() if gone else before
         for item in gone:
@@ -179,7 +180,7 @@ def _sweep_bundles(store: Store, bundles: Sequence[Item], look_again: LookAgain,
             swept.note(item, is_gone=not is_named)
 
 
-def _bundle_removed(store: Store, item: Item, folder: Path) -> bool:
+def _remove_bundle(store: Store, item: Item, folder: Path) -> bool:
     try:
         store.download(item.entry.key, folder / _digest(item))
     except ObjectNotFound:  # another gc was faster
@@ -191,5 +192,5 @@ def _digest(bundle: Item) -> str:
     return bundle.entry.key.rpartition("/")[2]
 
 
-def _is_unnamed(bundle: Item, named: Named) -> bool:
+def _is_unnamed(bundle: Item, named: NamedByRecords) -> bool:
     return _digest(bundle) not in named.digests and BUNDLES not in named.kept

@@ -1,4 +1,4 @@
-"""What of a store can go, what waits until it is older, and why: computed from what was read, changing nothing."""
+"""The plan of a gc: what can go, what waits until it is older, and why. It is computed and changes nothing."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,10 +16,10 @@ from tasks.housekeeping.object_kinds import (
     TOKENS,
     UNFINISHED,
     Job,
-    Place,
-    place_of,
+    ObjectKind,
+    kind_of_key,
 )
-from tasks.housekeeping.references import Named
+from tasks.housekeeping.references import NamedByRecords
 from tasks.storage.base.store import Entry
 
 GONE = "of jobs without a record"
@@ -73,7 +73,7 @@ class Leftover:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SweepPlan:
     """What can go now.
 
     Attributes:
@@ -98,7 +98,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Listing:
+class StoreListing:
     """What a store holds.
 
     Attributes:
@@ -116,7 +116,9 @@ class Listing:
     now_s: float
 
 
-def planned(listing: Listing, named: Named, noted: Mapping[str, tuple[str, float]], grace_s: float) -> Plan:
+def plan_sweep(
+    listing: StoreListing, named: NamedByRecords, noted: Mapping[str, tuple[str, float]], grace_s: float
+) -> SweepPlan:
     """Returns what can go.
 
     Args:
@@ -129,21 +131,23 @@ def planned(listing: Listing, named: Named, noted: Mapping[str, tuple[str, float
 
 
 class _Planning:
-    def __init__(self, listing: Listing, named: Named, noted: Mapping[str, tuple[str, float]], grace_s: float) -> None:
+    def __init__(
+        self, listing: StoreListing, named: NamedByRecords, noted: Mapping[str, tuple[str, float]], grace_s: float
+    ) -> None:
         self._listing, self._named, self._noted, self._grace_s = listing, named, noted, grace_s
         self._placed = [(entry, self._place(entry)) for entry in listing.entries]
         self._unnamed: dict[str, tuple[str, float]] = {}
         self._waiting: list[Item] = []
 
-    def plan(self) -> Plan:
+    def plan(self) -> SweepPlan:
         unfinished = [Item(entry, UNFINISHED, _WHY[UNFINISHED]) for entry in self._listing.unfinished]
         single = self._old([*unfinished, *self._loose()])
         bundles, leftovers = self._bundles(), self._leftovers()
-        return Plan(tuple(single), tuple(bundles), tuple(leftovers), tuple(self._waiting), self._unnamed)
+        return SweepPlan(tuple(single), tuple(bundles), tuple(leftovers), tuple(self._waiting), self._unnamed)
 
-    def _place(self, entry: Entry) -> Place:
-        place = place_of(entry.key)
-        return Place(TOKENS, self._listing.token_jobs.get(entry.key)) if place.what == TOKENS else place
+    def _place(self, entry: Entry) -> ObjectKind:
+        place = kind_of_key(entry.key)
+        return ObjectKind(TOKENS, self._listing.token_jobs.get(entry.key)) if place.what == TOKENS else place
 
     def _loose(self) -> Iterable[Item]:
         for entry, place in self._placed:

@@ -1,4 +1,4 @@
-"""Who is told how far a stage is: a context variable, so that a flow needs no parameter for it."""
+"""The listener that hears how far a stage is: a context variable, so that no flow needs a parameter for it."""
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""What is logged, one event a line for a program to read: JSON, or ``key=value``; asked for by SIMYARD_LOG_FORMAT."""
+"""Logs for a program to read: one event a line, JSON or ``key=value``, as SIMYARD_LOG_FORMAT asks."""
 
 import json
 import logging

@@ -21,7 +21,7 @@ def new_log(home: Path) -> Generator[IO[bytes], None, None]:
             raise
 
 
-def named_after(output: IO[bytes], pid: int) -> Path:
+def rename_log(output: IO[bytes], pid: int) -> Path:
     """Returns the file of the log, which carries the server's process id in its name from now on."""
     before = Path(output.name)
     return before.rename(before.with_name(f"server-{pid}.log"))

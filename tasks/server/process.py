@@ -14,7 +14,7 @@ from pathlib import Path
 
 from specs.errors import StageFailed
 from tasks.server.health import is_healthy, unproxied
-from tasks.server.log_files import named_after, new_log
+from tasks.server.log_files import new_log, rename_log
 from tasks.server.start_lock import end_turn_when, take_turn
 
 logger = logging.getLogger(__name__)
@@ -84,7 +84,7 @@ def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]
             env=environment,
             start_new_session=True,
         )
-    return Server(api_url=url, pid=process.pid, log=str(named_after(output, process.pid))), process
+    return Server(api_url=url, pid=process.pid, log=str(rename_log(output, process.pid))), process
 
 
 def wait_until_healthy(server: Server, process: subprocess.Popen[bytes], timeout_s: float = START_TIMEOUT_S) -> None:

@@ -1,9 +1,8 @@
-"""Where a document's ``s3Bucket`` lies.
+"""The buckets of documents: where each lies, and whether an application's sources in one are unchanged.
 
-Whether what a version was made from is still what it was (docs/reference/robomaker.md, section 9).
-
-RoboMaker keeps no copy of a bundle, so a source that changes breaks the versions that were made from it. Here the copy
-is in the store and would still run; but who rebuilds in place believes that the new bytes are what is deployed.
+RoboMaker keeps no copy of a bundle, so a source that changes breaks the versions that were made from it
+(docs/reference/robomaker.md, section 9). Here the copy is in the store and would still run; but who rebuilds in place
+believes that the new bytes are what is deployed.
 """
 
 import os

@@ -136,16 +136,16 @@ def _probe(store: Store) -> None:
     key = f"probe/{uuid4().hex}"
     first = store.create(key, b'{"probe": 1}')
     try:
-        if not _refused(lambda: store.create(key, b'{"probe": 2}'), ObjectExists):
+        if not _is_refused(lambda: store.create(key, b'{"probe": 2}'), ObjectExists):
             raise _unsafe(store, "let a second writer create an object that was there")
         store.replace(key, b'{"probe": 3}', first)
-        if not _refused(lambda: store.replace(key, b'{"probe": 4}', first), ObjectConflict):
+        if not _is_refused(lambda: store.replace(key, b'{"probe": 4}', first), ObjectConflict):
             raise _unsafe(store, "let a writer replace an object that had changed since it read it")
     finally:
         store.delete(key)
 
 
-def _refused(write: Callable[[], str], refusal: type[StoreError]) -> bool:
+def _is_refused(write: Callable[[], str], refusal: type[StoreError]) -> bool:
     try:
         write()
     except refusal:

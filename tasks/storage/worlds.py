@@ -10,14 +10,10 @@ from pydantic import ValidationError
 from specs.base import Fault
 from specs.data.world import World
 from specs.digest import canonical_json
-from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, SimyardError
+from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, WorldChanged
 from tasks.storage.base.encoding import create_once
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
-
-
-class WorldChanged(SimyardError):  # noqa: N818 - a state
-    """A world's document has another SHA-256 than it had."""
 
 
 def encode_world(world: World) -> bytes:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.housekeeping.cache_garbage import Cached, clear, unused
+from tasks.housekeeping.cache_garbage import CacheEntry, remove_entry, unused_entries
 
 _DAY_S = 86400.0
 
@@ -29,7 +29,7 @@ def age(path: Path, days: float) -> None:
 
 
 def found(cache: Path) -> list[tuple[str, str]]:
-    return [(entry.what, entry.path.name) for entry in unused(cache, 30 * _DAY_S)]
+    return [(entry.what, entry.path.name) for entry in unused_entries(cache, 30 * _DAY_S)]
 
 
 @pytest.mark.parametrize(
@@ -37,9 +37,9 @@ def found(cache: Path) -> list[tuple[str, str]]:
 )
 def test_what_nobody_has_used_for_long_goes_with_all_that_is_in_it(tmp_path: Path, folder: str) -> None:
     path = cached(tmp_path, f"{folder}/file", days=31)
-    (entry,) = unused(tmp_path, 30 * _DAY_S)
+    (entry,) = unused_entries(tmp_path, 30 * _DAY_S)
     assert entry.size_bytes == 5
-    assert clear(entry)
+    assert remove_entry(entry)
     assert not path.exists()
     assert list(entry.path.parent.iterdir()) == []
 
@@ -67,22 +67,22 @@ def test_folders_that_are_read_only_are_removed(tmp_path: Path) -> None:
     path = cached(tmp_path, "data/mounts/digest/files/a", days=31)
     path.chmod(0o444)
     path.parent.chmod(0o555)
-    (entry,) = unused(tmp_path, 30 * _DAY_S)
-    assert clear(entry)
+    (entry,) = unused_entries(tmp_path, 30 * _DAY_S)
+    assert remove_entry(entry)
     assert not entry.path.exists()
 
 
 def test_what_was_used_since_it_was_seen_stays(tmp_path: Path) -> None:
     path = cached(tmp_path, "bundles/digest/file", days=31)
-    (entry,) = unused(tmp_path, 30 * _DAY_S)
+    (entry,) = unused_entries(tmp_path, 30 * _DAY_S)
     os.utime(path)
-    assert not clear(entry)
+    assert not remove_entry(entry)
     assert path.read_bytes() == b"12345"
 
 
 def test_what_another_gc_has_removed_is_gone(tmp_path: Path) -> None:
-    assert clear(Cached(tmp_path / "bundles/none", "unpacked bundles", 0, 0.0))
+    assert remove_entry(CacheEntry(tmp_path / "bundles/none", "unpacked bundles", 0, 0.0))
 
 
 def test_no_cache_has_nothing_to_spare(tmp_path: Path) -> None:
-    assert unused(tmp_path / "none", 0.0) == []
+    assert unused_entries(tmp_path / "none", 0.0) == []

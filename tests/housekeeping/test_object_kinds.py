@@ -5,7 +5,7 @@ import re
 import pytest
 
 from specs.job_kinds import BATCH_FILES, RECORDING
-from tasks.housekeeping.object_kinds import Place, digests_in, ids_in, is_record, job_named, place_of
+from tasks.housekeeping.object_kinds import ObjectKind, digests_in, ids_in, is_record, job_of_id, kind_of_key
 from tasks.results.report.report_job import REPORT_FILE
 from tasks.results.tables.recordings import RECORDINGS_FOLDER
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
@@ -46,7 +46,7 @@ BATCH, EXPORT, GENERATION = "simb-0123456789abcdef", "wej-0123456789abcdef", "wg
     ],
 )
 def test_what_a_job_made_is_known_by_its_key(key: str, what: str, job: str) -> None:
-    assert place_of(key) == Place(what, job_named(job))
+    assert kind_of_key(key) == ObjectKind(what, job_of_id(job))
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_what_a_job_made_is_known_by_its_key(key: str, what: str, job: str) -> N
     ],
 )
 def test_what_is_no_jobs_is_known_too(key: str, what: str) -> None:
-    assert place_of(key) == Place(what)
+    assert kind_of_key(key) == ObjectKind(what)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_what_is_no_jobs_is_known_too(key: str, what: str) -> None:
     ],
 )
 def test_what_never_goes_is_nothing_to_housekeeping(key: str) -> None:
-    assert not place_of(key).what
+    assert not kind_of_key(key).what
 
 
 def test_evidence_and_every_job_application_robot_and_fleet_is_a_record() -> None:

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from specs.data.world import World
-from specs.errors import DocumentError, ObjectExists, ResourceNotFound
+from specs.errors import DocumentError, ObjectExists, ResourceNotFound, WorldChanged
 from specs.template.body import TemplateBody
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import (
-    WorldChanged,
     decode_world,
     encode_world,
     pinned_world_bytes,

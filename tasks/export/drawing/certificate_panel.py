@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from specs.data.world import Certificate, Wish, World
-from tasks.export.drawing.plan_page import Box, element, fitted, text_width
+from tasks.export.drawing.plan_page import PageBox, element, fit_text, text_width
 
 MAX_WISHES = 28
 _VALUE_SIZE, _MEANING_SIZE, _HEADING_SIZE, _WISH_SIZE = 18.0, 10.5, 12.5, 11.0
@@ -12,7 +12,7 @@ _FACTS_HEIGHT, _HEADING_HEIGHT, _WISH_LINE, _GAP = 62.0, 26.0, 17.0, 28.0
 _MARK_WIDTH, _SUBJECT_SHARE = 16.0, 0.37
 
 
-def draw_certificate(parent: ET.Element, world: World, box: Box) -> None:
+def draw_certificate(parent: ET.Element, world: World, box: PageBox) -> None:
     """Adds the figures in one row, and below it the wishes in two columns, those not fulfilled first."""
     certificate = world.certificate
     group = element(parent, "g", class_="certificate")
@@ -23,10 +23,10 @@ def draw_certificate(parent: ET.Element, world: World, box: Box) -> None:
     for number, (value, meaning) in enumerate(facts):
         x = box.left + number * column
         element(group, "text", value, x=x, y=box.top + 28, font_size=_VALUE_SIZE, class_="name")
-        shown = fitted(meaning, _MEANING_SIZE, column - 4)
+        shown = fit_text(meaning, _MEANING_SIZE, column - 4)
         element(group, "text", shown, x=x, y=box.top + 44, font_size=_MEANING_SIZE, class_="quiet")
     if certificate.wishes:
-        _wishes(group, certificate, Box(box.left, box.top + _FACTS_HEIGHT, box.right, box.bottom))
+        _wishes(group, certificate, PageBox(box.left, box.top + _FACTS_HEIGHT, box.right, box.bottom))
 
 
 def certificate_height(certificate: Certificate) -> float:
@@ -59,7 +59,7 @@ def _facts(world: World) -> list[tuple[str, str]]:
     ]
 
 
-def _wishes(parent: ET.Element, certificate: Certificate, box: Box) -> None:
+def _wishes(parent: ET.Element, certificate: Certificate, box: PageBox) -> None:
     heading = wishes_met(certificate)
     y = box.top + _HEADING_SIZE
     element(parent, "text", heading[0].upper() + heading[1:], x=box.left, y=y, font_size=_HEADING_SIZE, class_="name")
@@ -72,10 +72,10 @@ def _wishes(parent: ET.Element, certificate: Certificate, box: Box) -> None:
         if isinstance(line, str):
             element(parent, "text", line, x=x + _MARK_WIDTH, y=y, font_size=_WISH_SIZE, class_="quiet")
         else:
-            _wish(parent, line, Box(x, y - _WISH_SIZE, x + width, y))
+            _wish(parent, line, PageBox(x, y - _WISH_SIZE, x + width, y))
 
 
-def _wish(parent: ET.Element, wish: Wish, box: Box) -> None:
+def _wish(parent: ET.Element, wish: Wish, box: PageBox) -> None:
     group = element(parent, "g", class_="wish met" if wish.met else "wish unmet")
     came = wish.found if wish.found == wish.wished else f"{wish.found} (wished {wish.wished})"
     came = came.replace(" m2", " m²")
@@ -86,9 +86,9 @@ def _wish(parent: ET.Element, wish: Wish, box: Box) -> None:
     x = box.left + _MARK_WIDTH
     # What is cut is the name of a room, not what was wished of it.
     kind = _kind(wish)
-    name = fitted(_name(wish), _WISH_SIZE, _SUBJECT_SHARE * width - 6 - text_width(kind, _WISH_SIZE))
+    name = fit_text(_name(wish), _WISH_SIZE, _SUBJECT_SHARE * width - 6 - text_width(kind, _WISH_SIZE))
     element(group, "text", name + kind, x=x, y=box.bottom, font_size=_WISH_SIZE)
-    shown = fitted(came, _WISH_SIZE, (1 - _SUBJECT_SHARE) * width)
+    shown = fit_text(came, _WISH_SIZE, (1 - _SUBJECT_SHARE) * width)
     element(group, "text", shown, x=x + _SUBJECT_SHARE * width, y=box.bottom, font_size=_WISH_SIZE, class_="quiet")
 
 

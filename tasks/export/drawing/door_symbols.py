@@ -4,10 +4,10 @@ import math
 from xml.etree import ElementTree as ET
 
 from specs.data.world import Door, Passage, Rectangle, World
-from tasks.export.drawing.plan_page import Box, Sheet, draw_solid, element, rectangle
+from tasks.export.drawing.plan_page import PageBox, PageScale, draw_solid, element, rectangle
 
 
-def draw_passages(parent: ET.Element, world: World, sheet: Sheet) -> None:
+def draw_passages(parent: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds every doorway and opening as a gap, with its width as tooltip."""
     for passage in world.passages:
         group = element(parent, "g", class_=passage.kind.lower())
@@ -17,7 +17,7 @@ def draw_passages(parent: ET.Element, world: World, sheet: Sheet) -> None:
         rectangle(group, sheet.box(_gap(passage, world.wall_thickness_m)), class_="gap")
 
 
-def draw_doors(parent: ET.Element, world: World, sheet: Sheet) -> None:
+def draw_doors(parent: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds every hinged door as it stands, and the arc that its tip describes between shut and fully open."""
     for door in world.doors:
         group = element(parent, "g", class_="door")
@@ -26,7 +26,7 @@ def draw_doors(parent: ET.Element, world: World, sheet: Sheet) -> None:
         draw_solid(group, door.leaf, sheet, {"class_": "leaf"})
 
 
-def draw_windows(parent: ET.Element, world: World, sheet: Sheet) -> None:
+def draw_windows(parent: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds every window: the wall's faces and, between them, the glass."""
     for window in world.windows:
         group = element(parent, "g", class_="window")
@@ -43,15 +43,15 @@ def draw_windows(parent: ET.Element, world: World, sheet: Sheet) -> None:
         element(group, "path", d=middle, class_="glass")
 
 
-def swing_box(door: Door, sheet: Sheet) -> Box:
+def swing_box(door: Door, sheet: PageScale) -> PageBox:
     """Returns the page box that a door sweeps."""
     x, y = sheet.x(door.hinge_m[0]), sheet.y(door.hinge_m[1])
     tips = [_tip(door, yaw_rad, sheet) for yaw_rad in (door.closed_yaw_rad, door.open_yaw_rad)]
     xs, ys = [x, *(tip[0] for tip in tips)], [y, *(tip[1] for tip in tips)]
-    return Box(min(xs), min(ys), max(xs), max(ys))
+    return PageBox(min(xs), min(ys), max(xs), max(ys))
 
 
-def _arc(door: Door, sheet: Sheet) -> str:
+def _arc(door: Door, sheet: PageScale) -> str:
     radius = _length_m(door) * sheet.units_per_m
     (from_x, from_y), (to_x, to_y) = (
         _tip(door, yaw_rad, sheet) for yaw_rad in (door.closed_yaw_rad, door.open_yaw_rad)
@@ -62,7 +62,7 @@ def _arc(door: Door, sheet: Sheet) -> str:
     return f"M{from_x:.2f} {from_y:.2f}A{radius:.2f} {radius:.2f} 0 0 {sweep} {to_x:.2f} {to_y:.2f}L{x:.2f} {y:.2f}"
 
 
-def _tip(door: Door, yaw_rad: float, sheet: Sheet) -> tuple[float, float]:
+def _tip(door: Door, yaw_rad: float, sheet: PageScale) -> tuple[float, float]:
     length_m = _length_m(door)
     x_m, y_m = door.hinge_m
     return sheet.x(x_m + length_m * math.cos(yaw_rad)), sheet.y(y_m + length_m * math.sin(yaw_rad))

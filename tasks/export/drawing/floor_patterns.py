@@ -5,13 +5,13 @@ from xml.etree import ElementTree as ET
 
 from specs.data.world import Finish, Pattern, Rectangle, Room, World
 from specs.digest import digest
-from tasks.export.drawing.plan_page import Sheet, css_color, element, rectangle
+from tasks.export.drawing.plan_page import PageScale, css_color, element, rectangle
 
 _FLOOR_TOWARDS_WHITE, _JOINT_TOWARDS_WHITE = 0.42, 0.25
 _FEWEST_UNITS = 3.0  # lines closer than this on the page would be a grey, not a pattern
 
 
-def draw_patterns(definitions: ET.Element, world: World, sheet: Sheet) -> None:
+def draw_patterns(definitions: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds a pattern of lines for each flooring of the world that is divided."""
     seen: set[str] = set()
     for room in world.rooms:
@@ -21,7 +21,7 @@ def draw_patterns(definitions: ET.Element, world: World, sheet: Sheet) -> None:
             _draw_pattern(definitions, room.flooring, sheet.units_per_m, key)
 
 
-def draw_floors(parent: ET.Element, world: World, sheet: Sheet) -> None:
+def draw_floors(parent: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds the footprint and every room's floor."""
     rectangle(parent, sheet.box(world.footprint), class_="threshold")
     for room in world.rooms:
@@ -38,7 +38,7 @@ def floor_color(finish: Finish) -> str:
     return css_color(finish.color, _FLOOR_TOWARDS_WHITE)
 
 
-def pattern_key(finish: Finish, sheet: Sheet) -> str:
+def pattern_key(finish: Finish, sheet: PageScale) -> str:
     """Returns the id of the pattern that a flooring is drawn with; empty for none."""
     if finish.pattern not in _PATHS or min(finish.repeat_m) * sheet.units_per_m < _FEWEST_UNITS:
         return ""

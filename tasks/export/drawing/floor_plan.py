@@ -8,7 +8,7 @@ from tasks.export.drawing.door_symbols import draw_doors, draw_passages, draw_wi
 from tasks.export.drawing.floor_patterns import draw_floors, draw_patterns
 from tasks.export.drawing.furniture_outlines import draw_furniture, draw_piece_labels
 from tasks.export.drawing.legend import draw_dimensions, draw_floorings, draw_north, draw_scale_bar, draw_title
-from tasks.export.drawing.plan_page import Box, Sheet, element
+from tasks.export.drawing.plan_page import PageBox, PageScale, element
 from tasks.export.drawing.wall_section import draw_room_labels, draw_start, draw_walls
 
 _PLAN_SIDE = 900.0  # page units of the plan's longer side, of apartments that are no closet
@@ -52,23 +52,25 @@ def floor_plan_svg(world: World) -> str:
     inner = max(_MIN_INNER_WIDTH, width_m * units_per_m)
     left, right = _SIDE_MARGIN, _SIDE_MARGIN + inner
     top = _MARGIN + _TITLE_HEIGHT + _DIMENSION_SPACE
-    sheet = Sheet(footprint.x_min_m, footprint.y_max_m, units_per_m, left + (inner - width_m * units_per_m) / 2, top)
+    sheet = PageScale(
+        footprint.x_min_m, footprint.y_max_m, units_per_m, left + (inner - width_m * units_per_m) / 2, top
+    )
     below = top + height_m * units_per_m + 26
     facts = below + _SCALE_SPACE
-    root = _root(world, Box(0, 0, right + left, facts + certificate_height(world.certificate) + _MARGIN))
+    root = _root(world, PageBox(0, 0, right + left, facts + certificate_height(world.certificate) + _MARGIN))
     _say_scale(root, sheet)
     draw_patterns(element(root, "defs"), world, sheet)
     _plan(root, world, sheet)
-    draw_title(root, world, Box(left, _MARGIN, right, _MARGIN + _TITLE_HEIGHT))
+    draw_title(root, world, PageBox(left, _MARGIN, right, _MARGIN + _TITLE_HEIGHT))
     draw_dimensions(root, world, sheet, _DIMENSION_OFFSET)
     bar_end = draw_scale_bar(root, sheet, left, below, inner / 2)
-    draw_floorings(root, world, sheet, Box(bar_end + 40, below, right - _NORTH_SPACE, below))
+    draw_floorings(root, world, sheet, PageBox(bar_end + 40, below, right - _NORTH_SPACE, below))
     draw_north(root, right - 16, below)
-    draw_certificate(root, world, Box(left, facts, right, facts))
+    draw_certificate(root, world, PageBox(left, facts, right, facts))
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _root(world: World, page: Box) -> ET.Element:
+def _root(world: World, page: PageBox) -> ET.Element:
     root = ET.Element(
         "svg",
         {
@@ -87,14 +89,14 @@ def _root(world: World, page: Box) -> ET.Element:
     return root
 
 
-def _say_scale(root: ET.Element, sheet: Sheet) -> None:
+def _say_scale(root: ET.Element, sheet: PageScale) -> None:
     """Writes down how metres became page units, for whoever draws on the plan later (a failed episode's path)."""
     root.set("data-units-per-m", f"{sheet.units_per_m:.6f}")
     root.set("data-origin-x", f"{sheet.x(0.0):.6f}")
     root.set("data-origin-y", f"{sheet.y(0.0):.6f}")
 
 
-def _plan(root: ET.Element, world: World, sheet: Sheet) -> None:
+def _plan(root: ET.Element, world: World, sheet: PageScale) -> None:
     draw_floors(element(root, "g", class_="floors"), world, sheet)
     draw_passages(element(root, "g", class_="passages"), world, sheet)
     draw_furniture(element(root, "g", class_="pieces"), world.furniture, sheet)

@@ -8,8 +8,8 @@ from xml.etree import ElementTree as ET
 from specs.data.world import Furniture, Solid
 from tasks.export.drawing.plan_page import (
     Attributes,
-    Box,
-    Sheet,
+    PageBox,
+    PageScale,
     corners_m,
     covers,
     css_color,
@@ -32,11 +32,11 @@ class _Fit:
 
     text: str
     size: float
-    place: Box
+    place: PageBox
     upright: bool
 
 
-def draw_furniture(parent: ET.Element, pieces: Sequence[Furniture], sheet: Sheet) -> None:
+def draw_furniture(parent: ET.Element, pieces: Sequence[Furniture], sheet: PageScale) -> None:
     """Adds every piece, lower ones first, with its name as tooltip."""
     for piece in lowest_first(pieces):
         group = element(parent, "g", class_="furniture")
@@ -57,8 +57,8 @@ def solid_style(solid: Solid) -> Attributes:
 
 
 def draw_piece_labels(
-    parent: ET.Element, pieces: Sequence[Furniture], sheet: Sheet, occupied: Sequence[Box]
-) -> list[Box]:
+    parent: ET.Element, pieces: Sequence[Furniture], sheet: PageScale, occupied: Sequence[PageBox]
+) -> list[PageBox]:
     """Adds what each piece is, where it fits onto the piece and covers no other text; returns the boxes of the texts.
 
     Args:
@@ -76,7 +76,7 @@ def draw_piece_labels(
     return taken[len(occupied) :]
 
 
-def piece_box(piece: Furniture, sheet: Sheet) -> Box:
+def piece_box(piece: Furniture, sheet: PageScale) -> PageBox:
     """Returns the page box around all solids of a piece."""
     return page_box(piece.solids, piece.center_m, sheet)
 
@@ -93,7 +93,7 @@ def _singular(word: str) -> str:
     return word.removesuffix("s") if not word.endswith("ss") else word
 
 
-def _fitting(text: str, box: Box, taken: Sequence[Box]) -> _Fit | None:
+def _fitting(text: str, box: PageBox, taken: Sequence[PageBox]) -> _Fit | None:
     """Returns the longest form of a text that fits onto a piece, rather lying than upright."""
     first, _, last = text.partition(" and ")
     # "Sideboard" for "Sideboard and buffet"; but "End and side table" is no end.
@@ -103,8 +103,8 @@ def _fitting(text: str, box: Box, taken: Sequence[Box]) -> _Fit | None:
         for size in _LABEL_SIZES:
             half_x, half_y = text_width(form, size) / 2, size / 2
             lying, upright = (
-                Box(x - half_x, y - half_y, x + half_x, y + half_y),
-                Box(x - half_y, y - half_x, x + half_y, y + half_x),
+                PageBox(x - half_x, y - half_y, x + half_x, y + half_y),
+                PageBox(x - half_y, y - half_x, x + half_y, y + half_x),
             )
             for place in (lying, upright):
                 fits = place.width + _LABEL_MARGIN <= box.width and place.height + _LABEL_MARGIN <= box.height

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tasks.export.drawing.plan_page import Box, fitted, text_width
+from tasks.export.drawing.plan_page import PageBox, fit_text, text_width
 
 NAME_SIZE = 18.0
 DETAIL_SIZE = 12.5
@@ -40,15 +40,15 @@ class Label:
     upright: bool
 
     @property
-    def box(self) -> Box:
+    def box(self) -> PageBox:
         """Returns the page box of the text."""
         along, across = _extent(self)
         half_x, half_y = (across / 2, along / 2) if self.upright else (along / 2, across / 2)
-        return Box(self.x - half_x, self.y - half_y, self.x + half_x, self.y + half_y)
+        return PageBox(self.x - half_x, self.y - half_y, self.x + half_x, self.y + half_y)
 
 
 def place_label(
-    name: str, details: Sequence[str], room: Box, obstacles: Sequence[Box], soft: Sequence[Box] = ()
+    name: str, details: Sequence[str], room: PageBox, obstacles: Sequence[PageBox], soft: Sequence[PageBox] = ()
 ) -> Label:
     """Returns the label of a room where it covers least of the obstacles, and of those places nearest the middle.
 
@@ -67,7 +67,7 @@ def place_label(
     detail_size = _size(text_width(detail, DETAIL_SIZE), length, DETAIL_SIZE, _MIN_DETAIL_SIZE)
     if text_width(detail, detail_size) > length or _LINE * (size + detail_size) > depth:
         detail = ""
-    label = Label(0.0, 0.0, size, fitted(name, _BOLD * size, length), detail, detail_size, upright)
+    label = Label(0.0, 0.0, size, fit_text(name, _BOLD * size, length), detail, detail_size, upright)
     weights = [*((box, 1.0) for box in obstacles), *((box, _SOFT_WEIGHT) for box in soft)]
     x, y = _freest(inner, label.box, weights)
     return Label(x, y, size, label.name, detail, detail_size, upright)
@@ -83,7 +83,7 @@ def _size(wanted: float, length: float, size: float, smallest: float) -> float:
     return size if wanted <= length else max(smallest, size * length / wanted)
 
 
-def _freest(inner: Box, label: Box, obstacles: Sequence[tuple[Box, float]]) -> tuple[float, float]:
+def _freest(inner: PageBox, label: PageBox, obstacles: Sequence[tuple[PageBox, float]]) -> tuple[float, float]:
     """Returns the middle of the place, of a grid over the room, that covers least."""
     middle_x, middle_y = inner.center
     steps = np.arange(-_STEPS, _STEPS + 1)

@@ -4,15 +4,15 @@ from xml.etree import ElementTree as ET
 
 from specs.data.world import World
 from tasks.export.drawing.floor_patterns import area_m2, floor_color, pattern_key
-from tasks.export.drawing.plan_page import Box, Sheet, element, fitted, rectangle, text_width
+from tasks.export.drawing.plan_page import PageBox, PageScale, element, fit_text, rectangle, text_width
 
 _TITLE_SIZE, _SUBTITLE_SIZE, _SMALL_SIZE, _SWATCH_SIZE = 26.0, 14.0, 12.0, 11.0
 _TICK = 5.0
 _SCALE_STEPS_M = (0.5, 1.0, 2.0, 5.0, 10.0)
-_SWATCH = Box(0.0, 0.0, 22.0, 14.0)
+_SWATCH = PageBox(0.0, 0.0, 22.0, 14.0)
 
 
-def draw_title(parent: ET.Element, world: World, box: Box) -> None:
+def draw_title(parent: ET.Element, world: World, box: PageBox) -> None:
     """Adds the world's name and, below it, where it comes from."""
     total_m2 = sum(area_m2(room.floor) for room in world.rooms)
     plural = "" if len(world.rooms) == 1 else "s"
@@ -20,13 +20,13 @@ def draw_title(parent: ET.Element, world: World, box: Box) -> None:
         f"{len(world.rooms)} room{plural}, {total_m2:.1f} m² · ceiling {world.ceiling_height_m:.2f} m · "
         f"seed {world.seed} · {world.generation}"
     )
-    name = fitted(world.name, _TITLE_SIZE, box.width)
+    name = fit_text(world.name, _TITLE_SIZE, box.width)
     element(parent, "text", name, x=box.left, y=box.top + _TITLE_SIZE, font_size=_TITLE_SIZE, class_="name")
-    shown = fitted(facts, _SUBTITLE_SIZE, box.width)
+    shown = fit_text(facts, _SUBTITLE_SIZE, box.width)
     element(parent, "text", shown, x=box.left, y=box.bottom, font_size=_SUBTITLE_SIZE, class_="quiet")
 
 
-def draw_dimensions(parent: ET.Element, world: World, sheet: Sheet, offset: float) -> None:
+def draw_dimensions(parent: ET.Element, world: World, sheet: PageScale, offset: float) -> None:
     """Adds the outer dimensions of the building, above it and to its left, ``offset`` page units away.
 
     Args:
@@ -50,7 +50,7 @@ def draw_dimensions(parent: ET.Element, world: World, sheet: Sheet, offset: floa
     element(group, "text", f"{height_m:.2f} m", x=left - 6, y=y, font_size=_SMALL_SIZE, transform=turn)
 
 
-def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, longest: float) -> float:
+def draw_scale_bar(parent: ET.Element, sheet: PageScale, left: float, top: float, longest: float) -> float:
     """Adds a bar of four equal parts, as long as fits into ``longest`` page units; returns where it ends.
 
     Args:
@@ -65,7 +65,7 @@ def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, lo
     part = part_m * sheet.units_per_m
     group = element(parent, "g", class_="scale")
     for number in range(4):
-        box = Box(left + number * part, top, left + (number + 1) * part, top + 6)
+        box = PageBox(left + number * part, top, left + (number + 1) * part, top + 6)
         rectangle(group, box, class_="dark" if number % 2 == 0 else "bright")
     for number in range(0, 5, 2):
         unit = " m" if number == 4 else ""
@@ -74,7 +74,7 @@ def draw_scale_bar(parent: ET.Element, sheet: Sheet, left: float, top: float, lo
     return left + 4 * part
 
 
-def draw_floorings(parent: ET.Element, world: World, sheet: Sheet, box: Box) -> None:
+def draw_floorings(parent: ET.Element, world: World, sheet: PageScale, box: PageBox) -> None:
     """Adds a swatch of every flooring with its name, as many as fit into a row that ends at the box's right.
 
     Args:
@@ -94,7 +94,7 @@ def draw_floorings(parent: ET.Element, world: World, sheet: Sheet, box: Box) -> 
         left = right - text_width(material, _SWATCH_SIZE) - _SWATCH.width - 6
         if left < box.left:
             return
-        swatch = Box(left, box.top - 2, left + _SWATCH.width, box.top - 2 + _SWATCH.height)
+        swatch = PageBox(left, box.top - 2, left + _SWATCH.width, box.top - 2 + _SWATCH.height)
         rectangle(group, swatch, fill=color, class_="swatch")
         if key:
             rectangle(group, swatch, fill=f"url(#{key})")

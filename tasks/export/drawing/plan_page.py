@@ -1,10 +1,8 @@
-"""The sheet that a floor plan is drawn on: metres to page units, elements, and text that fits.
+"""The page that a floor plan is drawn on: metres to page units, elements, outlines of solids, and text that fits.
 
-SVG 2 (W3C Candidate Recommendation 2018) counts y downwards, worlds count it upwards; `Sheet` is the one place where it
-is turned. A page unit is a CSS pixel; the plan's longer side always takes the same number of them, so that type and
-lines have one size whatever the apartment's.
-
-Solids seen from above.
+SVG 2 (W3C Candidate Recommendation 2018) counts y downwards, worlds count it upwards; `PageScale` is the one place
+where it is turned. A page unit is a CSS pixel; the plan's longer side always takes the same number of them, so that
+type and lines have one size whatever the apartment's.
 """
 
 import math
@@ -28,7 +26,7 @@ Attributes = dict[str, str | float]
 
 
 @dataclass(frozen=True)
-class Box:
+class PageBox:
     """A rectangle in page units, y downwards."""
 
     left: float
@@ -51,19 +49,19 @@ class Box:
         """Returns the middle."""
         return (self.left + self.right) / 2, (self.top + self.bottom) / 2
 
-    def overlap(self, other: "Box") -> float:
+    def overlap(self, other: "PageBox") -> float:
         """Returns the area that both cover."""
         width = min(self.right, other.right) - max(self.left, other.left)
         height = min(self.bottom, other.bottom) - max(self.top, other.top)
         return max(0.0, width) * max(0.0, height)
 
-    def grown(self, margin: float) -> "Box":
+    def grown(self, margin: float) -> "PageBox":
         """Returns the box with every side moved outwards."""
-        return Box(self.left - margin, self.top - margin, self.right + margin, self.bottom + margin)
+        return PageBox(self.left - margin, self.top - margin, self.right + margin, self.bottom + margin)
 
 
 @dataclass(frozen=True)
-class Sheet:
+class PageScale:
     """Where the world lies on the page.
 
     Attributes:
@@ -86,9 +84,9 @@ class Sheet:
         """Returns the page y of a world y."""
         return self.top + (self.y_max_m - y_m) * self.units_per_m
 
-    def box(self, area: Rectangle) -> Box:
+    def box(self, area: Rectangle) -> PageBox:
         """Returns the page box of a rectangle on the floor."""
-        return Box(self.x(area.x_min_m), self.y(area.y_max_m), self.x(area.x_max_m), self.y(area.y_min_m))
+        return PageBox(self.x(area.x_min_m), self.y(area.y_max_m), self.x(area.x_max_m), self.y(area.y_min_m))
 
 
 def element(parent: ET.Element, tag: str, text: str = "", /, **attributes: str | float) -> ET.Element:
@@ -100,7 +98,7 @@ def element(parent: ET.Element, tag: str, text: str = "", /, **attributes: str |
     return child
 
 
-def rectangle(parent: ET.Element, box: Box, /, **attributes: str | float) -> ET.Element:
+def rectangle(parent: ET.Element, box: PageBox, /, **attributes: str | float) -> ET.Element:
     """Returns a new ``rect`` over a page box."""
     return element(parent, "rect", "", x=box.left, y=box.top, width=box.width, height=box.height, **attributes)
 
@@ -133,7 +131,7 @@ def _ems(character: str) -> float:
     return _EM_UPPER if character.isupper() else _EM_LOWER
 
 
-def fitted(text: str, size: float, width: float) -> str:
+def fit_text(text: str, size: float, width: float) -> str:
     """Returns the text, cut and ended with an ellipsis where it is wider than ``width``."""
     text = " ".join(text.split())
     if text_width(text, size) <= width:
@@ -149,7 +147,7 @@ def css_color(color: tuple[float, float, float], towards_white: float = 0.0) -> 
     return "#" + "".join(f"{round(255 * min(1.0, max(0.0, channel))):02x}" for channel in mixed)
 
 
-def draw_solid(parent: ET.Element, solid: Solid, sheet: Sheet, attributes: Attributes) -> None:
+def draw_solid(parent: ET.Element, solid: Solid, sheet: PageScale, attributes: Attributes) -> None:
     """Adds the outline of a solid.
 
     Args:
@@ -167,14 +165,14 @@ def draw_solid(parent: ET.Element, solid: Solid, sheet: Sheet, attributes: Attri
     turn: Attributes = (
         {"transform": f"rotate({-math.degrees(solid.yaw_rad):.3f} {x:.2f} {y:.2f})"} if solid.yaw_rad else {}
     )
-    rectangle(parent, Box(x - half_x, y - half_y, x + half_x, y + half_y), **{**attributes, **turn})
+    rectangle(parent, PageBox(x - half_x, y - half_y, x + half_x, y + half_y), **{**attributes, **turn})
 
 
-def page_box(solids: Iterable[Solid], center_m: tuple[float, float], sheet: Sheet) -> Box:
+def page_box(solids: Iterable[Solid], center_m: tuple[float, float], sheet: PageScale) -> PageBox:
     """Returns the page box around solids, or an empty one at ``center_m`` where there are none."""
     corners = [corner for solid in solids for corner in corners_m(solid)] or [center_m]
     xs, ys = [x for x, _ in corners], [y for _, y in corners]
-    return Box(sheet.x(min(xs)), sheet.y(max(ys)), sheet.x(max(xs)), sheet.y(min(ys)))
+    return PageBox(sheet.x(min(xs)), sheet.y(max(ys)), sheet.x(max(xs)), sheet.y(min(ys)))
 
 
 def corners_m(solid: Solid) -> list[tuple[float, float]]:

@@ -8,20 +8,29 @@ from tasks.export.drawing.door_symbols import swing_box
 from tasks.export.drawing.floor_patterns import area_m2
 from tasks.export.drawing.furniture_outlines import piece_box
 from tasks.export.drawing.labels import Label, place_label
-from tasks.export.drawing.plan_page import Attributes, Box, Sheet, bottom_m, draw_solid, element, text_width, top_m
+from tasks.export.drawing.plan_page import (
+    Attributes,
+    PageBox,
+    PageScale,
+    bottom_m,
+    draw_solid,
+    element,
+    text_width,
+    top_m,
+)
 
 START_RADIUS_M = 1.0  # docs/reference/robomaker.md, section 5: the cylinder around the origin that is always free
 _CUT_M = 1.0  # an architect's plan looks down from about here
 _MARK, _MARK_SIZE = "start", 11.5
 
 
-def draw_walls(parent: ET.Element, walls: Sequence[Solid], sheet: Sheet) -> None:
+def draw_walls(parent: ET.Element, walls: Sequence[Solid], sheet: PageScale) -> None:
     """Adds the walls: black where the cut goes through them, pale below it, dashed above it (lintels)."""
     for wall in sorted(walls, key=top_m):
         draw_solid(parent, wall, sheet, {"class_": _wall_class(wall)})
 
 
-def draw_start(parent: ET.Element, sheet: Sheet) -> Box:
+def draw_start(parent: ET.Element, sheet: PageScale) -> PageBox:
     """Adds the origin, the circle of 1 m that is free and the axes (x red, y green); returns the box of its text."""
     group = element(parent, "g", class_="start")
     element(group, "title", "Start of the robot: the origin (0, 0); 1 m around it is free")
@@ -32,19 +41,19 @@ def draw_start(parent: ET.Element, sheet: Sheet) -> Box:
     element(group, "path", d=f"M{x:.2f} {y:.2f}v{-arm:.2f}m-4 5l4 -5l4 5", class_="axis-y")
     element(group, "circle", cx=x, cy=y, r=3.5, class_="origin")
     element(group, "text", _MARK, x=x - 6, y=y + 15, class_="mark", font_size=_MARK_SIZE, text_anchor="end")
-    return Box(x - 6 - text_width(_MARK, _MARK_SIZE), y + 4, x - 6, y + 18)
+    return PageBox(x - 6 - text_width(_MARK, _MARK_SIZE), y + 4, x - 6, y + 18)
 
 
-def draw_room_labels(parent: ET.Element, world: World, sheet: Sheet) -> list[Box]:
+def draw_room_labels(parent: ET.Element, world: World, sheet: PageScale) -> list[PageBox]:
     """Adds name, area and free share of every room, where they cover least; returns the boxes of the texts."""
     reach = START_RADIUS_M * sheet.units_per_m
     x, y = sheet.x(0.0), sheet.y(0.0)
-    axes = Box(x - 0.55 * reach, y - 0.45 * reach, x + 0.45 * reach, y + 0.3 * reach)
+    axes = PageBox(x - 0.55 * reach, y - 0.45 * reach, x + 0.45 * reach, y + 0.3 * reach)
     obstacles = [piece_box(piece, sheet).grown(3.0) for piece in world.furniture]
     obstacles += [axes, *(swing_box(door, sheet) for door in world.doors)]
-    start = Box(x - reach, y - reach, x + reach, y + reach)
+    start = PageBox(x - reach, y - reach, x + reach, y + reach)
     free = {figures.room: figures.free_floor_share for figures in world.certificate.rooms}
-    labels: list[Box] = []
+    labels: list[PageBox] = []
     for room in world.rooms:
         area = f"{area_m2(room.floor):.1f} m²"
         details = [f"{area} · {100 * free[room.name]:.0f} % free", area] if room.name in free else [area]

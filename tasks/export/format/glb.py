@@ -16,7 +16,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from specs.data.world import Color, Finish, Solid, World
-from tasks.export.surface.sheets import Sheet, finish_key, sheets
+from tasks.export.surface.sheets import Covering, finish_key, sheets
 from tasks.export.surface.textures import texture_of
 from tasks.export.surface.window_boxes import window_parts
 
@@ -85,7 +85,7 @@ def _placed(place_m: tuple[float, float, float], yaw_rad: float) -> Float64[np.n
     return np.round(matrix, 9) + 0.0
 
 
-def _add_sheet(scene: trimesh.Scene, sheet: Sheet) -> None:
+def _add_sheet(scene: trimesh.Scene, sheet: Covering) -> None:
     mesh = trimesh.Trimesh(sheet.vertices_m, sheet.triangles, process=False)
     material = _finish(sheet.finish)
     mesh.visual = TextureVisuals(uv=sheet.coordinates, material=material)

@@ -10,7 +10,14 @@ import mujoco
 
 from specs.data.world import Rectangle, World
 from tasks.export.format.mjcf_finishes import add_floor, add_walls, add_windows
-from tasks.export.format.mjcf_geoms import CEILING_GROUP, FURNITURE_GROUP, WALL_GROUP, add_door, add_plane, add_solid
+from tasks.export.format.mjcf_geoms import (
+    CEILING_GROUP,
+    FURNITURE_GROUP,
+    WALL_GROUP,
+    add_door,
+    add_plane,
+    add_solid_geom,
+)
 
 MJCF_FILE = "world.xml"
 GROUND = "ground"
@@ -43,12 +50,12 @@ def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
         add_walls(spec, world, room, number)
         add_windows(spec, world, room)
     for wall in world.walls:
-        add_solid(spec.worldbody, wall, WALL_GROUP)
+        add_solid_geom(spec.worldbody, wall, WALL_GROUP)
     for door in world.doors:
         add_door(spec, door)
     for piece in world.furniture:
         for solid in piece.solids:
-            add_solid(spec.worldbody, solid, FURNITURE_GROUP)
+            add_solid_geom(spec.worldbody, solid, FURNITURE_GROUP)
     if ceiling:
         _ceiling(spec, world)
     _lights(spec, world)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from specs.data.world import Finish, Room, World
-from tasks.export.format.mjcf_geoms import GRID_SPACING_M, WALL_GROUP, add_plane, add_solid
+from tasks.export.format.mjcf_geoms import GRID_SPACING_M, WALL_GROUP, add_plane, add_solid_geom
 from tasks.export.surface.sheets import FLOOR_PREFIX, WALLS_PREFIX, finish_key
 from tasks.export.surface.skins import SKIN_LIFT_M, Panel, wall_panels
 from tasks.export.surface.textures import texture_of
@@ -73,7 +73,7 @@ def add_walls(spec: mujoco.MjSpec, world: World, room: Room, number: int) -> Non
 def add_windows(spec: mujoco.MjSpec, world: World, room: Room) -> None:
     """Adds a room's windows."""
     for part in window_parts(world, room):
-        _untouchable(add_solid(spec.worldbody, part, WALL_GROUP))
+        _untouchable(add_solid_geom(spec.worldbody, part, WALL_GROUP))
 
 
 def _add_material(spec: mujoco.MjSpec, name: str, finish: Finish) -> mujoco.MjsMaterial:

@@ -14,7 +14,7 @@ GROUND_GROUP, WALL_GROUP, FURNITURE_GROUP, CEILING_GROUP = 0, 1, 2, 3
 GRID_SPACING_M = 0.5  # MuJoCo lights corners and interpolates: no corner is further than this from the next
 
 
-def add_solid(
+def add_solid_geom(
     body: mujoco.MjsBody, solid: Solid, group: int, *, origin_m: tuple[float, float] = (0.0, 0.0)
 ) -> mujoco.MjsGeom:
     """Returns a new geom of a solid's name, shape and colour in a body that stands, not turned, at ``origin_m``.
@@ -85,4 +85,4 @@ def add_door(spec: mujoco.MjSpec, door: Door) -> None:
         damping=_DAMPING_NM_S,
         frictionloss=_FRICTION_NM,
     )
-    add_solid(body, door.leaf, FURNITURE_GROUP, origin_m=door.hinge_m).density = _DENSITY_KG_M3
+    add_solid_geom(body, door.leaf, FURNITURE_GROUP, origin_m=door.hinge_m).density = _DENSITY_KG_M3

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 from specs.data.world import Finish
-from tasks.export.surface.sheets import Sheet, finish_key
+from tasks.export.surface.sheets import Covering, finish_key
 from tasks.export.surface.textures import texture_of
 
 MATERIALS_FILE = "finishes.mtl"
 
 
-def obj(sheet: Sheet) -> bytes:
+def obj(sheet: Covering) -> bytes:
     """Returns a sheet's corners and triangles."""
     lines = [f"mtllib {MATERIALS_FILE}", "o sheet", f"usemtl {finish_key(sheet.finish)}"]
     lines += [f"v {x_m:.6f} {y_m:.6f} {z_m:.6f}" for x_m, y_m, z_m in sheet.vertices_m.tolist()]

@@ -18,14 +18,14 @@ from tasks.export.format.obj import materials, obj
 from tasks.export.format.sdf_models import (
     add_mesh,
     add_pose,
-    add_solid,
+    add_solid_to_link,
+    add_text,
     document,
-    encoded,
+    encode_xml,
     furniture_model,
     model_config,
     numbers,
-    text,
-    turned,
+    turn,
 )
 from tasks.export.surface.sheets import sheets
 from tasks.export.surface.window_boxes import window_parts
@@ -72,30 +72,30 @@ def _world(world: World, name: str, models: dict[str, str]) -> bytes:
         _include(element, models[piece.name], piece.name, (*piece.center_m, piece.yaw_rad))
     for door in world.doors:
         _door(element, door)
-    return encoded(root)
+    return encode_xml(root)
 
 
 def _scene(element: ET.Element, world: World) -> None:
-    text(element, "gravity", "0 0 -9.81")
+    add_text(element, "gravity", "0 0 -9.81")
     scene = ET.SubElement(element, "scene")
-    text(scene, "ambient", "0.5 0.5 0.5 1")
-    text(scene, "background", "0.82 0.86 0.9 1")
-    text(scene, "shadows", "true")
+    add_text(scene, "ambient", "0.5 0.5 0.5 1")
+    add_text(scene, "background", "0.82 0.86 0.9 1")
+    add_text(scene, "shadows", "true")
     for number, light in enumerate(world.lights, start=1):
         lamp = ET.SubElement(element, "light", name=f"light-{number}", type="point")
         add_pose(lamp, (*light.position_m, 0.0))
-        text(lamp, "cast_shadows", "false")
-        text(lamp, "diffuse", "0.5 0.5 0.48 1")
-        text(lamp, "specular", "0.05 0.05 0.05 1")
+        add_text(lamp, "cast_shadows", "false")
+        add_text(lamp, "diffuse", "0.5 0.5 0.48 1")
+        add_text(lamp, "specular", "0.05 0.05 0.05 1")
         attenuation = ET.SubElement(lamp, "attenuation")
         for tag, value in (("range", "12"), ("constant", "0.6"), ("linear", "0.05"), ("quadratic", "0.02")):
-            text(attenuation, tag, value)
+            add_text(attenuation, tag, value)
 
 
 def _include(element: ET.Element, model: str, name: str, place: tuple[float, float, float]) -> None:
     include = ET.SubElement(element, "include")
-    text(include, "uri", f"model://{model}")
-    text(include, "name", name)
+    add_text(include, "uri", f"model://{model}")
+    add_text(include, "name", name)
     add_pose(include, (place[0], place[1], 0.0, place[2]))
 
 
@@ -103,15 +103,15 @@ def _building(world: World, name: str) -> dict[str, bytes]:
     """Returns the model of all that stands still and is no furniture."""
     root = document()
     model = ET.SubElement(root, "model", name=f"{name}_building")
-    text(model, "static", "true")
+    add_text(model, "static", "true")
     link = ET.SubElement(model, "link", name="building")
     plane = ET.SubElement(ET.SubElement(ET.SubElement(link, "collision", name=GROUND), "geometry"), "plane")
-    text(plane, "normal", "0 0 1")
-    text(plane, "size", f"{_GROUND_M:g} {_GROUND_M:g}")
+    add_text(plane, "normal", "0 0 1")
+    add_text(plane, "size", f"{_GROUND_M:g} {_GROUND_M:g}")
     for wall in world.walls:
-        add_solid(link, wall, (*wall.center_m, wall.yaw_rad))
+        add_solid_to_link(link, wall, (*wall.center_m, wall.yaw_rad))
     for part in (part for room in world.rooms for part in window_parts(world, room)):
-        add_solid(link, part, (*part.center_m, 0.0), touched=False)
+        add_solid_to_link(link, part, (*part.center_m, 0.0), touched=False)
     files = {"model.config": model_config(f"{name}_building", "Walls, floors and windows")}
     coverings = sheets(world)
     for number, sheet in enumerate(coverings, start=1):
@@ -120,7 +120,7 @@ def _building(world: World, name: str) -> dict[str, bytes]:
         add_mesh(link, sheet.name, f"model://{name}_building/{file}")
     finishes = {sheet.finish: None for sheet in coverings}
     files |= {f"meshes/{file}": body for file, body in materials(list(finishes)).items()}
-    files["model.sdf"] = encoded(root)
+    files["model.sdf"] = encode_xml(root)
     return files
 
 
@@ -130,23 +130,23 @@ def _door(element: ET.Element, door: Door) -> None:
     model = ET.SubElement(element, "model", name=door.name)
     add_pose(model, (x_m, y_m, 0.0, leaf.yaw_rad))
     link = ET.SubElement(model, "link", name="leaf")
-    ahead_m, aside_m = turned(leaf.center_m[0] - x_m, leaf.center_m[1] - y_m, -leaf.yaw_rad)
+    ahead_m, aside_m = turn(leaf.center_m[0] - x_m, leaf.center_m[1] - y_m, -leaf.yaw_rad)
     pose = (ahead_m, aside_m, leaf.center_m[2], 0.0)
     _inertial(link, leaf.half_extents_m, pose)
-    add_solid(link, leaf, pose)
+    add_solid_to_link(link, leaf, pose)
     hinge = ET.SubElement(model, "joint", name="hinge", type="revolute")
-    text(hinge, "parent", "world")
-    text(hinge, "child", "leaf")
+    add_text(hinge, "parent", "world")
+    add_text(hinge, "child", "leaf")
     axis = ET.SubElement(hinge, "axis")
     quarter_rad = math.remainder(door.open_yaw_rad - door.closed_yaw_rad, 2 * math.pi)
-    text(axis, "xyz", f"0 0 {math.copysign(1, quarter_rad):g}")
+    add_text(axis, "xyz", f"0 0 {math.copysign(1, quarter_rad):g}")
     opened_rad = abs(quarter_rad) * door.open_percent / 100.0
     limit = ET.SubElement(axis, "limit")
-    text(limit, "lower", numbers((-opened_rad,)))
-    text(limit, "upper", numbers((abs(quarter_rad) - opened_rad,)))
+    add_text(limit, "lower", numbers((-opened_rad,)))
+    add_text(limit, "upper", numbers((abs(quarter_rad) - opened_rad,)))
     dynamics = ET.SubElement(axis, "dynamics")
-    text(dynamics, "damping", _DAMPING_NM_S)
-    text(dynamics, "friction", _FRICTION_NM)
+    add_text(dynamics, "damping", _DAMPING_NM_S)
+    add_text(dynamics, "friction", _FRICTION_NM)
 
 
 def _inertial(link: ET.Element, half_m: tuple[float, float, float], pose: tuple[float, float, float, float]) -> None:
@@ -155,9 +155,9 @@ def _inertial(link: ET.Element, half_m: tuple[float, float, float], pose: tuple[
     squares_m2 = [side**2 for side in half_m]
     inertial = ET.SubElement(link, "inertial")
     add_pose(inertial, pose)
-    text(inertial, "mass", numbers((mass_kg,)))
+    add_text(inertial, "mass", numbers((mass_kg,)))
     inertia = ET.SubElement(inertial, "inertia")
     for axis, tag in enumerate(("ixx", "iyy", "izz")):
-        text(inertia, tag, numbers((mass_kg / 3 * (sum(squares_m2) - squares_m2[axis]),)))
+        add_text(inertia, tag, numbers((mass_kg / 3 * (sum(squares_m2) - squares_m2[axis]),)))
     for tag in ("ixy", "ixz", "iyz"):
-        text(inertia, tag, "0")
+        add_text(inertia, tag, "0")

@@ -21,13 +21,13 @@ def document() -> ET.Element:
     return ET.Element("sdf", version=SDF_VERSION)
 
 
-def encoded(root: ET.Element) -> bytes:
+def encode_xml(root: ET.Element) -> bytes:
     """Returns a document as bytes, indented."""
     ET.indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="utf-8") + b"\n"
 
 
-def text(parent: ET.Element, tag: str, value: object) -> ET.Element:
+def add_text(parent: ET.Element, tag: str, value: object) -> ET.Element:
     """Returns a new child with a text."""
     child = ET.SubElement(parent, tag)
     child.text = str(value)
@@ -44,10 +44,10 @@ def numbers(values: Iterable[float]) -> str:
 def add_pose(parent: ET.Element, pose: Pose) -> None:
     """Adds a pose."""
     x_m, y_m, z_m, yaw_rad = pose
-    text(parent, "pose", numbers((x_m, y_m, z_m, 0.0, 0.0, yaw_rad)))
+    add_text(parent, "pose", numbers((x_m, y_m, z_m, 0.0, 0.0, yaw_rad)))
 
 
-def add_solid(link: ET.Element, solid: Solid, pose: Pose, *, touched: bool = True) -> None:
+def add_solid_to_link(link: ET.Element, solid: Solid, pose: Pose, *, touched: bool = True) -> None:
     """Adds a solid to a link, as it is seen and, unless it is only to be looked at, touched.
 
     Args:
@@ -67,19 +67,19 @@ def add_solid(link: ET.Element, solid: Solid, pose: Pose, *, touched: bool = Tru
 def add_mesh(link: ET.Element, name: str, uri: str) -> None:
     """Adds a mesh that is seen and not touched; its file says what it looks like."""
     visual = ET.SubElement(link, "visual", name=name)
-    text(visual, "cast_shadows", "false")
-    text(ET.SubElement(ET.SubElement(visual, "geometry"), "mesh"), "uri", uri)
+    add_text(visual, "cast_shadows", "false")
+    add_text(ET.SubElement(ET.SubElement(visual, "geometry"), "mesh"), "uri", uri)
 
 
 def add_color(visual: ET.Element, color: Color) -> None:
     """Adds a material of one colour."""
     material = ET.SubElement(visual, "material")
     for light in ("ambient", "diffuse"):
-        text(material, light, numbers((*color, 1.0)))
-    text(material, "specular", "0.05 0.05 0.05 1")
+        add_text(material, light, numbers((*color, 1.0)))
+    add_text(material, "specular", "0.05 0.05 0.05 1")
 
 
-def turned(x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
+def turn(x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
     """Returns a vector turned counter-clockwise."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     return cos * x_m - sin * y_m, sin * x_m + cos * y_m
@@ -90,10 +90,10 @@ def _geometry(parent: ET.Element, solid: Solid) -> None:
     geometry = ET.SubElement(parent, "geometry")
     if solid.shape == "cylinder":
         cylinder = ET.SubElement(geometry, "cylinder")
-        text(cylinder, "radius", numbers((x_m,)))
-        text(cylinder, "length", numbers((2 * z_m,)))
+        add_text(cylinder, "radius", numbers((x_m,)))
+        add_text(cylinder, "length", numbers((2 * z_m,)))
     else:
-        text(ET.SubElement(geometry, "box"), "size", numbers((2 * x_m, 2 * y_m, 2 * z_m)))
+        add_text(ET.SubElement(geometry, "box"), "size", numbers((2 * x_m, 2 * y_m, 2 * z_m)))
 
 
 _DIGEST_CHARACTERS = 12
@@ -112,23 +112,23 @@ def furniture_model(piece: Furniture) -> tuple[str, dict[str, bytes]]:
     model_name = f"aws_robomaker_{kind}_{shape}"
     root = document()
     model = ET.SubElement(root, "model", name=model_name)
-    text(model, "static", "true")
+    add_text(model, "static", "true")
     link = ET.SubElement(model, "link", name="link")
     for name, solid, pose in parts:
-        add_solid(link, solid.model_copy(update={"name": name}), pose)
-    return model_name, {"model.config": model_config(model_name, piece.model_type), "model.sdf": encoded(root)}
+        add_solid_to_link(link, solid.model_copy(update={"name": name}), pose)
+    return model_name, {"model.config": model_config(model_name, piece.model_type), "model.sdf": encode_xml(root)}
 
 
 def model_config(name: str, description: str) -> bytes:
     """Returns the file that tells Gazebo of a model."""
     root = ET.Element("model")
-    text(root, "name", name)
-    text(root, "version", "1.0")
-    sdf = text(root, "sdf", "model.sdf")
+    add_text(root, "name", name)
+    add_text(root, "version", "1.0")
+    sdf = add_text(root, "sdf", "model.sdf")
     sdf.set("version", SDF_VERSION)
-    text(ET.SubElement(root, "author"), "name", "Simyard")
-    text(root, "description", description)
-    return encoded(root)
+    add_text(ET.SubElement(root, "author"), "name", "Simyard")
+    add_text(root, "description", description)
+    return encode_xml(root)
 
 
 def _part_name(piece: Furniture, solid: Solid) -> str:
@@ -138,7 +138,7 @@ def _part_name(piece: Furniture, solid: Solid) -> str:
 
 def _pose_in(piece: Furniture, solid: Solid) -> Pose:
     """Returns where a solid is in the frame of its piece, whose origin is on the floor under its middle."""
-    x_m, y_m = turned(solid.center_m[0] - piece.center_m[0], solid.center_m[1] - piece.center_m[1], -piece.yaw_rad)
+    x_m, y_m = turn(solid.center_m[0] - piece.center_m[0], solid.center_m[1] - piece.center_m[1], -piece.yaw_rad)
     yaw_rad = 0.0 if solid.shape == "cylinder" else math.remainder(solid.yaw_rad - piece.yaw_rad, 2 * math.pi)
     # A box looks the same after half a turn; which half it is shall not depend on the last bit.
     yaw_rad = round(math.remainder(round(yaw_rad, 6), round(math.pi, 6)), 5)

@@ -13,7 +13,7 @@ import math
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade, Vt
 
 from specs.data.world import Color, Door, Finish, Solid, World
-from tasks.export.surface.sheets import Sheet, finish_key, sheets
+from tasks.export.surface.sheets import Covering, finish_key, sheets
 from tasks.export.surface.textures import texture_of
 from tasks.export.surface.window_boxes import window_parts
 
@@ -121,7 +121,7 @@ class _Stage:
         if touched:
             UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
 
-    def _sheet(self, parent: Sdf.Path, sheet: Sheet) -> None:
+    def _sheet(self, parent: Sdf.Path, sheet: Covering) -> None:
         mesh = UsdGeom.Mesh(self._named("Mesh", parent, sheet.name))
         points = [Gf.Vec3f(*corner) for corner in sheet.vertices_m.tolist()]
         mesh.CreatePointsAttr(points)

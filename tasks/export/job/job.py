@@ -40,7 +40,7 @@ Progress = Callable[[int, int], None]
 _log = logging.getLogger(__name__)
 
 
-class Elsewhere(Protocol):
+class ExportWorkers(Protocol):
     """Workers that keep the files of worlds in the store (``world_files``), as many as they come to."""
 
     def __call__(
@@ -71,7 +71,7 @@ def run_export_job(
     formats: Collection[WorldFormat],
     token: str,
     progress: Progress,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: ExportWorkers | None = None,
 ) -> JobRecord:
     """Returns the record of the export job, ended: Completed, Failed or Canceled.
 
@@ -93,8 +93,8 @@ def run_export_job(
         record = read(store, KIND, job)
         if is_terminal(record):
             return record
-        record = _worked_off(_Work(store, request, formats, job, progress, elsewhere), record)
-        _dropped(store, job)
+        record = _work_off(_Work(store, request, formats, job, progress, elsewhere), record)
+        _drop_kept_parts(store, job)
         return record
 
 
@@ -109,7 +109,7 @@ class _Work:
     formats: Collection[WorldFormat]
     job: str
     progress: Progress
-    elsewhere: Elsewhere | None
+    elsewhere: ExportWorkers | None
 
     def goes_on(self) -> bool:
         return read(self.store, KIND, self.job).status not in _STOPPED
@@ -119,7 +119,7 @@ class _Work:
             raise _Canceling
 
 
-def _worked_off(work: _Work, record: JobRecord) -> JobRecord:
+def _work_off(work: _Work, record: JobRecord) -> JobRecord:
     store, job = work.store, work.job
     if record.status == "Canceling":
         return advance(store, KIND, job, "Canceled")
@@ -134,7 +134,7 @@ def _worked_off(work: _Work, record: JobRecord) -> JobRecord:
         return advance(store, KIND, job, "Failed", failure_code=failure_code(exc), failure_reason=failure_reason(exc))
 
 
-def _completed(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecord:
+def _complete(store: Store, job: str, detail: dict[str, JsonValue]) -> JobRecord:
     record = advance(store, KIND, job, "Completed", detail=detail, only_from={"Running"})
     if record.status in _STOPPED:
         raise _Canceling
@@ -158,7 +158,7 @@ def _export(work: _Work) -> JobRecord:
         work.checked()
         upload(bucket, zip_key, target)  # last: where it lies, all lies
         urls: list[JsonValue] = [f"{bucket.url}/{plan_keys[each]}" for each in plans]
-        return _completed(work.store, work.job, {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256})
+        return _complete(work.store, work.job, {"zip": f"{bucket.url}/{zip_key}", "svg": urls, "sha256": sha256})
 
 
 def _parts(work: _Work, references: Sequence[str], plans: dict[str, bytes]) -> Iterator[WorldFiles]:
@@ -182,7 +182,7 @@ def _parts(work: _Work, references: Sequence[str], plans: dict[str, bytes]) -> I
         work.progress(max(made, number), total)
 
 
-def _dropped(store: Store, job: str) -> None:
+def _drop_kept_parts(store: Store, job: str) -> None:
     try:
         drop_parts(store, job)
     except StoreError as exc:  # the job has ended, and `simyard gc` comes by

@@ -1,4 +1,4 @@
-"""Bringing files to a bucket over a network that fails now and then."""
+"""Uploads files to a bucket over a network that fails now and then."""
 
 import logging
 import random

@@ -10,7 +10,16 @@ from tasks.export.drawing.floor_patterns import area_m2, floor_color
 from tasks.export.drawing.floor_plan import PLAN_STYLE
 from tasks.export.drawing.furniture_outlines import lowest_first, piece_box, solid_style
 from tasks.export.drawing.legend import draw_scale_bar
-from tasks.export.drawing.plan_page import Box, Sheet, draw_solid, element, fitted, from_above, rectangle, text_width
+from tasks.export.drawing.plan_page import (
+    PageBox,
+    PageScale,
+    draw_solid,
+    element,
+    fit_text,
+    from_above,
+    rectangle,
+    text_width,
+)
 from tasks.export.drawing.wall_section import START_RADIUS_M, draw_walls
 
 MOST_WORLDS = 60
@@ -49,7 +58,7 @@ def contact_sheet_svg(worlds: Iterable[World], *, title: str, total: int | None 
     _header(root, shown, title, count, grid.width)
     for number, world in enumerate(shown):
         _cell(root, world, grid.cell(number), grid.units_per_m)
-    bar = Sheet(0.0, 0.0, grid.units_per_m, 0.0, 0.0)
+    bar = PageScale(0.0, 0.0, grid.units_per_m, 0.0, 0.0)
     draw_scale_bar(root, bar, _MARGIN, grid.height - _FOOTER_HEIGHT + 8, _PLAN_SIDE)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -71,12 +80,12 @@ class _Grid:
     def _step(self) -> float:
         return self._plan_height + _CAPTION_HEIGHT + _GAP / 2
 
-    def cell(self, number: int) -> Box:
+    def cell(self, number: int) -> PageBox:
         """Returns the page box of a cell's plan."""
         row, column = divmod(number, self.columns)
         left = _MARGIN + column * (_PLAN_SIDE + _GAP)
         top = _HEADER_HEIGHT + _MARGIN + row * self._step
-        return Box(left, top, left + _PLAN_SIDE, top + self._plan_height)
+        return PageBox(left, top, left + _PLAN_SIDE, top + self._plan_height)
 
 
 def _root(grid: _Grid, title: str, count: int) -> ET.Element:
@@ -90,9 +99,9 @@ def _root(grid: _Grid, title: str, count: int) -> ET.Element:
 
 def _header(root: ET.Element, worlds: Sequence[World], title: str, count: int, width: float) -> None:
     inner = width - 2 * _MARGIN
-    heading = fitted(title, _TITLE_SIZE, inner)
+    heading = fit_text(title, _TITLE_SIZE, inner)
     element(root, "text", heading, x=_MARGIN, y=_MARGIN + 20, font_size=_TITLE_SIZE, class_="name")
-    facts = fitted(summary(worlds, count), _SUBTITLE_SIZE, inner)
+    facts = fit_text(summary(worlds, count), _SUBTITLE_SIZE, inner)
     element(root, "text", facts, x=_MARGIN, y=_MARGIN + 46, font_size=_SUBTITLE_SIZE, class_="quiet")
 
 
@@ -114,16 +123,16 @@ def summary(worlds: Sequence[World], count: int) -> str:
     return " · ".join(parts)
 
 
-def _cell(root: ET.Element, world: World, box: Box, units_per_m: float) -> None:
+def _cell(root: ET.Element, world: World, box: PageBox, units_per_m: float) -> None:
     area = world.footprint
     height = (area.y_max_m - area.y_min_m) * units_per_m
     group = element(root, "g", class_="plan")
     element(group, "title", world.name)
-    _miniature(group, world, Sheet(area.x_min_m, area.y_max_m, units_per_m, box.left, box.bottom - height))
+    _miniature(group, world, PageScale(area.x_min_m, area.y_max_m, units_per_m, box.left, box.bottom - height))
     _caption(root, world, box)
 
 
-def _miniature(parent: ET.Element, world: World, sheet: Sheet) -> None:
+def _miniature(parent: ET.Element, world: World, sheet: PageScale) -> None:
     rectangle(parent, sheet.box(world.footprint), class_="threshold")
     for room in world.rooms:
         rectangle(parent, sheet.box(room.floor), fill=floor_color(room.flooring))
@@ -142,7 +151,7 @@ def _miniature(parent: ET.Element, world: World, sheet: Sheet) -> None:
     _room_names(parent, world, sheet)
 
 
-def _room_names(parent: ET.Element, world: World, sheet: Sheet) -> None:
+def _room_names(parent: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds the name of every room that has the width for it, where it covers least furniture."""
     reach = START_RADIUS_M
     start = sheet.box(Rectangle(x_min_m=-reach, y_min_m=-reach, x_max_m=reach, y_max_m=reach))
@@ -159,14 +168,14 @@ def _room_names(parent: ET.Element, world: World, sheet: Sheet) -> None:
         element(parent, "text", room.name, x=x, y=y + 3, font_size=_ROOM_SIZE, class_="room-name")
 
 
-def _place(inner: Box, width: float, across: float, down: float) -> Box:
+def _place(inner: PageBox, width: float, across: float, down: float) -> PageBox:
     """Returns the box of a line of text at shares 0-1 of the space that it leaves in a room."""
     left = inner.left + across * (inner.width - width)
     top = inner.top + down * (inner.height - _ROOM_SIZE)
-    return Box(left, top, left + width, top + _ROOM_SIZE)
+    return PageBox(left, top, left + width, top + _ROOM_SIZE)
 
 
-def _caption(root: ET.Element, world: World, box: Box) -> None:
+def _caption(root: ET.Element, world: World, box: PageBox) -> None:
     certificate = world.certificate
     total_m2 = sum(area_m2(room.floor) for room in world.rooms)
     unmet = len(certificate.unmet)
@@ -175,9 +184,9 @@ def _caption(root: ET.Element, world: World, box: Box) -> None:
         f"robot up to {certificate.reachable_robot_radius_m:.2f} m"
     )
     wishes = f"{unmet} of {len(certificate.wishes)} wishes not fulfilled" if unmet else "every wish fulfilled"
-    name = fitted(world.name, _NAME_SIZE, box.width)
+    name = fit_text(world.name, _NAME_SIZE, box.width)
     element(root, "text", name, x=box.left, y=box.bottom + 19, font_size=_NAME_SIZE, class_="name")
-    shown = fitted(facts, _FACT_SIZE, box.width)
+    shown = fit_text(facts, _FACT_SIZE, box.width)
     element(root, "text", shown, x=box.left, y=box.bottom + 35, font_size=_FACT_SIZE, class_="quiet")
     if certificate.wishes:
         kept = "unkept" if unmet else "kept"

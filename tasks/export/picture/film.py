@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from specs.base import Spec
 from specs.data.world import World
-from tasks.export.picture.render import CHANNELS, Pixels, drawing, pixels_of
+from tasks.export.picture.render import CHANNELS, Pixels, pixels_of, start_renderer
 
 Shoot = Callable[[float, float, float], Pixels]
 """Takes the robot's pose (x m, y m, yaw rad)."""
@@ -38,7 +38,7 @@ def filming(scene: Scene, width: int, height: int, samples: int = _SAMPLES) -> G
         height: Rows of a picture.
         samples: Renderings that what stands still is the mean of.
     """
-    with drawing("film_process", [str(width), str(height), str(samples)]) as ask:
+    with start_renderer("film_process", [str(width), str(height), str(samples)]) as ask:
         if ask is None:
             yield None
             return

@@ -17,7 +17,7 @@ from tasks.export.format.mjcf import world_spec
 from tasks.export.picture.cutaway import cut_open
 from tasks.export.picture.film import Scene
 from tasks.export.picture.render import READY, Pixels
-from tasks.export.picture.render_process import CUT_M, framed, gl_that_works, lit_model, rendered, views
+from tasks.export.picture.render_process import CUT_M, gl_that_works, lit_model, render, views, whole_view
 
 _HULL, _NOSE = (0.98, 0.67, 0.0, 1.0), (0.13, 0.13, 0.14, 1.0)
 _AWAY_M = -1e3
@@ -51,7 +51,7 @@ class _Stage:
     """A scene that was rendered well without its robot; a GL context is current."""
 
     def __init__(self, scene: Scene, width: int, height: int, samples: int) -> None:
-        self._ground = rendered(scene.world, width, height, samples)
+        self._ground = render(scene.world, width, height, samples)
         self._model = lit_model(_with_robot(scene), width, height)
         self._data = mujoco.MjData(self._model)
         self._scene = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom + 100)
@@ -59,7 +59,7 @@ class _Stage:
         self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._area = mujoco.MjrRect(0, 0, width, height)
-        view = framed(scene.world, width / height)
+        view = whole_view(scene.world, width / height)
         self._camera, toward = next(views(view, 1, height))
         self._model.light_dir[0], self._model.light_pos[0] = -toward, view.target_m + toward * view.distance_m
         self._empty = self._plain(0.0, 0.0, _AWAY_M, 0.0)

@@ -40,7 +40,7 @@ def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Ren
         height: Rows of a picture.
         samples: Renderings that a picture is the mean of; shadows have about half as many steps.
     """
-    with drawing("render_process", [str(width), str(height), str(samples)]) as ask:
+    with start_renderer("render_process", [str(width), str(height), str(samples)]) as ask:
         if ask is None:
             yield None
             return
@@ -50,7 +50,7 @@ def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Ren
 
 
 @contextmanager
-def drawing(module: str, arguments: Sequence[str]) -> Generator[Ask | None, None, None]:
+def start_renderer(module: str, arguments: Sequence[str]) -> Generator[Ask | None, None, None]:
     """Yields a function that asks a process of its own, which draws with a GL; None where no GL is.
 
     Args:
@@ -58,7 +58,7 @@ def drawing(module: str, arguments: Sequence[str]) -> Generator[Ask | None, None
         arguments: Its command line.
     """
     with tempfile.TemporaryFile() as complaints:
-        process = _started(module, arguments, complaints)
+        process = _start_process(module, arguments, complaints)
         if process is None:
             yield None
             return
@@ -80,7 +80,7 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
         return None if render is None else encode_rgb(render(world, ()))
 
 
-def _started(module: str, arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
+def _start_process(module: str, arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
     """Returns the process, ready to draw with the first GL that works: MUJOCO_GL's, else any."""
     wanted = os.environ.get(_GL)
     for backend in (wanted,) if wanted else _BACKENDS:
@@ -103,14 +103,14 @@ def _answer(process: subprocess.Popen[bytes], what: str, question: bytes, length
     Raises:
         RuntimeError: It ended, which a GL that works is no reason for.
     """
-    answer = _asked(process, question + b"\n", length)
+    answer = _ask(process, question + b"\n", length)
     if len(answer) < length:
         complaints.seek(0)
         raise RuntimeError(f"rendering {what} failed: {complaints.read().decode(errors='replace')[-2000:]}")
     return answer
 
 
-def _asked(process: subprocess.Popen[bytes], question: bytes, length: int) -> bytes:
+def _ask(process: subprocess.Popen[bytes], question: bytes, length: int) -> bytes:
     """Returns the answer, shorter than ``length`` when the process has ended."""
     if process.stdin is None or process.stdout is None:
         return b""

@@ -46,7 +46,7 @@ _TEXT_RGB = (0.15, 0.17, 0.19)
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """Where the camera is.
 
     Attributes:
@@ -83,8 +83,8 @@ def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: Bina
     pictures.flush()
     for line in worlds:
         caption, world = REQUEST.validate_json(line)
-        below = captioned(caption, width)
-        picture = rendered(world, width, height - len(below), samples)
+        below = draw_caption(caption, width)
+        picture = render(world, width, height - len(below), samples)
         pictures.write(np.concatenate([picture, below]).tobytes())
         pictures.flush()
     context.free()
@@ -99,7 +99,7 @@ def gl_that_works(width: int, height: int) -> mujoco.GLContext:
     return context
 
 
-def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
+def render(world: World, width: int, height: int, samples: int) -> Pixels:
     """Returns a picture of a world cut open; a GL context is current.
 
     Args:
@@ -108,10 +108,10 @@ def rendered(world: World, width: int, height: int, samples: int) -> Pixels:
         height: Of the picture, in pixels.
         samples: Samples a pixel.
     """
-    return photographed(world_spec(cut_open(world, CUT_M)), framed(world, width / height), width, height, samples)
+    return photograph(world_spec(cut_open(world, CUT_M)), whole_view(world, width / height), width, height, samples)
 
 
-def photographed(spec: mujoco.MjSpec, view: View, width: int, height: int, samples: int) -> Pixels:
+def photograph(spec: mujoco.MjSpec, view: CameraView, width: int, height: int, samples: int) -> Pixels:
     """Returns a picture of a model that has a world's ground and sky; a GL context is current.
 
     Args:
@@ -142,7 +142,7 @@ def photographed(spec: mujoco.MjSpec, view: View, width: int, height: int, sampl
     return np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
 
 
-def captioned(lines: Sequence[str], width: int) -> Pixels:
+def draw_caption(lines: Sequence[str], width: int) -> Pixels:
     """Returns lines of text, black on white, the first one larger; what is not ASCII is left out."""
     height = CAPTION_LINE * len(lines)
     pixels = np.full((height, width, 3), 255, np.uint8)
@@ -164,7 +164,7 @@ def captioned(lines: Sequence[str], width: int) -> Pixels:
     return pixels[::-1]
 
 
-def framed(world: World, aspect: float) -> View:
+def whole_view(world: World, aspect: float) -> CameraView:
     """Returns the view in which the whole apartment just fits into a picture; long ones lie across it."""
     area = world.footprint
     deep = area.y_max_m - area.y_min_m > 1.4 * (area.x_max_m - area.x_min_m)
@@ -172,7 +172,7 @@ def framed(world: World, aspect: float) -> View:
     corners = np.array(
         [(x, y, z) for x in (area.x_min_m, area.x_max_m) for y in (area.y_min_m, area.y_max_m) for z in (0.0, CUT_M)]
     )
-    view = View(corners.mean(axis=0), 10.0, azimuth_rad)
+    view = CameraView(corners.mean(axis=0), 10.0, azimuth_rad)
     half_height = math.tan(_FOVY_RAD / 2)
     for _ in range(4):  # perspective makes each step an estimate; the fourth moves nothing by a pixel
         seen = (corners - view.target_m) @ view.axes.T
@@ -181,7 +181,7 @@ def framed(world: World, aspect: float) -> View:
         low, high = spread.min(axis=0), spread.max(axis=0)
         shift = (low + high) / 2 * (half_height * aspect, half_height) * view.distance_m
         grown = float(max(high - low)) / 2 * _MARGIN
-        view = View(view.target_m + shift @ view.axes[:2], view.distance_m * grown, azimuth_rad)
+        view = CameraView(view.target_m + shift @ view.axes[:2], view.distance_m * grown, azimuth_rad)
     return view
 
 
@@ -210,7 +210,7 @@ def lit_model(spec: mujoco.MjSpec, width: int, height: int) -> mujoco.MjModel:
     return spec.compile()
 
 
-def views(view: View, count: int, height: int) -> Iterator[tuple[mujoco.MjvCamera, Float64[np.ndarray, "3"]]]:
+def views(view: CameraView, count: int, height: int) -> Iterator[tuple[mujoco.MjvCamera, Float64[np.ndarray, "3"]]]:
     """Yields cameras, each shifted by another part of a pixel, and directions to the light: sky and sun in turn."""
     right, up, _ = view.axes
     pixel_m = 2.0 * view.distance_m * math.tan(_FOVY_RAD / 2) / height

@@ -19,7 +19,7 @@ _DIGITS = 6
 
 
 @dataclass(frozen=True)
-class Sheet:
+class Covering:
     """One flat covering.
 
     Attributes:
@@ -43,9 +43,9 @@ def finish_key(finish: Finish) -> str:
     return f"{finish.pattern}-{digest(finish)[:12]}"
 
 
-def sheets(world: World) -> list[Sheet]:
+def sheets(world: World) -> list[Covering]:
     """Returns the coverings of all rooms, a floor and, where there is any wall, walls for each."""
-    found: list[Sheet] = []
+    found: list[Covering] = []
     for room in world.rooms:
         found.append(floor_sheet(room))
         panels = wall_panels(world, room)
@@ -54,7 +54,7 @@ def sheets(world: World) -> list[Sheet]:
     return found
 
 
-def floor_sheet(room: Room) -> Sheet:
+def floor_sheet(room: Room) -> Covering:
     """Returns the covering of a room's floor."""
     area = room.floor
     corners = [(area.x_min_m, area.y_min_m), (area.x_max_m, area.y_min_m), (area.x_max_m, area.y_max_m)]
@@ -63,14 +63,14 @@ def floor_sheet(room: Room) -> Sheet:
     return _sheet(FLOOR_PREFIX + room.name, room.flooring, [quad])
 
 
-def _sheet(name: str, finish: Finish, quads: list[list[tuple[float, ...]]]) -> Sheet:
+def _sheet(name: str, finish: Finish, quads: list[list[tuple[float, ...]]]) -> Covering:
     """Returns quadrilaterals as one sheet; a corner is (x, y, z, along, up), metres."""
     corners = np.round(np.array(quads).reshape(-1, 5), _DIGITS)
     texture = texture_of(finish)
     extent_m = np.array(texture.extent_m if texture else (1.0, 1.0))
     first = 4 * np.arange(len(quads))[:, None]
     triangles = (first + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
-    return Sheet(name, finish, corners[:, :3], np.round(corners[:, 3:] / extent_m, _DIGITS), triangles)
+    return Covering(name, finish, corners[:, :3], np.round(corners[:, 3:] / extent_m, _DIGITS), triangles)
 
 
 def _upright(panel: Panel) -> list[tuple[float, ...]]:

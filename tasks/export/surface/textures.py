@@ -39,7 +39,7 @@ class Tiling:
     draw: Draw
 
 
-def mottled(rng: np.random.Generator, shape: tuple[int, int], units: tuple[int, int]) -> Shares:
+def draw_mottle(rng: np.random.Generator, shape: tuple[int, int], units: tuple[int, int]) -> Shares:
     """Returns a surface without divisions: soft clouds and a little grain."""
     del units
     return 0.15 + 0.8 * _clouds(rng, shape, 8) + 0.5 * _clouds(rng, shape, 32) + 0.25 * _noise(rng, shape)
@@ -125,7 +125,7 @@ def stripes(rng: np.random.Generator, shape: tuple[int, int], units: tuple[int, 
 
 
 TILINGS: Mapping[Pattern, Tiling] = {
-    "plain": Tiling((2, 2), (128, 128), mottled),
+    "plain": Tiling((2, 2), (128, 128), draw_mottle),
     "fibres": Tiling((32, 32), (128, 128), fibres),
     "planks": Tiling((2, 8), (256, 256), planks),
     "parquet": Tiling((2, 8), (256, 256), parquet),

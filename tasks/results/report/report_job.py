@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from specs.data.world import Room
-from specs.errors import ObjectNotFound
+from specs.errors import ObjectNotFound, WorldChanged
 from specs.field_types import OutputLocation
 from tasks.results.report.facts import BatchFacts
 from tasks.results.report.places import Worlds
@@ -18,7 +18,7 @@ from tasks.results.tables.stored_rows import require_as_written
 from tasks.storage.base.keys import checked_name, output_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.worlds import WorldChanged, decode_world, pinned_world_bytes, world_bytes
+from tasks.storage.worlds import decode_world, pinned_world_bytes, world_bytes
 
 logger = logging.getLogger(__name__)
 REPORT_FILE = "report.html"

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished
 from specs.data.world import World
-from specs.errors import ObjectNotFound
+from specs.errors import ObjectNotFound, WorldChanged
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, committed_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
@@ -20,7 +20,7 @@ from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.store_url import open_store
-from tasks.storage.worlds import WorldChanged, decode_world, pinned_world_bytes
+from tasks.storage.worlds import decode_world, pinned_world_bytes
 
 # As many as a chunk of the default size has at most.
 _WORLDS_KEPT = 256

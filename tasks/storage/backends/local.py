@@ -27,10 +27,10 @@ from specs.errors import (
 )
 from tasks.storage.backends.local_objects import (
     NOTHING_THERE,
+    disk_error,
     disk_now_s,
-    explained_error,
+    file_entry,
     file_mark,
-    listed,
     shown_files,
     unfinished_files,
 )
@@ -146,14 +146,14 @@ class LocalStore:
     def entries(self, prefix: str) -> list[Entry]:
         """Returns the keys in the folder and below, sorted, each with its size and age."""
         with self._explained(prefix):
-            found = (listed(key, self.root / key) for key in self.keys(prefix))
+            found = (file_entry(key, self.root / key) for key in self.keys(prefix))
             return [entry for entry in found if entry]
 
     def entry(self, key: str) -> Entry:
         """Returns one object with its size and age, or raises ObjectNotFound."""
         path = self._path(key)
         with self._explained(key, reading=True):
-            found = listed(key, path) if path.is_file() else None
+            found = file_entry(key, path) if path.is_file() else None
         if found is None:
             raise ObjectNotFound(f"{self.url}: no object {key}")
         return found
@@ -167,7 +167,7 @@ class LocalStore:
         """Removes the object unless it was written since, in one step; returns whether it is gone now."""
         path = self._path(entry.key)
         with self._explained(entry.key), self._locked(entry.key):
-            found = listed(entry.key, path)
+            found = file_entry(entry.key, path)
             if found is not None and found.mark != entry.mark:
                 return False
             path.unlink(missing_ok=True)
@@ -284,7 +284,7 @@ class LocalStore:
         except OSError as exc:
             if reading and exc.errno in NOTHING_THERE:
                 raise ObjectNotFound(f"{self.url}: no object {key}") from exc
-            raise explained_error(exc, self.url, self.root, key) from exc
+            raise disk_error(exc, self.url, self.root, key) from exc
 
 
 def _mark(key: str) -> str:

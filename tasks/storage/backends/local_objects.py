@@ -1,7 +1,4 @@
-"""What lies in a store's folder, and since when by the clock of its disk.
-
-What went wrong with a store's folder, in Simyard's words.
-"""
+"""The files of a store's folder: since when each is there by the disk's clock, and the errors for what went wrong."""
 
 import errno
 import os
@@ -10,14 +7,14 @@ from pathlib import Path
 
 from specs.errors import StoreAccessDenied, StoreError, StoreFull, StoreUnreachable
 from tasks.storage.base.atomic_file import HIDDEN, hidden_file, settle
-from tasks.storage.base.disk_space import NO_ROOM, told_full
+from tasks.storage.base.disk_space import NO_ROOM, full_disk_message
 from tasks.storage.base.store import Entry
 
 NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
 _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
-def explained_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
+def disk_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
     """Returns the store's error for what the disk said while the key was worked on.
 
     Args:
@@ -31,7 +28,7 @@ def explained_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
     if exc.errno in (*NOTHING_THERE, errno.EEXIST):
         return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
     if exc.errno in NO_ROOM:
-        return StoreFull(f"{url}: {key}: {told_full(exc, root)}")
+        return StoreFull(f"{url}: {key}: {full_disk_message(exc, root)}")
     return StoreError(f"{url}: {key}: {exc.strerror}")
 
 
@@ -42,7 +39,7 @@ def shown_files(root: Path, top: Path) -> Iterator[str]:
         yield from ((folder / name).as_posix() for name in names if not name.startswith("."))
 
 
-def listed(key: str, path: Path) -> Entry | None:
+def file_entry(key: str, path: Path) -> Entry | None:
     """Returns a file as a listing shows it, or None if it is gone."""
     try:
         found = path.stat()
@@ -61,7 +58,7 @@ def unfinished_files(root: Path, top: Path) -> Iterator[Entry]:
     for base, names in _walked(top):
         for name in names:
             path = base / name
-            if name.startswith(HIDDEN) and (entry := listed(path.relative_to(root).as_posix(), path)):
+            if name.startswith(HIDDEN) and (entry := file_entry(path.relative_to(root).as_posix(), path)):
                 yield entry
 
 

@@ -23,8 +23,8 @@ from specs.errors import (
     StoreUnreachable,
 )
 from tasks.storage.backends.s3_client import PART_BYTES, Answer, S3Client, is_etag_of
-from tasks.storage.backends.s3_errors import FAULTS, explained
-from tasks.storage.backends.s3_objects import entry_of, listed_objects, listed_uploads, object_mark, server_now_s
+from tasks.storage.backends.s3_errors import FAULTS, s3_error
+from tasks.storage.backends.s3_objects import entry_of, list_objects, list_uploads, object_mark, server_now_s
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.disk_space import room_in
 from tasks.storage.base.keys import checked_key
@@ -122,7 +122,7 @@ class S3Store:
     def entries(self, prefix: str) -> list[Entry]:
         """Returns the keys in the folder and below, sorted, each with its size and age."""
         with self._explained(prefix):
-            found = list(listed_objects(self._client, self._bucket, self._prefix, self._folder(prefix)))
+            found = list(list_objects(self._client, self._bucket, self._prefix, self._folder(prefix)))
         return sorted((entry for entry in found if _is_shown(entry.key)), key=lambda entry: entry.key)
 
     def entry(self, key: str) -> Entry:
@@ -155,7 +155,7 @@ class S3Store:
     def unfinished(self, prefix: str) -> list[Entry]:
         """Returns the uploads in parts to the folder and below that have not come to their end."""
         with self._explained(prefix):
-            return listed_uploads(self._client, self._bucket, self._prefix, self._folder(prefix))
+            return list_uploads(self._client, self._bucket, self._prefix, self._folder(prefix))
 
     def discard(self, write: Entry) -> None:
         """Tells the server to forget the parts of an upload."""
@@ -256,7 +256,7 @@ class S3Store:
         try:
             yield
         except FAULTS as exc:
-            raise explained(exc, self.url, key) from exc
+            raise s3_error(exc, self.url, key) from exc
 
 
 def _is_shown(key: str) -> bool:

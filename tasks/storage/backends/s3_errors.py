@@ -1,4 +1,4 @@
-"""What went wrong between us and an S3 server, in Simyard's words.
+"""The store's errors for what went wrong between this process and an S3 server.
 
 The status and code that the server sent decide, wherever they are in the chain of exceptions; botocore's own errors are
 no OSErrors (docs/reference/store.md, section 5). Messages carry neither the server's text nor credentials.
@@ -48,7 +48,7 @@ class _Answered(Protocol):
     response: Mapping[str, Mapping[str, object]]
 
 
-def explained(exc: BaseException, url: str, key: str) -> StoreError:
+def s3_error(exc: BaseException, url: str, key: str) -> StoreError:
     """Returns the store's error for one of FAULTS that came up while working on the key.
 
     Args:

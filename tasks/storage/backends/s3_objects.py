@@ -9,7 +9,7 @@ from tasks.storage.backends.s3_client import Answer, S3Client
 from tasks.storage.base.store import Entry
 
 
-def listed_objects(client: S3Client, bucket: str, prefix: str, folder: str) -> Iterator[Entry]:
+def list_objects(client: S3Client, bucket: str, prefix: str, folder: str) -> Iterator[Entry]:
     """Yields the objects below a folder as the server lists them, a thousand in a request.
 
     Args:
@@ -28,7 +28,7 @@ def listed_objects(client: S3Client, bucket: str, prefix: str, folder: str) -> I
         page = {"ContinuationToken": answer["NextContinuationToken"]}
 
 
-def listed_uploads(client: S3Client, bucket: str, prefix: str, folder: str) -> list[Entry]:
+def list_uploads(client: S3Client, bucket: str, prefix: str, folder: str) -> list[Entry]:
     """Returns the uploads in parts that have not come to their end; sizes would cost a request each, and are 0.
 
     Args:

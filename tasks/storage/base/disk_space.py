@@ -1,4 +1,4 @@
-"""A disk without room: how the system says so, and what a person is told: where, and how much is left."""
+"""A full disk: how the system says so, and the message for a person: where, and how much room is left."""
 
 import errno
 import shutil
@@ -16,7 +16,7 @@ OF_THE_DISK = NO_ROOM | {errno.EROFS, errno.EIO}
 _MEBIBYTE = 1 << 20
 
 
-def told_full(exc: OSError, folder: Path) -> str:
+def full_disk_message(exc: OSError, folder: Path) -> str:
     """Returns why there was no room, and how much there is, in one line.
 
     Args:
@@ -50,7 +50,7 @@ def room_in(folder: Path) -> Generator[None]:
         yield
     except OSError as exc:
         if exc.errno in NO_ROOM:
-            raise StoreFull(told_full(exc, folder)) from exc
+            raise StoreFull(full_disk_message(exc, folder)) from exc
         if exc.errno == errno.EROFS:
             raise StoreAccessDenied(f"{exc.strerror}: {folder}; make it writable") from exc
         raise

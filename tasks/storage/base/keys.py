@@ -81,7 +81,7 @@ def _part(part: str, text: str | int) -> str | int:
     if isinstance(text, int):
         return text
     pattern, rule = _PARTS.get(part, (_NAME, NAME_RULE))
-    return _matched(pattern, text, part, rule)
+    return _match(pattern, text, part, rule)
 
 
 def _folder(form: str, **parts: str) -> str:
@@ -107,7 +107,7 @@ def checked_name(name: str, what: str = "name") -> str:
     Raises:
         DocumentError: It may not.
     """
-    return _matched(_NAME, name, what, NAME_RULE)
+    return _match(_NAME, name, what, NAME_RULE)
 
 
 def checked_bucket(bucket: str) -> str:
@@ -116,7 +116,7 @@ def checked_bucket(bucket: str) -> str:
     Raises:
         DocumentError: It is not.
     """
-    return _matched(_BUCKET, bucket, "s3Bucket", "3 to 63 of a-z 0-9 . -, ends in letters or digits, no two dots")
+    return _match(_BUCKET, bucket, "s3Bucket", "3 to 63 of a-z 0-9 . -, ends in letters or digits, no two dots")
 
 
 def output_key(prefix: str | None, name: str) -> str:
@@ -235,7 +235,7 @@ def trust_key(repository: str, name: str) -> str:
     return fill(TRUST, repository=repository, file=name)
 
 
-def _matched(pattern: re.Pattern[str], text: str, what: str, rule: str) -> str:
+def _match(pattern: re.Pattern[str], text: str, what: str, rule: str) -> str:
     if not pattern.fullmatch(text):
         raise _refused(what, text, rule)
     return text

@@ -1,4 +1,4 @@
-"""Cancelling a job whose worker looks at its record: world generation and export."""
+"""Cancels a job whose worker looks at its record: world generation and export."""
 
 from specs.base import Fault
 from specs.errors import DocumentError

@@ -1,4 +1,4 @@
-"""One live process works on a job.
+"""Claims: one live process at a time works on a job.
 
 A claim is an object that its holder rewrites by compare-and-swap three times within ``ttl_s``. Another process takes it
 over when it was released, when its holder is known to be dead (same host), or when it has not changed for ``ttl_s`` by
@@ -8,9 +8,9 @@ taking raises the epoch by one.
 A holder that was paused may wake up after it was replaced: it must look at ``Claim.lost`` before it acts, and what it
 writes must be harmless anyway (created once, or compared and swapped).
 
-A claim may also be released on behalf of a holder that shows no life (tasks.storage.jobs.claim_state), so that
-nobody has to
-watch it again. A holder that was only paused takes it back with its next heartbeat, unless another one was faster.
+A claim may also be released on behalf of a holder that shows no life (tasks.storage.jobs.claim_state), so that nobody
+has to watch it again. A holder that was only paused takes it back with its next heartbeat, unless another one was
+faster.
 """
 
 import logging

@@ -1,4 +1,4 @@
-"""Whether somebody works on a job, found out by looking, without taking its claim."""
+"""The state of a claim: whether somebody works on a job, found out without taking its claim."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Which process holds something, told so that another process can see whether it still lives."""
+"""The identity of a process that holds something, from which another process sees whether it still lives."""
 
 import os
 from pathlib import Path

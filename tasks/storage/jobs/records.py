@@ -8,6 +8,7 @@ import hashlib
 import json
 import time
 from collections.abc import Collection, Mapping
+from typing import NamedTuple
 
 from pydantic import JsonValue
 
@@ -26,7 +27,7 @@ from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.encoding import decoded, encoded
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.transitions import Transition, tell
+from tasks.storage.jobs.transitions import Transition, announce_transition
 from tasks.storage.store_url import store_id
 
 TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
@@ -134,9 +135,17 @@ def advance(
 ) -> JobRecord:
     """Returns the record after the change, written over exactly what was read; an ended job stays as it is.
 
-    The status is one of RoboMaker's; the detail is merged into the record's, key by key. A job whose status is none of
-    ``only_from`` stays as it is, too: one that is being cancelled does not go on because its next step begins. The
-    epoch is that of the writer's claim; the record keeps it, and who comes with an older one was replaced.
+    Args:
+        store: Where jobs are recorded.
+        kind: The kind of job.
+        id: The job.
+        status: The new one, one of RoboMaker's.
+        failure_code: RoboMaker's code, or empty.
+        failure_reason: For a person, or empty.
+        detail: Merged into the record's, key by key.
+        only_from: A job of any other status stays as it is: one that is being cancelled does not go on because its
+            next step begins.
+        epoch: That of the writer's claim; the record keeps it, and who comes with an older one was replaced.
 
     Raises:
         ResourceNotFound: No such job.
@@ -146,27 +155,8 @@ def advance(
     """
     if status not in _STATUSES:
         raise ValueError(f"{status!r} is no job status; they are {', '.join(sorted(_STATUSES))}")
-    added = dict(detail or {}) | ({_EPOCH: epoch} if epoch else {})
-    change = {"status": status, "failure_code": failure_code, "failure_reason": _one_line(failure_reason)}
-    for attempt in range(_ATTEMPTS):
-        before, etag = _read(store, kind, id)
-        if is_terminal(before) or before.status not in only_from:
-            return before
-        if epoch and epoch < _epoch(before):
-            raise StoreError(
-                f"{store.url}: {id} is another process's since epoch {_epoch(before)}; this one had {epoch}"
-            )
-        after = before.model_copy(
-            update={**change, "updated_at_s": max(time.time(), before.updated_at_s), "detail": before.detail | added}
-        )
-        try:
-            store.replace(job_key(kind, id), encoded(after), etag)
-        except ObjectConflict:
-            time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
-        else:
-            _tell(before, after)
-            return after
-    raise ObjectConflict(f"{store.url}: {job_key(kind, id)} changed {_ATTEMPTS} times while it was being advanced")
+    fields = {"status": status, "failure_code": failure_code, "failure_reason": _one_line(failure_reason)}
+    return _advance(store, kind, id, _Change(fields, detail or {}, only_from, epoch))
 
 
 def read(store: Store, kind: JobKind, id: str) -> JobRecord:  # noqa: A002 - the word every caller and record uses
@@ -194,10 +184,45 @@ def is_terminal(record: JobRecord) -> bool:
     return record.status in TERMINAL
 
 
-def _tell(before: JobRecord, after: JobRecord) -> None:
+class _Change(NamedTuple):
+    """What becomes of a record's fields and detail, from which statuses, under which epoch."""
+
+    fields: Mapping[str, str]
+    detail: Mapping[str, JsonValue]
+    only_from: Collection[str]
+    epoch: int
+
+
+def _advance(store: Store, kind: JobKind, wanted: str, change: _Change) -> JobRecord:
+    for attempt in range(_ATTEMPTS):
+        before, etag = _read(store, kind, wanted)
+        if is_terminal(before) or before.status not in change.only_from:
+            return before
+        if change.epoch and change.epoch < _epoch(before):
+            raise StoreError(
+                f"{store.url}: {wanted} is another process's since epoch {_epoch(before)}; this one had {change.epoch}"
+            )
+        after = _changed(before, change)
+        try:
+            store.replace(job_key(kind, wanted), encoded(after), etag)
+        except ObjectConflict:
+            time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
+        else:
+            _announce(before, after)
+            return after
+    raise ObjectConflict(f"{store.url}: {job_key(kind, wanted)} changed {_ATTEMPTS} times while it was being advanced")
+
+
+def _changed(before: JobRecord, change: _Change) -> JobRecord:
+    added = dict(change.detail) | ({_EPOCH: change.epoch} if change.epoch else {})
+    now_s = max(time.time(), before.updated_at_s)
+    return before.model_copy(update={**change.fields, "updated_at_s": now_s, "detail": before.detail | added})
+
+
+def _announce(before: JobRecord, after: JobRecord) -> None:
     if before.status != after.status:
         code, reason = after.failure_code, after.failure_reason
-        tell(Transition(after.kind, after.arn, before.status, after.status, code, reason))
+        announce_transition(Transition(after.kind, after.arn, before.status, after.status, code, reason))
 
 
 def _epoch(record: JobRecord) -> int:

@@ -1,7 +1,7 @@
-"""Who is told that a job's status changed: a context variable, so that no function needs a parameter for it.
+"""The listener that hears of each change of a job's status: a context variable, so that no function needs a parameter.
 
-Told is what is in the store already, by the process that changed it, so that a change is told once at most however
-often a job is killed and continued.
+It hears of what is in the store already, from the process that changed it, so that a change is announced once at most
+however often a job is killed and continued.
 """
 
 import logging
@@ -55,7 +55,7 @@ def hearing(listener: Listener) -> Generator[None, None, None]:
         _listener.reset(token)
 
 
-def tell(transition: Transition) -> None:
+def announce_transition(transition: Transition) -> None:
     """Tells the log, and the listener of this context, of a transition that is in the store."""
     fields = {name: value for name, value in transition._asdict().items() if value}
     logger.info("%s is %s", transition.arn, transition.status, extra={"fields": fields})

@@ -9,7 +9,7 @@ import pytest
 
 from specs.job_kinds import JOB_KINDS
 from tasks.housekeeping import object_kinds
-from tasks.housekeeping.cache_garbage import _ENTRIES, unused
+from tasks.housekeeping.cache_garbage import _ENTRIES, unused_entries
 from tasks.storage.base.store import Store
 from tests.housekeeping.yard import Yard
 from tests.repository import ROOT
@@ -49,6 +49,6 @@ def test_every_kind_of_the_cache_has_a_row(tmp_path: Path) -> None:
         (tmp_path / folder).mkdir(parents=True)
         (tmp_path / folder / "old").write_bytes(b"1")
     (row,) = re.findall(r"^\| (compiled programs, .*) \| this machine", SECTION, flags=re.MULTILINE)
-    found = unused(tmp_path, 0.0)
+    found = unused_entries(tmp_path, 0.0)
     assert len(found) == len(_ENTRIES)
     assert [entry.what for entry in found if entry.what.split()[-1] not in row and "data" not in entry.what] == []

@@ -6,7 +6,7 @@ import pytest
 
 from specs.data.world import Certificate, Wish, World
 from tasks.export.drawing.certificate_panel import MAX_WISHES, certificate_height, draw_certificate, wishes_met
-from tasks.export.drawing.plan_page import Box, text_width
+from tasks.export.drawing.plan_page import PageBox, text_width
 from tests.export.variants import with_door
 from tests.factories.worlds import apartment
 
@@ -21,7 +21,7 @@ def wishing(*wishes: Wish) -> World:
 
 def drawn(world: World) -> ET.Element:
     root = ET.Element("svg")
-    draw_certificate(root, world, Box(60, 0, 920, 0))
+    draw_certificate(root, world, PageBox(60, 0, 920, 0))
     return root
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from specs.data.world import World
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.export.drawing.plan_page import Box, text_width
+from tasks.export.drawing.plan_page import PageBox, text_width
 from tests.export.variants import HINGE_M, LEAF_LENGTH_M, LEAF_THICKNESS_M, with_door, with_windows
 from tests.factories.worlds import apartment, apartments
 
@@ -35,21 +35,21 @@ def texts(root: ET.Element) -> str:
     return "\n".join(found.text or "" for found in root.iter() if found.tag != f"{SVG}style")
 
 
-def placed(parent: ET.Element) -> Iterator[Box]:
+def placed(parent: ET.Element) -> Iterator[PageBox]:
     """Yields about what each text of a group covers: its letters, without the space above and below them."""
     for holder in parent.iter():
         for text in holder.findall(f"{SVG}text"):
             size, x, y = number(text, "font-size"), number(text, "x"), number(text, "y")
             half = 0.45 * text_width(text.text or "", size)
             x -= half if text.get("text-anchor") == "end" else 0.0
-            box = Box(x - half, y - 0.7 * size, x + half, y)
+            box = PageBox(x - half, y - 0.7 * size, x + half, y)
             turn = re.match(r"rotate\(-90 (\S+) (\S+)\)", text.get("transform") or holder.get("transform") or "")
             yield upright(box, float(turn[1]), float(turn[2])) if turn else box
 
 
-def upright(box: Box, x: float, y: float) -> Box:
+def upright(box: PageBox, x: float, y: float) -> PageBox:
     """Returns a box turned by a quarter about a point, against the clock."""
-    return Box(x + box.top - y, y - (box.right - x), x + box.bottom - y, y - (box.left - x))
+    return PageBox(x + box.top - y, y - (box.right - x), x + box.bottom - y, y - (box.left - x))
 
 
 @given(apartments())

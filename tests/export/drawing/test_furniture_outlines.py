@@ -8,10 +8,10 @@ import pytest
 from specs.data.world import Furniture
 from specs.template.interior import ModelType
 from tasks.export.drawing.furniture_outlines import draw_furniture, draw_piece_labels, in_words
-from tasks.export.drawing.plan_page import Box, Sheet
+from tasks.export.drawing.plan_page import PageBox, PageScale
 from tests.factories.worlds import apartment, box
 
-SHEET = Sheet(x_min_m=0.0, y_max_m=0.0, units_per_m=100.0, left=0.0, top=0.0)
+SHEET = PageScale(x_min_m=0.0, y_max_m=0.0, units_per_m=100.0, left=0.0, top=0.0)
 
 
 def piece(width_m: float, depth_m: float, model_type: str = "SideboardsAndBuffets") -> Furniture:
@@ -20,7 +20,7 @@ def piece(width_m: float, depth_m: float, model_type: str = "SideboardsAndBuffet
     return Furniture(name="it", model_type=model_type, room="any", center_m=center_m, yaw_rad=0.0, solids=(solid,))
 
 
-def labels(*pieces: Furniture, occupied: tuple[Box, ...] = ()) -> list[ET.Element]:
+def labels(*pieces: Furniture, occupied: tuple[PageBox, ...] = ()) -> list[ET.Element]:
     root = ET.Element("g")
     draw_piece_labels(root, pieces, SHEET, occupied)
     return list(root)
@@ -63,7 +63,7 @@ def test_a_name_lies_where_it_can():
 
 
 def test_a_name_covers_no_other_text():
-    over = Box(0.0, -60.0, 200.0, 0.0)
+    over = PageBox(0.0, -60.0, 200.0, 0.0)
     assert labels(piece(2.0, 0.5), occupied=(over,)) == []
     assert len(labels(piece(2.0, 0.5), piece(2.0, 0.5))) == 1
 

@@ -4,10 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tasks.export.drawing.labels import NAME_SIZE, place_label
-from tasks.export.drawing.plan_page import Box
+from tasks.export.drawing.plan_page import PageBox
 from tests.factories.worlds import names
 
-ROOM = Box(0, 0, 400, 300)
+ROOM = PageBox(0, 0, 400, 300)
 
 
 def test_an_empty_room_is_labelled_in_its_middle():
@@ -17,12 +17,12 @@ def test_an_empty_room_is_labelled_in_its_middle():
 
 
 def test_a_label_moves_off_the_furniture():
-    label = place_label("Kitchen", ["12 m²"], ROOM, [Box(0, 0, 400, 200)])
+    label = place_label("Kitchen", ["12 m²"], ROOM, [PageBox(0, 0, 400, 200)])
     assert label.y > 200
 
 
 def test_a_name_that_is_too_long_for_a_narrow_room_stands_upright():
-    label = place_label("A long hallway", ["9 m²"], Box(0, 0, 60, 500), [])
+    label = place_label("A long hallway", ["9 m²"], PageBox(0, 0, 60, 500), [])
     assert label.upright
     assert label.name == "A long hallway"
 
@@ -35,7 +35,7 @@ def test_a_name_that_fits_nowhere_is_cut():
 @given(names, st.floats(20, 900), st.floats(20, 900))
 def test_a_label_stays_in_its_room(name: str, width: float, height: float):
     label = place_label(
-        name, ["9 m², of which much is free", "9 m²"], Box(0, 0, width, height), [Box(0, 0, width / 2, height)]
+        name, ["9 m², of which much is free", "9 m²"], PageBox(0, 0, width, height), [PageBox(0, 0, width / 2, height)]
     )
     assert 0 <= label.x <= width
     assert 0 <= label.y <= height
@@ -47,5 +47,5 @@ def test_a_label_stays_in_its_room(name: str, width: float, height: float):
 def test_a_second_line_that_does_not_fit_is_a_shorter_one_or_none():
     details = ["12.0 m² · 83 % free", "12.0 m²"]
     assert place_label("A", details, ROOM, []).detail == details[0]
-    assert place_label("A", details, Box(0, 0, 80, 80), []).detail == details[1]
-    assert place_label("A", details, Box(0, 0, 30, 30), []).detail == ""
+    assert place_label("A", details, PageBox(0, 0, 80, 80), []).detail == details[1]
+    assert place_label("A", details, PageBox(0, 0, 30, 30), []).detail == ""

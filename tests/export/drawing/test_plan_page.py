@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.export.drawing.plan_page import css_color, fitted, printable, text_width, written_as
+from tasks.export.drawing.plan_page import css_color, fit_text, printable, text_width, written_as
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ def test_characters_that_xml_forbids_are_replaced():
 
 @given(st.text(), st.floats(1, 500))
 def test_fitted_text_fits(text: str, width: float):
-    shown = fitted(text, 10.0, width)
+    shown = fit_text(text, 10.0, width)
     assert shown == "…" or text_width(shown, 10.0) <= width
 
 

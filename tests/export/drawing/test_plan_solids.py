@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.data.world import Solid
-from tasks.export.drawing.plan_page import Sheet, corners_m, covers, from_above, page_box
+from tasks.export.drawing.plan_page import PageScale, corners_m, covers, from_above, page_box
 from tests.factories.worlds import box
 
 TOP = box("top", (0.0, 0.0, 0.7), (1.4, 0.8, 0.74), (0.5, 0.5, 0.5))
@@ -40,7 +40,7 @@ def test_a_turned_solid_covers_what_turns_with_it(yaw_rad: float, along_m: float
 
 
 def test_the_box_of_a_quarter_turn_is_turned():
-    sheet = Sheet(x_min_m=0.0, y_max_m=0.0, units_per_m=100.0, left=0.0, top=0.0)
+    sheet = PageScale(x_min_m=0.0, y_max_m=0.0, units_per_m=100.0, left=0.0, top=0.0)
     turned = TOP.model_copy(update={"yaw_rad": math.pi / 2})
     around = page_box([turned], (0.0, 0.0), sheet)
     assert (around.width, around.height) == pytest.approx((80.0, 140.0))

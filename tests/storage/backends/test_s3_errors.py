@@ -19,7 +19,7 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.storage.backends.s3_errors import explained
+from tasks.storage.backends.s3_errors import s3_error
 
 
 def _refused(status: int, code: str) -> ClientError:
@@ -48,7 +48,7 @@ def _refused(status: int, code: str) -> ClientError:
     ],
 )
 def test_status_and_code_decide_the_error(status: int, code: str, error: type[StoreError]) -> None:
-    found = explained(_refused(status, code), "s3://bucket", "key")
+    found = s3_error(_refused(status, code), "s3://bucket", "key")
     assert type(found) is error
     assert "canary" not in str(found)
 
@@ -56,7 +56,7 @@ def test_status_and_code_decide_the_error(status: int, code: str, error: type[St
 def test_the_answer_is_found_behind_another_exception() -> None:
     translated = OSError(errno.EINVAL, "translated")
     translated.__cause__ = _refused(412, "PreconditionFailed")
-    assert isinstance(explained(translated, "s3://bucket", "key"), ObjectConflict)
+    assert isinstance(s3_error(translated, "s3://bucket", "key"), ObjectConflict)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_the_answer_is_found_behind_another_exception() -> None:
 )
 def test_no_answer_means_unreachable(exc: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AWS_ENDPOINT_URL_S3", "http://user:canary@host:81")
-    found = explained(exc, "s3://bucket", "key")
+    found = s3_error(exc, "s3://bucket", "key")
     assert isinstance(found, StoreUnreachable)
     assert "host:81" in str(found)
     assert "canary" not in str(found)
@@ -78,10 +78,10 @@ def test_no_answer_means_unreachable(exc: Exception, monkeypatch: pytest.MonkeyP
 
 def test_no_credentials_is_denied() -> None:
     exc: BotoCoreError = NoCredentialsError()
-    assert isinstance(explained(exc, "s3://bucket", "key"), StoreAccessDenied)
+    assert isinstance(s3_error(exc, "s3://bucket", "key"), StoreAccessDenied)
 
 
 def test_a_full_disk_here_is_not_blamed_on_the_server() -> None:
-    found = explained(OSError(errno.ENOSPC, "No space left on device"), "s3://bucket", "key")
+    found = s3_error(OSError(errno.ENOSPC, "No space left on device"), "s3://bucket", "key")
     assert type(found) is StoreFull
     assert "No space left" in str(found)

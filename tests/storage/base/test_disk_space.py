@@ -12,7 +12,7 @@ import pytest
 from specs.errors import StoreAccessDenied, StoreFull
 from tasks.storage.archives import digest_of, install
 from tasks.storage.backends.local import LocalStore
-from tasks.storage.base.disk_space import room_in, told_full
+from tasks.storage.base.disk_space import full_disk_message, room_in
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.servers.small_disk import set_size, set_writable, small_disk
@@ -117,5 +117,5 @@ def test_what_is_no_matter_of_room_passes(tmp_path: Path) -> None:
 
 
 def test_room_is_told_of_the_disk_that_a_folder_will_be_on(tmp_path: Path) -> None:
-    told = told_full(OSError(errno.ENOSPC, "No space left on device"), tmp_path / "not/there")
+    told = full_disk_message(OSError(errno.ENOSPC, "No space left on device"), tmp_path / "not/there")
     assert told.startswith(f"No space left on device: {tmp_path / 'not/there'} has ")
