@@ -1,11 +1,17 @@
 """Worlds and requests for the simulation's tests, drawn by hand so that no generator is needed."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+from jaxtyping import Float64
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import Furniture, Rectangle, Solid, World
 from tests.factories.worlds import apartment
 from tests.repository import ROOT
+
+if TYPE_CHECKING:  # it imports JAX, whose settings a worker makes first
+    from tasks.simulate.application.contract import HostMap
 
 REPOSITORY = ROOT
 BUNDLES = ROOT / "tests" / "simulate" / "bundles"
@@ -146,3 +152,10 @@ def _box(name: str, center: tuple[float, float], half: tuple[float, float], yaw_
         yaw_rad=yaw_rad,
         color=(0.5, 0.5, 0.5),
     )
+
+
+def cell_of(floor: "HostMap", point_m: Float64[np.ndarray, "2"]) -> tuple[int, int]:
+    """Returns the (row, column) of the cell that holds a point, clipped to the grid."""
+    column, row = np.rint((point_m - floor.origin_m) / floor.cell_m).astype(int)
+    rows, columns = floor.clearance_m.shape
+    return int(np.clip(row, 0, rows - 1)), int(np.clip(column, 0, columns - 1))

@@ -14,8 +14,7 @@ from specs.data.world import Rectangle, World
 from tasks.simulate.application.contract import REASONS, HostMap, Placement, Truth
 from tasks.simulate.surroundings.floor_map import floor_map
 from tasks.simulate.surroundings.obstacles import obstacles
-from tests.factories.floor_cells import cell_of
-from tests.factories.simulations import cluttered, pen
+from tests.factories.simulations import cell_of, cluttered, pen
 
 RADIUS_M = 0.18
 WORLD, ONE_ROOM = cluttered(2), pen(5.0, 3)

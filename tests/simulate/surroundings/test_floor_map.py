@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from specs.data.world import Rectangle, Solid, solids
 from tasks.simulate.surroundings.floor_map import floor_map, floor_maps, grid_cells
 from tasks.simulate.surroundings.obstacles import obstacles
-from tests.factories.floor_cells import cell_of
-from tests.factories.simulations import pen
+from tests.factories.simulations import cell_of, pen
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
