@@ -23,7 +23,7 @@ from benchmarks.repository import ROOT
 from flows.cli.run_command import flush_prefect, prefect_home
 from specs.job_kinds import JobKind
 from tasks.documents.pipeline_file import read_pipeline
-from tasks.server.process import serving, wait_until_healthy
+from tasks.server.process import run_server, wait_until_healthy
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import records
@@ -45,7 +45,7 @@ def measure_once(store_url: str) -> dict[str, float]:
     store = open_store(store_url)
     home = prefect_home()
     phases = {"read document": time.perf_counter() - start_s}
-    with serving(home) as (server, child):
+    with run_server(home) as (server, child):
         os.environ.update(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home))
         phases["import jax, mjx"] = _timed(lambda: (prepare_devices(), import_module("tasks.simulate.chunk.episodes")))
         phases["import prefect"] = _timed(lambda: import_module("flows.pipeline"))

@@ -12,10 +12,10 @@ from flows.batch.batch_report import MissingReport, WrittenReport, write_report,
 from flows.document.references import Numbers, pins
 from flows.resource.cancel import require_not_canceled
 from flows.run.cancellation import cancel_with_flow_run, cancelable_run, canceled_state
-from flows.run.events import announced
+from flows.run.events import announce_changes
 from flows.run.run_owner import waiting_display
 from flows.run.stage_summary import recorded_report, run_with_alarm, with_alarm
-from flows.stages import Reports, deploy, export, generate, judge, simulate, skip_deployment
+from flows.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment
 from flows.workers.crew import wanted_workers
 from specs.data.run_report import PipelineReport
 from specs.digest import canonical_document
@@ -24,7 +24,7 @@ from specs.pipeline.document import PipelineSpec
 from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
-from tasks.storage.jobs.runs import begun
+from tasks.storage.jobs.runs import begin_run
 from tasks.storage.store_url import open_store
 
 
@@ -50,7 +50,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     versions = {key: str(version.number) for key, version in own.items()}
     identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
     try:
-        with announced(), begun(opened, identity, waiting_display(opened)) as run:
+        with announce_changes(), begin_run(opened, identity, waiting_display(opened)) as run:
             report = recorded_report(run) if is_terminal(run) else _run_to_end(spec, opened, base, versions, run)
     except StageFailed as exc:
         return cast("PipelineReport", canceled_state(exc))  # which Prefect takes for the flow run's
@@ -93,7 +93,7 @@ def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run:
     exported = export(spec, worlds, store, run)
     require_not_canceled(store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
-    judged = judge(spec, batch, store, run)
+    judged = judge_batch_stage(spec, batch, store, run)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
         judged = _show_verdict(judged, store, batch)
     require_not_canceled(store, run)

@@ -5,7 +5,7 @@ from prefect.artifacts import create_table_artifact
 
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
-from flows.run.events import announced
+from flows.run.events import announce_changes
 from tasks.storage.store_url import open_store
 
 
@@ -16,7 +16,7 @@ def reaping(store: str | None = None) -> list[ReapedJob]:
     Args:
         store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
     """
-    with announced():
+    with announce_changes():
         found = reap_store(open_store(store))
     if found:
         rows = [each.model_dump(mode="json") for each in found]

@@ -24,19 +24,19 @@ from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
 from tasks.applications.task import unpack_application
-from tasks.progress.task import watched
+from tasks.progress.task import show_progress
 from tasks.results.tables.recordings import write_recordings
 from tasks.results.task import write_tables
 from tasks.simulate.batch.chunk_store import spent_s
-from tasks.simulate.batch.job import GOING, KIND, OpenBatch, close_batch, complete, open_batch, opened, time_out
+from tasks.simulate.batch.job import GOING, KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
 from tasks.simulate.batch.metrics import BatchMeter
 from tasks.simulate.batch.provenance import batch_metadata, note_machine
-from tasks.simulate.batch.result_stream import parts
+from tasks.simulate.batch.result_stream import result_parts
 from tasks.simulate.plan.resolve import output_location
 from tasks.simulate.task import audit_batch, simulate_chunk
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, is_terminal
 from tasks.storage.store_url import open_store, store_id
 
@@ -82,8 +82,8 @@ def simulation_batch(
 
 
 def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:
-    with claimed(store, claim_key(KIND, batch)):
-        work = opened(store, batch)
+    with hold_claim(store, claim_key(KIND, batch)):
+        work = load_batch(store, batch)
         record = work.record()
         if is_terminal(record):  # a cancellation closed it while this process waited for the claim
             return record
@@ -120,7 +120,7 @@ def _simulate_here(
     record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
     lanes, done = batch.plan.lanes, 0
-    with watched("Episodes", "episodes-progress") as progress:
+    with show_progress("Episodes", "episodes-progress") as progress:
         for number in range(layout.chunks):
             worked_s = before_s + time.monotonic() - start_s
             left_s = batch.plan.timeout_s - worked_s
@@ -169,7 +169,7 @@ def _write_tables(batch: OpenBatch, location: OutputLocation) -> dict[str, JsonV
     return write_tables(
         batch.store.url,
         batch.id,
-        lambda: parts(batch),
+        lambda: result_parts(batch),
         variables=batch.plan.variables(),
         location=location,
         metadata=batch_metadata(batch.plan.lanes),
@@ -181,7 +181,7 @@ def _audit(batch: OpenBatch, folders: dict[str, Path], location: OutputLocation)
     lanes = min(batch.plan.audit, batch.layout.episodes)
     if lanes == 0:
         return {}
-    with watched("Audit (driven twice)", "audit-progress") as progress:
+    with show_progress("Audit (driven twice)", "audit-progress") as progress:
         return audit_batch(
             batch.store.url,
             batch.id,

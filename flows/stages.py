@@ -6,8 +6,8 @@ from typing import TypeVar
 
 from flows.deployment_sync import deployment_sync
 from flows.document.references import Numbers, deployed_version, numbered_finder
-from flows.gate.judge import answered, gate_answer
-from flows.gate.shipment import changes, refused, shippable, withdraw
+from flows.gate.judge import gate_answer, read_gate_answer
+from flows.gate.shipment import evidence_changes, refusal_report, shippable, withdraw_deployment
 from flows.run.events import announce_verdict
 from flows.run.stage_summary import (
     batch_report,
@@ -88,7 +88,7 @@ def simulate(
     return record, (batch_report(record, seconds),)
 
 
-def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
+def judge_batch_stage(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
     """Returns the report of the gate.
 
     Args:
@@ -100,7 +100,7 @@ def judge(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRec
     gate = spec.gate
     if gate is None or batch is None:
         return ()
-    said_before = answered(store, run)
+    said_before = read_gate_answer(store, run)
     answer, seconds = _measure(lambda: gate_answer(gate, batch, store, run))
     if said_before is None:
         announce_verdict(answer, run, batch)
@@ -125,10 +125,10 @@ def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: 
     token = stage_token(run, "deployment")
     tested = shippable(batch, store, run) if batch else None
     version = deployed_version(section, store, numbered_finder(store, versions), tested)
-    found, seconds = _measure(lambda: changes(version.digest, store, run))
+    found, seconds = _measure(lambda: evidence_changes(version.digest, store, run))
     if found:
-        withdraw(store, section.clientRequestToken or token)
-        return (refused(found, seconds),)
+        withdraw_deployment(store, section.clientRequestToken or token)
+        return (refusal_report(found, seconds),)
     record, seconds = _measure(lambda: deployment_sync(section, store.url, tested, versions, token))
     return (deployment_report(record, seconds),)
 

@@ -39,7 +39,7 @@ def words(name: str) -> str:
     return " ".join([first[:1].upper() + first[1:], *others])
 
 
-def documented(model: type) -> dict[str, str]:
+def attribute_docs(model: type) -> dict[str, str]:
     """Returns what the docstrings of a class and of those that it inherits from say of their attributes."""
     found: dict[str, str] = {}
     for base in reversed(model.__mro__):
@@ -58,7 +58,7 @@ def as_form(schema: Schema, model: type, fields: Mapping[str, _Told]) -> None:
     """
     schema["title"] = words(model.__name__)
     schema["description"] = inspect.cleandoc(model.__doc__ or "").partition("\n\nAttributes:")[0]
-    told = documented(model)
+    told = attribute_docs(model)
     for position, (name, below) in enumerate(cast("dict[str, Schema]", schema.get("properties", {})).items()):
         below["title"] = fields[name].title or words(name)
         below["position"] = position

@@ -25,7 +25,7 @@ from benchmarks.machine import machine
 from benchmarks.tables import markdown, with_tables
 from specs.arn import arn
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.rollout.observation import recorded_progress
@@ -45,7 +45,7 @@ def rolled_out(store: Store, count: int, folder: Path) -> list[str]:
     program = folder / "bundle/app/run.sh"
     program.write_text("#!/bin/sh\nexec sleep 1000\n")
     program.chmod(0o755)
-    version = publish(store, "robot-application", "app", folder / "bundle")
+    version = publish_bundle(store, "robot-application", "app", folder / "bundle")
     counted.robots, counted.counting = robots, True
     start_s, cpu_s = time.perf_counter(), time.process_time()
     record = run_deployment_job(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from specs.arn import arn
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.job import run_deployment_job
@@ -44,7 +44,7 @@ def _deployed(store: Store, count: int, folder: Path, program: str, token: str) 
     package.mkdir(parents=True, exist_ok=True)
     (package / "run.sh").write_text(program)
     (package / "run.sh").chmod(0o755)
-    version = publish(store, "robot-application", "app", package.parent)
+    version = publish_bundle(store, "robot-application", "app", package.parent)
     begun_s = time.perf_counter()
     record = run_deployment_job(
         store,

@@ -12,8 +12,8 @@ from random import Random
 
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.deploy.fleet.states import Desired, Reported
-from tasks.deploy.rollout.controller import Pace
-from tasks.storage.base.encoding import encoded
+from tasks.deploy.rollout.controller import ControllerPace
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import reported_key
 from tasks.storage.base.store import Store
 
@@ -135,12 +135,12 @@ class Robots:
             "started_at_s": self._now_s,
             "finished_at_s": self._now_s,
         }
-        self._store.put(reported_key(desired.robot), encoded(Reported.model_validate(told)))
+        self._store.put(reported_key(desired.robot), encode_document(Reported.model_validate(told)))
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> ControllerPace:
         """Returns their clock."""
-        return Pace(poll_s=LOOK_S, now_s=lambda: self._now_s, sleep=self.pass_time)
+        return ControllerPace(poll_s=LOOK_S, now_s=lambda: self._now_s, sleep=self.pass_time)
 
 
 class HeardStore(CountedStore):

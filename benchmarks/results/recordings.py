@@ -23,9 +23,9 @@ from specs.field_types import OutputLocation
 from specs.pipeline.simulation_section import Recordings
 from tasks.documents.template_source import find_template
 from tasks.results.tables.recordings import write_recordings
-from tasks.simulate.batch.commit import Part, run_chunk
-from tasks.simulate.batch.job import open_batch, opened
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
+from tasks.simulate.batch.job import load_batch, open_batch
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.base.keys import world_key
@@ -41,14 +41,14 @@ PLACE = OutputLocation(s3Bucket="results")
 
 def run_once(store: Store, plan: BatchPlan, name: str) -> tuple[float, float, int]:
     """Returns wall and processor seconds of a batch's chunks, and how many episodes failed."""
-    batch = opened(store, open_batch(store, plan, {}, name).id)
+    batch = load_batch(store, open_batch(store, plan, {}, name).id)
     record = partial(write_recordings, store.url, PLACE, batch.id) if plan.records() else None
     failed = 0
     start_s, cpu_s = time.perf_counter(), time.process_time()
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         nonlocal failed
-        rows = simulate_chunk(
+        rows = simulate_lanes(
             part.chunk, part.worlds, FOLDERS, lanes=part.lanes, should_stop=lambda: False, recorder=part.recorder
         )
         failed += sum(row.outcome == "Failed" for row in rows)

@@ -26,7 +26,7 @@ from tasks.documents.template_source import find_template
 from tasks.results.report.facts import BatchFacts, Judgement
 from tasks.results.report.page import report_page
 from tasks.results.report.report_job import batch_view, put_report
-from tasks.results.tables.result_files import Part, write_results
+from tasks.results.tables.result_files import EpisodePart, write_results
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -58,7 +58,7 @@ def stored_worlds(store: Store, count: int) -> dict[str, str]:
     return digests
 
 
-def parts(rows: int, worlds: list[str], failing: float) -> Iterator[Part]:
+def parts(rows: int, worlds: list[str], failing: float) -> Iterator[EpisodePart]:
     """Yields made-up episodes."""
     rng = np.random.default_rng(7)
     for first in range(0, rows, PART):

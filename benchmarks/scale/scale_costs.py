@@ -19,7 +19,7 @@ from benchmarks.scale.scale import QUICKSTART, section
 from flows.document.references import numbered_finder
 from flows.document.tested_batch import batch_plan
 from flows.workers.crew import Width, on_workers
-from flows.workers.spread import Ended, Numbers, spread
+from flows.workers.spread import Numbers, PieceOutcome, spread
 from flows.workers.spread_batch import simulate_chunks
 from flows.workers.spread_worlds import write_worlds
 from specs.data.episode import EpisodeRequest, EpisodeResult
@@ -31,7 +31,7 @@ from specs.settings import Workers
 from tasks.documents.template_source import find_template
 from tasks.results.task import write_tables
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.job import OpenBatch, open_batch, opened
+from tasks.simulate.batch.job import OpenBatch, load_batch, open_batch
 from tasks.simulate.plan.resolve import output_location
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import chunk_key, job_key
@@ -115,7 +115,7 @@ def _opened(folder: Path) -> OpenBatch:
     plan = batch_plan(spec, cast("list[str]", worlds.detail["worlds"]), store, numbered_finder(store, None))
     request = simulation_request(spec, store_id=store_id(store), token=_TOKEN)
     record = open_batch(store, plan, canonical_document(request), _TOKEN)
-    return opened(store, record.id)
+    return load_batch(store, record.id)
 
 
 def _simulated(batch: OpenBatch, numbers: tuple[int, ...]) -> None:
@@ -195,7 +195,7 @@ def _none(numbers: Numbers) -> Numbers:
     return numbers[:0]
 
 
-def _on_end(end: Ended) -> float:
+def _on_end(end: PieceOutcome) -> float:
     if end.failure:
         raise RuntimeError(end.failure)
     return 1.0

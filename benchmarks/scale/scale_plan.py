@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.machine import machine
 from benchmarks.scale.scale_costs import Costs, costs
 from benchmarks.tables import markdown, with_tables
-from flows.workers.spread import Pace
+from flows.workers.spread import PieceSize
 
 EPISODES = 10_000_000
 _LANES = 256
@@ -108,7 +108,7 @@ def simulate(cluster: Cluster, cost: Costs, rng: np.random.Generator) -> Outcome
         cost: What is beside the episodes.
         rng: Of pieces' durations and of workers that are reclaimed.
     """
-    pace, driver = Pace(), _Driver(cost.driver_s)
+    pace, driver = PieceSize(), _Driver(cost.driver_s)
     left, task_runs, lost, useful_s, now_s, end_s = cluster.chunks, 0, 0, 0.0, 0.0, 0.0
     flying: list[_Piece] = []  # the next to end first
     free = [(0.0, number) for number in range(cluster.workers)]  # when each worker has done what it was given
@@ -205,9 +205,9 @@ def main() -> None:
     parser.add_argument("--document", type=Path)
     given = parser.parse_args()
     from flows.cli.run_command import prefect_home  # noqa: PLC0415 - so that a test of the simulation needs no server
-    from tasks.server.process import serving, wait_until_healthy  # noqa: PLC0415 - as above
+    from tasks.server.process import run_server, wait_until_healthy  # noqa: PLC0415 - as above
 
-    with serving(prefect_home()) as (server, child):
+    with run_server(prefect_home()) as (server, child):
         os.environ.update(PREFECT_API_URL=server.api_url)
         wait_until_healthy(server, child)
         measured = costs(child.pid)

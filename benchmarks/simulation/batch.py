@@ -21,15 +21,15 @@ from pathlib import Path
 from pydantic import JsonValue
 
 from benchmarks.repository import ROOT
-from specs.data.episode import ApplicationLaunch, EpisodeResult, unfinished
+from specs.data.episode import ApplicationLaunch, EpisodeResult, unfinished_result
 from tasks.documents.template_source import find_template
 from tasks.results.tables.result_files import write_results
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.describe import describe_batch, list_jobs
-from tasks.simulate.batch.job import close_batch, complete, open_batch, opened
-from tasks.simulate.batch.result_stream import parts
+from tasks.simulate.batch.job import close_batch, complete, load_batch, open_batch
+from tasks.simulate.batch.result_stream import result_parts
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
@@ -40,10 +40,10 @@ WORLDS, LANES = 50, 256
 DRIVEN = tuple((0.5 * k, 0.01 * k, 0.02 * k, 0.001 * k) for k in range(121))
 
 
-def simulated(part: Part) -> list[EpisodeResult]:
+def simulated(part: ChunkPart) -> list[EpisodeResult]:
     """Returns rows at once; every tenth episode collides."""
     part.watch()
-    ended = unfinished(0, "Failed", failure_code="", failure_reason="").model_dump()
+    ended = unfinished_result(0, "Failed", failure_code="", failure_reason="").model_dump()
     rows: list[EpisodeResult] = []
     for request in part.chunk.requests:
         collided = request.index % 10 == 0
@@ -59,17 +59,17 @@ def measure(episodes: int, folder: Path) -> dict[str, float]:
     plan = planned(store, episodes)
     document: dict[str, JsonValue] = {"createSimulationJobRequests": [_request()]}
     figures = {"MiB before": _peak_mib()}
-    batch = opened(store, open_batch(store, plan, document, "benchmark").id)
+    batch = load_batch(store, open_batch(store, plan, document, "benchmark").id)
     figures["s chunks"] = _timed(lambda: _all_chunks(batch.layout.chunks, lambda n: run_chunk(
         batch, n, simulated, lanes=LANES, left_s=1e6)))  # fmt: skip
     figures["MiB after chunks"] = _peak_mib()
     complete(batch)
     figures["s tables"] = _timed(
-        lambda: write_results(store, "out", batch.id, parts(batch), variables=plan.variables(), metadata={})
+        lambda: write_results(store, "out", batch.id, result_parts(batch), variables=plan.variables(), metadata={})
     )
     figures["MiB after tables"] = _peak_mib()
     close_batch(store, batch.id, "Completed", {})
-    figures["KiB record"] = len(encoded(batch.record())) / 1024
+    figures["KiB record"] = len(encode_document(batch.record())) / 1024
     figures["s describe"] = _timed(lambda: describe_batch(store, batch.id))
     figures["s list jobs"] = _timed(lambda: sum(1 for _ in list_jobs(store)))
     figures["MiB at the end"] = _peak_mib()

@@ -20,7 +20,7 @@ from benchmarks.simulation.engine_worlds import FOLDERS, bench_world, exploratio
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.template.body import template_body
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.chunks import plan_chunks
 
@@ -54,7 +54,7 @@ def run_batch(kind: str, folder: Path) -> None:
     rows: list[EpisodeResult] = []
     programs = _watched()
     for chunk in plan_chunks(requests, LANES):
-        rows += simulate_chunk(chunk, worlds, folders, lanes=LANES, should_stop=lambda: False)
+        rows += simulate_lanes(chunk, worlds, folders, lanes=LANES, should_stop=lambda: False)
     figures = {
         "finished": sum(row.status == "Completed" for row in rows),
         "lane_steps": sum(row.simulated_s for row in rows) * PHYSICS_HZ,

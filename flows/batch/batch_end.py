@@ -12,17 +12,17 @@ from flows.batch.batch_report import MissingReport, WrittenReport, report_fields
 from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import recordings_url
 from tasks.results.tables.table_record import write_batch_tables
-from tasks.simulate.batch.job import KIND, STOPPING, OpenBatch, close_batch, ending, opened
+from tasks.simulate.batch.job import KIND, STOPPING, OpenBatch, close_batch, load_batch, terminal_state
 from tasks.simulate.batch.provenance import batch_metadata
-from tasks.simulate.batch.result_stream import give_up, parts
+from tasks.simulate.batch.result_stream import give_up, result_parts
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed_unless_alive
+from tasks.storage.jobs.claim import hold_claim_unless_alive
 from tasks.storage.jobs.records import JobRecord
 
 
-def settled(store: Store, batch: str) -> JobRecord:
+def close_if_stopped(store: Store, batch: str) -> JobRecord:
     """Returns a batch's record; a batch that is being stopped, and that no process works on, is closed first.
 
     Its tables have the rows of the episodes that were driven, and Canceled rows for the rest. If a process works on it,
@@ -31,11 +31,11 @@ def settled(store: Store, batch: str) -> JobRecord:
     Raises:
         ResourceNotFound: No such batch.
     """
-    work = opened(store, batch)
+    work = load_batch(store, batch)
     record = work.record()
     if record.status not in STOPPING:
         return record
-    with claimed_unless_alive(store, claim_key(KIND, batch)) as claim:
+    with hold_claim_unless_alive(store, claim_key(KIND, batch)) as claim:
         record = work.record()
         if claim is None or record.status not in STOPPING:
             return record
@@ -78,7 +78,7 @@ def end_batch(
     detail = {**write_tables(batch, location), **(more or {})}
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
-    status, why = ending(record, cast("int", detail["failed_inside"]))
+    status, why = terminal_state(record, cast("int", detail["failed_inside"]))
     if status == "Completed":
         detail = with_audit(detail, audit())
     report = write_last_report(batch.store, record, status, detail, why)
@@ -100,7 +100,7 @@ def _write_tables(batch: OpenBatch, location: OutputLocation) -> dict[str, JsonV
     return write_batch_tables(
         batch.store,
         batch.id,
-        parts(batch),
+        result_parts(batch),
         variables=batch.plan.variables(),
         location=location,
         metadata=batch_metadata(batch.plan.lanes),

@@ -16,10 +16,10 @@ from pydantic import JsonValue
 from specs.data.run_report import PipelineReport
 from specs.errors import ResourceNotFound, SimyardError
 from tasks.results.report.facts import BatchFacts, Link, StageTime
-from tasks.results.report.judgement import judgement
+from tasks.results.report.judgement import read_judgement
 from tasks.results.report.page import report_page
 from tasks.results.report.report_job import batch_view, put_report
-from tasks.results.report.view import View
+from tasks.results.report.view import ReportView
 from tasks.results.tables.recordings import RECORDINGS_FOLDER
 from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.plan.request import recorded_location
@@ -38,7 +38,7 @@ class WrittenReport:
     """A report that was written: where it is, and what it shows."""
 
     url: str
-    view: View
+    view: ReportView
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def has_tables(record: JobRecord) -> bool:
     return is_terminal(record) and "results_url" in record.detail
 
 
-def report_view_of(store: Store, record: JobRecord, *, beside_tables: bool = True) -> View:
+def report_view_of(store: Store, record: JobRecord, *, beside_tables: bool = True) -> ReportView:
     """Returns what the report of a batch shows.
 
     Args:
@@ -156,7 +156,7 @@ def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> Batc
         robots=tuple(dict.fromkeys(template.robot for template in plan.templates)),
         simulations=tuple(dict.fromkeys(template.scenario for template in plan.templates)),
         metadata=cast("dict[str, str]", detail["metadata"]),
-        judgement=judgement(store, record.id),
+        judgement=read_judgement(store, record.id),
         audit=cast("dict[str, JsonValue] | None", detail.get("audit")),
         stages=_stages(run),
         links=_links(record, beside_tables=beside_tables),

@@ -8,17 +8,17 @@ import pyarrow as pa
 from jaxtyping import Float
 
 from flows.batch.replay_episode import bundles
-from flows.gate.equal_worlds import alike_worlds
+from flows.gate.equal_worlds import world_identities
 from specs.arn import resource_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.results.compare.comparison import Flip, Pairs, compared
-from tasks.results.compare.comparison_svg import Ways, flip_map_svg
+from tasks.results.compare.comparison import CommonEpisodes, EpisodeFlip, compare_tables
+from tasks.results.compare.comparison_svg import FlipPaths, flip_map_svg
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import recorded_samples, stored_rows
-from tasks.simulate.batch.job import KIND, OpenBatch, opened
+from tasks.simulate.batch.job import KIND, OpenBatch, load_batch
 from tasks.simulate.plan.request import recorded_location
 from tasks.simulate.replay.replay import replay
 from tasks.storage.base.store import Store
@@ -53,7 +53,7 @@ def find_batch(store: Store, text: str) -> ComparedBatch:
         DocumentError: The text names no batch, or it has not left its tables yet.
         StageFailed: Its results are not what it wrote.
     """
-    work = opened(store, resource_path(text, KIND))
+    work = load_batch(store, resource_path(text, KIND))
     record = work.record()
     if "results_url" not in record.detail:
         allowed = f"a batch that has its tables; this one is {record.status}"
@@ -63,14 +63,14 @@ def find_batch(store: Store, text: str) -> ComparedBatch:
     return ComparedBatch(work, location, stored_rows(store, location, work.id, RESULTS_FILE, sha256=written))
 
 
-def common_episodes(first: ComparedBatch, second: ComparedBatch) -> Pairs:
+def common_episodes(first: ComparedBatch, second: ComparedBatch) -> CommonEpisodes:
     """Returns the episodes that two batches have in common.
 
     Raises:
         DocumentError: They have none.
     """
-    worlds, others = (alike_worlds(each.work.store, each.work.plan.worlds_used()) for each in (first, second))
-    pairs = compared(first.rows, second.rows, worlds, others)
+    worlds, others = (world_identities(each.work.store, each.work.plan.worlds_used()) for each in (first, second))
+    pairs = compare_tables(first.rows, second.rows, worlds, others)
     if not pairs.pairs:
         allowed = "batches with episodes in common: the same worlds, seeds, environments and applications"
         why = ["all that both have were canceled"] if pairs.canceled else pairs.apart or pairs.origins
@@ -79,17 +79,17 @@ def common_episodes(first: ComparedBatch, second: ComparedBatch) -> Pairs:
     return pairs
 
 
-def flip_maps(first: ComparedBatch, second: ComparedBatch, flips: Sequence[Flip]) -> Iterator[FlipMap]:
+def flip_maps(first: ComparedBatch, second: ComparedBatch, flips: Sequence[EpisodeFlip]) -> Iterator[FlipMap]:
     """Yields a drawing for each world with flips, those that have most of them first, at most so many.
 
     Ways come from recordings where there are any; others are simulated once more.
     """
-    by_world: dict[str, list[Flip]] = {}
+    by_world: dict[str, list[EpisodeFlip]] = {}
     for flip in flips:
         by_world.setdefault(flip.world, []).append(flip)
     # Python's sort keeps the order of worlds with as many.
     for world, found in sorted(by_world.items(), key=lambda item: -len(item[1]))[:MAPS_AT_MOST]:
-        ways = [Ways(each, _way(first, each.first), _way(second, each.second)) for each in found[:WAYS_A_MAP]]
+        ways = [FlipPaths(each, _way(first, each.first), _way(second, each.second)) for each in found[:WAYS_A_MAP]]
         plan = floor_plan_svg(read_world(second.work.store, world, "simyard compare"))
         yield FlipMap(world, flip_map_svg(plan, ways))
 

@@ -14,13 +14,13 @@ from specs.data.world import World
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
 from tasks.applications.registry import unpack
-from tasks.results.playback.deviations import Deviation, recording_deviations, row_deviations
+from tasks.results.playback.deviations import ColumnDeviation, recording_deviations, row_deviations
 from tasks.results.playback.playback import Playback, Sight
 from tasks.results.tables.recordings import recording_table
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.results.tables.stored_rows import recorded_samples, stored_rows
 from tasks.simulate.batch.job import OpenBatch, job_of
-from tasks.simulate.batch.provenance import batch_metadata, noted_machines, this_machine
+from tasks.simulate.batch.provenance import batch_metadata, recorded_machines, this_machine
 from tasks.simulate.plan.request import recorded_location
 from tasks.simulate.replay.replay import Replay, replay
 from tasks.storage.base.cache_folder import cache_folder
@@ -43,7 +43,7 @@ class JobReplay(NamedTuple):
     job: str
     world: World
     ending: str
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[ColumnDeviation, ...]
     causes: tuple[str, ...]
     playback: Playback | None
 
@@ -119,7 +119,9 @@ def _recorded_row(batch: OpenBatch, record: JobRecord, location: OutputLocation,
     return row if passed else stored_rows(batch.store, location, batch.id, FAILURES_FILE, index=index)
 
 
-def _in_recording(batch: OpenBatch, location: OutputLocation, recorded: pa.Table, again: Replay) -> list[Deviation]:
+def _in_recording(
+    batch: OpenBatch, location: OutputLocation, recorded: pa.Table, again: Replay
+) -> list[ColumnDeviation]:
     name = str(recorded.column("recording")[0])
     if not name:
         return []
@@ -139,7 +141,7 @@ def _causes(record: JobRecord, recorded: pa.Table, again: Replay) -> Iterator[st
         was, is_now = str(recorded.column(name)[0]), str(getattr(again.driven.row, name))
         if was != is_now:
             yield f"the {name} was {was or 'none'}, and is {is_now or 'none'}"
-    names, here = noted_machines(record), this_machine()
+    names, here = recorded_machines(record), this_machine()
     if names and here not in names:
         yield f"it ran on {' and '.join(names)}, and this is {here}"
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from flows.batch.replay_episode import JobReplay
 from specs.data.world import World
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.export.picture.film import Scene, filming
+from tasks.export.picture.film import FilmScene, open_film
 from tasks.results.playback.playback import Playback
 from tasks.results.playback.replay_formats import is_installed, require_extra
 from tasks.results.playback.replay_svg import replay_svg
@@ -61,14 +61,14 @@ def write_files(again: JobReplay, folder: Path, wanted: Wanted) -> list[Path]:
 
 def _write_film(path: Path, world: World, playback: Playback) -> None:
     """Writes the film: in three dimensions where a GL is there, else from above."""
-    from tasks.results.playback.replay_video import captioned, frames, write_video  # noqa: PLC0415 - an extra
+    from tasks.results.playback.replay_video import frames, with_caption, write_video  # noqa: PLC0415 - an extra
 
     low_m, high_m = playback.heights_m
-    scene = Scene(world=world, radius_m=playback.radius_m, low_m=low_m, high_m=high_m)
-    with filming(scene, *_SIZE) as shoot:
+    scene = FilmScene(world=world, radius_m=playback.radius_m, low_m=low_m, high_m=high_m)
+    with open_film(scene, *_SIZE) as shoot:
         if shoot is None:
             write_video(path, frames(world, playback), _FROM_ABOVE_HZ)
             return
         shown = playback.every(_STEPS_A_PICTURE).tolist()
-        pictures = (captioned(shoot(*playback.pose[each].tolist()), playback, each) for each in shown)
+        pictures = (with_caption(shoot(*playback.pose[each].tolist()), playback, each) for each in shown)
         write_video(path, pictures, _FROM_ABOVE_HZ // _STEPS_A_PICTURE)

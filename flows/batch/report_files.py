@@ -6,7 +6,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from flows.batch.batch_end import settled
+from flows.batch.batch_end import close_if_stopped
 from flows.batch.batch_report import has_tables, report_view_of
 from specs.arn import parse_reference
 from specs.base import Fault
@@ -59,7 +59,7 @@ def local_copy(place: ReportPage) -> Path:
 
 
 def _reportable(store: Store, text: str) -> JobRecord:
-    record = settled(store, _batch(text))
+    record = close_if_stopped(store, _batch(text))
     if has_tables(record):
         return record
     why = record.failure_reason or "its tables come when it ends"

@@ -14,13 +14,13 @@ from specs.template.body import TemplateBody
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import load_worlds
 from tasks.simulate.batch.job import OpenBatch, job_of
-from tasks.simulate.replay.delta_debugging import Names, smaller
+from tasks.simulate.replay.delta_debugging import Names, minimize_selection
 from tasks.simulate.replay.trials import Trial, simulate_trials
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import encode_world, write_world
 from tasks.worlds.certificate.certificate import broken_guarantees
-from tasks.worlds.certificate.furniture_removal import SHRUNK, refurnished
+from tasks.worlds.certificate.furniture_removal import SHRUNK, keep_furniture
 
 # Seeds that are looked at below the job's own; simulated together.
 _SEEDS_AT_MOST = 64
@@ -73,7 +73,7 @@ def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
     if not search.is_same(again):
         allowed = f"one that fails again: it is {reason(again) or 'passed'} now; simyard replay says what deviates"
         raise _refused(batch, index, allowed)
-    found = smaller(tuple(piece.name for piece in search.world.furniture), search.still_fails, budget - 2)
+    found = minimize_selection(tuple(piece.name for piece in search.world.furniture), search.still_fails, budget - 2)
     seed = search.lowest_seed(search.furnished(found.names), budget - 1)
     world = _store_world(store, search.furnished(found.names), batch, index)
     (row,) = search.rows([Trial(world, seed)])
@@ -119,7 +119,7 @@ class _Search:
         )
 
     def furnished(self, names: Names) -> World:
-        return refurnished(self.world, names, self._template)
+        return keep_furniture(self.world, names, self._template)
 
     def still_fails(self, selections: Sequence[Names]) -> list[bool]:
         trials = [Trial(self.furnished(names), self.request.seed) for names in selections]

@@ -73,7 +73,7 @@ def publish(
     Of a folder, of one for each architecture, or else of what lies at the application's sources.
     """
     from tasks.applications.bucket_sources import create_version
-    from tasks.applications.registry import publish as publish_folders
+    from tasks.applications.registry import publish_bundle as publish_folders
     from tasks.storage.store_url import open_store
 
     opened, own = open_store(store), _folders(architecture or [])

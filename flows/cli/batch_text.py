@@ -8,7 +8,7 @@ from flows.batch.replay_episode import JobReplay
 from specs.data.result_columns import REQUESTED
 from tasks.results.compare.comparison_svg import flip_text
 from tasks.results.compare.comparison_verdict import Comparison
-from tasks.results.playback.deviations import Deviation
+from tasks.results.playback.deviations import ColumnDeviation
 from tasks.results.statistics.intervals import wilson
 
 FLIPS_SHOWN = 40
@@ -103,11 +103,11 @@ def replay_answer(again: JobReplay) -> list[str]:
     return [first, *(f"may be why: {cause}" for cause in again.causes or (_UNKNOWN,))]
 
 
-def _deviations_shown(again: JobReplay) -> list[Deviation]:
+def _deviations_shown(again: JobReplay) -> list[ColumnDeviation]:
     return [each for each in again.deviations if not (each.same and each.column in _ASKED)]
 
 
-def _deviation(each: Deviation) -> str:
+def _deviation(each: ColumnDeviation) -> str:
     if each.same:
         return "0"
     return "differs" if each.most in {0.0, float("inf")} else f"{each.most:.3g}"

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.text import Text
 
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
-from tasks.storage.base.disk_space import NO_ROOM, told_machine_full
+from tasks.storage.base.disk_space import NO_ROOM, full_machine_message
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
@@ -88,7 +88,7 @@ def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -
 
 def _accident(exc: Exception) -> str:
     if isinstance(exc, OSError) and exc.errno in NO_ROOM:
-        return told_machine_full(exc)
+        return full_machine_message(exc)
     return _defect(exc)
 
 

@@ -19,11 +19,18 @@ from specs.data.run_report import PipelineReport
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.settings import server_wait_s
-from tasks.progress.listener import Listener, listening
+from tasks.progress.listener import Listener, listen_to_progress
 from tasks.server import process
-from tasks.server.health import asked_often, is_answering, is_listening, is_local, shown, unproxied
+from tasks.server.health import (
+    is_answering,
+    is_listening,
+    is_local,
+    proxy_exceptions,
+    succeeds_within,
+    url_without_password,
+)
 from tasks.server.resident import kept_server
-from tasks.server.watchdog import Pace, Watch, guarded
+from tasks.server.watchdog import WatchdogPace, WatchdogState, guard_run
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.cache_folder import cache_folder
@@ -51,7 +58,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     with (
         prefect_server() as server,
         _bars(console) as listener,
-        listening(listener),
+        listen_to_progress(listener),
         _guard_server(server, console) as watch,
     ):
         from prefect.exceptions import CancelledRun  # noqa: PLC0415 - JAX and Prefect load while the server starts
@@ -92,7 +99,7 @@ def prefect_server() -> Generator[ServerChoice, None, None]:
             yield ServerChoice(url, wait_s)
         return
     with (
-        process.serving(home) as (server, child),
+        process.run_server(home) as (server, child),
         _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
         _import_engine()
@@ -101,15 +108,16 @@ def prefect_server() -> Generator[ServerChoice, None, None]:
 
 
 def _require(api_url: str) -> None:
-    if not asked_often(lambda: is_answering(api_url)):
+    if not succeeds_within(lambda: is_answering(api_url)):
         remedy = "unset it, or simyard up and export what that prints"
         raise StageFailed(
-            "InternalServiceError", f"no Prefect server answers at PREFECT_API_URL={shown(api_url)}; {remedy}"
+            "InternalServiceError",
+            f"no Prefect server answers at PREFECT_API_URL={url_without_password(api_url)}; {remedy}",
         )
 
 
 def _proxy_setting(api_url: str) -> dict[str, str]:
-    return unproxied(os.environ) if is_local(api_url) else {}
+    return proxy_exceptions(os.environ) if is_local(api_url) else {}
 
 
 def _retry_setting(wait_s: int) -> dict[str, str]:
@@ -122,7 +130,7 @@ def _retry_setting(wait_s: int) -> dict[str, str]:
 
 
 @contextmanager
-def _guard_server(server: ServerChoice, console: Console) -> Generator[Watch, None, None]:
+def _guard_server(server: ServerChoice, console: Console) -> Generator[WatchdogState, None, None]:
     """Ends the run with one message and exit code 3 when the server goes away during the block."""
 
     def leave(failure: StageFailed) -> None:
@@ -132,10 +140,12 @@ def _guard_server(server: ServerChoice, console: Console) -> Generator[Watch, No
         sys.stderr.flush()
         os._exit(3)
 
-    reason = f"the Prefect server at {shown(server.api_url)} went away; the same command continues this run"
+    reason = (
+        f"the Prefect server at {url_without_password(server.api_url)} went away; the same command continues this run"
+    )
     # Whether it listens, not how soon it answers: on a busy machine a server that is there may be silent for long.
-    pace = Pace(patience_s=server.wait_s)
-    with guarded(lambda: is_listening(server.api_url), reason, leave, pace) as watch:
+    pace = WatchdogPace(patience_s=server.wait_s)
+    with guard_run(lambda: is_listening(server.api_url), reason, leave, pace) as watch:
         yield watch
 
 

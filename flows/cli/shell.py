@@ -54,9 +54,9 @@ def main() -> None:
 
 
 def _run_app() -> None:
-    from tasks.progress.log_lines import logging_as_asked
+    from tasks.progress.log_lines import log_in_chosen_format
 
-    with logging_as_asked():
+    with log_in_chosen_format():
         app()
 
 
@@ -80,13 +80,13 @@ def run(file: Document, store: StoreUrl = None) -> None:
 @app.command()
 def plan(file: Document, store: StoreUrl = None) -> None:
     """Tell what a run of the document would do, and what in it has no effect."""
-    from flows.preview.plan import planned
+    from flows.preview.plan import plan_lines
     from tasks.documents.pipeline_file import read_pipeline
     from tasks.storage.store_url import open_store
 
     spec = read_pipeline(file)
     with _name_file(file):
-        for line in planned(spec, file.resolve().parent, open_store(store)):
+        for line in plan_lines(spec, file.resolve().parent, open_store(store)):
             typer.echo(line)
 
 
@@ -108,13 +108,13 @@ def describe(
     from flows.resource.abandoned_jobs import job_notes
     from flows.resource.answers import describe_jobs, describe_resource
     from specs.arn import resource_kind, resource_name
-    from tasks.simulate.batch.metrics import told_metrics
+    from tasks.simulate.batch.metrics import metric_lines
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
     answer = describe_resource(opened, arns[0]) if len(arns) == 1 else describe_jobs(opened, arns)
     typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
-    for line in told_metrics(opened, arns[0]) if len(arns) == 1 else ():
+    for line in metric_lines(opened, arns[0]) if len(arns) == 1 else ():
         typer.echo(line, err=True)
     if len(arns) == 1 and resource_kind(arns[0]) == "deployment-job":
         from flows.cli.fleet_watch import wish_notes
@@ -131,7 +131,7 @@ def cancel(
     store: StoreUrl = None,
 ) -> None:
     """Cancel a job; what is done is kept, and who works on it stops within seconds."""
-    from flows.resource.cancel import cancel as cancel_named
+    from flows.resource.cancel import cancel_resource as cancel_named
     from tasks.storage.store_url import open_existing_store
 
     cancel_named(open_existing_store(store), arn)
@@ -144,7 +144,7 @@ def restart(
     store: StoreUrl = None,
 ) -> None:
     """Restart a running job: it is simulated once more, with the bundles of its batch."""
-    from flows.resource.answers import restart as restart_named
+    from flows.resource.answers import restart_named_job as restart_named
     from tasks.storage.store_url import open_existing_store
 
     restart_named(open_existing_store(store), arn)
@@ -171,7 +171,7 @@ def list_(
     """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
     from flows.cli.output import json_lines, page_rows, show_rows
     from flows.resource.abandoned_jobs import kind_notes
-    from flows.resource.answers import list_page, listed
+    from flows.resource.answers import list_page, list_resources
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
@@ -180,7 +180,7 @@ def list_(
         page = list_page(opened, kind, request)
         lines, (rows, token) = list(json_lines([page])), page_rows(page)
     else:
-        lines = list(json_lines(listed(opened, kind)))
+        lines = list(json_lines(list_resources(opened, kind)))
         rows = [json.loads(line) for line in lines] if not as_json else []
     if as_json:
         for line in lines:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from tasks.housekeeping.findings import GcReport, Row
+    from tasks.housekeeping.findings import FindingRow, GcReport
 
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 _UNITS = ("B", "KiB", "MiB", "GiB", "TiB")
@@ -45,7 +45,7 @@ def gc(
 
     Records that cannot be read end it with 3: what they might name stays.
     """
-    from tasks.housekeeping.job import Ages, collect
+    from tasks.housekeeping.job import Ages, collect_garbage
     from tasks.storage.base.cache_folder import cache_folder
     from tasks.storage.store_url import open_existing_store
 
@@ -54,7 +54,7 @@ def gc(
         _seconds(older_than, "--older-than") if older_than else None,
         _seconds(unused, "--unused"),
     )
-    report = collect(open_existing_store(store), cache_folder(), ages, remove=yes)
+    report = collect_garbage(open_existing_store(store), cache_folder(), ages, remove=yes)
     if as_json:
         typer.echo(report.model_dump_json(indent=2))
     else:
@@ -83,7 +83,7 @@ def _show(report: "GcReport", console: Console) -> None:
         console.print(f"not looked at: {line}", highlight=False, soft_wrap=True)
 
 
-def _lines(report: "GcReport") -> "Iterator[tuple[Row, str]]":
+def _lines(report: "GcReport") -> "Iterator[tuple[FindingRow, str]]":
     yield from ((row, row.why) for row in report.freed)
     yield from ((row, f"of this machine's cache, {row.why}") for row in report.cache)
     yield from ((row, f"stays for now: {row.why}") for row in report.waiting)

@@ -17,7 +17,7 @@ from specs.pipeline.section_requests import fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet, SimulationBatch
 from specs.robomaker.bundle import LATEST, ApplicationKind, Version
 from specs.template.body import template_digest
-from tasks.applications.registry import publish, resolve, with_digest
+from tasks.applications.registry import find_by_digest, publish_bundle, resolve
 from tasks.deploy.rollout.resolved_request import preflight
 from tasks.deploy.trust.trust_choice import trust_faults
 from tasks.documents.template_source import find_template
@@ -25,7 +25,7 @@ from tasks.export.format.formats import require_writable
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion, output_location
 from tasks.storage.base.store import Store
-from tasks.storage.buckets import changed_sources, open_bucket
+from tasks.storage.buckets import open_bucket, source_faults
 
 T = TypeVar("T")
 Pins = dict[str, JsonValue]
@@ -89,7 +89,7 @@ def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
         if brought and version in {None, LATEST}:
             return brought
         found = resolve(store, kind, reference, version)
-        if faults := changed_sources(store, found, "applicationVersion"):
+        if faults := source_faults(store, found, "applicationVersion"):
             raise DocumentError(faults)
         return found
 
@@ -130,7 +130,7 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
     name = parse_reference(use.application).path
     version = find("robot-application", use.application, use.applicationVersion)
     if use.applicationVersion is None and tested and tested.get(name, version.digest) != version.digest:
-        version = with_digest(store, "robot-application", use.application, tested[name])
+        version = find_by_digest(store, "robot-application", use.application, tested[name])
     if tested and version.digest not in tested.values():
         path = "deployment.deploymentApplicationConfigs[0]"
         seen = ", ".join(f"{other} ({digest[:12]})" for other, digest in tested.items())
@@ -141,7 +141,7 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
 
 def _publish(source: ApplicationSource, store: Store, base: Path) -> dict[str, Version]:
     kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
-    return {_key(kind, source.name): publish(store, kind, source.name, base / source.source)}
+    return {_key(kind, source.name): publish_bundle(store, kind, source.name, base / source.source)}
 
 
 def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:

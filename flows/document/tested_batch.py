@@ -11,7 +11,7 @@ from specs.errors import ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.simulation import DataSourceConfig
-from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import PinnedSource
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
@@ -43,7 +43,7 @@ def batch_plan(
 
     @cache
     def pin(source: str) -> PinnedSource:
-        return pinned(store, cache_folder() / "data", DataSourceConfig.model_validate_json(source))
+        return pin_source(store, cache_folder() / "data", DataSourceConfig.model_validate_json(source))
 
     plan = plan_batch(section, matrix, digests, find, lambda source: pin(source.model_dump_json()))
     return shuffle_if_endable(plan, gate)

@@ -4,7 +4,7 @@ from collections.abc import Hashable, Iterable, Iterator
 from typing import NamedTuple, cast
 
 from flows.document.tested_batch import candidates
-from flows.gate.equal_worlds import alike_worlds
+from flows.gate.equal_worlds import world_identities
 from specs.errors import BucketNotFound, ResourceNotFound
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.applications.registry import resolve
@@ -68,7 +68,7 @@ def read_outcomes(store: Store, record: JobRecord, digests: Iterable[str]) -> di
     """
     place, written = recorded_location(record), _results_digest(record)
     rows = stored_rows(store, place, record.id, RESULTS_FILE, sha256=written, columns=PAIRED_COLUMNS)
-    return outcomes(rows, alike_worlds(store, plan_of(record).worlds_used()), digests)
+    return outcomes(rows, world_identities(store, plan_of(record).worlds_used()), digests)
 
 
 def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[JobRecord]:

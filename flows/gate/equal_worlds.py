@@ -10,7 +10,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.worlds import pinned_world_bytes
 
 
-def alike_worlds(store: Store, worlds: Mapping[str, str]) -> dict[str, str]:
+def world_identities(store: Store, worlds: Mapping[str, str]) -> dict[str, str]:
     """Returns what tells worlds apart, by ``<generation>/<world>``: all of each but what its generation was called.
 
     A world that is gone, or is not what it was, is the same as one whose whole document was the same.

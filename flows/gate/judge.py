@@ -64,7 +64,7 @@ def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> G
     Raises:
         StageFailed: The results are not what the batch wrote.
     """
-    pinned = answered(store, run)
+    pinned = read_gate_answer(store, run)
     if pinned is not None:
         return pinned
     other = _baseline(gate, batch, store, run)
@@ -75,7 +75,7 @@ def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> G
         # one has such an input, the page of a run shows no task runs at all (3.8.8).
         parse_reference(batch.arn).path,
         rule=gate,
-        material=partial(material, gate, batch, store, other),
+        material=partial(gate_material, gate, batch, store, other),
         tested=tested_facts(plan_of(batch), batch),
         baseline=baseline,
     )
@@ -86,7 +86,7 @@ def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> G
     return answer
 
 
-def answered(store: Store, run: JobRecord) -> GateAnswer | None:
+def read_gate_answer(store: Store, run: JobRecord) -> GateAnswer | None:
     """Returns what the gate of a run answered, or None as long as it has not."""
     said = read(store, "pipeline-run", run.id).detail.get(_GATE)
     return GateAnswer.model_validate(said) if said is not None else None
@@ -98,7 +98,7 @@ def read_baseline(store: Store, run: JobRecord) -> Baseline | None:
     return Baseline.model_validate(found) if found is not None else None
 
 
-def material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> GateMaterial:
+def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> GateMaterial:
     """Returns what the gate judges a batch by: of the tested version alone, where another one is in the batch too.
 
     Args:

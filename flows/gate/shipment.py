@@ -3,7 +3,7 @@
 from pydantic import JsonValue
 
 from flows.document.tested_batch import tested_bundles
-from flows.gate.judge import answered, read_baseline
+from flows.gate.judge import read_baseline, read_gate_answer
 from specs.data.run_report import StageReport
 from specs.errors import ResourceNotFound
 from tasks.deploy.rollout.operator_commands import steer
@@ -22,7 +22,7 @@ def shippable(batch: JobRecord, store: Store, run: JobRecord) -> dict[str, str]:
     return tested_bundles(plan_of(batch), other.digest if other else "")
 
 
-def changes(shipped: str, store: Store, run: JobRecord) -> list[str]:
+def evidence_changes(shipped: str, store: Store, run: JobRecord) -> list[str]:
     """Returns what is not as the gate of a run saw it, one line each; nothing if all is, or if nobody judged.
 
     Args:
@@ -30,7 +30,7 @@ def changes(shipped: str, store: Store, run: JobRecord) -> list[str]:
         store: Where everything is.
         run: The pipeline's run, with its gate's answer.
     """
-    answer = answered(store, run)
+    answer = read_gate_answer(store, run)
     if answer is None:
         return []
     return evidence_faults(
@@ -42,7 +42,7 @@ def changes(shipped: str, store: Store, run: JobRecord) -> list[str]:
     )
 
 
-def refused(found: list[str], seconds: float) -> StageReport:
+def refusal_report(found: list[str], seconds: float) -> StageReport:
     """Returns the report of a deployment that was refused, naming all that has changed."""
     why = "; ".join(found)
     summary = f"nothing was deployed, since the evidence does not hold: {why}"
@@ -50,7 +50,7 @@ def refused(found: list[str], seconds: float) -> StageReport:
     return StageReport(name="deployment", arn="", status="Refused", summary=summary, seconds=seconds, facts=facts)
 
 
-def withdraw(store: Store, token: str) -> None:
+def withdraw_deployment(store: Store, token: str) -> None:
     """Cancels the deployment that the run began before it was killed, so that no further robot is asked."""
     try:
         record = read(store, _JOB, job_id(_JOB, token))

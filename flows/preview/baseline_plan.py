@@ -15,7 +15,7 @@ _Conditions = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Judged:
+class GateBasis:
     """What a gate is going to judge by.
 
     Attributes:
@@ -29,7 +29,7 @@ class Judged:
     no_baseline: str = ""
 
 
-def gate_basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: Store) -> Judged:
+def gate_basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: Store) -> GateBasis:
     """Returns what a gate is going to judge a batch by.
 
     Args:
@@ -40,21 +40,21 @@ def gate_basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: 
     """
     everything = _episodes(plan, _templates(plan, frozenset(template.robot.digest for template in plan.templates)))
     if rule is None:
-        return Judged(everything, everything)
+        return GateBasis(everything, everything)
     names = sorted({template.robot.name for template in plan.templates})
     meant = candidates(plan, baseline)
     if len(names) != 1:
-        return Judged(everything, 0, f"the batch tests several applications ({', '.join(names)})")
+        return GateBasis(everything, 0, f"the batch tests several applications ({', '.join(names)})")
     if len(meant) != 1:
-        return Judged(everything, 0, f"the batch tests several versions besides version {rule.applicationVersion}")
+        return GateBasis(everything, 0, f"the batch tests several versions besides version {rule.applicationVersion}")
     tested = _templates(plan, meant)
     episodes = _episodes(plan, tested)
     other = _templates(plan, frozenset({baseline}))
     if other:
-        return Judged(episodes, _common(plan, tested, other))
+        return GateBasis(episodes, _common(plan, tested, other))
     if _may_be_there(plan, baseline, store):
-        return Judged(episodes, episodes)
-    return Judged(episodes, 0, "no batch that Completed drove that version on any of these seeds")
+        return GateBasis(episodes, episodes)
+    return GateBasis(episodes, 0, "no batch that Completed drove that version on any of these seeds")
 
 
 def _templates(plan: BatchPlan, digests: frozenset[str]) -> list[JobTemplate]:

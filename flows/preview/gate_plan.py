@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from flows.preview.baseline_plan import Judged
+from flows.preview.baseline_plan import GateBasis
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate import GATE_RULES
 from tasks.results.gate.rules.rule import PlannedEpisodes
@@ -10,7 +10,7 @@ from tasks.results.gate.rules.rule import PlannedEpisodes
 _INDENT = " " * 18
 
 
-def gate_lines(gate: Gate, judged: Judged, audited: int, programs: int = 1) -> Iterator[str]:
+def gate_lines(gate: Gate, judged: GateBasis, audited: int, programs: int = 1) -> Iterator[str]:
     """Yields lines for a person: each rule, and what it needs if episodes come out in some ways.
 
     Args:

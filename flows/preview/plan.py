@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flows.document.references import finder, pins
 from flows.document.tested_batch import compared_digest, failing_sources
-from flows.preview.baseline_plan import Judged, gate_basis
+from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines
 from specs.pipeline.document import PipelineSpec, inert_fields
@@ -27,7 +27,7 @@ _BASES: Mapping[Basis, str] = {
 }
 
 
-def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
+def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     """Yields lines for a person: each stage, what it makes, and the fields that have no effect.
 
     Raises:
@@ -44,7 +44,7 @@ def planned(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
-    judged, audited, programs = Judged(0, 0), 0, 1
+    judged, audited, programs = GateBasis(0, 0), 0, 1
     if spec.simulationBatch:
         section, find = spec.simulationBatch, finder(trial, own)
         batch = _batch(section, worlds, find)

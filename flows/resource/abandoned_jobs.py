@@ -126,14 +126,14 @@ def _reap_or_explain(store: Store, suspect: _Suspect) -> ReapedJob:
 
 def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
     # `simyard list` and `describe` answer without what these import.
-    from flows.resource.cancel import cancel  # noqa: PLC0415 - see above
+    from flows.resource.cancel import cancel_resource  # noqa: PLC0415 - see above
     from flows.resource.stopped_batches import close_stopped_batch  # noqa: PLC0415 - see above
     from tasks.deploy.rollout.controller import CANCELED  # noqa: PLC0415 - see above
 
     record = suspect.record
     if record.status == "Canceling" or CANCELED in record.detail or _is_orphan(store, record):
         with suppress(DocumentError):  # it ended since it was read, or is about to
-            cancel(store, record.arn)
+            cancel_resource(store, record.arn)
     elif record.kind == "simulation-job-batch":
         close_stopped_batch(store, record.id)
     after = read(store, record.kind, record.id)

@@ -40,7 +40,7 @@ def describe_jobs(store: Store, arns: Sequence[str]) -> Spec:
     return batch_describe_jobs(store, request.jobs)
 
 
-def listed(store: Store, kind: str) -> Iterable[Spec]:
+def list_resources(store: Store, kind: str) -> Iterable[Spec]:
     """Returns what the List call for a kind answers, all pages in one.
 
     Raises:
@@ -67,7 +67,7 @@ def list_page(store: Store, kind: str, request: PageRequest) -> Spec:
     return page(store, request)
 
 
-def restart(store: Store, text: str) -> None:
+def restart_named_job(store: Store, text: str) -> None:
     """Restarts the simulation job that an ARN names.
 
     Raises:

@@ -9,7 +9,7 @@ from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed_unless_alive
+from tasks.storage.jobs.claim import hold_claim_unless_alive
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
 from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import jobs_of
@@ -18,7 +18,7 @@ REASON = "canceled on request"
 _GOING = frozenset({"Pending", "Running", "Canceling"})
 
 
-def cancel(store: Store, text: str) -> None:
+def cancel_resource(store: Store, text: str) -> None:
     """Cancels what an ARN names: a process that works on it stops within seconds; without one, it ends here and now.
 
     Raises:
@@ -49,7 +49,7 @@ def cancel_run(store: Store, run: str) -> JobRecord:
     if record.status != "Canceling":
         raise _refused(run, f"a run that is under way; this one is {record.status}")
     cancel_jobs(store, record)
-    with claimed_unless_alive(store, claim_key(RUN, run)) as claim:
+    with hold_claim_unless_alive(store, claim_key(RUN, run)) as claim:
         return record if claim is None else end_canceled(store, record)
 
 
@@ -79,7 +79,7 @@ def cancel_jobs(store: Store, run: JobRecord, but_for: Collection[str] = ()) -> 
             if job not in but_for and not is_terminal(record):
                 found.add(job)
                 with suppress(DocumentError):  # ended, or about to, since it was read
-                    cancel(store, record.arn)
+                    cancel_resource(store, record.arn)
     return frozenset(found)
 
 

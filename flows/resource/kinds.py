@@ -67,27 +67,27 @@ def _world() -> Resource:
 
 
 def _world_generation_job() -> Resource:
-    from tasks.storage.jobs.cancellation import cancel_job
+    from tasks.storage.jobs.cancellation import cancel_watched_job
     from tasks.worlds.job.describe import describe_generation_job, summarise_generation_job
 
     kind: JobKind = "world-generation-job"
     return Resource(
         lambda store, path: describe_generation_job(read(store, kind, path)),
         lambda store: [summarise_generation_job(each) for each in records(store, kind)],
-        cancel=lambda store, path: cancel_job(store, kind, path),
+        cancel=lambda store, path: cancel_watched_job(store, kind, path),
         progress=_worlds_made,
     )
 
 
 def _world_export_job() -> Resource:
     from tasks.export.job.describe import describe_export_job, summarise_export_job
-    from tasks.storage.jobs.cancellation import cancel_job
+    from tasks.storage.jobs.cancellation import cancel_watched_job
 
     kind: JobKind = "world-export-job"
     return Resource(
         lambda store, path: describe_export_job(read(store, kind, path)),
         lambda store: [summarise_export_job(each) for each in records(store, kind)],
-        cancel=lambda store, path: cancel_job(store, kind, path),
+        cancel=lambda store, path: cancel_watched_job(store, kind, path),
         progress=lambda _, record: ("Export", int(is_terminal(record)), 1),
     )
 
@@ -227,15 +227,15 @@ def _worlds_made(store: Store, record: JobRecord) -> StageProgress:
 
 def _episodes_done(store: Store, record: JobRecord) -> StageProgress:
     from tasks.simulate.batch.chunk_store import chunk_numbers
-    from tasks.simulate.batch.job import opened
+    from tasks.simulate.batch.job import load_batch
 
-    layout = opened(store, record.id).layout
+    layout = load_batch(store, record.id).layout
     done = sum(map(layout.chunk_size, chunk_numbers(store, record.id).committed))
     return "Episodes", done, layout.episodes
 
 
 def _robots_done(_store: Store, record: JobRecord) -> StageProgress:
-    from tasks.deploy.rollout.observation import ended, recorded_progress
+    from tasks.deploy.rollout.observation import count_ended, recorded_progress
 
     seen = recorded_progress(record)
-    return "Deployment", ended(seen), max(1, len(seen))
+    return "Deployment", count_ended(seen), max(1, len(seen))

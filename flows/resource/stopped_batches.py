@@ -18,10 +18,10 @@ def close_stopped_batch(store: Store, path: str) -> str:
     """
     batch = path.partition("/")[0]
     if read(store, BATCH, batch).status in STOPPING:
-        from flows.batch.batch_end import settled  # noqa: PLC0415 - it imports MuJoCo and Arrow, which describing does not need
+        from flows.batch.batch_end import close_if_stopped  # noqa: PLC0415 - it imports MuJoCo and Arrow, which describing does not need
 
         try:
-            settled(store, batch)
+            close_if_stopped(store, batch)
         except StoreError as exc:
             logger.warning("batch %s was stopped and cannot be closed: %s", batch, exc)
     return path

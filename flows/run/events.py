@@ -14,20 +14,20 @@ from prefect.events import emit_event
 from flows.gate.judge import GateAnswer
 from specs.arn import resource_name
 from specs.job_kinds import JOB_KINDS
-from tasks.progress.log_lines import logging_as_asked
+from tasks.progress.log_lines import log_in_chosen_format
 from tasks.storage.jobs.records import JobRecord
-from tasks.storage.jobs.transitions import Transition, hearing
+from tasks.storage.jobs.transitions import Transition, listen_to_transitions
 
 logger = logging.getLogger(__name__)
 
 
 @contextmanager
-def announced() -> Generator[None, None, None]:
+def announce_changes() -> Generator[None, None, None]:
     """Sends an event for each job whose status changes inside the ``with`` block, which runs in a flow or a task.
 
     Also what the block logs is written as SIMYARD_LOG_FORMAT asks, if it does.
     """
-    with logging_as_asked(), hearing(_announce):
+    with log_in_chosen_format(), listen_to_transitions(_announce):
         yield
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from flows.resource.kinds import KINDS, StageProgress
 from specs.errors import ResourceNotFound
-from tasks.progress.listener import tell
+from tasks.progress.listener import report_progress
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord
 from tasks.storage.jobs.holder import this_process
@@ -37,7 +37,7 @@ def waiting_display(store: Store, clock: Callable[[], float] = time.monotonic) -
             holder = found.owner
             logger.info("%s works on %s, and this process waits for its result", holder_name(found), run.arn)
         stage, done, total = run_progress(store, run)
-        tell(f"waiting for {holder_name(found)}: {stage}", done, total)
+        report_progress(f"waiting for {holder_name(found)}: {stage}", done, total)
         next_s = clock() + max(_PAUSE_S, (clock() - began_s) / _LOOKING_SHARE)
 
     return waiting

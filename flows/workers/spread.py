@@ -34,7 +34,7 @@ _PATIENCE_S = 20.0
 Numbers = tuple[int, ...]
 
 
-class Ended(NamedTuple):
+class PieceOutcome(NamedTuple):
     """A piece that was handed out, and what became of it.
 
     Attributes:
@@ -47,7 +47,7 @@ class Ended(NamedTuple):
     failure: str
 
 
-class Pace:
+class PieceSize:
     """How many numbers go into a piece, by how long the last ones took."""
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ def spread(
     width: Callable[[], int],
     going: Callable[[], bool],
     missing: Callable[[Numbers], Numbers],
-    on_end: Callable[[Ended], float],
+    on_end: Callable[[PieceOutcome], float],
 ) -> None:
     """Hands numbers out in order until all are done, or none is wanted any more.
 
@@ -91,7 +91,7 @@ def spread(
         StageFailed: A piece was lost four times.
     """
     pieces, unwanted = _Pieces(numbers, hand_out, width), _Unwanted(going)
-    pace, lost = Pace(), Counter[int]()
+    pace, lost = PieceSize(), Counter[int]()
     while pieces.left or pieces.flying:
         if unwanted():
             pieces.left.clear()
@@ -121,16 +121,16 @@ class _Pieces:
     ) -> None:
         self.left, self.flying = deque(numbers), 0
         self._hand_out, self._width = hand_out, width
-        self._ended: SimpleQueue[Ended] = SimpleQueue()
+        self._ended: SimpleQueue[PieceOutcome] = SimpleQueue()
 
-    def fill(self, pace: Pace) -> None:
+    def fill(self, pace: PieceSize) -> None:
         """Hands out so many pieces that each worker has the next one there."""
         while self.left and self.flying < self._width() * _AHEAD:
             piece = tuple(self.left.popleft() for _ in range(pace.size(len(self.left), self._width())))
             _await(piece, self._hand_out(piece), self._ended)
             self.flying += 1
 
-    def next_end(self) -> Ended | None:
+    def next_end(self) -> PieceOutcome | None:
         """Returns a piece that ended; None if none did in half a second."""
         try:
             end = self._ended.get(timeout=_LOOK_S)
@@ -157,7 +157,7 @@ class _Unwanted:
         return self._since_s is not None and time.monotonic() - self._since_s >= _PATIENCE_S
 
 
-def _to_repeat(end: Ended, missing: Numbers, lost: Counter[int]) -> Numbers:
+def _to_repeat(end: PieceOutcome, missing: Numbers, lost: Counter[int]) -> Numbers:
     """Returns what of a piece has to be handed out again."""
     lost.update(missing)
     if any(lost[number] >= _ATTEMPTS for number in missing):
@@ -168,14 +168,14 @@ def _to_repeat(end: Ended, missing: Numbers, lost: Counter[int]) -> Numbers:
     return missing
 
 
-def _await(numbers: Numbers, future: PrefectFuture[Any], ended: "SimpleQueue[Ended]") -> None:
+def _await(numbers: Numbers, future: PrefectFuture[Any], ended: "SimpleQueue[PieceOutcome]") -> None:
     """Puts a piece into the queue when it has ended; a future's own callbacks differ between Dask and Ray."""
 
     def wait() -> None:
         try:
-            ended.put(Ended(numbers, future.result(), ""))
+            ended.put(PieceOutcome(numbers, future.result(), ""))
         # Whatever a worker died of is reported, and the store is asked; CancelledError is no Exception in Python.
         except (Exception, asyncio.CancelledError) as exc:  # noqa: BLE001 - see above
-            ended.put(Ended(numbers, None, f"{type(exc).__name__}: {exc}"))
+            ended.put(PieceOutcome(numbers, None, f"{type(exc).__name__}: {exc}"))
 
     threading.Thread(target=wait, name=f"piece {numbers[0]}", daemon=True).start()

@@ -13,16 +13,16 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
-from flows.run.events import announced
+from flows.run.events import announce_changes
 from flows.workers.crew import Width, on_workers
-from flows.workers.spread import Ended, Numbers, spread
+from flows.workers.spread import Numbers, PieceOutcome, spread
 from specs.field_types import OutputLocation
 from specs.settings import Workers
 from tasks.applications.registry import unpack
-from tasks.progress.task import Progress, watched
+from tasks.progress.task import Progress, show_progress
 from tasks.results.tables.recordings import write_recordings
 from tasks.simulate.batch.chunk_store import chunk_numbers, is_committed, spent_s
-from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, opened, time_out
+from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
 from tasks.simulate.batch.metrics import BatchMeter, BatchMetrics, ChunkWork
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.batch.result_stream import give_up
@@ -49,7 +49,7 @@ def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -
     meter = BatchMeter()
 
     def episodes(width: Width) -> None:
-        with watched("Episodes", "episodes-progress") as progress:
+        with show_progress("Episodes", "episodes-progress") as progress:
             work = _Spread(batch, location, progress, meter)
             spread(
                 work.left,
@@ -97,7 +97,7 @@ class _Spread:
     def missing(self, numbers: Numbers) -> Numbers:
         return tuple(number for number in numbers if not is_committed(self._batch.store, self._batch.id, number))
 
-    def on_end(self, end: Ended) -> float:
+    def on_end(self, end: PieceOutcome) -> float:
         piece: ChunksDone = end.result
         self.done += piece.episodes
         self._meter.add(piece.work, piece.worker)
@@ -122,11 +122,13 @@ def simulate_chunks(
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on the batch before.
     """
-    with announced():  # a worker may be the first to see that time is up
-        return _simulated(opened(open_store(store_url), batch), numbers, location, left_s=left_s, spent_s=spent_s)
+    with announce_changes():  # a worker may be the first to see that time is up
+        return _simulate_numbers(
+            load_batch(open_store(store_url), batch), numbers, location, left_s=left_s, spent_s=spent_s
+        )
 
 
-def _simulated(
+def _simulate_numbers(
     work: OpenBatch, numbers: Numbers, location: OutputLocation, *, left_s: float, spent_s: float
 ) -> ChunksDone:
     store_url, batch = work.store.url, work.id

@@ -9,7 +9,7 @@ from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
 from flows.workers.crew import Width, on_workers, wanted_workers
-from flows.workers.spread import Ended, Numbers, spread
+from flows.workers.spread import Numbers, PieceOutcome, spread
 from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
 from tasks.export.job import job as exporting
@@ -18,7 +18,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 from tasks.worlds.job import job as generating
-from tasks.worlds.job.production import Indices, Made, Order
+from tasks.worlds.job.production import Indices, Order, WorldOutcome
 from tasks.worlds.job.world_store import make_and_keep, missing_worlds
 
 # Below, one machine is done by the time that workers have come up and imported what they need.
@@ -31,11 +31,11 @@ _GOING = frozenset({"Pending", "Running"})
 class WorldsDone(NamedTuple):
     """What a worker could not make, and the seconds that it took over its piece."""
 
-    rejected: list[Made]
+    rejected: list[WorldOutcome]
     wall_s: float
 
 
-def world_makers(store: Store) -> generating.Elsewhere | None:
+def world_makers(store: Store) -> generating.RemoteWorldMaker | None:
     """Returns what hands worlds to workers, if SIMYARD_WORKERS names some; None where this process makes them.
 
     Raises:
@@ -45,8 +45,8 @@ def world_makers(store: Store) -> generating.Elsewhere | None:
 
     def make(
         order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
-    ) -> Mapping[Indices, Made]:
-        rejected: dict[Indices, Made] = {}
+    ) -> Mapping[Indices, WorldOutcome]:
+        rejected: dict[Indices, WorldOutcome] = {}
         if workers is None or len(indices) < WORTH_MAKING:
             return rejected
         order_json = order.model_dump_json(exclude_unset=True)  # a template does not survive being pickled
@@ -58,7 +58,7 @@ def world_makers(store: Store) -> generating.Elsewhere | None:
             absent = set(missing_worlds(store, order.generation, [indices[number] for number in numbers]))
             return tuple(number for number in numbers if indices[number] in absent)
 
-        def on_end(end: Ended) -> float:
+        def on_end(end: PieceOutcome) -> float:
             rejected.update({each.indices: each for each in end.result.rejected})
             done(len(end.numbers))
             return end.result.wall_s
@@ -101,7 +101,7 @@ def world_writers(store: Store) -> exporting.ExportWorkers | None:
             there = kept_parts(store, job)
             return tuple(number for number in numbers if wanted[number] not in there)
 
-        def on_end(end: Ended) -> float:
+        def on_end(end: PieceOutcome) -> float:
             done(len(end.numbers))
             return end.result.wall_s
 

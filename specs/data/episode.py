@@ -132,7 +132,7 @@ class EpisodeResult(Spec):
     device: str = ""
 
 
-def unfinished(
+def unfinished_result(
     index: int,
     status: Literal["Failed", "Canceled"],
     *,
@@ -196,4 +196,6 @@ def short_reason(failure_code: str, outcome_reason: str, status: str) -> str:
 
 def failed_result(index: int, failure: Failure) -> EpisodeResult:
     """Returns the result of an episode that could not start."""
-    return unfinished(index, "Failed", failure_code=failure.code, failure_reason=failure.reason, outcome_reason="crash")
+    return unfinished_result(
+        index, "Failed", failure_code=failure.code, failure_reason=failure.reason, outcome_reason="crash"
+    )

@@ -38,10 +38,10 @@ def _names(home: Path) -> list[str]:
     return [path.name for path in home.iterdir() if path.is_dir()] if home.is_dir() else []
 
 
-__all__ = ["add_version", "applications", "pack", "publish", "resolve", "unpack", "with_digest"]
+__all__ = ["add_version", "applications", "find_by_digest", "pack", "publish_bundle", "resolve", "unpack"]
 
 
-def publish(
+def publish_bundle(
     store: Store,
     kind: ApplicationKind,
     name: str,
@@ -106,7 +106,7 @@ def add_version(
     return made
 
 
-def with_digest(store: Store, kind: ApplicationKind, reference: str, digest: str) -> Version:
+def find_by_digest(store: Store, kind: ApplicationKind, reference: str, digest: str) -> Version:
     """Returns the version of an application that stands for a bundle.
 
     Args:
@@ -147,7 +147,7 @@ def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | 
     application = read_application(store, kind, name)
     folder = shipped_application(name)
     if folder and (application is None or (newest and application.versions and application.versions[-1].shipped)):
-        published = publish(store, kind, name, folder, shipped=True)
+        published = publish_bundle(store, kind, name, folder, shipped=True)
         if newest or str(published.number) == version:
             return published
         application = read_application(store, kind, name)

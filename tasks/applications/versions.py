@@ -11,7 +11,7 @@ from specs.base import Fault
 from specs.digest import canonical_json
 from specs.errors import DocumentError, LimitExceeded, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Build, Version
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import application_key
 from tasks.storage.base.store import Store
 
@@ -57,7 +57,7 @@ def change(
         after = after.model_copy(update={"last_number": max(_last_number(after), last)})  # also after a deletion
         if after == before:
             return after
-        body = encoded(after)
+        body = encode_document(after)
         try:
             store.replace(key, body, etag) if before else store.create(key, body)
         except (ObjectExists, ObjectConflict):  # another process was first; look again
@@ -155,7 +155,7 @@ def _read(store: Store, kind: ApplicationKind, name: str) -> tuple[Application |
         stored = store.get(key)
     except ObjectNotFound:
         return None, ""
-    return decoded(Application, stored, store, key), stored.etag
+    return decode_document(Application, stored, store, key), stored.etag
 
 
 def _last_number(application: Application) -> int:

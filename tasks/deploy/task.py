@@ -13,7 +13,7 @@ from tasks.deploy.answers.describe import describe_deployment_job
 from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.trust.signer import DeploymentSigner
-from tasks.progress.task import watched
+from tasks.progress.task import show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 
@@ -41,7 +41,7 @@ def roll_out(
         signer: Signs the bundle and what is asked of each robot; None for an unsigned deployment.
     """
     store = open_store(store_url)
-    with watched("Deployment", "deployment-progress") as progress:
+    with show_progress("Deployment", "deployment-progress") as progress:
         record = run_deployment_job(
             store,
             request,

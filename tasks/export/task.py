@@ -12,7 +12,7 @@ from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export.job.job import ExportWorkers, run_export_job
 from tasks.export.job.sheet_job import keep_contact_sheet, sheet_markdown
-from tasks.progress.task import watched
+from tasks.progress.task import show_progress
 from tasks.storage.base.keys import contact_sheet_key
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
@@ -36,7 +36,7 @@ def export_worlds(
         token: The client request token.
         elsewhere: Workers that write worlds, where there are any.
     """
-    with watched("Export", "export-progress") as progress:
+    with show_progress("Export", "export-progress") as progress:
         store = open_store(store_url)
         return run_export_job(store, request, formats=formats, token=token, progress=progress, elsewhere=elsewhere)
 

@@ -3,7 +3,7 @@
 from specs.base import Spec
 
 
-class Row(Spec):
+class FindingRow(Spec):
     """Objects of one kind that go, or stay, for one reason.
 
     Attributes:
@@ -49,9 +49,9 @@ class GcReport(Spec):
 
     store: str
     removed: bool
-    freed: tuple[Row, ...]
-    waiting: tuple[Row, ...]
-    stayed: tuple[Row, ...]
+    freed: tuple[FindingRow, ...]
+    waiting: tuple[FindingRow, ...]
+    stayed: tuple[FindingRow, ...]
     unread: tuple[UnreadRecord, ...]
     left_out: tuple[str, ...]
-    cache: tuple[Row, ...]
+    cache: tuple[FindingRow, ...]

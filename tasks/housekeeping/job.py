@@ -11,13 +11,13 @@ from pydantic import Field, ValidationError
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
 from tasks.housekeeping.cache_garbage import CacheEntry, remove_entry, unused_entries
-from tasks.housekeeping.findings import GcReport, Row, UnreadRecord
+from tasks.housekeeping.findings import FindingRow, GcReport, UnreadRecord
 from tasks.housekeeping.object_kinds import TOKENS, Job, job_of_id, kind_of_key
 from tasks.housekeeping.references import NamedByRecords, Records, names_in, read_records, record_entries
 from tasks.housekeeping.signed_metadata import replaced_metadata
 from tasks.housekeeping.sweep import SweepResult, sweep
 from tasks.housekeeping.sweep_plan import Item, StoreListing, SweepPlan, plan_sweep
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import UNNAMED
 from tasks.storage.base.store import Entry, Store
 from tasks.storage.buckets import bucket_url
@@ -54,7 +54,7 @@ class _Unnamed(Spec):
     bundles: dict[str, tuple[str, float]] = Field(default_factory=dict[str, tuple[str, float]])
 
 
-def collect(store: Store, cache: Path, ages: Ages, *, remove: bool) -> GcReport:
+def collect_garbage(store: Store, cache: Path, ages: Ages, *, remove: bool) -> GcReport:
     """Returns what nobody names any more, and removes it if that is wanted.
 
     Args:
@@ -140,7 +140,7 @@ def _notes(store: Store) -> tuple[_Unnamed, str]:
 
 def _keep_notes(store: Store, plan: SweepPlan, etag: str) -> None:
     """Notes since when bundles have had no name, if anything is to be noted."""
-    body = encoded(_Unnamed(bundles=dict(plan.unnamed)))
+    body = encode_document(_Unnamed(bundles=dict(plan.unnamed)))
     try:
         if etag:
             store.replace(UNNAMED, body, etag)
@@ -173,14 +173,15 @@ def _left_out(store: Store) -> tuple[str, ...]:
     return (f"{place}: buckets outside the store may be others' too; exports, tables and recordings there stay",)
 
 
-def _rows(items: Iterable[Item]) -> tuple[Row, ...]:
+def _rows(items: Iterable[Item]) -> tuple[FindingRow, ...]:
     return _sum_rows(((item.what, item.why), item.entry.size_bytes) for item in items)
 
 
-def _sum_rows(sizes: Iterable[tuple[tuple[str, str], int]]) -> tuple[Row, ...]:
+def _sum_rows(sizes: Iterable[tuple[tuple[str, str], int]]) -> tuple[FindingRow, ...]:
     found: dict[tuple[str, str], list[int]] = {}
     for name, size in sizes:
         found.setdefault(name, []).append(size)
     return tuple(
-        Row(kind=kind, objects=len(each), bytes=sum(each), why=why) for (kind, why), each in sorted(found.items())
+        FindingRow(kind=kind, objects=len(each), bytes=sum(each), why=why)
+        for (kind, why), each in sorted(found.items())
     )

@@ -15,10 +15,10 @@ from specs.errors import ObjectExists, ObjectNotFound
 from tasks.housekeeping.object_kinds import BUNDLES, NAMED_BY_OTHERS, TOKENS, UNFINISHED, WORLDS, Job
 from tasks.housekeeping.references import NamedByRecords
 from tasks.housekeeping.sweep_plan import Item, Leftover, SweepPlan
-from tasks.storage.base.encoding import decoded
+from tasks.storage.base.encoding import decode_document
 from tasks.storage.base.keys import claim_key, job_key, result_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import Claim, ClaimRecord, claimed_unless_alive
+from tasks.storage.jobs.claim import Claim, ClaimRecord, hold_claim_unless_alive
 
 _LOG = logging.getLogger(__name__)
 _CLAIM_TTL_S = 15.0
@@ -71,7 +71,7 @@ def _remove(store: Store, item: Item) -> bool:
 def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swept: SweepResult) -> None:
     job = leftover.job
     key = claim_key(job.kind, job.id)
-    with claimed_unless_alive(store, key, ttl_s=_CLAIM_TTL_S) as claim:
+    with hold_claim_unless_alive(store, key, ttl_s=_CLAIM_TTL_S) as claim:
         if claim is None or not _is_left(store, leftover, look_again):
             _LOG.info("%s is in use again; what it has left stays", job.id)
             swept.stayed += leftover.all
@@ -141,7 +141,7 @@ def _drop_claim(store: Store, key: str) -> None:
     """Removes a claim that nobody has."""
     try:
         entry = store.entry(key)
-        released = decoded(ClaimRecord, store.get(key), store, key).released
+        released = decode_document(ClaimRecord, store.get(key), store, key).released
     except ObjectNotFound:
         return
     if released:  # if somebody took it after this look, it has changed, and stays

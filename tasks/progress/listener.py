@@ -15,7 +15,7 @@ _listener: ContextVar[Listener] = ContextVar("simyard_progress_listener", defaul
 
 
 @contextmanager
-def listening(listener: Listener) -> Generator[None, None, None]:
+def listen_to_progress(listener: Listener) -> Generator[None, None, None]:
     """Lets the listener hear of progress inside the ``with`` block.
 
     Args:
@@ -28,6 +28,6 @@ def listening(listener: Listener) -> Generator[None, None, None]:
         _listener.reset(token)
 
 
-def tell(stage: str, done: int, total: int) -> None:
+def report_progress(stage: str, done: int, total: int) -> None:
     """Tells the listener of this context how far a stage is."""
     _listener.get()(stage, done, total)

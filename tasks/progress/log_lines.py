@@ -47,7 +47,7 @@ class EventLines(logging.Formatter):
         return {**event, "exception": self.formatException(record.exc_info)} if record.exc_info else event
 
 
-def asked_format() -> LogFormat | None:
+def chosen_log_format() -> LogFormat | None:
     """Returns what SIMYARD_LOG_FORMAT asks for; None if nothing.
 
     Raises:
@@ -63,13 +63,13 @@ def asked_format() -> LogFormat | None:
 
 
 @contextmanager
-def logging_as_asked() -> Generator[None, None, None]:
+def log_in_chosen_format() -> Generator[None, None, None]:
     """Writes what Simyard logs inside the ``with`` block to stderr, if SIMYARD_LOG_FORMAT asks for it.
 
     Raises:
         DocumentError: There is no such format.
     """
-    form = asked_format()
+    form = chosen_log_format()
     if form is None or any(_is_ours(handler) for handler in logging.getLogger(_OURS[0]).handlers):
         yield
         return

@@ -12,7 +12,7 @@ from prefect.artifacts import create_progress_artifact, update_progress_artifact
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 
-from tasks.progress.listener import tell
+from tasks.progress.listener import report_progress
 
 Progress = Callable[[int, int], None]
 _LOG = logging.getLogger(__name__)
@@ -22,7 +22,7 @@ _INTERVAL_AWAY_S = 10.0
 
 
 @contextmanager
-def watched(stage: str, key: str) -> Generator[Progress, None, None]:
+def show_progress(stage: str, key: str) -> Generator[Progress, None, None]:
     """Yields a function that tells the terminal and Prefect how far a stage is.
 
     Args:
@@ -37,7 +37,7 @@ def watched(stage: str, key: str) -> Generator[Progress, None, None]:
         nonlocal told_s
         if done >= total or time.monotonic() - told_s >= _INTERVAL_S:
             told_s = time.monotonic()
-            tell(stage, done, total)
+            report_progress(stage, done, total)
         if bar.is_due():
             bar.show(100.0 * done / max(total, 1))
 

@@ -15,7 +15,7 @@ from tasks.results.gate.evidence import Baseline, TestedBatch, evidence_digest, 
 from tasks.results.gate.gate import GateVerdict, judge
 from tasks.results.gate.rules.rule import GateMaterial
 from tasks.results.statistics.summary import summary_rows
-from tasks.results.tables.result_files import Part, Variables
+from tasks.results.tables.result_files import EpisodePart, Variables
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.storage.store_url import open_store
 
@@ -29,7 +29,7 @@ _ROWS_SHOWN = 200
 def write_tables(
     store_url: str,
     batch: str,
-    parts: Callable[[], Iterable[Part]],
+    parts: Callable[[], Iterable[EpisodePart]],
     *,
     variables: Variables,
     location: OutputLocation,

@@ -39,7 +39,7 @@ def is_listening(api_url: str, timeout_s: float = 10.0) -> bool:
         return False
 
 
-def asked_often(question: Callable[[], bool], for_s: float = 3.0, pause_s: float = 0.5) -> bool:
+def succeeds_within(question: Callable[[], bool], for_s: float = 3.0, pause_s: float = 0.5) -> bool:
     """Returns whether one of several tries within so many seconds succeeds: a busy server may miss a few."""
     until_s = time.monotonic() + for_s
     while not (answer := question()) and time.monotonic() < until_s:
@@ -53,14 +53,14 @@ def is_local(api_url: str) -> bool:
     return host in {*_HERE, "::1"} or host.startswith("127.")
 
 
-def unproxied(environment: Mapping[str, str]) -> dict[str, str]:
+def proxy_exceptions(environment: Mapping[str, str]) -> dict[str, str]:
     """Returns the variables by which programs reach this machine's own servers past a configured proxy."""
     kept = environment.get("no_proxy") or environment.get("NO_PROXY") or ""
     hosts = ",".join(filter(None, [kept, *(host for host in _HERE if host not in kept.split(","))]))
     return {"no_proxy": hosts, "NO_PROXY": hosts}
 
 
-def shown(api_url: str) -> str:
+def url_without_password(api_url: str) -> str:
     """Returns the URL as it may be printed: without a password."""
     return re.sub(r"//[^/]*@", "//***@", api_url)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from specs.errors import StageFailed
-from tasks.server.health import is_healthy, unproxied
+from tasks.server.health import is_healthy, proxy_exceptions
 from tasks.server.log_files import new_log, rename_log
 from tasks.server.start_lock import end_turn_when, take_turn
 
@@ -74,7 +74,7 @@ def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]
         command = [sys.executable, "-m", "tasks.server.bound_child", str(os.getpid()), *command]
     url = f"http://127.0.0.1:{port}/api"
     own = {"PREFECT_HOME": str(home), "PREFECT_API_URL": url}
-    environment = {**os.environ, **SERVER_ENVIRONMENT, **unproxied(os.environ), **own}
+    environment = {**os.environ, **SERVER_ENVIRONMENT, **proxy_exceptions(os.environ), **own}
     with new_log(home) as output:
         process = subprocess.Popen(  # noqa: S603 - a list built here, no shell
             command,
@@ -107,7 +107,7 @@ def wait_until_healthy(server: Server, process: subprocess.Popen[bytes], timeout
 
 
 @contextmanager
-def serving(home: Path) -> Generator[tuple[Server, subprocess.Popen[bytes]], None, None]:
+def run_server(home: Path) -> Generator[tuple[Server, subprocess.Popen[bytes]], None, None]:
     """Runs a server for the length of a ``with`` block; it starts while the block's first lines run.
 
     Another start on the same folder is waited for, and has to wait until this server is healthy or dead.

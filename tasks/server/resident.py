@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from specs.base import Spec
 from specs.errors import StageFailed
-from tasks.server.health import asked_often, is_healthy
+from tasks.server.health import is_healthy, succeeds_within
 from tasks.server.process import START_TIMEOUT_S, Server, end, launch, wait_until_healthy
 from tasks.server.start_lock import take_turn
 from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, process_of, this_process
@@ -66,7 +66,7 @@ def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:
         return None
     if not _runs_here(note):
         return _server(note) if is_healthy(note.api_url) else None
-    if asked_often(lambda: is_healthy(note.api_url) or is_known_dead(note.process), silent_s):
+    if succeeds_within(lambda: is_healthy(note.api_url) or is_known_dead(note.process), silent_s):
         return None if is_known_dead(note.process) else _server(note)
     reason = f"the kept Prefect server, process {note.pid}, is silent; end it with simyard down. Log: {note.log}"
     raise StageFailed("InternalServiceError", reason)
@@ -79,7 +79,7 @@ def end_kept(home: Path, timeout_s: float = 20.0) -> Server | None:
     if note is None or not _runs_here(note):
         return None
     _signal(note, signal.SIGTERM)
-    if not asked_often(lambda: is_known_dead(note.process), timeout_s, pause_s=0.1):
+    if not succeeds_within(lambda: is_known_dead(note.process), timeout_s, pause_s=0.1):
         _signal(note, signal.SIGKILL)
     if note.pid in _started_here:
         _started_here.pop(note.pid).wait()

@@ -11,7 +11,7 @@ from specs.errors import SimyardError, StageFailed
 
 
 @dataclass(frozen=True)
-class Pace:
+class WatchdogPace:
     """How often a watchdog looks, and how long it waits, in seconds.
 
     Attributes:
@@ -26,7 +26,7 @@ class Pace:
 
 
 @dataclass(frozen=True)
-class Watch:
+class WatchdogState:
     """What a watchdog and the block that it guards know of each other.
 
     Attributes:
@@ -42,9 +42,9 @@ class Watch:
 
 
 @contextmanager
-def guarded(
-    is_there: Callable[[], bool], reason: str, give_up: Callable[[StageFailed], None], pace: Pace | None = None
-) -> Generator[Watch, None, None]:
+def guard_run(
+    is_there: Callable[[], bool], reason: str, give_up: Callable[[StageFailed], None], pace: WatchdogPace | None = None
+) -> Generator[WatchdogState, None, None]:
     """Interrupts the block when its server is gone; for the main thread, which alone can be interrupted.
 
     Args:
@@ -56,9 +56,9 @@ def guarded(
     Raises:
         StageFailed: The server is gone, whatever the block made of that.
     """
-    watch = Watch(is_there)
+    watch = WatchdogState(is_there)
     failure = StageFailed("InternalServiceError", reason)
-    chosen = pace or Pace()
+    chosen = pace or WatchdogPace()
     threading.Thread(
         target=_look_after, args=(watch, chosen, lambda: give_up(failure)), name="simyard watchdog", daemon=True
     ).start()
@@ -75,7 +75,7 @@ def guarded(
             watch.left.set()
 
 
-def _look_after(watch: Watch, pace: Pace, give_up: Callable[[], None]) -> None:
+def _look_after(watch: WatchdogState, pace: WatchdogPace, give_up: Callable[[], None]) -> None:
     if not _is_lost(watch, pace):
         return
     with watch.deciding:
@@ -89,7 +89,7 @@ def _look_after(watch: Watch, pace: Pace, give_up: Callable[[], None]) -> None:
         give_up()
 
 
-def _is_lost(watch: Watch, pace: Pace) -> bool:
+def _is_lost(watch: WatchdogState, pace: WatchdogPace) -> bool:
     """Returns True once the server was away for too long, or False when the block has ended."""
     away_since_s: float | None = None
     while not watch.left.wait(pace.look_s):

@@ -10,10 +10,10 @@ from pydantic import JsonValue
 
 from specs.field_types import OutputLocation
 from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict
-from tasks.simulate.audit.audit_run import audit_batch as audit_opened
+from tasks.simulate.audit.audit_run import write_audit as audit_opened
 from tasks.simulate.batch.chunk_runner import ChunkRunner
-from tasks.simulate.batch.commit import ChunkEnd, Record, run_chunk
-from tasks.simulate.batch.job import opened
+from tasks.simulate.batch.commit import ChunkEnd, WriteRecordings, run_chunk
+from tasks.simulate.batch.job import load_batch
 from tasks.storage.store_url import open_store
 
 _MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
@@ -30,7 +30,7 @@ def simulate_chunk(
     left_s: float,
     spent_s: float,
     progress: Callable[[int], None],
-    record: Record | None,
+    record: WriteRecordings | None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
 
@@ -45,7 +45,7 @@ def simulate_chunk(
         progress: Told how many of the chunk's episodes are done.
         record: Writes the chunk's recordings, for a batch that has any.
     """
-    work = opened(open_store(store_url), batch)
+    work = load_batch(open_store(store_url), batch)
     runner = ChunkRunner(bundles, work.plan.engine, progress)
     return run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
 
@@ -68,7 +68,7 @@ def audit_batch(
         location: The batch's output location.
         progress: Told how many episodes were driven again.
     """
-    detail = audit_opened(opened(open_store(store_url), batch), bundles, location, progress)
+    detail = audit_opened(load_batch(open_store(store_url), batch), bundles, location, progress)
     report = AuditReport.model_validate(detail["audit"])
     mark = _MARKS[report.verdict]
     body = f"# {mark} {report.verdict}\n\n{report.sentence}\n\nReport: `{detail['audit_url']}`"

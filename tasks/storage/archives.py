@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from specs.errors import BundleRefused
-from tasks.storage.base.atomic_file import settle, settle_names
+from tasks.storage.base.atomic_file import flush_to_disk, settle_names
 from tasks.storage.base.disk_space import OF_THE_DISK, room_in
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
@@ -62,11 +62,11 @@ def missing_files(store: Store, digest: str, names: Iterable[str]) -> list[str]:
         ObjectNotFound: The store has no such bundle.
         BundleRefused: It is not a plain tar.
     """
-    found = bundled_files(store, digest)
+    found = list_bundle_files(store, digest)
     return [name for name in names if name not in found]
 
 
-def bundled_files(store: Store, digest: str) -> dict[str, bool]:
+def list_bundle_files(store: Store, digest: str) -> dict[str, bool]:
     """Returns the regular files of a bundle, and whether each can be executed; unpacks nothing.
 
     Raises:
@@ -203,7 +203,7 @@ def _write_file(tar: tarfile.TarFile, member: tarfile.TarInfo, path: Path) -> No
         shutil.copyfileobj(source, sink, _BLOCK_BYTES)
         if sink.tell() != member.size:
             raise BundleRefused(f"{member.name!r} in the bundle is cut short")
-        settle(sink)
+        flush_to_disk(sink)
 
 
 def safe_parts(name: str, depth: int = LIMITS.depth) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ MISMATCHED = {
 }
 
 
-def changed_sources(store: Store, version: Version, path: str) -> list[Fault]:
+def source_faults(store: Store, version: Version, path: str) -> list[Fault]:
     """Returns a fault for each source whose ETag is another than when the version was made.
 
     Args:

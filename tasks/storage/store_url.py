@@ -19,7 +19,7 @@ from specs.errors import (
     StoreUnsafe,
 )
 from tasks.storage.backends.local import LocalStore
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import STORE, checked_bucket, checked_key
 from tasks.storage.base.store import Store
 
@@ -120,15 +120,15 @@ def _record(store: Store) -> _StoreRecord | None:
         stored = store.get(STORE)
     except ObjectNotFound:
         return None
-    return decoded(_StoreRecord, stored, store, STORE)
+    return decode_document(_StoreRecord, stored, store, STORE)
 
 
 def _introduce(store: Store) -> _StoreRecord:
     record = _StoreRecord(id=uuid4().hex[:12], layout=1, created_at_s=time.time())
     try:
-        store.create(STORE, encoded(record))
+        store.create(STORE, encode_document(record))
     except ObjectExists:  # another process was first, and its id is the store's
-        return decoded(_StoreRecord, store.get(STORE), store, STORE)
+        return decode_document(_StoreRecord, store.get(STORE), store, STORE)
     return record
 
 

@@ -5,10 +5,10 @@ from prefect.cache_policies import NO_CACHE
 
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
-from tasks.progress.task import watched
+from tasks.progress.task import show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
-from tasks.worlds.job.job import Elsewhere, run_generation_job
+from tasks.worlds.job.job import RemoteWorldMaker, run_generation_job
 
 
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
@@ -21,7 +21,7 @@ def generate_worlds(
     seed: int,
     token: str,
     robot_radius_m: float,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: RemoteWorldMaker | None = None,
 ) -> JobRecord:
     """Returns the ended generation job of the token, having made the worlds that were missing.
 
@@ -34,7 +34,7 @@ def generate_worlds(
         robot_radius_m: Radius of the robot that every room shall be reachable for.
         elsewhere: Workers of a cluster that make the worlds instead, where there are any.
     """
-    with watched("Worlds", "worlds-progress") as progress:
+    with show_progress("Worlds", "worlds-progress") as progress:
         return run_generation_job(
             open_store(store_url),
             request,

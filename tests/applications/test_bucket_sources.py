@@ -12,10 +12,10 @@ from specs.robomaker.bundle import Version
 from tasks.applications.bucket_sources import create_application, create_version, delete_application, update_application
 from tasks.applications.describe import describe_robot_application, list_robot_applications
 from tasks.applications.pack import pack
-from tasks.applications.registry import publish, resolve
+from tasks.applications.registry import publish_bundle, resolve
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.buckets import changed_sources, open_bucket
+from tasks.storage.buckets import open_bucket, source_faults
 
 ROBOT = "robot-application"
 BUCKET = "builds"
@@ -65,22 +65,22 @@ def test_sources_are_described_with_the_etags_they_had(made: Version, file_store
 def test_a_source_that_changed_since_is_told_until_there_is_a_version_of_it(
     made: Version, file_store: Store, tmp_path: Path
 ) -> None:
-    assert changed_sources(file_store, made, "here") == []
+    assert source_faults(file_store, made, "here") == []
     _build(file_store, tmp_path, "rebuilt")
 
-    (fault,) = changed_sources(file_store, made, "here")
+    (fault,) = source_faults(file_store, made, "here")
     newer = create_version(file_store, ROBOT, "courier")
 
     assert (fault.path, "RobotApplicationVersionMismatchedEtag" in fault.value) == ("here", True)
     assert newer.number == 2
-    assert changed_sources(file_store, newer, "here") == []
-    assert len(changed_sources(file_store, made, "here")) == 1
+    assert source_faults(file_store, newer, "here") == []
+    assert len(source_faults(file_store, made, "here")) == 1
 
 
 def test_a_source_that_is_gone_is_told(made: Version, file_store: Store) -> None:
     open_bucket(file_store, BUCKET).delete("ARM64.tar")
 
-    (fault,) = changed_sources(file_store, made, "here")
+    (fault,) = source_faults(file_store, made, "here")
 
     assert "is gone" in fault.value
 
@@ -91,11 +91,11 @@ def test_an_etag_is_remembered_as_the_server_of_the_bucket_gives_it(
     _build(s3_store, tmp_path, "amd")
     create_application(s3_store, ROBOT, "courier", [AMD])
     version = create_version(s3_store, ROBOT, "courier")
-    assert changed_sources(s3_store, version, "here") == []
+    assert source_faults(s3_store, version, "here") == []
 
     _build(s3_store, tmp_path, "rebuilt")
 
-    assert len(changed_sources(s3_store, version, "here")) == 1
+    assert len(source_faults(s3_store, version, "here")) == 1
 
 
 def test_what_lies_there_must_be_a_bundle(file_store: Store) -> None:
@@ -147,10 +147,10 @@ def test_an_update_needs_the_revision_that_was_read_last(file_store: Store) -> N
 
 def test_a_version_needs_the_revision_that_was_read_last(file_store: Store, tmp_path: Path) -> None:
     revision = create_application(file_store, ROBOT, "courier", []).revision
-    publish(file_store, ROBOT, "courier", _bundle(tmp_path, "one"), current_revision=revision)
+    publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, "one"), current_revision=revision)
 
     with pytest.raises(DocumentError, match="currentRevisionId"):
-        publish(file_store, ROBOT, "courier", _bundle(tmp_path, "two"), current_revision=revision)
+        publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, "two"), current_revision=revision)
     with pytest.raises(DocumentError, match="currentRevisionId"):
         create_version(file_store, ROBOT, "courier", revision)
 
@@ -162,21 +162,21 @@ def test_sources_that_contradict_each_other_are_refused(sources: list[SourceConf
 
 
 def test_a_number_is_never_given_again(file_store: Store, tmp_path: Path) -> None:
-    numbers = [publish(file_store, ROBOT, "courier", _bundle(tmp_path, each)).number for each in ("one", "two")]
+    numbers = [publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, each)).number for each in ("one", "two")]
     delete_application(file_store, ROBOT, "courier", "2")
-    numbers.append(publish(file_store, ROBOT, "courier", _bundle(tmp_path, "two")).number)
+    numbers.append(publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, "two")).number)
     delete_application(file_store, ROBOT, "courier", "3")
     delete_application(file_store, ROBOT, "courier")
     with pytest.raises(ResourceNotFound):
         delete_application(file_store, ROBOT, "courier")
     create_application(file_store, ROBOT, "courier", [])
-    numbers.append(publish(file_store, ROBOT, "courier", _bundle(tmp_path, "one")).number)
+    numbers.append(publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, "one")).number)
 
     assert numbers == [1, 2, 3, 4]
 
 
 def test_what_is_deleted_is_gone_for_who_asks_and_not_for_who_runs_it(file_store: Store, tmp_path: Path) -> None:
-    first, second = (publish(file_store, ROBOT, "mine", _bundle(tmp_path, each)) for each in ("one", "two"))
+    first, second = (publish_bundle(file_store, ROBOT, "mine", _bundle(tmp_path, each)) for each in ("one", "two"))
     delete_application(file_store, ROBOT, "mine", "2")
     assert resolve(file_store, ROBOT, "mine") == first
     with pytest.raises(ResourceNotFound, match="a version of mine: 1"):
@@ -193,19 +193,19 @@ def test_what_is_deleted_is_gone_for_who_asks_and_not_for_who_runs_it(file_store
 
 def test_a_deleted_version_makes_room_for_another(file_store: Store, tmp_path: Path) -> None:
     for number in range(40):
-        publish(file_store, ROBOT, "courier", _bundle(tmp_path, str(number)))
+        publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, str(number)))
     delete_application(file_store, ROBOT, "courier", "7")
 
-    assert publish(file_store, ROBOT, "courier", _bundle(tmp_path, "40")).number == 41
+    assert publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, "40")).number == 41
     with pytest.raises(LimitExceeded):
-        publish(file_store, ROBOT, "courier", _bundle(tmp_path, "41"))
+        publish_bundle(file_store, ROBOT, "courier", _bundle(tmp_path, "41"))
 
 
 def test_a_folder_for_each_architecture_is_another_version_than_one_for_all(file_store: Store, tmp_path: Path) -> None:
     one, two = _bundle(tmp_path, "one"), _bundle(tmp_path, "two")
-    whole = publish(file_store, ROBOT, "courier", one)
-    built = publish(file_store, ROBOT, "courier", {"ARMHF": two, "X86_64": one})
-    again = publish(file_store, ROBOT, "courier", {"X86_64": one, "ARMHF": two})
+    whole = publish_bundle(file_store, ROBOT, "courier", one)
+    built = publish_bundle(file_store, ROBOT, "courier", {"ARMHF": two, "X86_64": one})
+    again = publish_bundle(file_store, ROBOT, "courier", {"X86_64": one, "ARMHF": two})
 
     assert (whole.number, built.number, again) == (1, 2, built)
     assert (built.digest, whole.builds) == (whole.digest, ())

@@ -6,7 +6,7 @@ from tasks.applications.describe import (
     list_robot_applications,
     list_simulation_applications,
 )
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 
@@ -18,8 +18,8 @@ def _folder(home: Path, content: str) -> Path:
 
 
 def test_a_robot_application_is_described_with_the_place_of_its_bundle(file_store: Store, tmp_path: Path) -> None:
-    publish(file_store, "robot-application", "picker", _folder(tmp_path, "one"))
-    second = publish(file_store, "robot-application", "picker", _folder(tmp_path, "two"))
+    publish_bundle(file_store, "robot-application", "picker", _folder(tmp_path, "one"))
+    second = publish_bundle(file_store, "robot-application", "picker", _folder(tmp_path, "two"))
 
     described = describe_robot_application(file_store, "picker")
 
@@ -30,7 +30,7 @@ def test_a_robot_application_is_described_with_the_place_of_its_bundle(file_stor
 
 
 def test_a_simulation_application_is_described_as_one(file_store: Store, tmp_path: Path) -> None:
-    publish(file_store, "simulation-application", "picking", _folder(tmp_path, "one"))
+    publish_bundle(file_store, "simulation-application", "picking", _folder(tmp_path, "one"))
 
     suite = describe_simulation_application(file_store, "picking").simulationSoftwareSuite
 
@@ -40,8 +40,8 @@ def test_a_simulation_application_is_described_as_one(file_store: Store, tmp_pat
 
 def test_each_kind_of_application_has_its_own_list(file_store: Store, tmp_path: Path) -> None:
     folder = _folder(tmp_path, "one")
-    publish(file_store, "robot-application", "picker", folder)
-    publish(file_store, "simulation-application", "picking", folder)
+    publish_bundle(file_store, "robot-application", "picker", folder)
+    publish_bundle(file_store, "simulation-application", "picking", folder)
 
     assert [summary.name for summary in list_robot_applications(file_store)] == ["picker"]
     assert [summary.name for summary in list_simulation_applications(file_store)] == ["picking"]

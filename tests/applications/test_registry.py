@@ -5,7 +5,7 @@ import pytest
 
 from specs.errors import BundleRefused, DocumentError, LimitExceeded, ResourceNotFound
 from tasks.applications import registry
-from tasks.applications.registry import applications, publish, resolve, unpack
+from tasks.applications.registry import applications, publish_bundle, resolve, unpack
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
@@ -34,7 +34,7 @@ def _bundle(folder: Path, content: str) -> Path:
 def test_new_content_gets_the_next_number_and_old_content_its_old_one(store: Store, tmp_path: Path) -> None:
     first, second = _bundle(tmp_path, "first"), _bundle(tmp_path, "second")
 
-    numbers = [publish(store, ROBOT, "courier", folder).number for folder in (first, second, first, second)]
+    numbers = [publish_bundle(store, ROBOT, "courier", folder).number for folder in (first, second, first, second)]
 
     assert numbers == [1, 2, 1, 2]
 
@@ -43,7 +43,7 @@ def test_processes_that_publish_at_once_share_numbers_only_for_the_same_content(
     folders = [_bundle(tmp_path, str(number % 6)) for number in range(24)]
 
     with ThreadPoolExecutor(12) as pool:
-        versions = list(pool.map(lambda folder: publish(store, ROBOT, "courier", folder), folders))
+        versions = list(pool.map(lambda folder: publish_bundle(store, ROBOT, "courier", folder), folders))
 
     assert {version.number for version in versions} == {1, 2, 3, 4, 5, 6}
     assert len({(version.number, version.digest) for version in versions}) == 6
@@ -51,12 +51,12 @@ def test_processes_that_publish_at_once_share_numbers_only_for_the_same_content(
 
 def test_a_41st_version_is_refused_and_old_ones_can_still_be_published(store: Store, tmp_path: Path) -> None:
     for number in range(40):
-        publish(store, ROBOT, "courier", _bundle(tmp_path, str(number)))
+        publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, str(number)))
 
     with pytest.raises(LimitExceeded, match="at most 40 versions"):
-        publish(store, ROBOT, "courier", _bundle(tmp_path, "40"))
+        publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "40"))
 
-    assert publish(store, ROBOT, "courier", _bundle(tmp_path, "7")).number == 8
+    assert publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "7")).number == 8
 
 
 @pytest.mark.parametrize(
@@ -71,14 +71,14 @@ def test_a_41st_version_is_refused_and_old_ones_can_still_be_published(store: St
 def test_references_of_all_kinds_resolve(
     reference: str, version: str | None, number: int, store: Store, tmp_path: Path
 ) -> None:
-    publish(store, ROBOT, "courier", _bundle(tmp_path, "first"))
-    publish(store, ROBOT, "courier", _bundle(tmp_path, "second"))
+    publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "first"))
+    publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "second"))
 
     assert resolve(store, ROBOT, reference, version).number == number
 
 
 def test_a_version_that_was_never_published_is_missing(store: Store, tmp_path: Path) -> None:
-    publish(store, ROBOT, "courier", _bundle(tmp_path, "first"))
+    publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "first"))
 
     with pytest.raises(ResourceNotFound, match="a version of courier: 1"):
         resolve(store, ROBOT, "courier", "2")
@@ -111,7 +111,7 @@ def test_what_somebody_published_under_a_shipped_name_stays_the_newest(
 ) -> None:
     monkeypatch.setattr(registry, "shipped_application", lambda _name: _bundle(tmp_path, "shipped"))  # pyright: ignore[reportUnknownLambdaType]
     resolve(store, ROBOT, "courier")
-    own = publish(store, ROBOT, "courier", _bundle(tmp_path, "own"))
+    own = publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "own"))
 
     assert resolve(store, ROBOT, "courier") == own
 
@@ -127,7 +127,7 @@ def test_latest_follows_a_newer_shipped_application(
 
 def test_a_bundle_unpacks_to_what_was_published(store: Store, tmp_path: Path) -> None:
     source = _bundle(tmp_path, "first")
-    version = publish(store, ROBOT, "courier", source)
+    version = publish_bundle(store, ROBOT, "courier", source)
 
     folder = unpack(store, version.digest, tmp_path / "cache")
 
@@ -136,7 +136,7 @@ def test_a_bundle_unpacks_to_what_was_published(store: Store, tmp_path: Path) ->
 
 
 def test_a_bundle_that_was_changed_in_the_store_is_refused_and_leaves_nothing(store: Store, tmp_path: Path) -> None:
-    version = publish(store, ROBOT, "courier", _bundle(tmp_path, "first"))
+    version = publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "first"))
     key = bundle_key(version.digest)
     store.put(key, store.get(key).body.replace(b"sleep", b"steal"))
 
@@ -147,7 +147,7 @@ def test_a_bundle_that_was_changed_in_the_store_is_refused_and_leaves_nothing(st
 
 
 def test_processes_that_unpack_at_once_get_the_same_whole_folder(store: Store, tmp_path: Path) -> None:
-    version = publish(store, ROBOT, "courier", _bundle(tmp_path, "first"))
+    version = publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "first"))
 
     with ThreadPoolExecutor(8) as pool:
         folders = set(pool.map(lambda _: unpack(store, version.digest, tmp_path / "cache"), range(8)))
@@ -158,6 +158,6 @@ def test_processes_that_unpack_at_once_get_the_same_whole_folder(store: Store, t
 
 def test_applications_are_listed_by_name(store: Store, tmp_path: Path) -> None:
     for name in ("zebra", "ant"):
-        publish(store, ROBOT, name, _bundle(tmp_path, "same"))
+        publish_bundle(store, ROBOT, name, _bundle(tmp_path, "same"))
 
     assert [application.name for application in applications(store, ROBOT)] == ["ant", "zebra"]

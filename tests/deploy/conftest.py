@@ -9,7 +9,7 @@ import pytest
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import OneRobot
 from tests.deploy.yard import FLEET, Yard
@@ -33,7 +33,7 @@ def file_store(tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture
 def quick_claims(monkeypatch: pytest.MonkeyPatch) -> None:
     """Controllers in this process renew their claims every 1.5 s, so that who waits for a renewal waits less."""
-    monkeypatch.setattr("tasks.deploy.rollout.job.claimed", partial(claimed, ttl_s=4.5))
+    monkeypatch.setattr("tasks.deploy.rollout.job.hold_claim", partial(hold_claim, ttl_s=4.5))
 
 
 @pytest.fixture

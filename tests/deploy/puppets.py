@@ -10,9 +10,9 @@ from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.robots import create_robot, read_desired, read_reported, register_robot
 from tasks.deploy.fleet.states import Desired, Reported
-from tasks.deploy.rollout.controller import Pace
+from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.job import run_deployment_job
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import reported_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -45,8 +45,8 @@ class PuppetRobots:
             register_robot(store, FLEET, name)
 
     @property
-    def pace(self) -> Pace:
-        return Pace(now_s=lambda: self._now_s, sleep=self.pace_sleep or self._sleep)
+    def pace(self) -> ControllerPace:
+        return ControllerPace(now_s=lambda: self._now_s, sleep=self.pace_sleep or self._sleep)
 
     def asked(self) -> list[Desired]:
         latest = [read_desired(self.store, name)[0] for name in self.names]
@@ -78,7 +78,7 @@ class PuppetRobots:
             started_at_s=self._now_s,
             finished_at_s=self._now_s,
         )
-        self.store.put(reported_key(desired.robot), encoded(reported))
+        self.store.put(reported_key(desired.robot), encode_document(reported))
 
 
 class FailingStore:

@@ -13,7 +13,7 @@ from pathlib import Path
 from specs.arn import arn
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.fleet.states import Reported
 from tasks.deploy.kit.local_agents import local_agents
@@ -44,7 +44,7 @@ class Yard:
             (package / name).chmod(0o755)
         if padding_bytes:
             (package / "padding").write_bytes(os.urandom(padding_bytes))
-        return publish(self.store, "robot-application", "courier", package.parent)
+        return publish_bundle(self.store, "robot-application", "courier", package.parent)
 
     def request(self, version: Version, token: str, **launch: object) -> CreateDeploymentJobRequest:
         identifier = store_id(self.store)

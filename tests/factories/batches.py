@@ -15,12 +15,12 @@ from flows.batch.replay_episode import bundles
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.data.world import World
 from specs.pipeline.simulation_section import Recordings
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.results.tables.recordings import write_recordings
-from tasks.simulate.batch.commit import Part, run_chunk
-from tasks.simulate.batch.job import OpenBatch, complete, open_batch, opened
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
+from tasks.simulate.batch.job import OpenBatch, complete, load_batch, open_batch
 from tasks.simulate.batch.provenance import note_machine
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import world_key
@@ -49,8 +49,8 @@ def pushing_plan(
 ) -> BatchPlan:
     """Returns the plan of a batch of the pushing robot, its bundles and worlds stored."""
     digests = put_worlds(store, worlds)
-    launched = publish(store, "robot-application", "pusher", robot)
-    tested = publish(store, "simulation-application", "delivery", DELIVERY)
+    launched = publish_bundle(store, "robot-application", "pusher", robot)
+    tested = publish_bundle(store, "simulation-application", "delivery", DELIVERY)
     base = BatchPlan(
         templates=(
             JobTemplate(
@@ -88,7 +88,7 @@ def pushing_plan(
 
 def closed_batch(store: Store, plan: BatchPlan, name: str = "tok") -> OpenBatch:
     """Returns a batch of a plan, simulated to its end."""
-    batch = opened(store, open_batch(store, plan, request(plan), name).id)
+    batch = load_batch(store, open_batch(store, plan, request(plan), name).id)
     note_machine(batch)
     folders = bundles(batch)
     record = partial(write_recordings, store.url, recorded_location(batch.record()), batch.id)
@@ -107,8 +107,8 @@ def slower_pusher(folder: Path) -> Path:
     return robot
 
 
-def _simulate(batch: OpenBatch, folders: Mapping[str, Path], part: Part) -> list[EpisodeResult]:
-    return simulate_chunk(
+def _simulate(batch: OpenBatch, folders: Mapping[str, Path], part: ChunkPart) -> list[EpisodeResult]:
+    return simulate_lanes(
         part.chunk,
         part.worlds,
         folders,

@@ -9,7 +9,7 @@ from flows.batch.batch_end import close_with_tables
 from specs.data.episode import ApplicationLaunch
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.bundle import Version
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.results.task import judge_batch
 from tasks.simulate.batch.commit import Simulate, run_chunk
 from tasks.simulate.batch.job import complete
@@ -83,7 +83,7 @@ def _published(store: Store, folder: Path, name: str, text: str) -> Version:
     package.mkdir(parents=True, exist_ok=True)
     (package / "run.sh").write_text(f"#!/bin/sh\n# {text}\n")
     kind = "robot-application" if name == "courier" else "simulation-application"
-    return publish(store, kind, name, package.parent)
+    return publish_bundle(store, kind, name, package.parent)
 
 
 def _launch(name: str, version: Version, launch_file: str) -> ApplicationLaunch:

@@ -6,9 +6,9 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from specs.data.episode import EpisodeResult, unfinished
-from tasks.simulate.batch.commit import Part, Simulate
-from tasks.simulate.batch.job import OpenBatch, open_batch, opened
+from specs.data.episode import EpisodeResult, unfinished_result
+from tasks.simulate.batch.commit import ChunkPart, Simulate
+from tasks.simulate.batch.job import OpenBatch, load_batch, open_batch
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
@@ -74,16 +74,16 @@ def _use(application: str, package: str, launch_file: str, environment: Mapping[
 def begun(store: Store, made: BatchPlan | None = None, name: str = "tok") -> OpenBatch:
     """Returns a batch in progress."""
     made = made or plan(store)
-    return opened(store, open_batch(store, made, request(made), name).id)
+    return load_batch(store, open_batch(store, made, request(made), name).id)
 
 
-def all_pass(part: Part) -> list[EpisodeResult]:
+def all_pass(part: ChunkPart) -> list[EpisodeResult]:
     """Simulates episodes that all pass."""
     part.watch()
     return [passed(each.index) for each in part.chunk.requests]
 
 
-def mixed(part: Part) -> list[EpisodeResult]:
+def mixed(part: ChunkPart) -> list[EpisodeResult]:
     """Simulates episodes of which some collide, and the last of each chunk crashes."""
     made = [(collided if each.index % 2 else passed)(each.index) for each in part.chunk.requests]
     return [*made[:-1], crashed(made[-1].index)]
@@ -92,10 +92,10 @@ def mixed(part: Part) -> list[EpisodeResult]:
 def stops_after(first: int) -> Simulate:
     """Returns a simulation that does the first episodes of a chunk, and the others if nobody says stop."""
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         stopped = part.watch()
         return [
-            unfinished(each.index, "Canceled", failure_code="", failure_reason="stopped before its end")
+            unfinished_result(each.index, "Canceled", failure_code="", failure_reason="stopped before its end")
             if stopped and position >= first
             else passed(each.index)
             for position, each in enumerate(part.chunk.requests)

@@ -7,7 +7,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.results.report.facts import BatchFacts, Judgement, Link, StageTime
 from tasks.results.report.places import Worlds
-from tasks.results.report.view import View, report_view
+from tasks.results.report.view import ReportView, report_view
 from tasks.results.tables.parquet import write_parquet
 from tasks.results.tables.tables import failures_table, results_table
 from tests.factories.episodes import ROBOT, SCENARIO, canceled, collided, crashed, passed, request
@@ -70,7 +70,7 @@ def view(
     *,
     worlds: Mapping[str, World] | None = None,
     **changes: object,
-) -> View:
+) -> ReportView:
     """Returns what the report of a batch shows; all is as in `facts` and `episodes` but for what is given."""
     asked, answered = episodes()
     files = written(folder, asked if requests is None else requests, answered if results is None else results)

@@ -15,7 +15,7 @@ from prefect.utilities.schema_tools.validation import is_valid
 from pydantic import ValidationError
 
 from specs.base import Spec
-from specs.form_schema import documented, words
+from specs.form_schema import attribute_docs, words
 from specs.pipeline.document import PipelineSpec
 from tests.repository import ROOT
 
@@ -129,7 +129,7 @@ def test_a_field_is_explained_in_one_place_only():
         (model.__name__, name)
         for model in _models(Spec)
         for name, field in model.model_fields.items()
-        if field.description and name in documented(model)
+        if field.description and name in attribute_docs(model)
     ]
 
     assert twice == []
@@ -137,7 +137,7 @@ def test_a_field_is_explained_in_one_place_only():
 
 def test_an_attribute_that_is_explained_exists():
     for model in _models(Spec):
-        assert documented(model).keys() <= model.model_fields.keys()
+        assert attribute_docs(model).keys() <= model.model_fields.keys()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from specs.errors import StoreError
 from tasks.housekeeping.findings import GcReport
 from tasks.storage.base.keys import bundle_key, claim_key, job_key, result_key, token_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import Claim, claimed
+from tasks.storage.jobs.claim import Claim, hold_claim
 from tasks.storage.jobs.records import JobRecord, submit
 from tests.housekeeping.yard import NOW, Meddled, Mortal, Yard, freed, worlds_of
 
@@ -103,7 +103,7 @@ def test_who_asks_for_a_job_while_its_token_goes_gets_the_token_back(yard: Yard,
 
 def test_what_a_live_process_works_on_stays_though_its_record_is_gone(yard: Yard, tmp_path: Path) -> None:
     lost = lost_generation(yard)
-    with claimed(yard.store, claim_key(lost.kind, lost.id), ttl_s=3.0):
+    with hold_claim(yard.store, claim_key(lost.kind, lost.id), ttl_s=3.0):
         gc = Thread(target=lambda: yard.gc(tmp_path))
         gc.start()
         gc.join()

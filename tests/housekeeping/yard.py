@@ -14,7 +14,7 @@ from specs.job_kinds import JobKind
 from specs.robomaker.bundle import Application, Build, Version
 from tasks.applications.versions import change, with_version
 from tasks.housekeeping.findings import GcReport
-from tasks.housekeeping.job import Ages, collect
+from tasks.housekeeping.job import Ages, collect_garbage
 from tasks.storage.base.keys import (
     bundle_key,
     chunk_key,
@@ -26,7 +26,7 @@ from tasks.storage.base.keys import (
     world_key,
 )
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, submit
 
 NOW = Ages(grace_s=0.0)
@@ -54,7 +54,7 @@ class Yard:
         self, kind: JobKind, token: str, request: Mapping[str, JsonValue], needs: set[str], *, ended: bool = True
     ) -> JobRecord:
         record = submit(self.store, kind, dict(request), token)
-        with claimed(self.store, claim_key(kind, record.id)):
+        with hold_claim(self.store, claim_key(kind, record.id)):
             pass
         if ended:
             record = advance(self.store, kind, record.id, _ENDED[kind], detail={"by": token})
@@ -125,7 +125,7 @@ class Yard:
         self.store.delete(job_key(record.kind, record.id))
 
     def gc(self, cache: Path, ages: Ages = NOW, *, remove: bool = True) -> GcReport:
-        return collect(self.store, cache, ages, remove=remove)
+        return collect_garbage(self.store, cache, ages, remove=remove)
 
     def missing(self, before: set[str]) -> set[str]:
         """Returns what a record that is there needs and that was there before."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -40,8 +40,8 @@ def store(tmp_path: Path) -> Store:
     (robot / "hello_world_robot/rotate.py").write_text(ROTATE)
     (scenario / "hello_world_simulation").mkdir(parents=True)
     shutil.copy(BUNDLES / "drift/drift/endless.py", scenario / "hello_world_simulation/empty_world.py")
-    publish(store, "robot-application", "MyRobotApplication", robot)
-    publish(store, "simulation-application", "MySimulationApplication", scenario)
+    publish_bundle(store, "robot-application", "MyRobotApplication", robot)
+    publish_bundle(store, "simulation-application", "MySimulationApplication", scenario)
     store.put(world_key("generation-1", "world-1"), pen(4.5, 0).model_dump_json().encode())
     open_bucket(store, "my-data").put("maps/one.yaml", b"walls: []")
     return store

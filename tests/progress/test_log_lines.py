@@ -7,7 +7,7 @@ import shlex
 import pytest
 
 from specs.errors import DocumentError
-from tasks.progress.log_lines import LOG_FORMAT, logging_as_asked
+from tasks.progress.log_lines import LOG_FORMAT, log_in_chosen_format
 
 LOGGER = logging.getLogger("tasks.simulate.somewhere")
 FACTS = {"batch": "simb-1", "lanes": 256, "why": "two words", "text": 'a "quoted"\nline'}
@@ -15,7 +15,7 @@ FACTS = {"batch": "simb-1", "lanes": 256, "why": "two words", "text": 'a "quoted
 
 def written(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str) -> str:
     monkeypatch.setenv(LOG_FORMAT, form)
-    with logging_as_asked():
+    with log_in_chosen_format():
         LOGGER.info("%d chunks", 3, extra={"fields": FACTS})
     return capsys.readouterr().err
 
@@ -38,14 +38,14 @@ def test_no_value_writes_to_the_terminal_of_who_reads(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setenv(LOG_FORMAT, "keyvalue")
-    with logging_as_asked():
+    with log_in_chosen_format():
         LOGGER.info("\x1b[2J")
     assert 'event="\\u001b[2J"' in capsys.readouterr().err
 
 
 def test_an_exception_is_part_of_its_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setenv(LOG_FORMAT, "json")
-    with logging_as_asked():
+    with log_in_chosen_format():
         try:
             int("so")
         except ValueError:
@@ -56,7 +56,7 @@ def test_an_exception_is_part_of_its_line(monkeypatch: pytest.MonkeyPatch, capsy
 
 def test_what_libraries_log_is_left_out(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setenv(LOG_FORMAT, "json")
-    with logging_as_asked():
+    with log_in_chosen_format():
         logging.getLogger("httpx").info("GET")
     assert capsys.readouterr().err == ""
 
@@ -65,7 +65,7 @@ def test_a_line_is_written_once_where_blocks_are_nested(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setenv(LOG_FORMAT, "json")
-    with logging_as_asked(), logging_as_asked():
+    with log_in_chosen_format(), log_in_chosen_format():
         LOGGER.info("once")
     assert len(capsys.readouterr().err.splitlines()) == 1
 
@@ -83,5 +83,5 @@ def test_afterwards_nothing_is_left(monkeypatch: pytest.MonkeyPatch, capsys: pyt
 
 def test_another_format_is_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv(LOG_FORMAT, "xml")
-    with pytest.raises(DocumentError, match="json or keyvalue"), logging_as_asked():
+    with pytest.raises(DocumentError, match="json or keyvalue"), log_in_chosen_format():
         pass

@@ -9,8 +9,8 @@ import pytest
 from prefect.exceptions import PrefectHTTPStatusError
 
 from tasks.progress import task
-from tasks.progress.listener import listening
-from tasks.progress.task import watched
+from tasks.progress.listener import listen_to_progress
+from tasks.progress.task import show_progress
 
 
 class Server:
@@ -51,7 +51,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Server:
 
 
 def test_a_bar_begins_moves_and_ends(server: Server) -> None:
-    with watched("Episodes", "episodes-progress") as progress:
+    with show_progress("Episodes", "episodes-progress") as progress:
         progress(1, 4)
     assert (server.made, server.updates) == ([0.0], [25.0, 100.0])
 
@@ -60,7 +60,7 @@ def test_a_bar_begins_moves_and_ends(server: Server) -> None:
 def test_a_server_that_is_away_is_told_once_and_the_bar_goes_on_when_it_is_back(
     error: Exception, server: Server, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with caplog.at_level(logging.WARNING), watched("Episodes", "episodes-progress") as progress:
+    with caplog.at_level(logging.WARNING), show_progress("Episodes", "episodes-progress") as progress:
         server.error = error
         progress(1, 4)
         progress(2, 4)
@@ -74,7 +74,7 @@ def test_a_server_that_is_away_is_told_once_and_the_bar_goes_on_when_it_is_back(
 
 def test_a_bar_is_made_when_the_server_comes_back(server: Server) -> None:
     server.error = httpx.ConnectError("refused")
-    with watched("Episodes", "episodes-progress") as progress:
+    with show_progress("Episodes", "episodes-progress") as progress:
         server.error = None
         progress(1, 2)
     assert (server.made, server.updates) == ([50.0], [100.0])
@@ -86,7 +86,7 @@ def test_what_is_no_outage_is_raised(error: Exception, server: Server) -> None:
         server.error = error
         progress(1, 4)
 
-    with pytest.raises(type(error)), watched("Episodes", "episodes-progress") as progress:
+    with pytest.raises(type(error)), show_progress("Episodes", "episodes-progress") as progress:
         work(progress)
 
 
@@ -95,7 +95,10 @@ def test_bars_move_once_a_second_at_most_and_at_the_end(server: Server, monkeypa
     now_s = [0.0]
     monkeypatch.setattr(task.time, "monotonic", lambda: now_s[0])
     in_terminal: list[int] = []
-    with listening(lambda _stage, done, _total: in_terminal.append(done)), watched("Worlds", "worlds") as progress:
+    with (
+        listen_to_progress(lambda _stage, done, _total: in_terminal.append(done)),
+        show_progress("Worlds", "worlds") as progress,
+    ):
         for done in range(40):
             now_s[0] = 0.25 * done
             progress(done, 39)

@@ -5,7 +5,15 @@ import urllib.request
 
 import pytest
 
-from tasks.server.health import asked_often, is_answering, is_healthy, is_listening, is_local, shown, unproxied
+from tasks.server.health import (
+    is_answering,
+    is_healthy,
+    is_listening,
+    is_local,
+    proxy_exceptions,
+    succeeds_within,
+    url_without_password,
+)
 from tests.factories.answering_server import NOBODY, answering
 
 
@@ -34,7 +42,7 @@ def test_a_server_that_wants_a_key_is_there_and_a_gateway_without_one_is_not(sta
 
 def test_programs_are_told_to_reach_this_machine_past_the_proxy(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
-    for name, value in unproxied({"NO_PROXY": "example.org,localhost"}).items():
+    for name, value in proxy_exceptions({"NO_PROXY": "example.org,localhost"}).items():
         monkeypatch.setenv(name, value)
     assert urllib.request.proxy_bypass("127.0.0.1:4200")
     assert urllib.request.proxy_bypass("localhost:4200")
@@ -43,7 +51,7 @@ def test_programs_are_told_to_reach_this_machine_past_the_proxy(monkeypatch: pyt
 
 
 def test_exceptions_from_the_proxy_are_kept_once():
-    assert unproxied({"no_proxy": "a.org,127.0.0.1"})["no_proxy"] == "a.org,127.0.0.1,localhost"
+    assert proxy_exceptions({"no_proxy": "a.org,127.0.0.1"})["no_proxy"] == "a.org,127.0.0.1,localhost"
 
 
 @pytest.mark.parametrize(
@@ -62,15 +70,15 @@ def test_only_this_machine_is_local(api_url: str, local: bool):  # noqa: FBT001
 
 def test_a_busy_server_is_asked_again():
     answers = iter([False, False, True])
-    assert asked_often(lambda: next(answers), for_s=60.0, pause_s=0.0)
+    assert succeeds_within(lambda: next(answers), for_s=60.0, pause_s=0.0)
 
 
 def test_asking_often_comes_to_an_end():
-    assert not asked_often(lambda: False, for_s=0.0)
+    assert not succeeds_within(lambda: False, for_s=0.0)
 
 
 def test_a_password_is_not_shown():
-    assert shown("https://me:canary@host/api") == "https://***@host/api"
+    assert url_without_password("https://me:canary@host/api") == "https://***@host/api"
 
 
 def test_a_server_that_is_silent_is_still_listening_and_one_that_ended_is_not():

@@ -49,7 +49,7 @@ def test_a_server_holds_its_turn_until_it_is_healthy(tmp_path: Path, monkeypatch
     healthy = threading.Event()
     monkeypatch.setattr(process, "is_healthy", lambda _: healthy.is_set())
     monkeypatch.setattr(process, "launch", _pretended)
-    with process.serving(tmp_path):
+    with process.run_server(tmp_path):
         assert _is_starting(tmp_path)
         healthy.set()
         assert eventually(lambda: not _is_starting(tmp_path))
@@ -57,7 +57,7 @@ def test_a_server_holds_its_turn_until_it_is_healthy(tmp_path: Path, monkeypatch
 
 def test_a_server_that_died_frees_its_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(process, "launch", _pretended)
-    with process.serving(tmp_path) as (_, child):
+    with process.run_server(tmp_path) as (_, child):
         assert _is_starting(tmp_path)
         child.kill()
         assert eventually(lambda: not _is_starting(tmp_path))
@@ -68,7 +68,7 @@ def test_a_launch_that_fails_frees_its_turn(tmp_path: Path, monkeypatch: pytest.
         raise OSError("no such program")
 
     monkeypatch.setattr(process, "launch", fails)
-    with pytest.raises(OSError, match="no such program"), process.serving(tmp_path):
+    with pytest.raises(OSError, match="no such program"), process.run_server(tmp_path):
         pass
     assert not _is_starting(tmp_path)
 

@@ -7,9 +7,9 @@ import pytest
 
 from specs.errors import StageFailed
 from tasks.server import watchdog
-from tasks.server.watchdog import Pace, Watch, guarded
+from tasks.server.watchdog import WatchdogPace, WatchdogState, guard_run
 
-_AT_ONCE = Pace(look_s=0.01, patience_s=0.0, grace_s=30.0)
+_AT_ONCE = WatchdogPace(look_s=0.01, patience_s=0.0, grace_s=30.0)
 
 
 def _must_not(failure: StageFailed) -> None:
@@ -19,7 +19,7 @@ def _must_not(failure: StageFailed) -> None:
 def test_a_block_is_interrupted_when_its_server_is_gone():
     with (
         pytest.raises(StageFailed, match="it went away"),
-        guarded(lambda: False, "it went away", _must_not, _AT_ONCE) as watch,
+        guard_run(lambda: False, "it went away", _must_not, _AT_ONCE) as watch,
     ):
         threading.Event().wait(250)
     assert watch.gone.is_set()
@@ -39,8 +39,8 @@ def test_a_block_that_goes_on_in_spite_of_the_interrupt_is_given_up():
         except KeyboardInterrupt:
             assert given_up.wait(250)
 
-    pace = Pace(look_s=0.01, patience_s=0.0, grace_s=0.05)
-    with guarded(lambda: False, "it went away", give_up, pace):
+    pace = WatchdogPace(look_s=0.01, patience_s=0.0, grace_s=0.05)
+    with guard_run(lambda: False, "it went away", give_up, pace):
         goes_on()
     assert told == ["InternalServiceError: it went away"]
 
@@ -52,7 +52,7 @@ def test_a_block_whose_server_stays_is_left_alone():
         looks.release()
         return True
 
-    with guarded(is_there, "", _must_not, _AT_ONCE) as watch:
+    with guard_run(is_there, "", _must_not, _AT_ONCE) as watch:
         assert all(looks.acquire(timeout=60) for _ in range(3))
     assert not watch.gone.is_set()
 
@@ -67,28 +67,28 @@ def test_a_server_that_comes_back_in_time_counts_as_there(monkeypatch: pytest.Mo
             watch.left.set()
         return answers.pop(0)
 
-    watch = Watch(is_there)
-    assert not watchdog._is_lost(watch, Pace(look_s=0.0, patience_s=15.0))
+    watch = WatchdogState(is_there)
+    assert not watchdog._is_lost(watch, WatchdogPace(look_s=0.0, patience_s=15.0))
 
 
 def test_a_server_that_is_away_for_too_long_is_lost(monkeypatch: pytest.MonkeyPatch):
     clock_s = iter([0, 10, 20])
     monkeypatch.setattr(watchdog, "time", SimpleNamespace(monotonic=lambda: next(clock_s)))
-    assert watchdog._is_lost(Watch(is_there=lambda: False), Pace(look_s=0.0, patience_s=15.0))
+    assert watchdog._is_lost(WatchdogState(is_there=lambda: False), WatchdogPace(look_s=0.0, patience_s=15.0))
     assert list(clock_s) == []
 
 
 def test_an_error_of_the_client_is_told_as_what_it_is():
-    patient = Pace(look_s=60.0)
-    with pytest.raises(StageFailed, match="it went away"), guarded(lambda: False, "it went away", _must_not, patient):
+    patient = WatchdogPace(look_s=60.0)
+    with pytest.raises(StageFailed, match="it went away"), guard_run(lambda: False, "it went away", _must_not, patient):
         raise ConnectionError("all attempts failed")
-    with pytest.raises(ConnectionError), guarded(lambda: True, "it went away", _must_not, patient):
+    with pytest.raises(ConnectionError), guard_run(lambda: True, "it went away", _must_not, patient):
         raise ConnectionError("another server's")
 
 
 def test_an_error_that_simyard_can_explain_stays():
     with (
         pytest.raises(StageFailed, match="disk"),
-        guarded(lambda: False, "it went away", _must_not, Pace(look_s=60.0)),
+        guard_run(lambda: False, "it went away", _must_not, WatchdogPace(look_s=60.0)),
     ):
         raise StageFailed("AccessDenied", "disk")

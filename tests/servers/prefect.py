@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.server.process import serving, wait_until_healthy
+from tasks.server.process import run_server, wait_until_healthy
 from tests.integration.runs import finished, small_document, write_document
 
 
@@ -14,7 +14,7 @@ from tests.integration.runs import finished, small_document, write_document
 def prefect_server(tmp_path_factory: pytest.TempPathFactory) -> Generator[str, None, None]:
     """Yields the API URL of a real Prefect server, with PREFECT_API_URL set for this process and its children."""
     home = tmp_path_factory.mktemp("prefect")
-    with serving(home) as (server, process):
+    with run_server(home) as (server, process):
         wait_until_healthy(server, process)
         before = {name: os.environ.get(name) for name in ("PREFECT_API_URL", "PREFECT_HOME")}
         os.environ.update(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home))

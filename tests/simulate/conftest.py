@@ -7,7 +7,7 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -64,7 +64,7 @@ def _run(
     return [
         row
         for chunk in plan_chunks(requests, lanes)
-        for row in simulate_chunk(chunk, worlds, FOLDERS, lanes=lanes, should_stop=should_stop)
+        for row in simulate_lanes(chunk, worlds, FOLDERS, lanes=lanes, should_stop=should_stop)
     ]
 
 

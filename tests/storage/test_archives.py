@@ -8,7 +8,7 @@ from typing import Literal
 import pytest
 
 from specs.errors import BundleRefused, ObjectNotFound
-from tasks.storage.archives import ArchiveLimits, bundled_files, digest_of, extract, install, missing_files
+from tasks.storage.archives import ArchiveLimits, digest_of, extract, install, list_bundle_files, missing_files
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 
@@ -162,7 +162,7 @@ def test_files_that_a_bundle_lacks_are_named_without_unpacking_it(store: Store, 
 def test_files_of_a_bundle_are_told_with_whether_they_can_be_executed(file_store: Store, tmp_path: Path) -> None:
     digest = _stored(file_store, _tar(tmp_path, _file("run.sh", mode=0o755), _file("data", mode=0o644)))
 
-    assert bundled_files(file_store, digest) == {"run.sh": True, "data": False}
+    assert list_bundle_files(file_store, digest) == {"run.sh": True, "data": False}
 
 
 def test_a_bundle_that_is_no_archive_has_no_files_to_name(file_store: Store, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, StoreError, StoreUnreachable, StoreUnsafe
 from tasks.storage import store_url
 from tasks.storage.backends.local import LocalStore
-from tasks.storage.base.store import UNBOUNDED, Store, Stored
+from tasks.storage.base.store import UNBOUNDED, Store, StoredObject
 from tasks.storage.store_url import open_existing_store, open_store, store_id
 
 
@@ -76,7 +76,7 @@ class _Counting(LocalStore):
         super().__init__(root)
         self.asked: list[str] = []
 
-    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         self.asked.append(f"get {key}")
         return super().get(key, most_bytes)
 

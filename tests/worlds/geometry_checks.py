@@ -131,7 +131,7 @@ def unreached_rooms(world: World, radius_m: float) -> list[str]:
 def _flood(free: Bool[np.ndarray, "x y"], start: tuple[int, int]) -> Bool[np.ndarray, "x y"]:
     if not free[start]:
         return np.zeros_like(free)
-    areas, _ = ndimage.label(free)
+    areas, _ = ndimage.label(free)  # pyright: ignore[reportGeneralTypeIssues] - it returns a pair
     return areas == areas[start]
 
 

@@ -8,7 +8,7 @@ from specs.errors import ConcurrentDeployment, ObjectConflict
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.robots import deregister_robot, members, read_robot, robot_name
 from tasks.deploy.fleet.states import FleetRecord
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import fleet_key, robot_record_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import is_terminal, read
@@ -39,7 +39,7 @@ def _mark_deleted(store: Store, reference: str) -> FleetRecord:
             allowed = "a fleet without an active deployment; cancel it, or wait"
             raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
         try:
-            store.replace(fleet_key(fleet.name), encoded(fleet.model_copy(update={"deleted": True})), etag)
+            store.replace(fleet_key(fleet.name), encode_document(fleet.model_copy(update={"deleted": True})), etag)
         except ObjectConflict:
             continue
         return fleet

@@ -9,7 +9,7 @@ from specs.base import Fault
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from tasks.deploy.fleet.damaged_records import read_listed
 from tasks.deploy.fleet.states import FleetRecord
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import fleet_key
 from tasks.storage.base.store import Store
 
@@ -25,13 +25,13 @@ def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None)
     record = FleetRecord(name=name, created_at_s=time.time(), tags=dict(tags or {}))
     while True:
         try:
-            store.create(fleet_key(name), encoded(record))
+            store.create(fleet_key(name), encode_document(record))
         except ObjectExists:
             found, etag = read_fleet(store, name, deleted=True)
             if not found.deleted:
                 return found
             try:
-                store.replace(fleet_key(name), encoded(record), etag)
+                store.replace(fleet_key(name), encode_document(record), etag)
             except ObjectConflict:  # its deletion is done now
                 continue
         return record
@@ -50,7 +50,7 @@ def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[
         stored = store.get(key)
     except ObjectNotFound as exc:
         raise _missing(reference, f"a fleet in {store.url}; see simyard list fleets") from exc
-    record = decoded(FleetRecord, stored, store, key)
+    record = decode_document(FleetRecord, stored, store, key)
     if record.deleted and not deleted:
         raise _missing(reference, f"a fleet in {store.url}; this one is being deleted")
     return record, stored.etag

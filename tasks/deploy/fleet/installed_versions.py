@@ -9,7 +9,7 @@ from specs.errors import ObjectNotFound
 from specs.robomaker.bundle import Application
 from tasks.deploy.fleet.robots import read_desired, read_reported
 from tasks.deploy.fleet.states import Desired, progress_of
-from tasks.storage.base.encoding import decoded
+from tasks.storage.base.encoding import decode_document
 from tasks.storage.base.keys import application_key
 from tasks.storage.base.store import Store
 
@@ -63,7 +63,7 @@ def _versions(store: Store, application: str) -> dict[str, int]:
     """Returns the number of each version of a robot application, by the digest of each of its bundles."""
     key = application_key("robot-application", application)
     try:
-        record = decoded(Application, store.get(key), store, key)
+        record = decode_document(Application, store.get(key), store, key)
     except ObjectNotFound:
         return {}
     return {

@@ -14,7 +14,7 @@ from specs.field_types import Architecture
 from tasks.deploy.fleet.damaged_records import read_listed
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.states import Desired, Reported, RobotRecord, Withdrawn
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import desired_key, reported_key, robot_record_key
 from tasks.storage.base.store import Store
 
@@ -53,7 +53,7 @@ def create_robot(
         name=name, architecture=architecture, created_at_s=time.time(), tags=dict(tags or {}), local=local
     )
     try:
-        store.create(robot_record_key(name), encoded(record))
+        store.create(robot_record_key(name), encode_document(record))
     except ObjectExists:
         return read_robot(store, name)[0]
     return record
@@ -100,7 +100,7 @@ def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
         stored = store.get(key)
     except ObjectNotFound as exc:
         raise _missing(reference, f"a robot in {store.url}; see simyard list robots") from exc
-    return decoded(RobotRecord, stored, store, key), stored.etag
+    return decode_document(RobotRecord, stored, store, key), stored.etag
 
 
 def known_robot(store: Store, name: str) -> RobotRecord | None:
@@ -111,7 +111,7 @@ def known_robot(store: Store, name: str) -> RobotRecord | None:
     """
     key = robot_record_key(name)
     try:
-        return decoded(RobotRecord, store.get(key), store, key)
+        return decode_document(RobotRecord, store.get(key), store, key)
     except ObjectNotFound:
         return None
 
@@ -209,7 +209,7 @@ def _change_fleet(store: Store, record: RobotRecord, etag: str, fleet: str) -> R
         return record
     changed = record.model_copy(update={"fleet": fleet})
     try:
-        store.replace(robot_record_key(record.name), encoded(changed), etag)
+        store.replace(robot_record_key(record.name), encode_document(changed), etag)
     except ObjectConflict:
         return None
     return changed

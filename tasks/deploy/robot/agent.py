@@ -21,7 +21,7 @@ from tasks.deploy.robot.processes import adopt_orphans
 from tasks.deploy.robot.reported_state import Outage, Reporter
 from tasks.deploy.robot.shutdown import Stop, StopRequested
 from tasks.deploy.robot.update import Check, RobotUpdater
-from tasks.progress.log_lines import asked_format, logging_as_asked
+from tasks.progress.log_lines import chosen_log_format, log_in_chosen_format
 from tasks.storage.base.keys import checked_name
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect
@@ -85,12 +85,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: The command line, by default this process's.
     """
     options = _parser().parse_args(arguments)
-    with logging_as_asked():
+    with log_in_chosen_format():
         return _run(options)
 
 
 def _run(options: argparse.Namespace) -> int:
-    if asked_format() is None:
+    if chosen_log_format() is None:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
     stop = Stop(options.parent)
     stop.listen()

@@ -10,7 +10,7 @@ from specs.errors import StoreError
 from specs.robomaker.deployment import RobotDeploymentStep
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired, Reported
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import reported_key
 from tasks.storage.base.store import Store
 
@@ -77,7 +77,7 @@ class Reporter:
             self._owed = None
             return True
         try:
-            self._store.put(self._key, encoded(self._owed))
+            self._store.put(self._key, encode_document(self._owed))
         except StoreError as exc:
             self._outage.failed(exc)
             return False

@@ -24,7 +24,7 @@ from tasks.deploy.fleet.states import Desired, RobotProgress
 from tasks.deploy.rollout.observation import (
     ABORTED,
     RobotWatch,
-    ended,
+    count_ended,
     phases,
     progress_document,
     recorded_progress,
@@ -55,7 +55,7 @@ def steady_clock() -> Callable[[], float]:
 
 
 @dataclass(frozen=True)
-class Pace:
+class ControllerPace:
     """How a controller spends its time.
 
     Attributes:
@@ -75,7 +75,7 @@ def control_rollout(
     plan: RolloutPlan,
     claim: Claim,
     *,
-    pace: Pace,
+    pace: ControllerPace,
     progress: Callable[[int, int], None],
     sign: Callable[[Desired], Desired] | None = None,
 ) -> JobRecord:
@@ -119,7 +119,7 @@ class _Controller:
         plan: RolloutPlan,
         claim: Claim,
         *,
-        pace: Pace,
+        pace: ControllerPace,
         progress: Callable[[int, int], None],
         sign: Callable[[Desired], Desired] | None,
     ) -> None:
@@ -176,8 +176,8 @@ class _Controller:
         }
 
     def _tell(self, seen: Mapping[str, RobotProgress]) -> None:
-        if ended(seen) != ended(self._known):
-            self._progress(ended(seen), len(seen))
+        if count_ended(seen) != count_ended(self._known):
+            self._progress(count_ended(seen), len(seen))
 
     def _ask(self, robots: Sequence[str]) -> None:
         for robot in robots:

@@ -11,17 +11,17 @@ from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
-from tasks.deploy.rollout.controller import Pace, control_rollout
+from tasks.deploy.rollout.controller import ControllerPace, control_rollout
 from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.deploy.rollout.observation import progress_document
 from tasks.deploy.rollout.resolved_request import check_request, plan_deployment
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.sync import latest_deployment, plan_sync, sync_request
 from tasks.deploy.trust.trust_record import Signer, check_recorded_plan, vouch_for_plan
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import claim_key, fleet_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed, claimed_unless_alive
+from tasks.storage.jobs.claim import hold_claim, hold_claim_unless_alive
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read, submit
 
 _LOG = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ def run_deployment_job(
     token: str,
     progress: Callable[[int, int], None],
     rules: RollOutRules | None = None,
-    pace: Pace | None = None,
+    pace: ControllerPace | None = None,
     robots: Callable[[], AbstractContextManager[object]] | None = None,
     signer: Signer | None = None,
 ) -> JobRecord:
@@ -81,7 +81,7 @@ def run_deployment_job(
         plan=lambda: plan_deployment(store, request, digest, rules),
         check=lambda: check_request(store, request, digest),
     )
-    return _run(store, work, token, progress, pace=pace or Pace(), robots=robots, signer=signer)
+    return _run(store, work, token, progress, pace=pace or ControllerPace(), robots=robots, signer=signer)
 
 
 def run_sync_job(
@@ -91,7 +91,7 @@ def run_sync_job(
     token: str,
     progress: Callable[[int, int], None],
     only_failed: bool = False,
-    pace: Pace | None = None,
+    pace: ControllerPace | None = None,
     signer: Signer | None = None,
 ) -> JobRecord:
     """Returns the record of a job that brings a fleet to its latest deployment, Succeeded, Failed or Canceled.
@@ -116,7 +116,7 @@ def run_sync_job(
     known = _find_job(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
     work = _Work(request, plan=lambda: plan_sync(store, last, only_failed=only_failed), check=lambda: None)
-    return _run(store, work, token, progress, pace=pace or Pace(), robots=None, signer=signer)
+    return _run(store, work, token, progress, pace=pace or ControllerPace(), robots=None, signer=signer)
 
 
 def _run(
@@ -125,12 +125,12 @@ def _run(
     token: str,
     progress: Callable[[int, int], None],
     *,
-    pace: Pace,
+    pace: ControllerPace,
     robots: Callable[[], AbstractContextManager[object]] | None,
     signer: Signer | None,
 ) -> JobRecord:
     job, document = job_id(_KIND, token), canonical_document(work.request)
-    with claimed(store, claim_key(_KIND, job)) as claim:
+    with hold_claim(store, claim_key(_KIND, job)) as claim:
         known = _find_job(store, job)
         if known and is_terminal(known):
             return submit(store, _KIND, document, token)
@@ -176,7 +176,7 @@ def _take_fleet(store: Store, name: str, job: str) -> None:
         if fleet.deployment == job:
             return
         try:
-            store.replace(fleet_key(name), encoded(fleet.model_copy(update={"deployment": job})), etag)
+            store.replace(fleet_key(name), encode_document(fleet.model_copy(update={"deployment": job})), etag)
         except ObjectConflict:  # another process wants it too: look again
             continue
 
@@ -191,7 +191,7 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
     known = _find_job(store, other) if other and other != job else None
     if known is None or is_terminal(known):
         return
-    with claimed_unless_alive(store, claim_key(_KIND, other)) as claim:
+    with hold_claim_unless_alive(store, claim_key(_KIND, other)) as claim:
         if claim is None:
             fault = Fault(
                 path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}"

@@ -127,7 +127,7 @@ def phase_of(progress: RobotProgress) -> Phase:
     return Phase.ABORTED if progress.failure_code == ABORTED else _PHASES[progress.status]
 
 
-def ended(seen: Mapping[str, RobotProgress]) -> int:
+def count_ended(seen: Mapping[str, RobotProgress]) -> int:
     """Returns how many robots have ended, or will never begin."""
     return sum(phase_of(robot) not in {Phase.WAITING, Phase.IN_FLIGHT} for robot in seen.values())
 

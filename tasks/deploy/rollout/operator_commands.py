@@ -15,7 +15,7 @@ from tasks.deploy.rollout.controller import CANCELED, WISH
 from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed_unless_alive
+from tasks.storage.jobs.claim import hold_claim_unless_alive
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
 
 _KIND = "deployment-job"
@@ -67,7 +67,7 @@ def active_deployment(store: Store, fleet: str) -> str:
 
 
 def _close_if_abandoned(store: Store, record: JobRecord) -> JobRecord:
-    with claimed_unless_alive(store, claim_key(_KIND, record.id)) as claim:
+    with hold_claim_unless_alive(store, claim_key(_KIND, record.id)) as claim:
         if claim is None:
             return record
         reason = "canceled on request, when nobody worked on it"

@@ -21,11 +21,11 @@ from tasks.deploy.fleet.states import RobotRecord
 from tasks.deploy.kit.local_agents import local_names, machine_architecture
 from tasks.deploy.rollout.rollout_plan import RolloutPlan, digests_for
 from tasks.deploy.rollout.waves import Limits, limits
-from tasks.storage.archives import bundled_files, safe_parts
-from tasks.storage.base.encoding import decoded
+from tasks.storage.archives import list_bundle_files, safe_parts
+from tasks.storage.base.encoding import decode_document
 from tasks.storage.base.keys import application_key, checked_name
 from tasks.storage.base.store import Store
-from tasks.storage.buckets import changed_sources
+from tasks.storage.buckets import source_faults
 
 _PATH = "deploymentApplicationConfigs.0"
 _PUBLISHED = "a robot application that was published"
@@ -161,7 +161,7 @@ def _local_faults(store: Store, fleet: str, count: int, version: Version) -> lis
 def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path: str) -> Iterator[Fault]:
     outside = {fault.path for fault in outside_package(launch, path)}
     try:
-        found = bundled_files(store, digest)
+        found = list_bundle_files(store, digest)
     except (ObjectNotFound, BundleRefused) as exc:
         yield Fault(path=f"{_SECTION_PATH}.application", value=digest, allowed=f"a bundle that is whole: {exc}")
         return
@@ -190,7 +190,7 @@ def _checked_version(
     config = request.deploymentApplicationConfigs[0]
     version = _version(store, config)
     faults = [*_faults(config, version, digest), *fleet_faults]
-    faults += changed_sources(store, version, f"{_PATH}.applicationVersion")
+    faults += source_faults(store, version, f"{_PATH}.applicationVersion")
     if faults:
         raise DocumentError(faults, source="deployment")
     return version
@@ -205,7 +205,7 @@ def _version(store: Store, config: DeploymentApplicationConfig) -> Version:
         raise _missing("application", config.application, "the ARN of a robot-application")
     key = application_key("robot-application", reference.path)
     try:
-        application = decoded(Application, store.get(key), store, key)
+        application = decode_document(Application, store.get(key), store, key)
     except ObjectNotFound as exc:
         raise _missing("application", config.application, _PUBLISHED) from exc
     if application.deleted:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig, StoreError
 from tasks.deploy.fleet.robots import MOST_BYTES, TOO_BIG, parse_withdrawn, read_desired, read_reported
 from tasks.deploy.fleet.states import Desired, Withdrawn
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import Store
 
@@ -46,7 +46,7 @@ def ask_robot(
         try:
             etag = store.etag(key) if etag == TOO_BIG else etag
             check()
-            store.replace(key, encoded(new), etag) if etag else store.create(key, encoded(new))
+            store.replace(key, encode_document(new), etag) if etag else store.create(key, encode_document(new))
         except (ObjectExists, ObjectConflict, ObjectNotFound):
             continue
         return new
@@ -76,7 +76,7 @@ def withdraw_request(store: Store, robot: str, deployment: str, check: Callable[
             return False
         try:
             check()
-            store.replace(key, encoded(Withdrawn(withdrawn=before.sequence)), etag)
+            store.replace(key, encode_document(Withdrawn(withdrawn=before.sequence)), etag)
         except (ObjectConflict, ObjectNotFound):
             continue
         return True

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
 from tasks.deploy.trust.tuf_names import CryptoSigner
-from tasks.storage.base.atomic_file import make_folder, settle, settle_names
+from tasks.storage.base.atomic_file import flush_to_disk, make_folder, settle_names
 from tasks.storage.base.store import Store
 
 Role = Literal["root", "targets", "deployer", "snapshot", "timestamp"]
@@ -176,7 +176,7 @@ def _write(path: Path, body: bytes, mode: int = 0o600) -> None:
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(body)
-            settle(file)
+            flush_to_disk(file)
         hidden.replace(path)
     finally:
         hidden.unlink(missing_ok=True)

@@ -30,7 +30,7 @@ from tasks.deploy.trust.metadata import (
 from tasks.deploy.trust.tuf_names import CryptoSigner, Metadata, MetaFile, Root, Snapshot, Targets, Timestamp
 from tasks.storage.base.keys import claim_key, trust_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import Claim, claimed
+from tasks.storage.jobs.claim import Claim, hold_claim
 from tasks.storage.store_url import store_id
 
 _LOG = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ def init_keys(store: Store, folder: Path, *, clock: Clock = utc_now) -> Keyring:
         if body is None:
             body = _first_root(ring, notes.repository, clock())
             ring.save_root(body)
-        with claimed(store, claim_key(_KIND, notes.repository)) as claim:
+        with hold_claim(store, claim_key(_KIND, notes.repository)) as claim:
             if not store.exists(trust_key(notes.repository, "timestamp.json")):
                 _publish_first(store, ring, notes, now=clock(), claim=claim, body=body)
     return ring
@@ -123,7 +123,7 @@ def open_repository(store: Store, ring: Keyring, *, clock: Clock = utc_now) -> G
         if notes is None or root is None:
             raise _refused(ring, "a folder with keys; simyard fleet keys init --keys DIR makes one")
         _check_store(ring, notes, store)
-        with claimed(store, claim_key(_KIND, notes.repository)) as claim:
+        with hold_claim(store, claim_key(_KIND, notes.repository)) as claim:
             session = Session(store, ring, read_published(store, read_root(root)), clock(), claim)
             _check_version(store, notes, session.state)
             yield session

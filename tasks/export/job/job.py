@@ -29,7 +29,7 @@ from tasks.export.job.zip_archive import write_zip
 from tasks.storage.base.keys import claim_key, output_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, submit
 from tasks.storage.worlds import read_world
 
@@ -89,7 +89,7 @@ def run_export_job(
     """
     document: dict[str, JsonValue] = {**canonical_document(request), "formats": [*sorted(set(formats))]}
     job = submit(store, KIND, document, token).id
-    with claimed(store, claim_key(KIND, job)):
+    with hold_claim(store, claim_key(KIND, job)):
         record = read(store, KIND, job)
         if is_terminal(record):
             return record

@@ -14,7 +14,7 @@ Shoot = Callable[[float, float, float], Pixels]
 _SAMPLES = 24
 
 
-class Scene(Spec):
+class FilmScene(Spec):
     """A world and the hull of a robot in it.
 
     Attributes:
@@ -29,7 +29,9 @@ class Scene(Spec):
 
 
 @contextmanager
-def filming(scene: Scene, width: int, height: int, samples: int = _SAMPLES) -> Generator[Shoot | None, None, None]:
+def open_film(
+    scene: FilmScene, width: int, height: int, samples: int = _SAMPLES
+) -> Generator[Shoot | None, None, None]:
     """Yields a function that takes a picture of the robot at a pose, or None where no GL is.
 
     Args:

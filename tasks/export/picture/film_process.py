@@ -15,7 +15,7 @@ import numpy as np
 
 from tasks.export.format.mjcf import world_spec
 from tasks.export.picture.cutaway import cut_open
-from tasks.export.picture.film import Scene
+from tasks.export.picture.film import FilmScene
 from tasks.export.picture.render import READY, Pixels
 from tasks.export.picture.render_process import CUT_M, gl_that_works, lit_model, render, views, whole_view
 
@@ -37,7 +37,7 @@ def main(width: int, height: int, samples: int, asked: BinaryIO, pictures: Binar
     context = gl_that_works(width, height)
     pictures.write(READY)
     pictures.flush()
-    stage = _Stage(Scene.model_validate_json(asked.readline()), width, height, samples)
+    stage = _Stage(FilmScene.model_validate_json(asked.readline()), width, height, samples)
     pictures.write(_GOT)
     pictures.flush()
     for line in asked:
@@ -50,7 +50,7 @@ def main(width: int, height: int, samples: int, asked: BinaryIO, pictures: Binar
 class _Stage:
     """A scene that was rendered well without its robot; a GL context is current."""
 
-    def __init__(self, scene: Scene, width: int, height: int, samples: int) -> None:
+    def __init__(self, scene: FilmScene, width: int, height: int, samples: int) -> None:
         self._ground = render(scene.world, width, height, samples)
         self._model = lit_model(_with_robot(scene), width, height)
         self._data = mujoco.MjData(self._model)
@@ -82,7 +82,7 @@ class _Stage:
         return pixels[::-1]
 
 
-def _with_robot(scene: Scene) -> mujoco.MjSpec:
+def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
     """Returns the world cut open, with a robot that stands where it is put: its hull, and a bar that points ahead."""
     spec = world_spec(cut_open(scene.world, CUT_M))
     body = spec.worldbody.add_body(name="filmed-robot", mocap=True)

@@ -32,7 +32,7 @@ _SAMPLES = 40
 
 
 @contextmanager
-def rendering(width: int, height: int, samples: int = _SAMPLES) -> Generator[Render | None, None, None]:
+def open_renderer(width: int, height: int, samples: int = _SAMPLES) -> Generator[Render | None, None, None]:
     """Yields a function that renders a world cut open, or None where no GL is.
 
     Args:
@@ -76,7 +76,7 @@ def pixels_of(answer: bytes, width: int, height: int) -> Pixels:
 
 def render_png(world: World, width: int, height: int) -> bytes | None:
     """Returns a picture of the world, cut open, as a PNG file; None where no GL is."""
-    with rendering(width, height) as render:
+    with open_renderer(width, height) as render:
         return None if render is None else encode_rgb(render(world, ()))
 
 

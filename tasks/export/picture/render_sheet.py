@@ -8,7 +8,7 @@ import numpy as np
 from specs.data.world import World
 from tasks.export.drawing.floor_patterns import area_m2
 from tasks.export.picture.contact_sheet import MOST_WORLDS
-from tasks.export.picture.render import CAPTION_LINE, rendering
+from tasks.export.picture.render import CAPTION_LINE, open_renderer
 from tasks.export.surface.png import encode_rgb
 
 _CELL_WIDTH, _CELL_HEIGHT = 440, 330 + 3 * CAPTION_LINE
@@ -33,7 +33,7 @@ def render_sheet_png(worlds: Iterable[World], most: int = MOST_WORLDS) -> bytes 
     rows = -(-len(shown) // columns)
     size = (rows * _CELL_HEIGHT + 2 * _MARGIN, columns * _CELL_WIDTH + 2 * _MARGIN, 3)
     sheet = np.full(size, 255, np.uint8)
-    with rendering(_CELL_WIDTH, _CELL_HEIGHT, _SAMPLES) as render:
+    with open_renderer(_CELL_WIDTH, _CELL_HEIGHT, _SAMPLES) as render:
         if render is None:
             return None
         for number, world in enumerate(shown):

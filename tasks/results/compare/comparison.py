@@ -95,7 +95,7 @@ class ComparedEpisode:
     recording: str
 
 
-class Flip(Spec):
+class EpisodeFlip(Spec):
     """An episode that passed in one batch and not in the other.
 
     Attributes:
@@ -119,7 +119,7 @@ class Flip(Spec):
         return not self.after
 
 
-class Pairs(Spec):
+class CommonEpisodes(Spec):
     """What two batches have in common.
 
     Attributes:
@@ -138,7 +138,7 @@ class Pairs(Spec):
     first_alone: int
     second_alone: int
     canceled: int
-    flips: tuple[Flip, ...]
+    flips: tuple[EpisodeFlip, ...]
     origins: tuple[str, ...]
     apart: tuple[str, ...] = ()
 
@@ -153,7 +153,9 @@ class Pairs(Spec):
         return len(self.flips) - self.gains
 
 
-def compared(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], others: Mapping[str, str]) -> Pairs:
+def compare_tables(
+    first: pa.Table, second: pa.Table, worlds: Mapping[str, str], others: Mapping[str, str]
+) -> CommonEpisodes:
     """Returns what two batches have in common, and what came out differently.
 
     Args:
@@ -167,7 +169,7 @@ def compared(first: pa.Table, second: pa.Table, worlds: Mapping[str, str], other
     ours, theirs = _by_key(first, worlds, columns), _by_key(second, others, columns)
     both = [(ours[key], theirs[key]) for key in theirs if key in ours]
     counted = [(one, other) for one, other in both if one.passed is not None and other.passed is not None]
-    return Pairs(
+    return CommonEpisodes(
         pairs=len(counted),
         first_passed=sum(bool(one.passed) for one, _ in counted),
         second_passed=sum(bool(other.passed) for _, other in counted),
@@ -223,8 +225,8 @@ def _distinct(table: pa.Table, name: str) -> list[str]:
     return sorted({str(value)[:12] for value in table.column(name).unique().to_pylist()})
 
 
-def _flip(one: ComparedEpisode, other: ComparedEpisode) -> Flip:
-    return Flip(
+def _flip(one: ComparedEpisode, other: ComparedEpisode) -> EpisodeFlip:
+    return EpisodeFlip(
         world=other.world,
         seed=other.seed,
         environment=dict(other.environment),

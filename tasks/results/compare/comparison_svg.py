@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from jaxtyping import Float
 
-from tasks.results.compare.comparison import Flip
+from tasks.results.compare.comparison import EpisodeFlip
 from tasks.results.playback.plan_scale import PlanPage, draw_over, plan_page
 
 _STYLE = """
@@ -19,15 +19,15 @@ _STYLE = """
 _PASSED = "passed"
 
 
-class Ways(NamedTuple):
+class FlipPaths(NamedTuple):
     """A flip and the ways that the robot took; None where one is not known."""
 
-    flip: Flip
+    flip: EpisodeFlip
     first_m: Float[np.ndarray, "samples 2"] | None
     second_m: Float[np.ndarray, "samples 2"] | None
 
 
-def flip_map_svg(plan: str, ways: Sequence[Ways]) -> str:
+def flip_map_svg(plan: str, ways: Sequence[FlipPaths]) -> str:
     """Returns the plan with both ways of each flip, a ring where one passed, a cross where it did not.
 
     Args:
@@ -50,7 +50,7 @@ def flip_map_svg(plan: str, ways: Sequence[Ways]) -> str:
     return draw_over(plan, root)
 
 
-def flip_text(flip: Flip) -> str:
+def flip_text(flip: EpisodeFlip) -> str:
     """Returns a flip in one line: which episode, and how it came out before and after."""
     values = "".join(f" {name}={value}" for name, value in sorted(flip.environment.items()))
     return (

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from specs.base import Spec
-from tasks.results.compare.comparison import Pairs
+from tasks.results.compare.comparison import CommonEpisodes
 from tasks.results.statistics.intervals import Interval, mcnemar, paired_difference
 
 ComparisonAnswer = Literal["NO WORSE", "WORSE", "INCONCLUSIVE"]
@@ -22,7 +22,7 @@ class Comparison(Spec):
 
     first: str
     second: str
-    pairs: Pairs
+    pairs: CommonEpisodes
     difference: float
     interval: Interval
     confidence: float
@@ -31,7 +31,7 @@ class Comparison(Spec):
     answer: ComparisonAnswer
 
 
-def comparison(first: str, second: str, pairs: Pairs, *, margin: float, confidence: float) -> Comparison:
+def comparison(first: str, second: str, pairs: CommonEpisodes, *, margin: float, confidence: float) -> Comparison:
     """Returns what pairs of episodes show.
 
     Args:

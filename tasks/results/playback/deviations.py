@@ -14,7 +14,7 @@ from tasks.results.tables.tables import failures_table, results_table
 _PLACE = "recording"
 
 
-class Deviation(Spec):
+class ColumnDeviation(Spec):
     """One column of what was recorded, beside the same column of the replay.
 
     Attributes:
@@ -34,7 +34,9 @@ class Deviation(Spec):
     most: float
 
 
-def row_deviations(recorded: pa.Table, batch_id: str, request: EpisodeRequest, row: EpisodeResult) -> list[Deviation]:
+def row_deviations(
+    recorded: pa.Table, batch_id: str, request: EpisodeRequest, row: EpisodeResult
+) -> list[ColumnDeviation]:
     """Returns each column of an episode's row beside the replay's.
 
     Args:
@@ -49,18 +51,18 @@ def row_deviations(recorded: pa.Table, batch_id: str, request: EpisodeRequest, r
     return [_deviation(name, name, recorded, again) for name in names]
 
 
-def recording_deviations(recorded: pa.Table, again: pa.Table) -> list[Deviation]:
+def recording_deviations(recorded: pa.Table, again: pa.Table) -> list[ColumnDeviation]:
     """Returns each column of an episode's recording beside the replay's."""
     names = [name for name in recorded.column_names if name in again.column_names]
     return [_deviation(f"recording.{name}", name, recorded, again) for name in names]
 
 
-def _deviation(shown: str, name: str, recorded: pa.Table, again: pa.Table) -> Deviation:
+def _deviation(shown: str, name: str, recorded: pa.Table, again: pa.Table) -> ColumnDeviation:
     before, after = recorded.column(name).to_pylist(), again.column(name).to_pylist()
     metadata = cast("Mapping[bytes, bytes]", again.schema.field(name).metadata or {})
     # As text, so that -0.0 is not 0.0, and what is no number is itself.
     same = repr(before) == repr(after)
-    return Deviation(
+    return ColumnDeviation(
         column=shown,
         unit=metadata.get(b"unit", b"").decode(),
         recorded=_text(before),

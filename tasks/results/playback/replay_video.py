@@ -40,7 +40,7 @@ def frames(world: World, playback: Playback, stride: int = 1) -> Iterator[Pixels
         yield stage.picture(int(sample))
 
 
-def captioned(picture: Pixels, playback: Playback, sample: int) -> Pixels:
+def with_caption(picture: Pixels, playback: Playback, sample: int) -> Pixels:
     """Returns a picture of a sample with the job, the time and the ending written on it."""
     image = Image.fromarray(picture)
     _caption(ImageDraw.Draw(image), playback, sample)

@@ -23,7 +23,7 @@ class _AnyEvidence(BaseModel):
     sentence: str
 
 
-def judgement(store: Store, batch: str) -> Judgement | None:
+def read_judgement(store: Store, batch: str) -> Judgement | None:
     """Returns what the gate answered on a batch; None where it was not judged.
 
     Of evidence that another version wrote, verdict and sentence alone.

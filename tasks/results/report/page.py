@@ -14,13 +14,13 @@ from markupsafe import Markup
 
 from specs.data.outcome_reasons import MARKS
 from tasks.results.report.rows import RateRow
-from tasks.results.report.view import View
+from tasks.results.report.view import ReportView
 
 # What XML cannot hold, and what turns the direction of the text around it.
 _UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def report_page(view: View) -> bytes:
+def report_page(view: ReportView) -> bytes:
     """Returns the page, the same bytes for the same view."""
     return _templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
 
@@ -30,7 +30,7 @@ def report_styles() -> str:
     return _templates().get_template("report.css").render().rstrip()
 
 
-def report_picture(view: View) -> bytes:
+def report_picture(view: ReportView) -> bytes:
     """Returns the rate with its interval and the first map as one SVG image, for where no page can stand."""
     return _templates().get_template("picture.svg.j2").render(view=view).encode()
 
@@ -64,7 +64,7 @@ _ACTIVE = re.compile(r"([\\`*_{}\[\]<>()#+!|~&])")
 _HEAD = ("group", "passed", "rate", "interval", "why not")
 
 
-def report_markdown(view: View, url: str) -> str:
+def report_markdown(view: ReportView, url: str) -> str:
     """Returns the verdict, the rates and the reasons, and where the page is."""
     judged = view.facts.judgement
     title = f"# {_MARKS[judged.verdict]} {judged.verdict}" if judged else "# Not judged"

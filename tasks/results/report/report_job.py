@@ -12,7 +12,7 @@ from specs.errors import ObjectNotFound, WorldChanged
 from specs.field_types import OutputLocation
 from tasks.results.report.facts import BatchFacts
 from tasks.results.report.places import Worlds
-from tasks.results.report.view import View, report_view
+from tasks.results.report.view import ReportView, report_view
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.results.tables.stored_rows import require_as_written
 from tasks.storage.base.keys import checked_name, output_key
@@ -34,7 +34,7 @@ class _Rooms(BaseModel):
     rooms: tuple[Room, ...]
 
 
-def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> View:
+def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> ReportView:
     """Returns what a batch's report shows.
 
     Args:

@@ -67,7 +67,7 @@ class JudgedRate(Spec):
     bar: Bar
 
 
-class View(Spec):
+class ReportView(Spec):
     """All that the template shows.
 
     Attributes:
@@ -102,7 +102,7 @@ class View(Spec):
     stages: tuple[StageRow, ...]
 
 
-def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds) -> View:
+def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds) -> ReportView:
     """Returns what a report shows.
 
     Args:
@@ -116,7 +116,7 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
     judgement = facts.judgement
     confidence = judgement.confidence if judgement else _CONFIDENCE
     total = total_group(episodes, confidence)
-    return View(
+    return ReportView(
         facts=facts,
         title=facts.name or facts.batch,
         created=f"{datetime.fromtimestamp(facts.created_at_s, tz=UTC):%Y-%m-%d %H:%M} UTC",

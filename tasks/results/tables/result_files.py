@@ -15,7 +15,7 @@ from tasks.storage.base.store import Store
 
 RESULTS_FILE = "results.parquet"
 FAILURES_FILE = "failures.parquet"
-Part = tuple[Sequence[EpisodeRequest], Sequence[EpisodeResult]]
+EpisodePart = tuple[Sequence[EpisodeRequest], Sequence[EpisodeResult]]
 Variables = Mapping[str, Sequence[str | None]]
 
 
@@ -23,7 +23,7 @@ def write_results(
     bucket: Store,
     prefix: str | None,
     batch_id: str,
-    parts: Iterable[Part],
+    parts: Iterable[EpisodePart],
     *,
     variables: Variables,
     metadata: Mapping[str, str],
@@ -59,7 +59,7 @@ def write_results(
 
 
 def _write(
-    folder: Path, batch_id: str, parts: Iterable[Part], variables: Variables, metadata: Mapping[str, str]
+    folder: Path, batch_id: str, parts: Iterable[EpisodePart], variables: Variables, metadata: Mapping[str, str]
 ) -> tuple[dict[str, str], EpisodeTally]:
     """Returns the SHA-256 of each file by name, and the tally."""
     swept = sweep_variables(variables)

@@ -6,7 +6,7 @@ from pydantic import JsonValue
 
 from specs.field_types import OutputLocation
 from tasks.results.statistics.summary import EpisodeTally
-from tasks.results.tables.result_files import Part, Variables, write_results
+from tasks.results.tables.result_files import EpisodePart, Variables, write_results
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
@@ -14,7 +14,7 @@ from tasks.storage.buckets import open_bucket
 def write_batch_tables(
     store: Store,
     batch: str,
-    parts: Iterable[Part],
+    parts: Iterable[EpisodePart],
     *,
     variables: Variables,
     location: OutputLocation,

@@ -23,7 +23,7 @@ from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.devices import prepare_devices
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import output_key, result_key
 from tasks.storage.buckets import open_bucket
 
@@ -40,7 +40,7 @@ class _Begun(Spec):
     attempts: int
 
 
-def audit_batch(
+def write_audit(
     batch: OpenBatch, bundles: Mapping[str, Path], location: OutputLocation, progress: Progress = lambda _: None
 ) -> dict[str, JsonValue]:
     """Returns what a batch's record says of its audit.
@@ -62,7 +62,7 @@ def audit_batch(
     logger.info("audit: %s: %s", report.verdict, report.sentence)
     bucket = open_bucket(batch.store, location.s3Bucket or "")
     key = output_key(location.s3Prefix, f"{batch.id}/{AUDIT_FILE}")
-    body = encoded(report)
+    body = encode_document(report)
     bucket.put(key, body)
     digests: dict[str, JsonValue] = {AUDIT_FILE: hashlib.sha256(body).hexdigest()}
     return {"audit": report.model_dump(mode="json"), "audit_url": f"{bucket.url}/{key}", "sha256s": digests}
@@ -104,8 +104,8 @@ def _begin(batch: OpenBatch) -> int:
     """Returns how often the audit was begun, this time included."""
     key = result_key(batch.id, _BEGUN_FILE)
     try:
-        before = decoded(_Begun, batch.store.get(key), batch.store, key).attempts
+        before = decode_document(_Begun, batch.store.get(key), batch.store, key).attempts
     except ObjectNotFound:
         before = 0
-    batch.store.put(key, encoded(_Begun(attempts=before + 1)))
+    batch.store.put(key, encode_document(_Begun(attempts=before + 1)))
     return before + 1

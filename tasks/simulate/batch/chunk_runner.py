@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from specs.data.episode import EpisodeResult
-from tasks.simulate.batch.commit import Part
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.batch.commit import ChunkPart
+from tasks.simulate.chunk.runner import simulate_lanes
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class ChunkRunner:
     engine: str
     progress: Callable[[int], None]
 
-    def run(self, part: Part) -> list[EpisodeResult]:
+    def run(self, part: ChunkPart) -> list[EpisodeResult]:
         """Returns the rows of a part, in request order."""
-        return simulate_chunk(
+        return simulate_lanes(
             part.chunk,
             part.worlds,
             self.bundles,

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.errors import ObjectExists, ObjectNotFound
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import chunk_key, chunk_start_key, chunks_prefix
 from tasks.storage.base.store import Store
 
@@ -48,7 +48,7 @@ def begin_chunk(store: Store, batch: str, number: int, spent_s: float) -> ChunkS
     before = chunk_start(store, batch, number)
     attempts = 1 + (before.attempts if before else 0)
     start = ChunkStart(attempts=attempts, started_at_s=time.time(), spent_s=spent_s)
-    store.put(chunk_start_key(batch, number), encoded(start))
+    store.put(chunk_start_key(batch, number), encode_document(start))
     return start
 
 
@@ -56,7 +56,7 @@ def chunk_start(store: Store, batch: str, number: int) -> ChunkStart | None:
     """Returns when a chunk was last begun, or None."""
     key = chunk_start_key(batch, number)
     try:
-        return decoded(ChunkStart, store.get(key), store, key)
+        return decode_document(ChunkStart, store.get(key), store, key)
     except ObjectNotFound:
         return None
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished
+from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
 from specs.data.world import World
 from specs.errors import ObjectNotFound, WorldChanged
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, committed_chunk
@@ -26,7 +26,7 @@ from tasks.storage.worlds import decode_world, pinned_world_bytes
 _WORLDS_KEPT = 256
 
 
-class Part(NamedTuple):
+class ChunkPart(NamedTuple):
     """What is simulated at a time: a chunk, or what of it fits into memory.
 
     Attributes:
@@ -44,10 +44,10 @@ class Part(NamedTuple):
     program: ProgramKey
 
 
-Simulate = Callable[[Part], list[EpisodeResult]]
+Simulate = Callable[[ChunkPart], list[EpisodeResult]]
 # Writes the recordings of the chunk with that number, over what may be there, and returns the name of their file; an
 # empty name if there are none.
-Record = Callable[[int, Iterable[Columns]], str]
+WriteRecordings = Callable[[int, Iterable[Columns]], str]
 
 
 class ChunkEnd(NamedTuple):
@@ -68,7 +68,7 @@ def run_chunk(
     batch: OpenBatch,
     number: int,
     simulate: Simulate,
-    record: Record | None = None,
+    record: WriteRecordings | None = None,
     *,
     lanes: int,
     left_s: float,
@@ -143,7 +143,7 @@ class _Work:
         """Returns the rows of a part; what it recorded is kept if it comes to its end."""
         rate_hz = self._batch.plan.recordings.rateHz
         recorder = Recorder(rate_hz, self._wanted, self._samples) if self._recording else None
-        rows = self._simulate(Part(chunk, self._worlds, lanes, self.watch, recorder, self._program))
+        rows = self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, recorder, self._program))
         if recorder is not None:
             self.recorders.append(recorder)
         return rows
@@ -162,7 +162,7 @@ class _Work:
         return rows
 
     def _unrecorded(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
-        return self._simulate(Part(chunk, self._worlds, lanes, self.watch, None, self._program))
+        return self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, None, self._program))
 
     def _restarted_since(self) -> frozenset[int]:
         """Returns the jobs that were restarted since this was last asked; none when the work shall end."""
@@ -207,7 +207,7 @@ def _recorded(
 def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
     """Returns a row as it stands after what was cancelled: the batch, or this job alone."""
     if row.index in watch.canceled:
-        return unfinished(row.index, "Canceled", failure_code="", failure_reason="the job was canceled")
+        return unfinished_result(row.index, "Canceled", failure_code="", failure_reason="the job was canceled")
     if row.status == "Canceled":
         return canceled_row(row.index, watch.code)
     return row

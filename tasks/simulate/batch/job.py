@@ -74,7 +74,7 @@ def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], tok
     return advance(store, KIND, record.id, "InProgress", only_from={"Pending"})
 
 
-def opened(store: Store, batch: str) -> OpenBatch:
+def load_batch(store: Store, batch: str) -> OpenBatch:
     """Returns a batch that was opened before.
 
     Raises:
@@ -98,7 +98,7 @@ def complete(batch: OpenBatch) -> JobRecord:
     return advance(batch.store, KIND, batch.id, "Completing", only_from={"InProgress"})
 
 
-def ending(record: JobRecord, failed_inside: int) -> tuple[str, str]:
+def terminal_state(record: JobRecord, failed_inside: int) -> tuple[str, str]:
     """Returns the terminal state that a batch goes to, and why (docs/reference/robomaker.md, section 4).
 
     Args:
@@ -121,7 +121,7 @@ def job_of(store: Store, path: str) -> tuple[OpenBatch, int]:
         ResourceNotFound: No such batch, or it has no such job.
     """
     name, _, number = path.partition("/")
-    batch = opened(store, name)
+    batch = load_batch(store, name)
     jobs = batch.layout.episodes
     index = int(number) if number.isdecimal() else -1
     if not 0 <= index < jobs or number != str(index):

@@ -19,7 +19,7 @@ from specs.robomaker.simulation_descriptions import (
     SimulationJobSummary,
 )
 from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk
-from tasks.simulate.batch.job import STOPPING, canceled_before_begun, canceled_jobs, opened, restarted_jobs
+from tasks.simulate.batch.job import STOPPING, canceled_before_begun, canceled_jobs, load_batch, restarted_jobs
 from tasks.simulate.batch.result_stream import STOP_CODES
 from tasks.simulate.plan.request import entries, is_single
 from tasks.storage.base.store import Store
@@ -47,7 +47,7 @@ class Jobs:
         Raises:
             ResourceNotFound: No such batch.
         """
-        self._batch = opened(store, batch)
+        self._batch = load_batch(store, batch)
         self.record = self._batch.record()
         self._ended = is_terminal(self.record)
         self._store_id = store_id(store)

@@ -186,7 +186,7 @@ def recorded_metrics(record: JobRecord) -> BatchMetrics | None:
     return BatchMetrics.model_validate(record.detail[METRICS]) if METRICS in record.detail else None
 
 
-def told_metrics(store: Store, arn: str) -> Iterator[str]:
+def metric_lines(store: Store, arn: str) -> Iterator[str]:
     """Yields a line for each figure of the batch that an ARN names; nothing for what is no batch."""
     if resource_kind(arn) == _KIND:
         metrics = recorded_metrics(read(store, _KIND, resource_name(arn)))

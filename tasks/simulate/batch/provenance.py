@@ -42,7 +42,7 @@ def this_machine() -> str:
     return f"{_device_name()}, {platform.system()} {platform.machine()}"
 
 
-def noted_machines(record: JobRecord) -> list[str]:
+def recorded_machines(record: JobRecord) -> list[str]:
     """Returns the machines that worked on a batch, as its record has them."""
     return [key.removeprefix(_MARK) for key in record.detail if key.startswith(_MARK)]
 

@@ -5,7 +5,7 @@ A batch that is stopped while nobody works on it is given up here: its unfinishe
 
 from collections.abc import Iterator, Mapping
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished
+from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished_result
 from specs.errors import ObjectNotFound
 from tasks.simulate.batch.chunk_store import chunk_numbers, commit, committed_chunk
 from tasks.simulate.batch.job import OpenBatch, canceled_jobs
@@ -23,7 +23,7 @@ STOP_CODES: Mapping[str, StopCode] = {
 }
 
 
-def parts(batch: OpenBatch) -> Iterator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
+def result_parts(batch: OpenBatch) -> Iterator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
     """Yields a batch's episodes by index, some at a time, and a result for each.
 
     Episodes of a batch that was stopped before they began are Canceled.
@@ -68,5 +68,5 @@ def give_up(batch: OpenBatch) -> None:
 
 def _row(index: int, code: StopCode, alone: frozenset[int]) -> EpisodeResult:
     if index in alone:
-        return unfinished(index, "Canceled", failure_code="", failure_reason="the job was canceled")
+        return unfinished_result(index, "Canceled", failure_code="", failure_reason="the job was canceled")
     return canceled_row(index, code)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from typing import Literal
 
-from specs.data.episode import EpisodeResult, unfinished
+from specs.data.episode import EpisodeResult, unfinished_result
 from tasks.simulate.batch.chunk_store import commit
 from tasks.simulate.batch.job import OpenBatch, canceled_jobs
 from tasks.storage.jobs.records import JobRecord
@@ -67,7 +67,7 @@ class StopWatch:
 def canceled_row(index: int, code: StopCode) -> EpisodeResult:
     """Returns the row of an episode that was not ended because its batch was: BatchTimedOut or BatchCanceled."""
     why = "the batch was canceled" if code == "BatchCanceled" else "the batch's time was over"
-    return unfinished(index, "Canceled", failure_code=code, failure_reason=why)
+    return unfinished_result(index, "Canceled", failure_code=code, failure_reason=why)
 
 
 def leave_out(batch: OpenBatch, first: int) -> int:
@@ -78,7 +78,7 @@ def leave_out(batch: OpenBatch, first: int) -> int:
     left_out = 0
     for number in range(first, batch.layout.chunks):
         indices = [request.index for request in batch.layout.chunk(number).requests]
-        rows = [unfinished(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
+        rows = [unfinished_result(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
         commit(batch.store, batch.id, number, rows)
         left_out += len(rows)
     return left_out

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished
+from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
 from tasks.simulate.plan.chunks import Chunk
 
 logger = logging.getLogger(__name__)
@@ -40,7 +40,9 @@ def simulate_fitting(chunk: Chunk, lanes: int, simulate: SimulatePart, stopped: 
     while len(rows) < len(chunk.requests):
         part = chunk.requests[len(rows) : len(rows) + lanes]
         if rows and stopped():
-            rows += [unfinished(request.index, "Canceled", failure_code="", failure_reason="") for request in part]
+            rows += [
+                unfinished_result(request.index, "Canceled", failure_code="", failure_reason="") for request in part
+            ]
             continue
         done, lack = _tried(chunk.model_copy(update={"requests": part}), lanes, simulate)
         if done is not None:

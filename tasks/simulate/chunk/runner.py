@@ -15,7 +15,7 @@ from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
 
 
-def simulate_chunk(
+def simulate_lanes(
     chunk: Chunk,
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],

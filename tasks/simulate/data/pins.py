@@ -22,7 +22,7 @@ class _Unusable(Exception):  # noqa: N818 - a state
         super().__init__(why)
 
 
-def pinned(store: Store, cache: Path, source: DataSourceConfig) -> PinnedSource:
+def pin_source(store: Store, cache: Path, source: DataSourceConfig) -> PinnedSource:
     """Returns a data source with the digests of its files, which are in the cache then; a failed one says why.
 
     Args:

@@ -14,7 +14,7 @@ Names = tuple[str, ...]
 StillFails = Callable[[Sequence[Names]], Sequence[bool]]
 
 
-class Smaller(NamedTuple):
+class MinimalSelection(NamedTuple):
     """What is left of a selection that fails.
 
     Attributes:
@@ -28,7 +28,7 @@ class Smaller(NamedTuple):
     minimal: bool
 
 
-def smaller(names: Names, still_fails: StillFails, budget: int) -> Smaller:
+def minimize_selection(names: Names, still_fails: StillFails, budget: int) -> MinimalSelection:
     """Returns a selection that still fails and, if the budget allows, of which none can be left out.
 
     Args:
@@ -48,11 +48,11 @@ def smaller(names: Names, still_fails: StillFails, budget: int) -> Smaller:
             left = sorted(failing, key=len)[0]  # of equally small ones the first
             parts = 2 if left in alone else max(parts - 1, 2)
         elif len(now) == len(round_) and parts == len(left):
-            return Smaller(left, tried, minimal=True)
+            return MinimalSelection(left, tried, minimal=True)
         else:
             parts = min(2 * parts, len(left))
     # Of a single one that is left, it was the first thing to be tried that nothing at all does not fail.
-    return Smaller(left, tried, minimal=not left or (len(left) == 1 and tried > 0))
+    return MinimalSelection(left, tried, minimal=not left or (len(left) == 1 and tried > 0))
 
 
 def _round(left: Names, parts: int) -> tuple[list[Names], list[Names]]:

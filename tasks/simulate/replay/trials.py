@@ -11,7 +11,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.batch.commit import batch_mounts
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 
 
@@ -46,7 +46,7 @@ def simulate_trials(
     return [
         row
         for chunk in plan_chunks(requests, batch.plan.lanes)
-        for row in simulate_chunk(
+        for row in simulate_lanes(
             chunk,
             worlds,
             bundles,

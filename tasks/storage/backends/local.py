@@ -34,10 +34,10 @@ from tasks.storage.backends.local_objects import (
     shown_files,
     unfinished_files,
 )
-from tasks.storage.base.atomic_file import HIDDEN, hidden_file, make_folder, settle, settle_names, whole_file
+from tasks.storage.base.atomic_file import HIDDEN, flush_to_disk, hidden_file, make_folder, settle_names, whole_file
 from tasks.storage.base.disk_space import room_in
 from tasks.storage.base.keys import checked_key
-from tasks.storage.base.store import UNBOUNDED, Entry, Stored
+from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
 
 _LOCKS = ".locks"
 _LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
@@ -59,7 +59,7 @@ class LocalStore:
                 raise ObjectExists(f"{self.url}: {key} exists already")
             with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
-                settle(file)
+                flush_to_disk(file)
                 self._link(hidden, path, key)
             settle_names(path.parent)
         return _etag(body)
@@ -71,7 +71,7 @@ class LocalStore:
             self._compare(path, key, etag)  # spares the loser the writing; the comparison under the lock decides
             with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
-                settle(file)
+                flush_to_disk(file)
                 with self._locked(key):
                     self._compare(path, key, etag)
                     hidden.replace(path)
@@ -84,21 +84,21 @@ class LocalStore:
         with self._explained(key):
             with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
-                settle(file)
+                flush_to_disk(file)
                 # Under the lock too, or it could land between another's comparison and its rename, and be lost.
                 with self._locked(key):
                     hidden.replace(path)
             settle_names(path.parent)
         return _etag(body)
 
-    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         """Returns the object, or raises ObjectNotFound, or ObjectTooBig."""
         path = self._path(key)
         with self._explained(key, reading=True), path.open("rb") as file:
             if os.fstat(file.fileno()).st_size > most_bytes:
                 raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
             body = file.read()
-        return Stored(body, _etag(body))
+        return StoredObject(body, _etag(body))
 
     def size(self, key: str) -> int:
         """Returns how many bytes the object has, or raises ObjectNotFound."""
@@ -198,7 +198,7 @@ class LocalStore:
         path = self._path(key)
         with source.open("rb") as reader, self._explained(key), hidden_file(path.parent, _mark(key)) as (file, hidden):
             shutil.copyfileobj(reader, file, 1 << 20)
-            settle(file)
+            flush_to_disk(file)
             if hidden.stat().st_size != reader.tell():
                 raise StoreDamaged(f"{self.url}: {key}: what was written is not what was to be")
             with self._locked(key):

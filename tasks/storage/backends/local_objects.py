@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from specs.errors import StoreAccessDenied, StoreError, StoreFull, StoreUnreachable
-from tasks.storage.base.atomic_file import HIDDEN, hidden_file, settle
+from tasks.storage.base.atomic_file import HIDDEN, flush_to_disk, hidden_file
 from tasks.storage.base.disk_space import NO_ROOM, full_disk_message
 from tasks.storage.base.store import Entry
 
@@ -66,7 +66,7 @@ def disk_now_s(folder: Path) -> float:
     """Returns the time by the clock of the disk, which is another machine's if that exports the folder."""
     with hidden_file(folder) as (file, path):
         file.write(b"now")
-        settle(file)
+        flush_to_disk(file)
         return path.stat().st_mtime
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig
 from tasks.storage.base.atomic_file import whole_file
-from tasks.storage.base.store import UNBOUNDED, Entry, Store, Stored
+from tasks.storage.base.store import UNBOUNDED, Entry, Store, StoredObject
 
 
 class OverlayStore:
@@ -37,7 +37,7 @@ class OverlayStore:
         self._written[key] = body
         return _etag(body)
 
-    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         """Returns an object from memory, else from below; see Store."""
         if key not in self._written:
             return self._below.get(key, most_bytes)
@@ -46,7 +46,7 @@ class OverlayStore:
             raise ObjectNotFound(f"{self.url}: there is no {key}")
         if len(body) > most_bytes:
             raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
-        return Stored(body=body, etag=_etag(body))
+        return StoredObject(body=body, etag=_etag(body))
 
     def size(self, key: str) -> int:
         """Returns an object's size; see Store."""

@@ -28,7 +28,7 @@ from tasks.storage.backends.s3_objects import entry_of, list_objects, list_uploa
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.disk_space import room_in
 from tasks.storage.base.keys import checked_key
-from tasks.storage.base.store import UNBOUNDED, Entry, Stored
+from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
 
 _MARK = "simyard-write"
 _ATTEMPTS = 5
@@ -76,11 +76,11 @@ class S3Store:
         """Returns the etag of the object written over whatever was there."""
         return self._place(key, body, uuid4().hex, {})
 
-    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         """Returns the object, or raises ObjectNotFound, or ObjectTooBig."""
         path = self._path(key)
         with self._explained(key):
-            stored = Stored(*self._client.read(self._bucket, path, most_bytes + 1))
+            stored = StoredObject(*self._client.read(self._bucket, path, most_bytes + 1))
         if len(stored.body) > most_bytes:
             raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
         return stored

@@ -18,8 +18,8 @@ HIDDEN = ".tmp-"
 def hidden_file(folder: Path, mark: str = "") -> Generator[tuple[BinaryIO, Path]]:
     """Makes a file under a hidden name, which begins with ``HIDDEN`` and the mark, and removes that name at the end.
 
-    The caller writes, calls ``settle``, and links or renames; a writer that is killed leaves a name that starts with
-    a dot, which no store lists.
+    The caller writes, calls ``flush_to_disk``, and links or renames; a writer that is killed leaves a name that starts
+    with a dot, which no store lists.
     """
     make_folder(folder)
     path = folder / f"{HIDDEN}{mark}{uuid4().hex}"
@@ -36,12 +36,12 @@ def whole_file(target: Path) -> Generator[BinaryIO]:
     """Opens a file for writing that replaces ``target`` when the block ends, and leaves it alone when it raises."""
     with hidden_file(target.parent) as (file, path):
         yield file
-        settle(file)
+        flush_to_disk(file)
         path.replace(target)
     settle_names(target.parent)
 
 
-def settle(file: BinaryIO) -> None:
+def flush_to_disk(file: BinaryIO) -> None:
     """Waits until the file's bytes are on the disk."""
     file.flush()
     os.fsync(file.fileno())

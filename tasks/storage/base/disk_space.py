@@ -26,7 +26,7 @@ def full_disk_message(exc: OSError, folder: Path) -> str:
     return f"{exc.strerror}: {_room(folder)}; make room and try again"
 
 
-def told_machine_full(exc: OSError) -> str:
+def full_machine_message(exc: OSError) -> str:
     """Returns that a disk of this machine has no room, where the system does not say which one."""
     places = (Path(tempfile.gettempdir()), cache_folder())
     return f"{exc.strerror}: {', '.join(map(_room, places))}; make room and run the same command again"

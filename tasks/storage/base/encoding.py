@@ -6,17 +6,17 @@ from pydantic import ValidationError
 
 from specs.base import Spec
 from specs.errors import ObjectExists, StoreError
-from tasks.storage.base.store import Store, Stored
+from tasks.storage.base.store import Store, StoredObject
 
 Document = TypeVar("Document", bound=Spec)
 
 
-def encoded(document: Spec) -> bytes:
+def encode_document(document: Spec) -> bytes:
     """Returns the document as JSON."""
     return document.model_dump_json().encode()
 
 
-def decoded(model: type[Document], stored: Stored, store: Store, key: str) -> Document:
+def decode_document(model: type[Document], stored: StoredObject, store: Store, key: str) -> Document:
     """Returns the document that the object holds.
 
     Args:

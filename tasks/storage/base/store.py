@@ -9,7 +9,7 @@ UNBOUNDED = 1 << 62
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredObject:
     """An object as it was read: its bytes, and the mark that a compare-and-swap hands back.
 
     Attributes:
@@ -73,7 +73,7 @@ class Store(Protocol):
         """Returns the etag of an object written over whatever was there: for objects that have a single writer."""
         ...
 
-    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         """Returns the object; of a bigger one than somebody reckons with, no more than that is read.
 
         Raises:

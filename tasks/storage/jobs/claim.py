@@ -22,7 +22,7 @@ from uuid import uuid4
 
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, this_process
 
@@ -106,12 +106,12 @@ class Claim:
 
     def _write(self, record: ClaimRecord) -> None:
         try:
-            self._etag = self._store.replace(self._key, encoded(record), self._etag)
+            self._etag = self._store.replace(self._key, encode_document(record), self._etag)
         except ObjectConflict:
             self._look_again()
             if self._replaced:
                 raise
-            self._etag = self._store.replace(self._key, encoded(record), self._etag)
+            self._etag = self._store.replace(self._key, encode_document(record), self._etag)
         self._record = record
 
     def _look_again(self) -> None:
@@ -122,7 +122,7 @@ class Claim:
         except ObjectNotFound:
             self._replaced = True
             return
-        found = decoded(ClaimRecord, stored, self._store, self._key)
+        found = decode_document(ClaimRecord, stored, self._store, self._key)
         self._replaced = found.owner != self._record.owner
         self._etag = stored.etag
 
@@ -132,7 +132,7 @@ def _nobody(_holder: ClaimRecord) -> None:
 
 
 @contextmanager
-def claimed(
+def hold_claim(
     store: Store, key: str, *, ttl_s: float = 15.0, waiting: Callable[[ClaimRecord], None] = _nobody
 ) -> Generator[Claim]:
     """Takes the claim, waiting while another live process holds it; releases it at the end.
@@ -156,7 +156,7 @@ def claimed(
 
 
 @contextmanager
-def claimed_unless_alive(store: Store, key: str, *, ttl_s: float = 15.0) -> Generator[Claim | None]:
+def hold_claim_unless_alive(store: Store, key: str, *, ttl_s: float = 15.0) -> Generator[Claim | None]:
     """Takes the claim, or yields None as soon as its holder is seen to renew it; releases it at the end.
 
     Whether a holder elsewhere lives is found out by watching, so this takes up to the time without a heartbeat after
@@ -196,7 +196,7 @@ def _take(store: Store, key: str, ttl_s: float, waiting: Callable[[ClaimRecord],
             stored = store.get(key)
         except ObjectNotFound:
             return _write_first(store, key, _new_record(1, ttl_s), None)
-        found = decoded(ClaimRecord, stored, store, key)
+        found = decode_document(ClaimRecord, stored, store, key)
         if _is_free(found, time.monotonic() - since_s if stored.etag == watched else 0.0):
             _LOG.info("%s: process %d had it, released: %s", key, found.process.pid, found.released)
             return _write_first(store, key, _new_record(found.epoch + 1, ttl_s), stored.etag)
@@ -215,7 +215,11 @@ def _is_free(found: ClaimRecord, unchanged_s: float) -> bool:
 def _write_first(store: Store, key: str, record: ClaimRecord, etag: str | None) -> Claim | None:
     before_s = time.monotonic()
     try:
-        etag = store.create(key, encoded(record)) if etag is None else store.replace(key, encoded(record), etag)
+        etag = (
+            store.create(key, encode_document(record))
+            if etag is None
+            else store.replace(key, encode_document(record), etag)
+        )
     except (ObjectExists, ObjectConflict):  # another process was faster
         return None
     return Claim(store, key, record, etag, before_s)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 from specs.errors import ObjectConflict, ObjectNotFound
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord
 from tasks.storage.jobs.holder import is_known_dead
@@ -43,7 +43,7 @@ class ClaimWatch:
         if stored.etag != self._seen:
             self._seen, self._since_s = stored.etag, self._now_s()
             self._writes += 1
-        found = self._found = decoded(ClaimRecord, stored, self._store, self._key)
+        found = self._found = decode_document(ClaimRecord, stored, self._store, self._key)
         return found.released or self._now_s() - self._since_s >= found.ttl_s or is_known_dead(found.process)
 
     def release(self) -> bool:
@@ -55,7 +55,7 @@ class ClaimWatch:
         if self._found is None or self._found.released:
             return True
         try:
-            body = encoded(self._found.model_copy(update={"released": True}))
+            body = encode_document(self._found.model_copy(update={"released": True}))
             self._seen = self._store.replace(self._key, body, self._seen)
         except (ObjectConflict, ObjectNotFound):
             return False

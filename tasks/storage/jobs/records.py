@@ -24,7 +24,7 @@ from specs.errors import (
 )
 from specs.job_kinds import JOB_KINDS, JobKind
 from specs.robomaker.failure_codes import JobFailureCode
-from tasks.storage.base.encoding import decoded, encoded
+from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.transitions import Transition, announce_transition
@@ -115,7 +115,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
         detail={},
     )
     try:
-        store.create(job_key(kind, new.id), encoded(record))
+        store.create(job_key(kind, new.id), encode_document(record))
     except ObjectExists:
         return read(store, kind, new.id)
     return record
@@ -173,7 +173,7 @@ def records(store: Store, kind: JobKind) -> list[JobRecord]:
     found: list[JobRecord] = []
     for key in store.keys(jobs_prefix(kind)):
         try:
-            found.append(decoded(JobRecord, store.get(key), store, key))
+            found.append(decode_document(JobRecord, store.get(key), store, key))
         except ObjectNotFound:  # removed since it was listed
             continue
     return sorted(found, key=lambda record: (record.created_at_s, record.id))
@@ -204,7 +204,7 @@ def _advance(store: Store, kind: JobKind, wanted: str, change: _Change) -> JobRe
             )
         after = _changed(before, change)
         try:
-            store.replace(job_key(kind, wanted), encoded(after), etag)
+            store.replace(job_key(kind, wanted), encode_document(after), etag)
         except ObjectConflict:
             time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
         else:
@@ -238,9 +238,9 @@ def _one_line(reason: str) -> str:
 def _record_token(store: Store, kind: JobKind, new: _Token) -> None:
     key = token_key(kind, new.token)
     try:
-        store.create(key, encoded(new))
+        store.create(key, encode_document(new))
     except ObjectExists:
-        old = decoded(_Token, store.get(key), store, key)
+        old = decode_document(_Token, store.get(key), store, key)
         if old.request_digest != new.request_digest:
             raise _mismatch(kind, old, new) from None
 
@@ -262,4 +262,4 @@ def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
     except ObjectNotFound as exc:
         fault = Fault(path=kind, value=repr(wanted), allowed=f"a job of this kind in {store.url}; see simyard list")
         raise ResourceNotFound([fault], source="store") from exc
-    return decoded(JobRecord, stored, store, key), stored.etag
+    return decode_document(JobRecord, stored, store, key), stored.etag

@@ -14,7 +14,7 @@ from specs.errors import ResourceNotFound
 from specs.job_kinds import JOB_KINDS, JobKind
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import ClaimRecord, claimed
+from tasks.storage.jobs.claim import ClaimRecord, hold_claim
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, request_digest, submit
 
 KIND: JobKind = "pipeline-run"
@@ -27,7 +27,9 @@ def _nobody(_run: JobRecord, _holder: ClaimRecord) -> None:
 
 
 @contextmanager
-def begun(store: Store, identity: dict[str, JsonValue], waiting: Waiting = _nobody) -> Generator[JobRecord, None, None]:
+def begin_run(
+    store: Store, identity: dict[str, JsonValue], waiting: Waiting = _nobody
+) -> Generator[JobRecord, None, None]:
     """Yields the run of a document, which no other live process works on inside the ``with`` block.
 
     Waits while another process works on it; the yielded record is terminal when that one ended it, and then there is
@@ -40,7 +42,7 @@ def begun(store: Store, identity: dict[str, JsonValue], waiting: Waiting = _nobo
     """
     digest = request_digest(identity)[:32]
     record = submit(store, KIND, identity, _open_run(store, digest))
-    with claimed(store, claim_key(KIND, record.id), waiting=lambda holder: waiting(record, holder)):
+    with hold_claim(store, claim_key(KIND, record.id), waiting=lambda holder: waiting(record, holder)):
         yield read(store, KIND, record.id)
 
 

@@ -46,7 +46,7 @@ _listener: ContextVar[Listener] = ContextVar("simyard_transition_listener", defa
 
 
 @contextmanager
-def hearing(listener: Listener) -> Generator[None, None, None]:
+def listen_to_transitions(listener: Listener) -> Generator[None, None, None]:
     """Lets the listener hear of transitions inside the ``with`` block; it must not raise."""
     token = _listener.set(listener)
     try:

@@ -13,7 +13,7 @@ SHRUNK = "shrunk"
 _ABOUT_FURNITURE = ("furniture", "density")
 
 
-def refurnished(world: World, kept: Collection[str], template: TemplateBody | None) -> World:
+def keep_furniture(world: World, kept: Collection[str], template: TemplateBody | None) -> World:
     """Returns a world with some of its furniture, with a map and a certificate of its own.
 
     The certificate is measured on the geometry that is left. Beside the template's wishes it has one about the pieces

@@ -20,11 +20,11 @@ from specs.template.body import TemplateBody, template_digest
 from tasks.storage.base.encoding import create_once
 from tasks.storage.base.keys import claim_key, template_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import Claim, claimed
+from tasks.storage.jobs.claim import Claim, hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, submit
 from tasks.storage.worlds import write_world
 from tasks.worlds.generate import world_name
-from tasks.worlds.job.production import Indices, Made, Order, produce
+from tasks.worlds.job.production import Indices, Order, WorldOutcome, produce
 from tasks.worlds.job.world_store import missing_worlds
 
 KIND: JobKind = "world-generation-job"
@@ -33,12 +33,12 @@ _LOOK_EVERY_S = 1.0
 _log = logging.getLogger(__name__)
 
 
-class Elsewhere(Protocol):
+class RemoteWorldMaker(Protocol):
     """Workers that make worlds and keep them in the store (``tasks.worlds.job.world_store``)."""
 
     def __call__(
         self, order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
-    ) -> Mapping[Indices, Made]:
+    ) -> Mapping[Indices, WorldOutcome]:
         """Returns the worlds that cannot be, once all others are kept or nobody wants them any more.
 
         Args:
@@ -84,7 +84,7 @@ def run_generation_job(
     progress: Callable[[int, int], None],
     robot_radius_m: float = ROBOT_RADIUS_M,
     workers: int | None = None,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: RemoteWorldMaker | None = None,
 ) -> JobRecord:
     """Returns the job's terminal record, having generated the worlds that were missing.
 
@@ -111,7 +111,7 @@ def run_generation_job(
     record = submit(store, KIND, {**canonical_document(request), **own}, token)
     if is_terminal(record):
         return record
-    with claimed(store, claim_key(KIND, record.id)) as claim:
+    with hold_claim(store, claim_key(KIND, record.id)) as claim:
         record = read(store, KIND, record.id)
         if is_terminal(record):
             return record
@@ -158,8 +158,8 @@ def _make_elsewhere(
     order: Order,
     indices: Sequence[Indices],
     progress: Callable[[int, int], None],
-    elsewhere: Elsewhere,
-) -> Mapping[Indices, Made]:
+    elsewhere: RemoteWorldMaker,
+) -> Mapping[Indices, WorldOutcome]:
     missing, total = missing_worlds(watch.store, order.generation, indices), len(indices)
     made = total - len(missing)
 
@@ -178,7 +178,7 @@ def _make_all(
     progress: Callable[[int, int], None],
     workers: int | None,
     *,
-    rejected: Mapping[Indices, Made],
+    rejected: Mapping[Indices, WorldOutcome],
 ) -> _JobOutcome:
     """Returns what came of all worlds of the job, in order; those in the store were created whole, by this job."""
     finished, total = _JobOutcome(), len(indices)

@@ -42,7 +42,7 @@ class Order(Spec):
     robot_radius_m: float
 
 
-class Made(Spec):
+class WorldOutcome(Spec):
     """What came of one world: its document, or why there is none.
 
     Attributes:
@@ -59,11 +59,11 @@ class WorkerDied(SimyardError):  # noqa: N818 - a state, like StageFailed
     """A worker process ended before its work was done; the job can be run again and goes on where it was."""
 
 
-MADE = TypeAdapter(list[Made])
+MADE = TypeAdapter(list[WorldOutcome])
 INDICES = TypeAdapter(list[Indices])
 
 
-def make(order: Order, indices: Indices) -> Made:
+def make(order: Order, indices: Indices) -> WorldOutcome:
     """Returns one world of an order, or why it cannot be."""
     try:
         world = generate_world(
@@ -75,11 +75,13 @@ def make(order: Order, indices: Indices) -> Made:
             robot_radius_m=order.robot_radius_m,
         )
     except WorldRejected as rejected:
-        return Made(indices=indices, code=rejected.code, reason=rejected.reason)
-    return Made(indices=indices, document=encode_world(world).decode())
+        return WorldOutcome(indices=indices, code=rejected.code, reason=rejected.reason)
+    return WorldOutcome(indices=indices, document=encode_world(world).decode())
 
 
-def produce(order: Order, indices: Sequence[Indices], workers: int | None = None) -> Generator[Made, None, None]:
+def produce(
+    order: Order, indices: Sequence[Indices], workers: int | None = None
+) -> Generator[WorldOutcome, None, None]:
     """Yields what came of each world, in the order of the indices, whatever the number of workers.
 
     Args:
@@ -97,7 +99,7 @@ def produce(order: Order, indices: Sequence[Indices], workers: int | None = None
         return
     chunks = [list(indices[n : n + _CHUNK]) for n in range(0, len(indices), _CHUNK)]
     with ThreadPoolExecutor(workers) as threads, _crew(order, workers) as idle:
-        running: deque[Future[list[Made]]] = deque()
+        running: deque[Future[list[WorldOutcome]]] = deque()
         for chunk in chunks:
             running.append(threads.submit(_ask, idle, chunk))
             if len(running) >= workers * _AHEAD:
@@ -124,7 +126,7 @@ class _Worker:
         self._answers = cast("IO[str]", self._process.stdout)
         self._tell(order.model_dump_json(exclude_unset=True))
 
-    def ask(self, chunk: list[Indices]) -> list[Made]:
+    def ask(self, chunk: list[Indices]) -> list[WorldOutcome]:
         """Returns what the worker makes of a chunk.
 
         Raises:
@@ -147,7 +149,7 @@ class _Worker:
             self._questions.flush()
 
 
-def _ask(idle: "SimpleQueue[_Worker]", chunk: list[Indices]) -> list[Made]:
+def _ask(idle: "SimpleQueue[_Worker]", chunk: list[Indices]) -> list[WorldOutcome]:
     """Returns what an idle worker makes of a chunk; there are as many threads as workers."""
     worker = idle.get()
     try:

@@ -9,7 +9,7 @@ from specs.data.world import World
 from specs.errors import DocumentError, ObjectExists
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import decode_world, encode_world, write_world
-from tasks.worlds.certificate.furniture_removal import refurnished
+from tasks.worlds.certificate.furniture_removal import keep_furniture
 
 _MEASURED = (
     "origin_clear_radius_m",
@@ -50,7 +50,7 @@ def add_world(store: Store, file: Path) -> str:
 
 def _wrong_fields(world: World) -> list[str]:
     """Returns what a world's document says of it and is not so."""
-    measured = refurnished(world, {piece.name for piece in world.furniture}, None)
+    measured = keep_furniture(world, {piece.name for piece in world.furniture}, None)
     said, found = world.certificate, measured.certificate
     wrong = [f"certificate.{name}" for name in _MEASURED if getattr(said, name) != getattr(found, name)]
     return [*wrong, *(["map"] if measured.map != world.map else [])]

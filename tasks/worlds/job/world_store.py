@@ -6,10 +6,12 @@ from tasks.storage.base.keys import world_key, worlds_prefix
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import write_world
 from tasks.worlds.generate import world_name
-from tasks.worlds.job.production import Indices, Made, Order, make
+from tasks.worlds.job.production import Indices, Order, WorldOutcome, make
 
 
-def make_and_keep(store: Store, order: Order, indices: Sequence[Indices], going: Callable[[], bool]) -> list[Made]:
+def make_and_keep(
+    store: Store, order: Order, indices: Sequence[Indices], going: Callable[[], bool]
+) -> list[WorldOutcome]:
     """Returns the worlds that cannot be; all others are kept in the store, unless nobody wants them any more.
 
     Args:
@@ -21,7 +23,7 @@ def make_and_keep(store: Store, order: Order, indices: Sequence[Indices], going:
     Raises:
         ObjectExists: A world in the store is not what this version of Simyard makes.
     """
-    rejected: list[Made] = []
+    rejected: list[WorldOutcome] = []
     for each in indices:
         if not going():
             break

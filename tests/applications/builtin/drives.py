@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import REPOSITORY
 
@@ -48,6 +48,6 @@ def drive(
     rows = [
         row
         for chunk in plan_chunks(requests, LANES)
-        for row in simulate_chunk(chunk, dict(worlds), _FOLDERS, lanes=LANES, should_stop=lambda: False)
+        for row in simulate_lanes(chunk, dict(worlds), _FOLDERS, lanes=LANES, should_stop=lambda: False)
     ]
     return sorted(rows, key=lambda row: row.index)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.rollout.controller import Pace
+from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.keys import desired_key, reported_key
 from tests.deploy.puppets import PuppetRobots, run
@@ -18,9 +18,9 @@ class SpoiltRobots(PuppetRobots):
     spoils = "r1"
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> ControllerPace:
         self.silent.add(self.spoils)
-        return Pace(now_s=super().pace.now_s, sleep=self._sleep_and_spoil)
+        return ControllerPace(now_s=super().pace.now_s, sleep=self._sleep_and_spoil)
 
     def _sleep_and_spoil(self, seconds: float) -> None:
         self.store.put(reported_key(self.spoils), b'{"robot": "r1", "status": "Succ')

@@ -6,7 +6,7 @@ from specs.errors import ConcurrentDeployment, ResourceNotFound, StageFailed
 from tasks.deploy.fleet.deletion import delete_fleet, delete_robot
 from tasks.deploy.fleet.fleets import create_fleet, fleets, read_fleet
 from tasks.deploy.fleet.robots import create_robot, read_desired, read_robot, register_robot, robots
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import fleet_key
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
@@ -77,6 +77,6 @@ def test_a_deletion_that_was_killed_halfway_is_finished_by_the_next(
 
 def test_a_fleet_is_made_anew_while_the_old_one_is_being_deleted(yard: Yard) -> None:
     record, etag = read_fleet(yard.store, FLEET)
-    yard.store.replace(fleet_key(FLEET), encoded(record.model_copy(update={"deleted": True})), etag)
+    yard.store.replace(fleet_key(FLEET), encode_document(record.model_copy(update={"deleted": True})), etag)
     assert not create_fleet(yard.store, FLEET).deleted
     assert [fleet.name for fleet in fleets(yard.store)] == [FLEET]

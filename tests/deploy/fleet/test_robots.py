@@ -18,7 +18,7 @@ from tasks.deploy.fleet.robots import (
 )
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.rollout.robot_requests import ask_robot
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import desired_key, reported_key
 from tasks.storage.base.store import Store
 
@@ -162,7 +162,7 @@ GARBAGE = [b"", b"{", b"[]", b"\xff\xfe", b'{"robot": "r1"}', b"9" * 5000, b" " 
 def test_garbage_asks_nothing_of_a_robot_and_is_written_over_by_who_asks(
     body: bytes, store: Store, caplog: pytest.LogCaptureFixture
 ) -> None:
-    store.put(reported_key("r1"), encoded(_reported(sequence=4)))
+    store.put(reported_key("r1"), encode_document(_reported(sequence=4)))
     store.put(desired_key("r1"), body)
     assert read_desired(store, "r1")[0] is None
 
@@ -198,7 +198,7 @@ def test_a_robot_whose_report_is_garbage_is_without_news(
     ],
 )
 def test_a_report_with_a_number_that_nobody_can_count_with_is_none(field: str, value: str, file_store: Store) -> None:
-    document = json.loads(encoded(_reported(sequence=4)))
+    document = json.loads(encode_document(_reported(sequence=4)))
     document[field] = "HERE"
     file_store.put(reported_key("r1"), json.dumps(document).replace('"HERE"', value).encode())
 

@@ -22,7 +22,7 @@ from tasks.deploy.answers.describe import describe_deployment_job, describe_flee
 from tasks.deploy.fleet.robots import create_robot, members, read_desired, register_robot
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import application_key, bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -254,5 +254,5 @@ def _published_raw(yard: Yard, name: str) -> Version:
         created_at_s=time.time(),
     )
     application = Application(kind="robot-application", name="courier", versions=(version,))
-    yard.store.create(application_key("robot-application", "courier"), encoded(application))
+    yard.store.create(application_key("robot-application", "courier"), encode_document(application))
     return version

@@ -22,7 +22,7 @@ from tasks.deploy.robot import agent, install, launch, reported_state, update
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.rollout import job
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.store_url import open_store
 from tests.deploy.puppets import PuppetRobots
 
@@ -111,7 +111,7 @@ def control(url: str, request: str, digest: str, nth: int, *, after: bool) -> No
 
 def pausable(url: str, request: str, digest: str, *, after: bool) -> None:
     """Rolls out to robots of which one more answers at each look, with a claim that is soon given up."""
-    setattr(job, "claimed", partial(claimed, ttl_s=TTL_S))  # noqa: B010 - a module's name, in this process alone
+    setattr(job, "hold_claim", partial(hold_claim, ttl_s=TTL_S))  # noqa: B010 - a module's name, in this process alone
     robots = PuppetRobots(open_store(url), PAUSABLE)
     robots.silent = set(robots.names)
     answer, silent = robots.pace.sleep, list(reversed(robots.names))

@@ -13,7 +13,7 @@ from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.applications.bucket_sources import create_application, create_version
 from tasks.applications.pack import pack
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.robots import create_robot, members, read_desired, register_robot
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
@@ -39,7 +39,7 @@ def _folder(yard: Yard, content: str) -> Path:
 
 def _version(yard: Yard) -> Version:
     folders: dict[Architecture, Path] = {"X86_64": _folder(yard, "amd"), "ARM64": _folder(yard, "arm")}
-    return publish(yard.store, "robot-application", "courier", folders)
+    return publish_bundle(yard.store, "robot-application", "courier", folders)
 
 
 def _join(yard: Yard, robots: PuppetRobots, name: str, architecture: Architecture) -> None:
@@ -188,7 +188,7 @@ def test_every_bundle_must_have_the_launch_file(yard: Yard, robots: PuppetRobots
     other = _folder(yard, "other")
     (other / "courier" / "run.sh").rename(other / "courier" / "go.sh")
     folders: dict[Architecture, Path] = {"X86_64": _folder(yard, "amd"), "ARM64": other}
-    version = publish(yard.store, "robot-application", "courier", folders)
+    version = publish_bundle(yard.store, "robot-application", "courier", folders)
     launch = DeploymentLaunchConfig(packageName="courier", launchFile="run.sh")
 
     faults = preflight(yard.store, fleet=FLEET, local_agents=0, launch=launch, version=version)

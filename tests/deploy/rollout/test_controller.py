@@ -14,7 +14,7 @@ from specs.errors import StageFailed, StoreUnreachable
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import DeploymentConfig
 from tasks.deploy.fleet.robots import create_robot, read_desired, read_reported, register_robot
-from tasks.deploy.rollout.controller import Pace
+from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.keys import reported_key
 from tasks.storage.base.store import Store
@@ -189,7 +189,7 @@ def test_robots_that_join_while_a_deployment_is_interrupted_are_not_part_of_it(y
 
 def test_a_controller_s_clock_goes_on_when_the_machine_s_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
     right, ticks = time.time, time.monotonic
-    pace = Pace()
+    pace = ControllerPace()
     before_s = pace.now_s()
     for set_by_s in (86_400.0, -86_400.0):
         monkeypatch.setattr(time, "time", lambda set_by_s=set_by_s: right() + set_by_s)

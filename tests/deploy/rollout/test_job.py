@@ -12,9 +12,9 @@ from tasks.deploy.answers.describe import describe_deployment_job, list_deployme
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.robots import create_robot, members, register_robot
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import claim_key, fleet_key
-from tasks.storage.jobs.claim import ClaimRecord, claimed
+from tasks.storage.jobs.claim import ClaimRecord, hold_claim
 from tasks.storage.jobs.holder import ProcessIdentity
 from tasks.storage.jobs.records import job_id, read, records, submit
 from tasks.storage.store_url import open_store
@@ -113,7 +113,7 @@ def _interrupted(yard: Yard, token: str) -> str:
     request = yard.request(yard.publish({"run.sh": STAYS_UP}), token).model_dump(mode="json", exclude_none=True)
     other = submit(yard.store, KIND, request, token).id
     fleet, etag = read_fleet(yard.store, FLEET)
-    yard.store.replace(fleet_key(FLEET), encoded(fleet.model_copy(update={"deployment": other})), etag)
+    yard.store.replace(fleet_key(FLEET), encode_document(fleet.model_copy(update={"deployment": other})), etag)
     return other
 
 
@@ -122,7 +122,10 @@ def test_a_fleet_takes_one_deployment_at_a_time(yard: Yard) -> None:
     robots = PuppetRobots(yard.store, 1)
     other = _interrupted(yard, "other")
 
-    with claimed(yard.store, claim_key(KIND, other), ttl_s=0.6), pytest.raises(ConcurrentDeployment, match="wait for"):
+    with (
+        hold_claim(yard.store, claim_key(KIND, other), ttl_s=0.6),
+        pytest.raises(ConcurrentDeployment, match="wait for"),
+    ):
         run(yard, robots, yard.request(version, "one"), version.digest)
 
     assert [record.id for record in records(yard.store, KIND)] == [other]
@@ -157,7 +160,7 @@ def test_a_deployment_that_is_refused_makes_no_robots(yard: Yard) -> None:
     version, made = yard.publish({"run.sh": STAYS_UP}), Made(yard)
     other = _interrupted(yard, "other")
 
-    with claimed(yard.store, claim_key(KIND, other), ttl_s=0.6), pytest.raises(ConcurrentDeployment):
+    with hold_claim(yard.store, claim_key(KIND, other), ttl_s=0.6), pytest.raises(ConcurrentDeployment):
         run(yard, _puppets(yard, []), yard.request(version, "one"), version.digest, made=made)
 
     assert (made.owners, members(yard.store, FLEET)) == ([], [])
@@ -221,7 +224,7 @@ def test_a_deployment_whose_host_died_gives_way_once_its_claim_was_silent(yard: 
     other = _interrupted(yard, "other")
     elsewhere = ProcessIdentity(host="elsewhere", pid=1, started="1")
     silent = ClaimRecord(owner="other", process=elsewhere, epoch=1, beat=7, ttl_s=0.3, released=False)
-    yard.store.create(claim_key(KIND, other), encoded(silent))
+    yard.store.create(claim_key(KIND, other), encode_document(silent))
 
     assert run(yard, robots, yard.request(version, "one"), version.digest).status == "Succeeded"
     assert read(yard.store, KIND, other).status == "Canceled"

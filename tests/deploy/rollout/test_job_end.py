@@ -11,7 +11,7 @@ from tasks.deploy.fleet.states import Desired
 from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.base.keys import claim_key, desired_key
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
 from tests.deploy.one_robot import GOOD, desired
 from tests.deploy.yard import Yard
@@ -28,9 +28,9 @@ def _announcing(yard: Yard) -> JobRecord:
 
 def _closed(yard: Yard, record: JobRecord) -> JobRecord:
     for _ in range(2):  # the paused one had the first epoch
-        with claimed(yard.store, claim_key(KIND, record.id)) as claim:
+        with hold_claim(yard.store, claim_key(KIND, record.id)) as claim:
             pass
-    with claimed(yard.store, claim_key(KIND, record.id)) as claim:
+    with hold_claim(yard.store, claim_key(KIND, record.id)) as claim:
         return close_abandoned_job(yard.store, record, claim, "left")
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from specs.base import Fault
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.deploy.rollout.resolved_request import preflight
@@ -80,7 +80,7 @@ def test_a_launch_file_must_be_executable(yard: Yard) -> None:
     package = yard.folder / "plain" / "courier"
     package.mkdir(parents=True)
     (package / "run.sh").write_text(STAYS_UP)
-    version = publish(yard.store, "robot-application", "plain", package.parent)
+    version = publish_bundle(yard.store, "robot-application", "plain", package.parent)
 
     (fault,) = preflight(yard.store, fleet=FLEET, local_agents=1, launch=_launch(), version=version)
 

@@ -9,7 +9,7 @@ from specs.robomaker.bundle import Version
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.trust.verification import Verifier
 from tasks.storage.base.keys import bundle_key
-from tasks.storage.base.store import UNBOUNDED, Store, Stored
+from tasks.storage.base.store import UNBOUNDED, Store, StoredObject
 from tests.deploy.one_robot import GOOD, NAME
 from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
@@ -73,7 +73,7 @@ class _Noting:
         self.bounds: list[int] = []
         self._store = store
 
-    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         self.bounds.append(most_bytes)
         return self._store.get(key, most_bytes)
 

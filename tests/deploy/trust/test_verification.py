@@ -8,7 +8,7 @@ from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, TrustR
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signer import DeploymentSigner
 from tasks.deploy.trust.verification import Verifier
-from tasks.storage.base.store import UNBOUNDED, Store, Stored
+from tasks.storage.base.store import UNBOUNDED, Store, StoredObject
 from tests.deploy.one_robot import GOOD
 from tests.deploy.trust.signed_fleet import NEWER, Owner
 from tests.deploy.yard import Yard
@@ -23,7 +23,7 @@ class _StrictStore:
         self._error = error
         self._names = names
 
-    def get(self, key: str, most_bytes: int = UNBOUNDED) -> Stored:
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         if self._names in key:
             raise self._error("no")
         return self._store.get(key, most_bytes)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import REPOSITORY
 from tests.factories.worlds import apartment
@@ -38,7 +38,7 @@ def rows(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     ]
     (chunk,) = plan_chunks(requests, 4)
     bundles = {robot.digest: folder / "slider", scenario.digest: folder / "nearby"}
-    return simulate_chunk(chunk, {"hand/apartment": apartment()}, bundles, lanes=4, should_stop=lambda: False)
+    return simulate_lanes(chunk, {"hand/apartment": apartment()}, bundles, lanes=4, should_stop=lambda: False)
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from flows.cli.shell import app
-from flows.preview.plan import planned
+from flows.preview.plan import plan_lines
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.simulation import SimulationJobBatchStatus, SimulationJobErrorCode
 from specs.robomaker.simulation_descriptions import SimulationJobStatus
@@ -29,7 +29,7 @@ def _document(folder: Path) -> PipelineSpec:
 def test_the_old_document_is_planned_as_it_stands(file_store: Store, tmp_path: Path):
     put_world(file_store, "generation-1/world-1")
     open_bucket(file_store, "my-data").put("maps/one", b"1")
-    lines = list(planned(_document(tmp_path), tmp_path, file_store))
+    lines = list(plan_lines(_document(tmp_path), tmp_path, file_store))
     assert lines[0].startswith("old-job, on ")
     assert "no effect         simulationBatch.createSimulationJobRequests[*].iamRole" in lines
     assert not any(line.startswith("jobs will fail") for line in lines)
@@ -37,7 +37,7 @@ def test_the_old_document_is_planned_as_it_stands(file_store: Store, tmp_path: P
 
 def test_a_file_that_is_not_there_is_told_by_plan_and_refuses_nothing(file_store: Store, tmp_path: Path):
     put_world(file_store, "generation-1/world-1")
-    lines = list(planned(_document(tmp_path), tmp_path, file_store))
+    lines = list(plan_lines(_document(tmp_path), tmp_path, file_store))
     reason = "InvalidS3Resource: data source maps: there is nothing below my-data/maps/"
     assert f"jobs will fail    {reason}" in lines
 

@@ -12,7 +12,7 @@ from specs.errors import DocumentError
 from specs.robomaker.bundle import VERSIONS_AT_MOST
 from tasks.applications.registry import resolve
 from tasks.applications.versions import known_application
-from tasks.storage.buckets import changed_sources
+from tasks.storage.buckets import source_faults
 from tasks.storage.store_url import open_store
 from tests.repository import ROOT
 
@@ -45,9 +45,9 @@ def test_what_it_says_one_types_makes_the_versions_that_it_tells_of(folder: Path
     assert list(resolve(store, "robot-application", "guide").digests) == ["X86_64", "ARM64"]
     ranger = resolve(store, "robot-application", "ranger")
     assert list(ranger.digests) == ["ARM64"]
-    assert changed_sources(store, ranger, "version") == []
+    assert source_faults(store, ranger, "version") == []
     (folder / "store/buckets/builds/guide-arm.tar").write_bytes(b"another")
-    (fault,) = changed_sources(store, ranger, "version")
+    (fault,) = source_faults(store, ranger, "version")
     assert "RobotApplicationVersionMismatchedEtag" in fault.value
     with pytest.raises(DocumentError):
         resolve(store, "robot-application", "guide", "1")

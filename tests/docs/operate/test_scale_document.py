@@ -7,7 +7,7 @@ from importlib import import_module
 import pytest
 
 from benchmarks.tables import with_tables
-from flows.workers.spread import Pace
+from flows.workers.spread import PieceSize
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/operate/scale.md").read_text()
@@ -37,7 +37,7 @@ def test_a_piece_is_as_long_as_it_says() -> None:
         r"A piece lasts (\d+) seconds, or ([\d.]+) seconds for each worker where there are more than (\d+)",
         " ".join(DOCUMENT.split()),
     )[0]
-    pace = Pace()
+    pace = PieceSize()
     pace.learn(1, 0.1)
     assert 0.1 * pace.size(10**9, 1) == pytest.approx(float(shortest_s))
     assert 0.1 * pace.size(10**9, int(workers)) == pytest.approx(float(shortest_s))

@@ -32,13 +32,13 @@ def simulated(tree: TreeCopy, engine: str) -> str:
     return tree.run(
         "from pathlib import Path\n"
         "from tasks.simulate.devices import prepare_devices; prepare_devices()\n"
-        "from tasks.simulate.chunk.runner import simulate_chunk\n"
+        "from tasks.simulate.chunk.runner import simulate_lanes\n"
         "from tasks.simulate.plan.chunks import plan_chunks\n"
         "from tests.factories.simulations import DRIFT, FAULTY, BUNDLES, pen, pushing\n"
         "(chunk,) = plan_chunks([pushing(0, world='w', duration_s=0.5)], 1)\n"
         "folders = {FAULTY: Path('bundle'), DRIFT: BUNDLES / 'drift'}\n"
         f"options = dict(lanes=1, engine={engine!r}, should_stop=lambda: False)\n"
-        "(row,) = simulate_chunk(chunk, {'w': pen(4.0, 1)}, folders, **options)\n"
+        "(row,) = simulate_lanes(chunk, {'w': pen(4.0, 1)}, folders, **options)\n"
         "print(row.status, row.failure_reason)"
     ).strip()
 
@@ -251,27 +251,28 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
         commands,
         "KINDS: Mapping[ResourceKind, Kind] = {\n",
         "def _map_survey_job() -> Resource:\n"
-        "    from tasks.storage.jobs.cancellation import cancel_job\n\n"
+        "    from tasks.storage.jobs.cancellation import cancel_watched_job\n\n"
         '    kind: JobKind = "map-survey-job"\n'
         "    return Resource(\n"
         "        lambda store, path: read(store, kind, path),\n"
         "        lambda store: records(store, kind),\n"
-        "        cancel=lambda store, path: cancel_job(store, kind, path),\n    )\n\n\n",
+        "        cancel=lambda store, path: cancel_watched_job(store, kind, path),\n    )\n\n\n",
     )
     tree.add_before(
         commands, '    "pipeline-run": Kind(', '    "map-survey-job": Kind("map-survey-jobs", _map_survey_job),\n'
     )
     made = tree.run(
         "from pathlib import Path\n"
-        "from flows.resource.answers import describe_resource, listed\n"
-        "from flows.resource.cancel import cancel\n"
+        "from flows.resource.answers import describe_resource, list_resources\n"
+        "from flows.resource.cancel import cancel_resource\n"
         "from tasks.housekeeping.object_kinds import place_of\n"
         "from tasks.storage.jobs.records import submit\n"
         "from tasks.storage.store_url import open_store\n"
         "store = open_store(Path('store').absolute().as_uri())\n"
         "job = submit(store, 'map-survey-job', {}, 'token')\n"
-        "cancel(store, job.arn)\n"
-        "print(job.id[:4], describe_resource(store, job.arn).status, len(list(listed(store, 'map-survey-jobs'))), "
+        "cancel_resource(store, job.arn)\n"
+        "listed = list(list_resources(store, 'map-survey-jobs'))\n"
+        "print(job.id[:4], describe_resource(store, job.arn).status, len(listed), "
         "place_of(f'surveys/{job.id}.json').what)"
     )
     assert made.split() == ["msj-", "Canceled", "1", "surveys"]

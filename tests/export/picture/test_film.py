@@ -5,18 +5,18 @@ from collections.abc import Generator
 import numpy as np
 import pytest
 
-from tasks.export.picture.film import Scene, Shoot, filming
-from tasks.export.picture.render import Pixels, rendering
+from tasks.export.picture.film import FilmScene, Shoot, open_film
+from tasks.export.picture.render import Pixels, open_renderer
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
 
 WIDTH, HEIGHT = 320, 240
-SCENE = Scene(world=apartment(), radius_m=0.2, low_m=0.0, high_m=0.3)
+SCENE = FilmScene(world=apartment(), radius_m=0.2, low_m=0.0, high_m=0.3)
 
 
 @pytest.fixture(scope="module")
 def shoot() -> Generator[Shoot, None, None]:
-    with filming(SCENE, WIDTH, HEIGHT, samples=2) as found:
+    with open_film(SCENE, WIDTH, HEIGHT, samples=2) as found:
         if found is None:
             skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
         yield found
@@ -41,7 +41,7 @@ def test_only_the_robot_moves(shoot: Shoot):
 
 
 def test_what_stands_still_is_rendered_as_any_picture_of_the_world(shoot: Shoot):
-    with rendering(WIDTH, HEIGHT, 2) as render:
+    with open_renderer(WIDTH, HEIGHT, 2) as render:
         assert render
         alone = render(SCENE.world, ())
     assert (shoot(1.0, 0.5, 0.0) != alone).any(axis=2).mean() < 0.01
@@ -58,5 +58,5 @@ def test_it_is_hidden_by_what_stands_before_it(shoot: Shoot):
 
 def test_without_gl_there_is_no_film_and_no_error(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
-    with filming(SCENE, WIDTH, HEIGHT) as found:
+    with open_film(SCENE, WIDTH, HEIGHT) as found:
         assert found is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from specs.data.world import Finish, World
-from tasks.export.picture.render import Pixels, Render, render_png, rendering
+from tasks.export.picture.render import Pixels, Render, open_renderer, render_png
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
@@ -16,7 +16,7 @@ WIDTH, HEIGHT, SAMPLES = 160, 120, 4
 
 @pytest.fixture(scope="module")
 def render() -> Generator[Render, None, None]:
-    with rendering(WIDTH, HEIGHT, SAMPLES) as found:
+    with open_renderer(WIDTH, HEIGHT, SAMPLES) as found:
         if found is None:
             skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
         yield found
@@ -85,7 +85,7 @@ def test_without_gl_there_is_no_picture_and_no_error(monkeypatch: pytest.MonkeyP
 def test_a_renderer_that_fails_says_why(render: Render):
     del render
     twice = apartment().model_copy(update={"walls": apartment().walls * 2})
-    with rendering(80, 60, 1) as mine:
+    with open_renderer(80, 60, 1) as mine:
         assert mine is not None
         with pytest.raises(RuntimeError, match=r"(?s)rendering world-1-1 failed.*repeated name"):
             mine(twice, ())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from specs.data.world import World
-from tasks.export.picture.render import CAPTION_LINE, rendering
+from tasks.export.picture.render import CAPTION_LINE, open_renderer
 from tasks.export.picture.render_sheet import render_sheet_png
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
@@ -15,7 +15,7 @@ from tests.servers.tools import skip_or_fail
 
 @pytest.fixture(scope="module", autouse=True)
 def _gl() -> None:
-    with rendering(16, 16, 1) as render:
+    with open_renderer(16, 16, 1) as render:
         if render is None:
             skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
 
@@ -39,7 +39,7 @@ def test_no_more_worlds_are_read_than_asked_for():
 
 
 def test_a_caption_is_written_below_its_picture():
-    with rendering(200, 150, 1) as render:
+    with open_renderer(200, 150, 1) as render:
         assert render is not None
         plain, named = render(apartment(), ()), render(apartment(), ("world-1-1", "36.0 m2"))
     text = named[-2 * CAPTION_LINE :]

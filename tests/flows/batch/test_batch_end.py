@@ -9,9 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 from pydantic import JsonValue
 
-from flows.batch.batch_end import settled, with_audit
-from flows.resource.answers import describe_resource, listed
-from flows.resource.cancel import cancel
+from flows.batch.batch_end import close_if_stopped, with_audit
+from flows.resource.answers import describe_resource, list_resources
+from flows.resource.cancel import cancel_resource
 from flows.run.stage_summary import batch_report
 from flows.simulation_batch import _run
 from specs.data.episode import EpisodeResult
@@ -19,11 +19,11 @@ from specs.errors import BucketNotFound, DocumentError, StageFailed
 from specs.field_types import OutputLocation
 from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
 from tasks.simulate.batch.chunk_store import begin_chunk, committed_chunk
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import OpenBatch, time_out
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tests.factories.planned_batches import all_pass, begun, plan
 
 BATCH = "simulation-job-batch"
@@ -45,7 +45,7 @@ def results(batch: OpenBatch) -> pa.Table:
 
 def test_cancelling_a_batch_that_nobody_works_on_closes_it_with_the_rows_of_what_was_done(left: OpenBatch):
     cancel_job(left.store, f"{left.id}/3")
-    cancel(left.store, left.record().arn)
+    cancel_resource(left.store, left.record().arn)
     assert left.record().status == "Canceled"
     table = results(left)
     assert table.column("status").to_pylist() == ["Completed"] * 2 + ["Canceled"] * 4
@@ -55,8 +55,8 @@ def test_cancelling_a_batch_that_nobody_works_on_closes_it_with_the_rows_of_what
 ASK: dict[str, Callable[[Store, str], object]] = {
     "describe": describe_resource,
     "describe job": lambda store, arn: describe_resource(store, f"{arn.replace(BATCH, 'simulation-job')}/0"),
-    "list": lambda store, _: listed(store, "simulation-job-batches"),
-    "list jobs": lambda store, _: listed(store, "simulation-jobs"),
+    "list": lambda store, _: list_resources(store, "simulation-job-batches"),
+    "list jobs": lambda store, _: list_resources(store, "simulation-jobs"),
 }
 
 
@@ -70,27 +70,27 @@ def test_whoever_asks_about_a_batch_that_was_stopped_and_left_finds_it_ended(lef
 
 def test_cancelling_again_closes_a_batch_whose_process_died_before_it_could(left: OpenBatch):
     cancel_batch(left.store, left.id)
-    cancel(left.store, left.record().arn)
+    cancel_resource(left.store, left.record().arn)
     assert left.record().status == "Canceled"
 
 
 def test_a_batch_that_somebody_works_on_is_left_to_him(left: OpenBatch):
     cancel_batch(left.store, left.id)
-    with claimed(left.store, claim_key(BATCH, left.id), ttl_s=1.5):
-        assert settled(left.store, left.id).status == "Canceling"
-    assert settled(left.store, left.id).status == "Canceled"
+    with hold_claim(left.store, claim_key(BATCH, left.id), ttl_s=1.5):
+        assert close_if_stopped(left.store, left.id).status == "Canceling"
+    assert close_if_stopped(left.store, left.id).status == "Canceled"
 
 
 def test_a_batch_that_nobody_stopped_is_left_to_be_continued(left: OpenBatch):
-    assert settled(left.store, left.id).status == "InProgress"
+    assert close_if_stopped(left.store, left.id).status == "InProgress"
     assert describe_resource(left.store, left.record().arn).model_dump()["status"] == "InProgress"
 
 
 def test_a_process_that_was_paused_meanwhile_cannot_commit_what_was_given_up(left: OpenBatch):
     cancel_batch(left.store, left.id)
 
-    def slow(part: Part) -> list[EpisodeResult]:
-        settled(left.store, left.id)
+    def slow(part: ChunkPart) -> list[EpisodeResult]:
+        close_if_stopped(left.store, left.id)
         return all_pass(part)
 
     assert run_chunk(left, 1, slow, lanes=2, left_s=9.0).episodes == 2
@@ -109,7 +109,9 @@ def test_a_batch_that_cannot_be_closed_is_told_as_it_stands_and_keeps_no_other_f
 
     with monkeypatch.context() as broken:
         broken.setattr("flows.batch.batch_end.write_batch_tables", gone)
-        told = {each.model_dump()["arn"]: each.model_dump()["status"] for each in listed(left.store, f"{BATCH}es")}
+        told = {
+            each.model_dump()["arn"]: each.model_dump()["status"] for each in list_resources(left.store, f"{BATCH}es")
+        }
         assert told == {left.record().arn: "Canceling", other.record().arn: "InProgress"}
         assert describe_resource(left.store, left.record().arn).model_dump()["status"] == "Canceling"
     assert f"batch {left.id} was stopped and cannot be closed: there is no bucket results" in caplog.text
@@ -117,17 +119,17 @@ def test_a_batch_that_cannot_be_closed_is_told_as_it_stands_and_keeps_no_other_f
 
 
 def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Path):
-    cancel(left.store, left.record().arn)
+    cancel_resource(left.store, left.record().arn)
     before = left.record()
     with pytest.raises(DocumentError, match="this one is Canceled"):
-        cancel(left.store, before.arn)
+        cancel_resource(left.store, before.arn)
     assert left.record() == before
 
 
 def test_on_s3_it_is_the_same(s3_store: Store):
     batch = begun(s3_store, plan(s3_store, lanes=2))
     run_chunk(batch, 0, all_pass, lanes=2, left_s=9.0)
-    cancel(s3_store, batch.record().arn)
+    cancel_resource(s3_store, batch.record().arn)
     assert batch.record().status == "Canceled"
     assert results(batch).column("status").to_pylist() == ["Completed"] * 2 + ["Canceled"] * 4
 
@@ -135,14 +137,14 @@ def test_on_s3_it_is_the_same(s3_store: Store):
 def test_of_many_that_ask_at_once_one_closes_it_and_all_see_the_same_end(left: OpenBatch):
     cancel_batch(left.store, left.id)
     with ThreadPoolExecutor(4) as askers:
-        list(askers.map(lambda _: settled(left.store, left.id), range(4)))
+        list(askers.map(lambda _: close_if_stopped(left.store, left.id), range(4)))
     end = left.record()
     assert end.status == "Canceled"
-    assert settled(left.store, left.id) == end
+    assert close_if_stopped(left.store, left.id) == end
 
 
 def test_a_process_that_waited_for_a_batch_that_was_closed_meanwhile_does_nothing(left: OpenBatch):
-    cancel(left.store, left.record().arn)
+    cancel_resource(left.store, left.record().arn)
     before = left.record()
     assert _run(left.store, left.id, OutputLocation(s3Bucket="results")) == before
     assert committed_chunk(left.store, left.id, 2) is None
@@ -164,7 +166,7 @@ def test_a_report_that_cannot_be_written_keeps_no_batch_from_its_end(
         raise exc
 
     monkeypatch.setattr("flows.batch.batch_report.report_page", fails)
-    cancel(left.store, left.record().arn)
+    cancel_resource(left.store, left.record().arn)
     record = left.record()
     assert record.status == "Canceled"
     assert "report_url" not in record.detail

@@ -8,13 +8,13 @@ from pydantic import JsonValue
 from flows.batch.batch_end import close_with_tables
 from flows.batch.early_end import EarlyEnd
 from flows.document.tested_batch import shuffle_if_endable
-from flows.gate.judge import material
+from flows.gate.judge import gate_material
 from flows.run.stage_summary import batch_report
 from specs.data.episode import EpisodeResult
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate import judge
 from tasks.simulate.batch.cancel_restart import cancel_job
-from tasks.simulate.batch.commit import Part, Simulate, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, Simulate, run_chunk
 from tasks.simulate.batch.job import OpenBatch, complete
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
@@ -49,7 +49,7 @@ def closed(batch: OpenBatch, ended: dict[str, JsonValue]) -> JobRecord:
     return close_with_tables(batch)
 
 
-def every_other_collides(part: Part) -> list[EpisodeResult]:
+def every_other_collides(part: ChunkPart) -> list[EpisodeResult]:
     return [(collided if each.index % 2 else passed)(each.index) for each in part.chunk.requests]
 
 
@@ -69,7 +69,7 @@ def test_the_gate_answers_what_ended_the_batch(file_store: Store):
     for name, simulate, answer in (("good", all_pass, "PASS"), ("bad", every_other_collides, "FAIL")):
         batch = started(file_store, name=name)
         ended = driven(batch, simulate)
-        verdict = judge(GATE, material(GATE, closed(batch, ended), file_store, None))
+        verdict = judge(GATE, gate_material(GATE, closed(batch, ended), file_store, None))
         assert (ended["verdict"], verdict.verdict) == (answer, answer)
         assert f"{ended['left_out']} not needed any more" in verdict.sentence
 
@@ -78,7 +78,7 @@ def test_another_gate_than_the_one_that_ended_the_batch_takes_what_is_left_out_a
     batch = started(file_store)
     record = closed(batch, driven(batch))
     other = Gate.model_validate({"successRate": {"atLeast": 0.5}, "stopEarly": True})
-    assert judge(other, material(other, record, file_store, None)).verdict == "INCONCLUSIVE"
+    assert judge(other, gate_material(other, record, file_store, None)).verdict == "INCONCLUSIVE"
 
 
 @pytest.mark.parametrize("killed_after", [0, 1, 2, 3])
@@ -98,7 +98,7 @@ def test_a_job_that_somebody_cancelled_keeps_a_good_batch_going_to_its_end(file_
     first = batch.layout.chunk(0).requests[0].index
     cancel_job(file_store, f"{batch.id}/{first}")
     assert driven(batch) == {}
-    verdict = judge(GATE, material(GATE, closed(batch, {}), file_store, None))
+    verdict = judge(GATE, gate_material(GATE, closed(batch, {}), file_store, None))
     assert verdict.sentence.endswith("; 1 canceled")
     assert verdict.verdict == "INCONCLUSIVE"
 
@@ -116,5 +116,5 @@ def test_a_batch_of_several_programs_runs_to_its_end_and_is_judged_as_one_that_d
     assert shuffle_if_endable(two, GATE) == two
     batch = begun(file_store, shuffle_if_endable(two, GATE))
     assert driven(batch) == {}
-    found = material(GATE, closed(batch, {}), file_store, None)
+    found = gate_material(GATE, closed(batch, {}), file_store, None)
     assert not found.lacks.sequential

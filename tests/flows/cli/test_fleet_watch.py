@@ -14,7 +14,7 @@ from tasks.deploy.answers.describe import describe_deployment_job
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.rollout.operator_commands import steer, wish_of
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import claim_key, reported_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim_state import ClaimWatch
@@ -95,7 +95,7 @@ def deployed(store: Store, folder: Path) -> JobRecord:
         reported = read_reported(store, name)
         assert reported
         change = {"running_digest": digest, "status": status}
-        store.put(reported_key(name), encoded(reported.model_copy(update=change)))
+        store.put(reported_key(name), encode_document(reported.model_copy(update=change)))
     return record
 
 

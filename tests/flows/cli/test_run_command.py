@@ -8,13 +8,13 @@ import pytest
 from flows.cli import run_command
 from flows.cli.run_command import prefect_server
 from specs.errors import StageFailed
-from tasks.server.health import asked_often
+from tasks.server.health import succeeds_within
 from tests.factories.answering_server import NOBODY, answering
 
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction] - used by every test
-    monkeypatch.setattr(run_command, "asked_often", lambda question: asked_often(question, for_s=0.0))
+    monkeypatch.setattr(run_command, "succeeds_within", lambda question: succeeds_within(question, for_s=0.0))
 
 
 def test_a_server_that_does_not_answer_is_told_before_anything_runs(monkeypatch: pytest.MonkeyPatch):

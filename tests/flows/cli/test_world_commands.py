@@ -16,7 +16,7 @@ from specs.errors import DocumentError, ResourceNotFound
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
 from tasks.documents.template_source import find_template
-from tasks.export.picture.render import NO_GL, rendering
+from tasks.export.picture.render import NO_GL, open_renderer
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, submit
 from tasks.storage.store_url import open_store
@@ -77,7 +77,7 @@ def test_where_gl_is_there_the_picture_lies_beside_the_plan(monkeypatch: pytest.
     monkeypatch.delenv("MUJOCO_GL")
     for side in ("_WIDTH", "_HEIGHT"):
         monkeypatch.setattr(f"flows.cli.world_commands.{side}", 64)
-    with rendering(16, 16, 1) as render:
+    with open_renderer(16, 16, 1) as render:
         if render is None:
             skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
     done = world("preview", str(TEMPLATE), "--output", "plan.svg")

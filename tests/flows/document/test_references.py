@@ -9,7 +9,7 @@ import pytest
 from flows.document import references
 from flows.document.references import deployed_version, finder, numbered_finder, pins
 from flows.document.tested_batch import batch_plan, tested_bundles
-from flows.preview.plan import planned
+from flows.preview.plan import plan_lines
 from specs.digest import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline.document import PipelineSpec
@@ -17,7 +17,7 @@ from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import ApplicationKind, Version
 from tasks.applications.bucket_sources import create_application, create_version
 from tasks.applications.pack import pack
-from tasks.applications.registry import applications, publish, resolve
+from tasks.applications.registry import applications, publish_bundle, resolve
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.simulate.plan.layout import Layout
@@ -80,9 +80,9 @@ def _deployment(application: str, **more: object) -> dict[str, Any]:
 def test_a_bundle_that_was_changed_back_is_what_is_tested_and_shipped(file_store: Store, bundle: Path):
     spec = _with_own(bundle, deployment=_deployment("mine"))
     shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
-    before = publish(file_store, ROBOT, "mine", bundle)
+    before = publish_bundle(file_store, ROBOT, "mine", bundle)
     (bundle / "note.txt").write_text("changed")
-    publish(file_store, ROBOT, "mine", bundle)
+    publish_bundle(file_store, ROBOT, "mine", bundle)
     (bundle / "note.txt").unlink()
     found, own = pins(spec, file_store, bundle.parent)
     assert own[f"{ROBOT}/mine"] == before
@@ -94,7 +94,7 @@ def test_a_bundle_that_was_changed_back_is_what_is_tested_and_shipped(file_store
 
 def test_a_plan_publishes_nothing(file_store: Store, bundle: Path):
     shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
-    lines = list(planned(_with_own(bundle, deployment=_deployment("mine")), bundle.parent, file_store))
+    lines = list(plan_lines(_with_own(bundle, deployment=_deployment("mine")), bundle.parent, file_store))
     assert any("deployment" in line for line in lines)
     assert applications(file_store, ROBOT) == []
     assert file_store.keys("bundles") == []
@@ -114,9 +114,9 @@ def test_a_request_with_its_own_world_keeps_it_to_itself(file_store: Store):
 
 
 def test_a_bundle_that_no_batch_tests_is_not_shipped(file_store: Store, bundle: Path):
-    publish(file_store, ROBOT, "other", bundle)
+    publish_bundle(file_store, ROBOT, "other", bundle)
     (bundle / "note.txt").write_text("another bundle")
-    publish(file_store, ROBOT, "other", bundle)
+    publish_bundle(file_store, ROBOT, "other", bundle)
     spec = _generated(_request(), deployment=_deployment("other"))
     with pytest.raises(DocumentError, match=r"other version 2 .* the bundle that simulationBatch tests; .*: courier"):
         pins(spec, file_store, ROOT / "examples")
@@ -126,9 +126,9 @@ def test_a_bundle_that_no_batch_tests_is_not_shipped(file_store: Store, bundle: 
 def test_the_version_that_the_gate_compares_with_is_tested_and_not_shipped(
     file_store: Store, bundle: Path, named: dict[str, str]
 ):
-    publish(file_store, ROBOT, "mine", bundle)
+    publish_bundle(file_store, ROBOT, "mine", bundle)
     (bundle / "note.txt").write_text("newer")
-    newer = publish(file_store, ROBOT, "mine", bundle)
+    newer = publish_bundle(file_store, ROBOT, "mine", bundle)
     requests = [_request("mine"), _request("mine")]
     for request, version in zip(requests, ("2", "1"), strict=True):
         request["robotApplications"][0]["applicationVersion"] = version
@@ -146,9 +146,9 @@ def test_a_version_to_compare_with_that_does_not_exist_is_told_before_anything_r
 
 
 def test_the_tested_version_is_shipped_when_the_deployment_names_none(file_store: Store, bundle: Path):
-    old = publish(file_store, ROBOT, "mine", bundle)
+    old = publish_bundle(file_store, ROBOT, "mine", bundle)
     (bundle / "note.txt").write_text("newer")
-    publish(file_store, ROBOT, "mine", bundle)
+    publish_bundle(file_store, ROBOT, "mine", bundle)
     spec = _spec(deployment=_deployment("mine"))
     assert spec.deployment is not None
     find = finder(file_store, {})
@@ -265,7 +265,7 @@ def test_a_version_whose_source_was_changed_is_not_used(file_store: Store, bundl
 
 
 def test_what_has_no_build_for_x86_is_not_simulated(file_store: Store, bundle: Path) -> None:
-    publish(file_store, ROBOT, "mine", {"ARM64": bundle})
+    publish_bundle(file_store, ROBOT, "mine", {"ARM64": bundle})
     section = _generated(_request("mine")).simulationBatch
     assert section is not None
 

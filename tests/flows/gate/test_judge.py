@@ -8,7 +8,7 @@ import pytest
 
 from flows.document.tested_batch import candidates
 from flows.gate.baselines import NoBaseline, find_baseline
-from flows.gate.judge import gate_answer, material, read_baseline, tested_facts
+from flows.gate.judge import gate_answer, gate_material, read_baseline, tested_facts
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.errors import ResourceNotFound, StageFailed
 from specs.pipeline.gate_section import Gate, NoWorseThan
@@ -16,7 +16,7 @@ from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
 from tasks.results.gate.evidence import Baseline, read_evidence
 from tasks.results.gate.gate import judge
-from tasks.simulate.batch.commit import Part
+from tasks.simulate.batch.commit import ChunkPart
 from tasks.simulate.batch.job import plan_of
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
@@ -53,7 +53,7 @@ def shelf(file_store: Store, tmp_path: Path) -> Shelf:
 def old_collides(shelf: Shelf):
     """Returns a simulation in which every tenth episode of the old version collides."""
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         return [
             (collided if each.robot == shelf.old and each.index % 10 == 0 else passed)(each.index)
             for each in part.chunk.requests
@@ -68,7 +68,7 @@ def test_both_versions_in_one_batch_are_compared_there(file_store: Store, shelf:
     found = find_baseline(RULE, batch, file_store)
     assert isinstance(found, Baseline)
     assert (found.batch, found.digest) == (batch.id, shelf.old.digest)
-    verdict = judge(GATE, material(GATE, batch, file_store, found))
+    verdict = judge(GATE, gate_material(GATE, batch, file_store, found))
     assert verdict.rules[0].facts["gains"] == 8
     assert verdict.rules[0].facts["losses"] == 0
     assert verdict.rules[0].counted == 80
@@ -79,7 +79,7 @@ def test_of_a_batch_with_both_versions_only_the_tested_one_is_counted(file_store
         {"successRate": {"atLeast": 0.9}, "noWorseThan": {"applicationVersion": "1", "margin": 0}}
     )
     batch = ended(file_store, shelf.new, shelf.old, scenario=shelf.scenario, simulate=old_collides(shelf))
-    found = material(gate, batch, file_store, find_baseline(RULE, batch, file_store))
+    found = gate_material(gate, batch, file_store, find_baseline(RULE, batch, file_store))
     assert (found.counts.episodes, found.counts.successes) == (80, 80)
 
 
@@ -122,7 +122,7 @@ def test_worlds_that_another_run_generated_again_are_the_same_worlds(file_store:
     found = find_baseline(RULE, batch, file_store)
     assert isinstance(found, Baseline)
     assert found.batch == before.id
-    (rule,) = judge(GATE, material(GATE, batch, file_store, found)).rules
+    (rule,) = judge(GATE, gate_material(GATE, batch, file_store, found)).rules
     assert (rule.counted, rule.facts["gains"], rule.facts["unpaired"]) == (80, 8, 0)
 
 
@@ -130,7 +130,7 @@ def test_where_nobody_drove_it_the_rule_is_open_and_says_what_to_do(file_store: 
     batch = ended(file_store, shelf.new, scenario=shelf.scenario)
     found = find_baseline(RULE, batch, file_store)
     assert isinstance(found, NoBaseline)
-    verdict = judge(GATE, material(GATE, batch, file_store, found))
+    verdict = judge(GATE, gate_material(GATE, batch, file_store, found))
     assert verdict.verdict == "INCONCLUSIVE"
     assert "put both versions into createSimulationJobRequests" in verdict.sentence
 
@@ -144,7 +144,7 @@ def test_a_version_that_does_not_exist_is_refused(file_store: Store, shelf: Shel
 def test_the_same_version_is_compared_with_itself(file_store: Store, shelf: Shelf):
     batch = ended(file_store, shelf.old, scenario=shelf.scenario)
     assert candidates(plan_of(batch), shelf.old.digest) == {shelf.old.digest}
-    verdict = judge(GATE, material(GATE, batch, file_store, find_baseline(RULE, batch, file_store)))
+    verdict = judge(GATE, gate_material(GATE, batch, file_store, find_baseline(RULE, batch, file_store)))
     assert verdict.verdict == "PASS"
 
 
@@ -183,7 +183,7 @@ def test_results_that_are_not_what_the_batch_wrote_are_not_judged(file_store: St
     key = str(batch.detail["results_url"]).removeprefix(file_store.url + "/")
     file_store.put(key, file_store.get(key).body + b" ")
     with pytest.raises(StageFailed, match=r"MismatchedEtag.*is not what the batch wrote"):
-        material(gate, batch, file_store, None)
+        gate_material(gate, batch, file_store, None)
 
 
 def test_evidence_names_bundles_worlds_files_and_each_rules_numbers(file_store: Store, shelf: Shelf):

@@ -6,9 +6,9 @@ from typing import cast
 
 import pytest
 
-from flows.gate.judge import answered, gate_answer
-from flows.gate.shipment import changes, shippable, withdraw
-from flows.stages import deploy, judge
+from flows.gate.judge import gate_answer, read_gate_answer
+from flows.gate.shipment import evidence_changes, shippable, withdraw_deployment
+from flows.stages import deploy, judge_batch_stage
 from specs.data.run_report import StageReport
 from tasks.results.gate.evidence import read_evidence
 from tasks.simulate.batch.job import plan_of
@@ -32,7 +32,7 @@ class Shop:
         self.store, self.robot = store, courier(store, folder, "one")
         self.batch = ended(store, self.robot, scenario=delivery(store, folder))
         self.run = run_of(store)
-        (self.gate,) = judge(PIPELINE, self.batch, store, self.run)
+        (self.gate,) = judge_batch_stage(PIPELINE, self.batch, store, self.run)
 
     def deploy(self) -> StageReport:
         (report,) = deploy(PIPELINE, self.batch, self.store, {}, self.run)
@@ -106,7 +106,7 @@ def test_all_that_has_changed_is_named_at_once(shop: Shop):
 
 
 def test_a_run_that_goes_on_does_not_judge_again_and_mends_no_evidence(shop: Shop):
-    before = answered(shop.store, shop.run)
+    before = read_gate_answer(shop.store, shop.run)
     key = OBJECTS["evidence.json"](shop)
     flip(shop.store, key)
     assert PIPELINE.gate
@@ -117,7 +117,7 @@ def test_a_run_that_goes_on_does_not_judge_again_and_mends_no_evidence(shop: Sho
 
 def test_evidence_is_about_one_bundle_and_no_other(shop: Shop, tmp_path: Path):
     other = courier(shop.store, tmp_path, "two")
-    (line,) = changes(other.digest, shop.store, shop.run)
+    (line,) = evidence_changes(other.digest, shop.store, shop.run)
     assert line.startswith(f"the bundle that is to be shipped is {other.digest}; the evidence of {shop.batch.id} is")
     assert f"courier version 1 ({shop.robot.digest})" in line
 
@@ -126,12 +126,12 @@ def test_evidence_that_does_not_pass_ships_nothing(file_store: Store, tmp_path: 
     without_prefect(monkeypatch)
     robot, run = courier(file_store, tmp_path, "one"), run_of(file_store)
     batch = ended(file_store, robot, scenario=delivery(file_store, tmp_path), simulate=mixed)
-    assert judge(PIPELINE, batch, file_store, run)[0].status == "FAIL"
-    assert changes(robot.digest, file_store, run) == [f"the evidence of {batch.id} says FAIL"]
+    assert judge_batch_stage(PIPELINE, batch, file_store, run)[0].status == "FAIL"
+    assert evidence_changes(robot.digest, file_store, run) == [f"the evidence of {batch.id} says FAIL"]
 
 
 def test_without_a_gate_there_is_nothing_to_hold_against(file_store: Store):
-    assert changes("0" * 64, file_store, run_of(file_store)) == []
+    assert evidence_changes("0" * 64, file_store, run_of(file_store)) == []
 
 
 def test_the_version_that_was_compared_with_is_not_what_is_shipped(
@@ -141,10 +141,10 @@ def test_the_version_that_was_compared_with_is_not_what_is_shipped(
     old, new = (courier(file_store, tmp_path, text) for text in ("old", "new"))
     batch = ended(file_store, new, old, scenario=delivery(file_store, tmp_path))
     run, gate = run_of(file_store), document({"noWorseThan": {"applicationVersion": "1", "margin": 0.06}})
-    assert judge(gate, batch, file_store, run)[0].status == "PASS"
+    assert judge_batch_stage(gate, batch, file_store, run)[0].status == "PASS"
     assert shippable(batch, file_store, run) == {"courier": new.digest}
-    assert changes(new.digest, file_store, run) == []
-    assert "the evidence of" in changes(old.digest, file_store, run)[0]
+    assert evidence_changes(new.digest, file_store, run) == []
+    assert "the evidence of" in evidence_changes(old.digest, file_store, run)[0]
 
 
 def test_the_results_that_were_compared_with_are_held_against_the_evidence_too(
@@ -156,12 +156,12 @@ def test_the_results_that_were_compared_with_are_held_against_the_evidence_too(
     before = ended(file_store, old, scenario=scenario, name="before")
     batch = ended(file_store, new, scenario=scenario, name="now")
     run, gate = run_of(file_store), document({"noWorseThan": {"applicationVersion": "1", "margin": 0.06}})
-    assert judge(gate, batch, file_store, run)[0].status == "PASS"
+    assert judge_batch_stage(gate, batch, file_store, run)[0].status == "PASS"
     evidence = read_evidence(file_store, batch.id)
     assert evidence.baseline
     assert evidence.baseline.sha256 == cast("dict[str, str]", before.detail["sha256s"])["results.parquet"]
     flip(file_store, str(before.detail["results_url"]).removeprefix(file_store.url + "/"))
-    (line,) = changes(new.digest, file_store, run)
+    (line,) = evidence_changes(new.digest, file_store, run)
     assert f"{before.id}/results.parquet has changed" in line
 
 
@@ -172,4 +172,4 @@ def test_a_deployment_that_was_under_way_is_withdrawn(shop: Shop):
     flip(shop.store, world_key("g", "w0"))
     shop.deploy()
     assert read(shop.store, "deployment-job", job_id("deployment-job", token)).status == "Canceled"
-    withdraw(shop.store, "no such token")
+    withdraw_deployment(shop.store, "no such token")

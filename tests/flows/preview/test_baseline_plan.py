@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.preview.baseline_plan import Judged, gate_basis
+from flows.preview.baseline_plan import GateBasis, gate_basis
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.storage.base.store import Store
 from tests.factories.judged_batches import courier, delivery, ended
@@ -36,24 +36,24 @@ def _judged(store: Store, shelf: Shelf, *templates: object, rule: NoWorseThan | 
 
 def test_of_both_versions_in_one_batch_the_tested_one_is_counted(file_store: Store, shelf: Shelf):
     both = [shelf.asks(shelf.new), shelf.asks(shelf.old)]
-    assert _judged(file_store, shelf, *both) == Judged(episodes=6, pairs=6)
-    assert _judged(file_store, shelf, *both, sweep={"SPEED": ("1", "2")}) == Judged(episodes=12, pairs=12)
+    assert _judged(file_store, shelf, *both) == GateBasis(episodes=6, pairs=6)
+    assert _judged(file_store, shelf, *both, sweep={"SPEED": ("1", "2")}) == GateBasis(episodes=12, pairs=12)
 
 
 def test_only_episodes_that_are_the_same_are_pairs(file_store: Store, shelf: Shelf):
     asked = [shelf.asks(shelf.new), shelf.asks(shelf.new, environment={"A": "1"}), shelf.asks(shelf.old)]
-    assert _judged(file_store, shelf, *asked) == Judged(episodes=12, pairs=6)
+    assert _judged(file_store, shelf, *asked) == GateBasis(episodes=12, pairs=6)
 
 
 def test_without_a_comparison_all_are_counted(file_store: Store, shelf: Shelf):
     asked = [shelf.asks(shelf.new), shelf.asks(shelf.old)]
-    assert _judged(file_store, shelf, *asked, rule=None) == Judged(episodes=12, pairs=12)
+    assert _judged(file_store, shelf, *asked, rule=None) == GateBasis(episodes=12, pairs=12)
 
 
 def test_where_nobody_drove_the_other_version_it_is_said(file_store: Store, shelf: Shelf):
     assert _judged(file_store, shelf, shelf.asks(shelf.new)).no_baseline.startswith("no batch that Completed drove")
     ended(file_store, shelf.old, scenario=shelf.scenario)
-    assert _judged(file_store, shelf, shelf.asks(shelf.new)) == Judged(episodes=6, pairs=6)
+    assert _judged(file_store, shelf, shelf.asks(shelf.new)) == GateBasis(episodes=6, pairs=6)
     assert _judged(file_store, shelf, shelf.asks(shelf.new), seeds=(900,)).pairs == 0
 
 

@@ -1,12 +1,12 @@
 """`simyard plan` says what each rule of a gate needs, and whether the batch has it."""
 
-from flows.preview.baseline_plan import Judged
+from flows.preview.baseline_plan import GateBasis
 from flows.preview.gate_plan import gate_lines
 from specs.pipeline.gate_section import Gate
 
 
 def lines(episodes: int = 384, audited: int = 16, **rules: object) -> list[str]:
-    return list(gate_lines(Gate.model_validate(rules), Judged(episodes, episodes), audited))
+    return list(gate_lines(Gate.model_validate(rules), GateBasis(episodes, episodes), audited))
 
 
 def test_a_success_rate_alone_is_told_as_it_always_was():
@@ -27,10 +27,10 @@ def test_a_batch_that_may_be_ended_early_needs_more_in_the_worst_case():
 
 def test_a_batch_of_several_programs_is_told_that_it_runs_to_its_end():
     gate = Gate.model_validate({"successRate": {"atLeast": 0.9}, "stopEarly": True})
-    told = list(gate_lines(gate, Judged(384, 384), 16, programs=2))
+    told = list(gate_lines(gate, GateBasis(384, 384), 16, programs=2))
     assert told[1].strip() == "if 100 % pass, 35 are needed: 384 are enough"
     assert told[-1].strip() == "runs the batch to its end: its 2 programs cannot be shuffled into common chunks"
-    assert list(gate_lines(gate, Judged(384, 384), 16))[-1].strip() == "may end the batch early, after any chunk"
+    assert list(gate_lines(gate, GateBasis(384, 384), 16))[-1].strip() == "may end the batch early, after any chunk"
 
 
 def test_too_few_are_said_to_be_so():
@@ -53,13 +53,13 @@ def test_a_comparison_needs_episodes_that_both_drive():
 
 def test_a_comparison_that_has_nothing_to_compare_with_is_said_to_stay_open():
     gate = Gate.model_validate({"noWorseThan": {"applicationVersion": "3", "margin": 0.02}})
-    told = list(gate_lines(gate, Judged(384, 0, "nobody drove it"), 16))
+    told = list(gate_lines(gate, GateBasis(384, 0, "nobody drove it"), 16))
     assert [line.strip() for line in told[1:]] == ["will be INCONCLUSIVE: nobody drove it"]
 
 
 def test_pairs_are_not_counted_as_episodes():
     gate = Gate.model_validate({"noWorseThan": {"applicationVersion": "3", "margin": 0.02}})
-    assert "189 driven by both are needed: 40 are NOT ENOUGH" in list(gate_lines(gate, Judged(384, 40), 16))[1]
+    assert "189 driven by both are needed: 40 are NOT ENOUGH" in list(gate_lines(gate, GateBasis(384, 40), 16))[1]
 
 
 def test_flips_need_audited_episodes():

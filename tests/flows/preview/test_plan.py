@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.preview.plan import planned
-from tasks.applications.registry import publish
+from flows.preview.plan import plan_lines
+from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.storage.base.store import Store
@@ -30,7 +30,7 @@ def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
             {**spec.simulationBatch.model_dump(mode="json", exclude_none=True), **batch}
         )
         changed = spec.model_copy(update={"simulationBatch": section})
-        return "\n".join(planned(changed, ROOT / "examples", file_store))
+        return "\n".join(plan_lines(changed, ROOT / "examples", file_store))
 
     return tell
 
@@ -62,15 +62,15 @@ def test_the_gates_page_is_planned_with_the_tested_versions_episodes(file_store:
         robot = tmp_path / f"courier-{number}"
         shutil.copytree(ROOT / "applications/courier", robot, ignore=shutil.ignore_patterns("__pycache__"))
         (robot / "CHANGES").write_text(str(number))
-        publish(file_store, "robot-application", "courier", robot)
-    publish(file_store, "simulation-application", "delivery", ROOT / "applications/delivery")
+        publish_bundle(file_store, "robot-application", "courier", robot)
+    publish_bundle(file_store, "simulation-application", "delivery", ROOT / "applications/delivery")
     page = (ROOT / "docs/guide/gate.md").read_text()
     block = re.findall(r"```yaml\n(simulationBatch:.*?)```", page, re.DOTALL)[0]
     template = ROOT / "examples/templates/two-rooms.json"
     worlds = f"worldGeneration: {{template: {template}, worldCount: {{floorplanCount: 8}}}}"
     document = tmp_path / "gate.yaml"
     document.write_text(f"name: gate\n{worlds}\n{block}")
-    told = "\n".join(planned(read_pipeline(document), ROOT / "examples", file_store))
+    told = "\n".join(plan_lines(read_pipeline(document), ROOT / "examples", file_store))
     assert "8 x 24 = 192 pairs then, and 384 episodes" in " ".join(page.split())
     assert "384 episodes" in told
     assert "if equal, and 0 % end otherwise, 189 driven by both are needed: 192 are enough" in told
@@ -94,7 +94,7 @@ deployment:
     - {{application: courier, launchConfig: {{packageName: courier, launchFile: run.sh}}}}
 """
     )
-    told = "\n".join(planned(read_pipeline(document), tmp_path, file_store))
+    told = "\n".join(plan_lines(read_pipeline(document), tmp_path, file_store))
     assert f"courier (newest version, 2) to fleet {FLEET}, bundle" in told
     assert "5 robots, the first 1 of them canaries, at most 2 at once: at least 3 waves" in told
     assert "failures that stop it: 3 once 2 have ended, one of a canary at once; a robot has 18,000 s" in told

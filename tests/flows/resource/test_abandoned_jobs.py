@@ -15,10 +15,10 @@ from tasks.simulate.batch.job import time_out
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import claim as claims
-from tasks.storage.jobs.claim import ClaimRecord, claimed
+from tasks.storage.jobs.claim import ClaimRecord, hold_claim
 from tasks.storage.jobs.holder import ProcessIdentity
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
-from tasks.storage.jobs.runs import KIND, begun, stage_token
+from tasks.storage.jobs.runs import KIND, begin_run, stage_token
 from tests.factories import planned_batches
 
 ELSEWHERE = ProcessIdentity(host="elsewhere", pid=1, started="1")
@@ -52,7 +52,7 @@ def left_by_another_machine(store: Store, kind: JobKind, job: str, beat: int = 0
 
 def a_run(store: Store) -> tuple[JobRecord, JobRecord]:
     """A run at its first stage, both claimed by a process on another machine that will never be heard of again."""
-    with begun(store, {"flow": "pipeline", "spec": SPEC}) as run:
+    with begin_run(store, {"flow": "pipeline", "spec": SPEC}) as run:
         advance(store, KIND, run.id, "Running")
     job = submit(store, "world-generation-job", {}, stage_token(run, "worlds"))
     left_by_another_machine(store, KIND, run.id)
@@ -72,16 +72,16 @@ def test_what_is_left_is_continued_by_its_document_and_known_to_be_left_at_once(
     assert list(kind_notes(store, "pipeline-runs")) == [
         f"{run.arn} is Running, and nobody works on it: simyard run of nightly continues it"
     ]
-    with begun(store, {"flow": "pipeline", "spec": SPEC}) as again:
+    with begin_run(store, {"flow": "pipeline", "spec": SPEC}) as again:
         assert again.id == run.id
         assert list(kind_notes(store, "pipeline-runs")) == []
 
 
 def test_a_job_whose_run_is_worked_on_is_not_left(file_store: Store) -> None:
-    with begun(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
+    with begin_run(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
         pass
     job = submit(file_store, "world-generation-job", {}, stage_token(run, "worlds"))
-    with claimed(file_store, claim_key(KIND, run.id), ttl_s=3.0):
+    with hold_claim(file_store, claim_key(KIND, run.id), ttl_s=3.0):
         assert reap_jobs(file_store) == []
         assert list(job_notes(file_store, job.arn)) == []
 
@@ -103,7 +103,7 @@ def test_a_holder_that_slept_goes_on_with_its_claim_after_the_reaper_was_there(
 ) -> None:
     job = submit(file_store, EXPORT, {}, "one")
     monkeypatch.setattr(claims, "this_process", lambda: ELSEWHERE)
-    with claimed(file_store, claim_key(EXPORT, job.id), ttl_s=30.0) as claim:
+    with hold_claim(file_store, claim_key(EXPORT, job.id), ttl_s=30.0) as claim:
         assert [each.status for each in reaped(file_store).values()] == ["Pending"]
         claim._write(claim._record)  # its next heartbeat
         assert not claim.replaced
@@ -140,7 +140,7 @@ def test_a_batch_that_was_being_stopped_comes_to_that_end_with_the_rows_of_what_
 
 
 def test_a_job_whose_run_has_ended_is_canceled_because_nothing_will_continue_it(file_store: Store) -> None:
-    with begun(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
+    with begin_run(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
         advance(file_store, KIND, run.id, "Failed")
     job = submit(file_store, "world-generation-job", {}, stage_token(run, "worlds"))
     assert reaped(file_store)[job.arn].status == "Canceled"
@@ -158,7 +158,7 @@ def test_nothing_is_said_of_what_is_no_job(file_store: Store) -> None:
 
 
 def test_describe_tells_of_a_run_that_nobody_works_on(file_store: Store) -> None:
-    with begun(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
+    with begin_run(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
         pass
     told = CliRunner().invoke(app, ["describe", run.arn, "--store", file_store.url])
     assert told.exit_code == 0, told
@@ -169,14 +169,14 @@ def test_a_job_that_cannot_be_reaped_does_not_keep_others_from_it(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken, sound = (a_left_export(file_store, name) for name in ("broken", "sound"))
-    cancel = cancel_module.cancel
+    cancel = cancel_module.cancel_resource
 
     def failing(store: Store, arn: str) -> None:
         if arn == broken.arn:
             raise StoreError("its bucket is gone")
         cancel(store, arn)
 
-    monkeypatch.setattr(cancel_module, "cancel", failing)
+    monkeypatch.setattr(cancel_module, "cancel_resource", failing)
     found = reaped(file_store)
     assert "its bucket is gone" in found[broken.arn].meaning
     assert found[broken.arn].status == "Canceling"

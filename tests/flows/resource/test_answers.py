@@ -2,14 +2,14 @@
 
 import pytest
 
-from flows.resource.answers import describe_jobs, describe_resource, listed
-from flows.resource.cancel import cancel
+from flows.resource.answers import describe_jobs, describe_resource, list_resources
+from flows.resource.cancel import cancel_resource
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
 from specs.robomaker.simulation_descriptions import BatchDescribeSimulationJobResponse
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed
+from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import read, submit
 from tasks.storage.store_url import store_id
 from tests.factories.batches import put_worlds
@@ -22,18 +22,18 @@ from tests.factories.worlds import apartment
 )
 def test_what_is_never_cancelled_is_refused(file_store: Store, text: str):
     with pytest.raises(DocumentError, match="arn"):
-        cancel(file_store, text)
+        cancel_resource(file_store, text)
 
 
 def test_a_batch_that_does_not_exist_is_not_cancelled(file_store: Store):
     with pytest.raises(ResourceNotFound):
-        cancel(file_store, "arn:simyard:simulation-job-batch:0:simb-0")
+        cancel_resource(file_store, "arn:simyard:simulation-job-batch:0:simb-0")
 
 
 def test_an_old_arn_of_robomaker_means_the_batch_of_that_name(file_store: Store):
     batch = begun(file_store)
-    with claimed(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=1.5):
-        cancel(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch.id}")
+    with hold_claim(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=1.5):
+        cancel_resource(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch.id}")
     assert batch.record().status == "Canceling"
 
 
@@ -55,13 +55,13 @@ def test_a_hundred_arns_are_described_at_once_at_most(file_store: Store, arns: l
 @pytest.mark.parametrize("kind", ["world-generation-job", "world-export-job"])
 def test_a_job_that_makes_or_writes_worlds_is_cancelled(file_store: Store, kind: JobKind):
     record = submit(file_store, kind, {}, "one")
-    cancel(file_store, record.arn)
+    cancel_resource(file_store, record.arn)
     assert read(file_store, kind, record.id).status == "Canceled"
 
 
 def test_a_deployment_is_cancelled(file_store: Store):
     record = submit(file_store, "deployment-job", {}, "one")
-    cancel(file_store, record.arn)
+    cancel_resource(file_store, record.arn)
     assert read(file_store, "deployment-job", record.id).status == "Canceled"
 
 
@@ -69,11 +69,11 @@ def test_a_world_that_somebody_added_is_listed_and_described_without_a_job(file_
     put_worlds(file_store, {"shrunk/small": apartment()})
     arn = f"arn:simyard:world:{store_id(file_store)}:shrunk/small"
     file_store.put("worlds/shrunk/contact-sheet.svg", b"<svg/>")
-    assert [each.model_dump(exclude_none=True) for each in listed(file_store, "worlds")] == [{"arn": arn}]
+    assert [each.model_dump(exclude_none=True) for each in list_resources(file_store, "worlds")] == [{"arn": arn}]
     assert describe_resource(file_store, arn).model_dump(exclude_none=True) == {"arn": arn}
 
 
 def test_a_world_of_a_job_that_goes_on_is_not_taken_for_an_added_one(file_store: Store):
     job = submit(file_store, "world-generation-job", {}, "one")
     put_worlds(file_store, {f"{job.id}/world-1-1": apartment()})
-    assert list(listed(file_store, "worlds")) == []
+    assert list(list_resources(file_store, "worlds")) == []

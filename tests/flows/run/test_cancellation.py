@@ -15,7 +15,7 @@ from flows.run.cancellation import cancel_with_flow_run, cancelable_run, cancele
 from specs.errors import StageFailed, StoreError
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
-from tasks.storage.jobs.runs import KIND, begun, stage_token
+from tasks.storage.jobs.runs import KIND, begin_run, stage_token
 from tests.servers.eventually import eventually
 
 IDENTITY: dict[str, JsonValue] = {"flow": "world-export", "spec": {}}
@@ -37,7 +37,7 @@ def _work_until_canceled(store: Store, run: JobRecord, job: JobRecord) -> None:
 
 
 def test_the_job_under_way_is_cancelled_as_soon_as_its_run_is(file_store: Store) -> None:
-    with begun(file_store, IDENTITY) as run:
+    with begin_run(file_store, IDENTITY) as run:
         job = submit(file_store, "world-export-job", {}, stage_token(run, "world-export"))
         with pytest.raises(StageFailed, match="Canceled"), cancelable_run(file_store, run):
             _work_until_canceled(file_store, run, job)
@@ -45,7 +45,7 @@ def test_the_job_under_way_is_cancelled_as_soon_as_its_run_is(file_store: Store)
 
 
 def test_a_run_that_was_cancelled_before_it_is_worked_on_begins_nothing(file_store: Store) -> None:
-    with begun(file_store, IDENTITY) as run:
+    with begin_run(file_store, IDENTITY) as run:
         advance(file_store, KIND, run.id, "Canceling")
         with pytest.raises(StageFailed, match="canceled on request"), cancelable_run(file_store, run):
             pytest.fail("it began")
@@ -54,7 +54,7 @@ def test_a_run_that_was_cancelled_before_it_is_worked_on_begins_nothing(file_sto
 
 @pytest.mark.parametrize("exc", [KeyboardInterrupt, SystemExit, StoreError])
 def test_what_only_interrupts_a_run_leaves_it_to_be_continued(file_store: Store, exc: type[BaseException]) -> None:
-    with begun(file_store, IDENTITY) as run:
+    with begin_run(file_store, IDENTITY) as run:
         with pytest.raises(exc), cancelable_run(file_store, run):
             raise exc
         assert status(file_store, run) == "Running"
@@ -65,7 +65,7 @@ def test_a_signal_that_prefect_sent_to_cancel_cancels_the_run(
 ) -> None:
     monkeypatch.setattr(cancellation, "this_flow_run", SimpleNamespace(id="prefects"))
     monkeypatch.setattr(cancellation, "_is_cancelling", lambda own: own == "prefects")
-    with begun(file_store, IDENTITY) as run:
+    with begin_run(file_store, IDENTITY) as run:
         with pytest.raises(SystemExit), cancelable_run(file_store, run):
             raise SystemExit(143)
         assert status(file_store, run) == "Canceled"
@@ -76,15 +76,15 @@ def test_prefects_cancel_reaches_a_flow_run_that_no_worker_started(
 ) -> None:
     monkeypatch.setattr(cancellation, "this_flow_run", SimpleNamespace(id="prefects"))
     monkeypatch.setattr(cancellation, "_is_cancelling", lambda own: own == "prefects")
-    with begun(file_store, IDENTITY) as run, cancelable_run(file_store, run):
+    with begin_run(file_store, IDENTITY) as run, cancelable_run(file_store, run):
         assert eventually(lambda: status(file_store, run) == "Canceling")
 
 
 def test_a_flow_run_whose_process_was_killed_is_cancelled_by_its_worker(file_store: Store) -> None:
     own = uuid4()
-    with begun(file_store, IDENTITY) as run:
+    with begin_run(file_store, IDENTITY) as run:
         advance(file_store, KIND, run.id, "Running", detail={cancellation.FLOW_RUN: str(own)})
-    with begun(file_store, {"flow": "world-export", "spec": {"other": 1}}) as other:
+    with begin_run(file_store, {"flow": "world-export", "spec": {"other": 1}}) as other:
         advance(file_store, KIND, other.id, "Running", detail={cancellation.FLOW_RUN: str(uuid4())})
     stopped = FlowRun(id=own, flow_id=uuid4(), parameters={"store": file_store.url})
     cancel_with_flow_run(cast("Any", None), stopped, Cancelling())

@@ -7,7 +7,7 @@ import pytest
 
 from flows.gate.judge import GateAnswer
 from flows.run import events
-from flows.run.events import announce_verdict, announced, event_id
+from flows.run.events import announce_changes, announce_verdict, event_id
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
 
@@ -28,7 +28,7 @@ def batch_of(store: Store) -> JobRecord:
 
 def test_a_change_of_status_is_an_event_about_the_jobs_arn(file_store: Store, sent: Sent):
     batch = batch_of(file_store)
-    with announced():
+    with announce_changes():
         advance(file_store, batch.kind, batch.id, "Failed", failure_code="InvalidInput", failure_reason="no worlds")
     ((event, resource, more),) = sent
     assert event == "simyard.simulation-batch.Failed"
@@ -66,7 +66,7 @@ def test_an_event_that_cannot_be_sent_harms_no_job(
 
     monkeypatch.setattr(events, "emit_event", refuse)
     batch = batch_of(file_store)
-    with caplog.at_level(logging.WARNING, logger="flows.run.events"), announced():
+    with caplog.at_level(logging.WARNING, logger="flows.run.events"), announce_changes():
         advance(file_store, batch.kind, batch.id, "InProgress")
     assert read(file_store, batch.kind, batch.id).status == "InProgress"
     assert "no route" in caplog.text

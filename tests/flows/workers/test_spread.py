@@ -9,7 +9,7 @@ import pytest
 from prefect.futures import PrefectFuture
 
 from flows.workers import spread as spread_module
-from flows.workers.spread import Ended, Numbers, Pace, spread
+from flows.workers.spread import Numbers, PieceOutcome, PieceSize, spread
 from specs.errors import StageFailed
 
 
@@ -52,7 +52,7 @@ class Hands:
             self.done.add(number)
         return 0.001
 
-    def _on_end(self, end: Ended) -> float:
+    def _on_end(self, end: PieceOutcome) -> float:
         return end.result
 
 
@@ -128,7 +128,7 @@ def test_a_crew_that_has_lost_all_its_workers_is_not_waited_for_once_nobody_want
 
 
 def test_pieces_grow_until_they_last_long_and_shrink_towards_the_end() -> None:
-    pace = Pace()
+    pace = PieceSize()
     assert pace.size(10_000, 2) == 1
     pace.learn(1, 0.5)
     assert pace.size(10_000, 2) == 30
@@ -139,7 +139,7 @@ def test_pieces_grow_until_they_last_long_and_shrink_towards_the_end() -> None:
 
 
 def test_many_workers_get_longer_pieces_so_that_no_more_of_them_end_in_a_second() -> None:
-    pace = Pace()
+    pace = PieceSize()
     pace.learn(1, 1.0)
     ends_a_second = [width / pace.size(10**9, width) for width in (100, 1000, 10_000)]
     assert ends_a_second == [5.0, 5.0, 5.0]

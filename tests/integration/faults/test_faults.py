@@ -18,7 +18,7 @@ from tasks.storage.backends import local
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.backends.s3_client import S3Client
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import claimed, claimed_unless_alive
+from tasks.storage.jobs.claim import hold_claim, hold_claim_unless_alive
 from tasks.storage.jobs.holder import ProcessIdentity
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
@@ -46,12 +46,12 @@ class Full:
 @contextmanager
 def full_after(writes: int, store: Store) -> Generator[Full]:
     full = Full(writes)
-    settle, call = local.settle, S3Client.call
+    flush, call = local.flush_to_disk, S3Client.call
 
-    def settle_unless_full(file: object) -> None:
+    def flush_unless_full(file: object) -> None:
         if full.is_full():
             raise OSError(errno.ENOSPC, "No space left on device")
-        settle(file)  # pyright: ignore[reportArgumentType] - the file it was given
+        flush(file)  # pyright: ignore[reportArgumentType] - the file it was given
 
     def call_unless_full(self: S3Client, operation: str, **parameters: object) -> object:
         if operation == "put_object" and full.is_full():
@@ -61,7 +61,7 @@ def full_after(writes: int, store: Store) -> Generator[Full]:
 
     with pytest.MonkeyPatch.context() as patch:
         if isinstance(store, LocalStore):
-            patch.setattr(local, "settle", settle_unless_full)
+            patch.setattr(local, "flush_to_disk", flush_unless_full)
         else:
             patch.setattr(S3Client, "call", call_unless_full)
         yield full
@@ -155,8 +155,8 @@ def test_work_under_a_clock_that_is_set_again_and_again_has_the_same_bytes(
 
 @pytest.mark.usefixtures("wild_clock")
 def test_a_claim_is_not_taken_over_because_a_clock_was_set(store: Store) -> None:
-    with claimed(store, "claims/batch/b.json", ttl_s=3.0) as held, _holders_known_dead(is_dead=False):
-        with claimed_unless_alive(store, "claims/batch/b.json", ttl_s=3.0) as other:
+    with hold_claim(store, "claims/batch/b.json", ttl_s=3.0) as held, _holders_known_dead(is_dead=False):
+        with hold_claim_unless_alive(store, "claims/batch/b.json", ttl_s=3.0) as other:
             assert other is None
         assert not held.lost
 

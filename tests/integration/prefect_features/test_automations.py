@@ -29,14 +29,14 @@ EXAMPLE = ROOT / "examples/automations/what-went-wrong.yaml"
 FLOW = """
 import sys
 from prefect import flow
-from flows.run.events import announced, _announce
+from flows.run.events import announce_changes, _announce
 from tasks.storage.store_url import open_store
 from tasks.storage.jobs.records import advance
 from tasks.storage.jobs.transitions import Transition
 
 @flow
 def failing(store: str, batch: str) -> None:
-    with announced():
+    with announce_changes():
         at = open_store(store)
         advance(at, "simulation-job-batch", batch, "InProgress")
         record = advance(at, "simulation-job-batch", batch, "Failed", failure_code="InvalidInput", failure_reason="why")

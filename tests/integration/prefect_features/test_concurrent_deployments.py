@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.applications.registry import publish
+from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.robots import members, read_reported
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
@@ -21,7 +21,7 @@ def _publish(store: Store, folder: Path) -> None:
     for name, text in {"before.sh": _WAITS, "run.sh": _STAYS}.items():
         (package / name).write_text(text)
         (package / name).chmod(0o755)
-    publish(store, "robot-application", "patient", package.parent)
+    publish_bundle(store, "robot-application", "patient", package.parent)
 
 
 def _document(folder: Path, robots: int, release: Path) -> Path:

@@ -11,9 +11,9 @@ from flows.cli.exit_codes import run_and_exit
 from specs.data.episode import EpisodeResult
 from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import write_recordings
-from tasks.simulate.batch.commit import Part, run_chunk
-from tasks.simulate.batch.job import OpenBatch, complete, opened
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
+from tasks.simulate.batch.job import OpenBatch, complete, load_batch
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.storage.store_url import open_store
 from tests.factories.simulations import FOLDERS
 
@@ -29,8 +29,8 @@ def work(batch: OpenBatch) -> None:
     close_with_tables(batch)
 
 
-def _simulate(part: Part) -> list[EpisodeResult]:
-    return simulate_chunk(
+def _simulate(part: ChunkPart) -> list[EpisodeResult]:
+    return simulate_lanes(
         part.chunk,
         part.worlds,
         FOLDERS,
@@ -42,4 +42,4 @@ def _simulate(part: Part) -> list[EpisodeResult]:
 
 
 if __name__ == "__main__":
-    run_and_exit(lambda: work(opened(open_store(sys.argv[1]), sys.argv[2])))
+    run_and_exit(lambda: work(load_batch(open_store(sys.argv[1]), sys.argv[2])))

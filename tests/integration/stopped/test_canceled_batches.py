@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.resource.cancel import cancel
+from flows.resource.cancel import cancel_resource
 from specs.errors import DocumentError
 from tasks.simulate.batch.describe import describe_batch
 from tasks.storage.jobs.records import records
@@ -24,7 +24,7 @@ def test_a_cancelled_batch_ends_canceled_with_the_rows_of_what_was_done(prefect_
     assert eventually(lambda: any((tmp_path / "store").glob("chunks/*/000001.started.json")), timeout_s=120.0)
     store = open_store(store_url)
     (batch,) = records(store, "simulation-job-batch")
-    cancel(store, batch.arn.replace("simulation-job-batch", "simulation-job", 1) + "/1199")
+    cancel_resource(store, batch.arn.replace("simulation-job-batch", "simulation-job", 1) + "/1199")
     assert finished("cancel", batch.arn, "--store", store_url).returncode == 0
     _, err = run.communicate(timeout=60)
     assert (run.returncode, err.splitlines()[-1].startswith("Canceled: canceled on request")) == (3, True), err
@@ -35,4 +35,4 @@ def test_a_cancelled_batch_ends_canceled_with_the_rows_of_what_was_done(prefect_
     assert (len(statuses), statuses[:16]) == (1200, ["Completed"] * 16)
     assert statuses[-1] == "Canceled"
     with pytest.raises(DocumentError, match="this one is Canceled"):
-        cancel(store, batch.arn)
+        cancel_resource(store, batch.arn)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.compare.comparison import Pairs, compared
+from tasks.results.compare.comparison import CommonEpisodes, compare_tables
 from tasks.results.compare.comparison_verdict import comparison
 from tasks.results.tables.tables import results_table
 from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed, request
@@ -13,9 +13,9 @@ from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed,
 Row = tuple[EpisodeRequest, EpisodeResult]
 
 
-def _pairs(first: Sequence[Row], second: Sequence[Row], identities: dict[str, str] | None = None) -> Pairs:
+def _pairs(first: Sequence[Row], second: Sequence[Row], identities: dict[str, str] | None = None) -> CommonEpisodes:
     one, other = (results_table("b", [row[0] for row in rows], [row[1] for row in rows]) for rows in (first, second))
-    return compared(one, other, identities or {}, identities or {})
+    return compare_tables(one, other, identities or {}, identities or {})
 
 
 def test_episodes_are_paired_by_world_seed_and_environment_in_any_order():
@@ -101,7 +101,7 @@ def test_several_robots_are_told_apart_by_their_names():
     assert (found.pairs, found.flips) == (2, ())
 
 
-def _counted(gains: int, losses: int, agreed: int) -> Pairs:
+def _counted(gains: int, losses: int, agreed: int) -> CommonEpisodes:
     both = [(passed, passed)] * agreed + [(collided, passed)] * gains + [(passed, collided)] * losses
     first = [(request(index, seed=index), kind(index)) for index, (kind, _) in enumerate(both)]
     second = [(request(index, seed=index), kind(index)) for index, (_, kind) in enumerate(both)]

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from specs.pipeline.gate_section import CollisionRate, Gate, SuccessRate
 from tasks.results.gate.evidence import ApplicationEvidence, Baseline
 from tasks.results.report.facts import Judgement
-from tasks.results.report.judgement import judgement, judgement_of
+from tasks.results.report.judgement import judgement_of, read_judgement
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 from tests.results.gate.test_evidence import evidence
@@ -17,13 +17,13 @@ KEY = result_key("simb-1", "evidence.json")
 
 
 def test_a_batch_without_evidence_was_not_judged(file_store: Store):
-    assert judgement(file_store, "simb-1") is None
+    assert read_judgement(file_store, "simb-1") is None
 
 
 def test_what_the_gate_wrote_is_told_with_its_bar_and_its_rules(file_store: Store):
     written = evidence()
     file_store.put(KEY, written.model_dump_json().encode())
-    found = judgement(file_store, "simb-1")
+    found = read_judgement(file_store, "simb-1")
     assert found is not None
     assert (found.verdict, found.sentence, found.at_least) == (written.verdict, written.sentence, 0.9)
     assert [rule.name for rule in found.rules] == ["successRate"]
@@ -57,10 +57,10 @@ def test_of_a_batch_with_both_versions_the_judged_one_is_named():
 def test_evidence_of_another_version_tells_its_verdict_and_its_sentence(file_store: Store):
     file_store.put(KEY, json.dumps({"version": "1", "verdict": "FAIL", "sentence": "FAIL: no", "new": 1}).encode())
     expected = Judgement(verdict="FAIL", sentence="FAIL: no", at_least=None, confidence=0.95)
-    assert judgement(file_store, "simb-1") == expected
+    assert read_judgement(file_store, "simb-1") == expected
 
 
 def test_what_is_no_evidence_is_not_taken_for_it(file_store: Store):
     file_store.put(KEY, b"{}")
     with pytest.raises(ValidationError):
-        judgement(file_store, "simb-1")
+        read_judgement(file_store, "simb-1")

@@ -6,12 +6,12 @@ import pytest
 
 from tasks.results.report.places import BETWEEN
 from tasks.results.report.rows import RateTable
-from tasks.results.report.view import View
+from tasks.results.report.view import ReportView
 from tests.factories.episodes import passed, request
 from tests.factories.reports import WORLDS, episodes, facts, view
 
 
-def tables(found: View) -> dict[str, RateTable]:
+def tables(found: ReportView) -> dict[str, RateTable]:
     return {table.caption: table for column in found.columns for table in column}
 
 

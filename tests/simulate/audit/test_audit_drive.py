@@ -10,7 +10,7 @@ from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit.audit_drive import audit
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pushing
 from tests.simulate.conftest import PUSHER_LANES, Simulate
@@ -95,4 +95,4 @@ def test_an_application_that_crashes_now_is_told(push: Simulate, pens: dict[str,
 
 def _mujoco(requests: list[EpisodeRequest], worlds: dict[str, World]) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(requests, PUSHER_LANES)
-    return simulate_chunk(chunk, worlds, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", should_stop=lambda: False)
+    return simulate_lanes(chunk, worlds, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", should_stop=lambda: False)

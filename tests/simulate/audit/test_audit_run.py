@@ -15,11 +15,11 @@ from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit import audit_drive as auditing_module
 from tasks.simulate.audit import audit_run
 from tasks.simulate.audit.audit_report import AuditReport, with_verdict
-from tasks.simulate.audit.audit_run import audit_batch
+from tasks.simulate.audit.audit_run import write_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import DATA_PREFIX
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -58,7 +58,7 @@ def report(detail: dict[str, JsonValue]) -> AuditReport:
 
 
 def test_the_report_lies_beside_the_tables(batch: OpenBatch, audited: Calls):
-    detail = audit_batch(batch, {}, PLACE)
+    detail = write_audit(batch, {}, PLACE)
     folder = f"{batch.store.url}/buckets/results/nightly/{batch.id}"
     assert detail["audit_url"] == f"{folder}/audit.json"
     written = Path(str(detail["audit_url"]).removeprefix("file://")).read_bytes()
@@ -71,7 +71,7 @@ def test_the_report_lies_beside_the_tables(batch: OpenBatch, audited: Calls):
 def test_an_audit_whose_process_died_is_made_again_and_then_given_up(
     batch: OpenBatch, audited: Calls, monkeypatch: pytest.MonkeyPatch
 ):
-    first = audit_batch(batch, {}, PLACE)
+    first = write_audit(batch, {}, PLACE)
 
     def dies(*_: object, **__: object) -> AuditReport:
         raise KeyboardInterrupt
@@ -80,9 +80,9 @@ def test_an_audit_whose_process_died_is_made_again_and_then_given_up(
         broken.setattr(auditing_module, "audit", dies)
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
-                audit_batch(batch, {}, PLACE)
-    assert audit_batch(batch, {}, PLACE) == first
-    assert report(audit_batch(batch, {}, PLACE)).sentence == "not run: its process died 4 times"
+                write_audit(batch, {}, PLACE)
+    assert write_audit(batch, {}, PLACE) == first
+    assert report(write_audit(batch, {}, PLACE)).sentence == "not run: its process died 4 times"
     assert len(audited) == 2
 
 
@@ -101,7 +101,7 @@ def test_what_keeps_an_audit_from_running_is_data(
         raise error
 
     monkeypatch.setattr(auditing_module, "audit", fails)
-    found = report(audit_batch(batch, {}, PLACE))
+    found = report(write_audit(batch, {}, PLACE))
     assert (found.verdict, found.sentence) == ("NOT RUN", why)
 
 
@@ -111,7 +111,7 @@ def test_a_defect_is_not_called_data(batch: OpenBatch, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(auditing_module, "audit", fails)
     with pytest.raises(RuntimeError, match="a defect"):
-        audit_batch(batch, {}, PLACE)
+        write_audit(batch, {}, PLACE)
 
 
 def test_worlds_that_are_gone_leave_the_others(batch: OpenBatch, audited: Calls, monkeypatch: pytest.MonkeyPatch):
@@ -122,10 +122,10 @@ def test_worlds_that_are_gone_leave_the_others(batch: OpenBatch, audited: Calls,
         return {name: apartment() for name in asked - gone}, dict.fromkeys(asked & gone, "it does not exist")
 
     monkeypatch.setattr(audit_run, "load_worlds", some)
-    assert report(audit_batch(batch, {}, PLACE)).verdict == "SOUND"
+    assert report(write_audit(batch, {}, PLACE)).verdict == "SOUND"
     assert {each.request.world for each in audited[0]} == {"g/w1"}
     gone.add("g/w1")
-    assert report(audit_batch(batch, {}, PLACE)).sentence == "not run: it does not exist"
+    assert report(write_audit(batch, {}, PLACE)).sentence == "not run: it does not exist"
 
 
 def test_it_reads_the_data_sources_that_the_batch_read(
@@ -134,11 +134,11 @@ def test_it_reads_the_data_sources_that_the_batch_read(
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
     open_bucket(file_store, "data").put("map", b"content")
     asked = DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "data", "s3Keys": ["map"]})
-    source = pinned(file_store, tmp_path / "cache" / "data", asked)
+    source = pin_source(file_store, tmp_path / "cache" / "data", asked)
     reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
     made = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
     for number in range(made.layout.chunks):
         run_chunk(made, number, mixed, lanes=4, left_s=9.0)
-    audit_batch(made, {}, PLACE)
+    write_audit(made, {}, PLACE)
     folders = {Path(each.request.environment["DATA_SOURCE_MAPS"]) for each in audited[0]}
     assert {(folder / "map").read_bytes() for folder in folders} == {b"content"}

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.data.episode import EpisodeResult, unfinished
+from specs.data.episode import EpisodeResult, unfinished_result
 from tasks.simulate.audit.audit_sample import audited_positions, draw_sample
 from tasks.simulate.batch.stop import LEFT_OUT
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -140,7 +140,7 @@ def test_of_a_batch_that_was_ended_early_what_was_driven_is_audited():
         indices = [request.index for request in early.chunk(number).requests]
         if number < 3:
             return [passed(index) for index in indices]
-        return [unfinished(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
+        return [unfinished_result(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
 
     found = draw_sample(early, rows_of, 16)
     assert len(found) == 16

@@ -14,16 +14,16 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from flows.batch.batch_end import close_with_tables, settled
-from specs.data.episode import EpisodeResult, unfinished
+from flows.batch.batch_end import close_if_stopped, close_with_tables
+from specs.data.episode import EpisodeResult, unfinished_result
 from specs.errors import DocumentError
 from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.describe import describe_batch, describe_job
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, complete, time_out
 from tasks.simulate.batch.job_states import Jobs
-from tasks.simulate.batch.result_stream import parts
+from tasks.simulate.batch.result_stream import result_parts
 from tasks.storage.jobs.records import is_terminal
 from tasks.storage.store_url import open_store
 from tests.factories.episodes import crashed, passed
@@ -81,7 +81,7 @@ class Batches(RuleBasedStateMachine):
 
     @rule()
     def ask(self) -> None:
-        record = settled(self.batch.store, self.batch.id)
+        record = close_if_stopped(self.batch.store, self.batch.id)
         assert record.status not in STOPPING
 
     @rule(
@@ -94,7 +94,7 @@ class Batches(RuleBasedStateMachine):
             return
         happened: list[str] = []
 
-        def simulate(part: Part) -> list[EpisodeResult]:
+        def simulate(part: ChunkPart) -> list[EpisodeResult]:
             assert number not in self.rows, "a committed chunk was simulated again"
             job = part.chunk.requests[position % len(part.chunk.requests)].index
             if not happened:
@@ -130,7 +130,7 @@ class Batches(RuleBasedStateMachine):
             answer = describe_batch(self.batch.store, self.batch.id).model_dump()
             assert self.ended in ({}, answer)
             self.ended = answer
-            assert [row.index for _, rows in parts(self.batch) for row in rows] == list(range(JOBS))
+            assert [row.index for _, rows in result_parts(self.batch) for row in rows] == list(range(JOBS))
 
     @invariant()
     def every_job_is_somewhere(self) -> None:
@@ -157,7 +157,7 @@ class Batches(RuleBasedStateMachine):
     @staticmethod
     def _row(index: int, fate: str, job: int, code: str) -> EpisodeResult:
         if code:
-            return unfinished(index, "Canceled", failure_code="", failure_reason="stopped before its end")
+            return unfinished_result(index, "Canceled", failure_code="", failure_reason="stopped before its end")
         return crashed(index) if fate == "crash" and index == job else passed(index)
 
     @staticmethod

@@ -5,15 +5,15 @@ import pytest
 from specs.data.episode import EpisodeResult
 from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
 from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
-from tasks.simulate.batch.commit import Part, run_chunk
-from tasks.simulate.batch.result_stream import parts
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
+from tasks.simulate.batch.result_stream import result_parts
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tests.factories.episodes import passed
 from tests.factories.planned_batches import all_pass, begun, mixed, plan, put_world, stops_after, template
 
 
-def refuse(part: Part) -> list[EpisodeResult]:
+def refuse(part: ChunkPart) -> list[EpisodeResult]:
     pytest.fail("simulated again")
 
 
@@ -29,7 +29,7 @@ def test_a_committed_chunk_is_not_simulated_again(file_store: Store):
 def test_of_two_processes_the_first_to_commit_decides(file_store: Store):
     batch = begun(file_store)
 
-    def slow(part: Part) -> list[EpisodeResult]:
+    def slow(part: ChunkPart) -> list[EpisodeResult]:
         run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
         return mixed(part)
 
@@ -40,7 +40,7 @@ def test_of_two_processes_the_first_to_commit_decides(file_store: Store):
 def test_each_beginning_is_counted_with_what_was_spent_before(file_store: Store):
     batch = begun(file_store)
 
-    def dies(part: Part) -> list[EpisodeResult]:
+    def dies(part: ChunkPart) -> list[EpisodeResult]:
         raise KeyboardInterrupt
 
     for spent in (1.5, 2.5):
@@ -57,7 +57,7 @@ def test_a_chunk_whose_process_died_again_is_tried_with_fewer_lanes(file_store: 
     batch = begun(file_store, plan(file_store, lanes=64, seeds=tuple(range(64)), worlds=("g/w0",)))
     tried: list[int] = []
 
-    def dies_with_many(part: Part) -> list[EpisodeResult]:
+    def dies_with_many(part: ChunkPart) -> list[EpisodeResult]:
         tried.append(part.lanes)
         if part.lanes > 16:
             raise KeyboardInterrupt
@@ -144,7 +144,7 @@ def test_results_come_by_index_and_what_was_not_begun_is_canceled(file_store: St
         cancel_batch(file_store, batch.id)
     else:
         run_chunk(batch, 1, stops_after(0), lanes=4, left_s=-1.0)
-    found = [pair for requests, results in parts(batch) for pair in zip(requests, results, strict=True)]
+    found = [pair for requests, results in result_parts(batch) for pair in zip(requests, results, strict=True)]
     assert [request.index for request, _ in found] == list(range(24))
     assert [result.index for _, result in found] == list(range(24))
     done = {each.index for number in (0, 2, 4) for each in batch.layout.chunk(number).requests}
@@ -156,14 +156,14 @@ def test_a_part_holds_some_episodes_however_chunks_lie(file_store: Store, monkey
     batch = begun(file_store, plan(file_store, sweep={"MODE": ("fast", "slow")}, lanes=3))
     for number in range(batch.layout.chunks):
         run_chunk(batch, number, mixed, lanes=3, left_s=9.0)
-    sizes = [(len(requests), len(results)) for requests, results in parts(batch)]
+    sizes = [(len(requests), len(results)) for requests, results in result_parts(batch)]
     assert sizes == [(5, 5), (5, 5), (2, 2)]
 
 
 def test_who_is_cancelled_right_after_the_last_look_is_canceled_all_the_same(file_store: Store):
     batch = begun(file_store)
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         rows = all_pass(part)  # looks; the next look of its own would be in a second
         cancel_job(file_store, f"{batch.id}/2")
         return rows

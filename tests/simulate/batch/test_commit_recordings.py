@@ -9,7 +9,7 @@ from specs.data.episode import EpisodeResult
 from specs.pipeline.simulation_section import Recordings
 from tasks.simulate.batch.cancel_restart import cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.lane.lane_state import StepRecord
 from tasks.simulate.lane.recording import Columns, Ends
 from tasks.storage.base.store import Store
@@ -23,7 +23,7 @@ class Recorded:
     def __init__(self) -> None:
         self.written: dict[int, list[int]] = {}
 
-    def simulate(self, part: Part) -> list[EpisodeResult]:
+    def simulate(self, part: ChunkPart) -> list[EpisodeResult]:
         rows = mixed(part)
         assert part.recorder
         lanes = len(rows)
@@ -64,7 +64,7 @@ def test_the_parts_of_a_chunk_share_the_memory_for_samples(file_store: Store):
     batch, recorded = begun(file_store), Recorded()
     held: list[object] = []
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         assert part.recorder
         held.append(part.recorder._overflow)
         return recorded.simulate(part)
@@ -90,7 +90,7 @@ def test_a_cancelled_job_leaves_no_recording(file_store: Store):
     batch, recorded = begun(file_store), Recorded()
     cancel_job(file_store, f"{batch.id}/1")
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         part.watch()
         return recorded.simulate(part)
 
@@ -119,7 +119,7 @@ def test_who_is_restarted_while_recordings_are_written_runs_once_more(file_store
     batch, recorded = begun(file_store), Recorded()
     parts_run: list[list[int]] = []
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         parts_run.append([request.index for request in part.chunk.requests])
         return recorded.simulate(part) if part.recorder else [collided(1)]
 

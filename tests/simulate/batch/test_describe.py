@@ -25,7 +25,7 @@ from tasks.simulate.batch.describe import (
     list_jobs,
     list_jobs_page,
 )
-from tasks.simulate.batch.job import OpenBatch, close_batch, complete, open_batch, opened, time_out
+from tasks.simulate.batch.job import OpenBatch, close_batch, complete, load_batch, open_batch, time_out
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import ROBOT_ARN, all_pass, begun, mixed, plan, request, template
 
@@ -137,7 +137,7 @@ def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
         "dataSources": [source],
     }
     CreateSimulationJobRequest.model_validate(asked)
-    batch = opened(file_store, open_batch(file_store, made, asked, "tok").id)
+    batch = load_batch(file_store, open_batch(file_store, made, asked, "tok").id)
     assert describe_batch(file_store, batch.id).pendingRequests is None
     run_chunk(batch, 0, mixed, lanes=16, left_s=9.0)
     job = describe_job(file_store, f"{batch.id}/0").model_dump(mode="json", exclude_none=True)

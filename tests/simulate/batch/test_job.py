@@ -7,8 +7,8 @@ import pytest
 
 from specs.errors import IdempotentParameterMismatch
 from tasks.simulate.batch.cancel_restart import cancel_batch
-from tasks.simulate.batch.job import close_batch, complete, ending, open_batch, time_out
-from tasks.storage.base.encoding import encoded
+from tasks.simulate.batch.job import close_batch, complete, open_batch, terminal_state, time_out
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun, plan, request, template
 
@@ -29,7 +29,7 @@ def test_a_batch_that_is_being_stopped_does_not_go_on_by_being_opened_again(file
         time_out(batch)
     assert open_batch(file_store, batch.plan, request(batch.plan), "tok").status == stop
     assert complete(batch).status == stop
-    assert ending(batch.record(), 0)[0] == status
+    assert terminal_state(batch.record(), 0)[0] == status
 
 
 def test_a_cancelled_batch_does_not_time_out_and_the_other_way_round(file_store: Store):
@@ -43,22 +43,22 @@ def test_a_cancelled_batch_does_not_time_out_and_the_other_way_round(file_store:
 def test_jobs_that_failed_do_not_fail_the_batch_unless_it_was_our_fault(file_store: Store):
     batch = begun(file_store)
     record = complete(batch)
-    assert ending(record, 0) == ("Completed", "")
-    assert ending(record, 2)[0] == "Failed"
+    assert terminal_state(record, 0) == ("Completed", "")
+    assert terminal_state(record, 2)[0] == "Failed"
     failed = close_batch(file_store, batch.id, *("Failed", {}, "no memory"))
     assert (failed.status, failed.failure_code) == ("Failed", "InternalServiceError")
 
 
 def test_a_cancelled_batch_is_canceled_and_a_late_one_failed_if_jobs_failed_by_our_fault(file_store: Store):
     cancelled, late = begun(file_store, name="a"), begun(file_store, name="b")
-    assert ending(cancel_batch(file_store, cancelled.id), 1)[0] == "Canceled"
-    assert ending(time_out(late), 1)[0] == "Failed"
+    assert terminal_state(cancel_batch(file_store, cancelled.id), 1)[0] == "Canceled"
+    assert terminal_state(time_out(late), 1)[0] == "Failed"
 
 
 def test_a_record_does_not_grow_with_worlds_times_requests_times_seeds(file_store: Store):
     worlds = tuple(f"g/w{number}" for number in range(100))
     few = plan(file_store, worlds=worlds, templates=(template(),) * 2, seeds=tuple(range(2)))
     many = plan(file_store, worlds=worlds, templates=(template(),) * 20, seeds=tuple(range(500)))
-    sizes = [len(encoded(begun(file_store, made, token).record())) for made, token in ((few, "a"), (many, "b"))]
+    sizes = [len(encode_document(begun(file_store, made, token).record())) for made, token in ((few, "a"), (many, "b"))]
     assert begun(file_store, many, "b").layout.episodes == 1_000_000
     assert sizes[1] - sizes[0] < 20_000

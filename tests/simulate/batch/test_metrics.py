@@ -4,9 +4,9 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import close_batch, complete
-from tasks.simulate.batch.metrics import METRICS, BatchMeter, ChunkWork, metric_rows, metrics_of, told_metrics, work_of
+from tasks.simulate.batch.metrics import METRICS, BatchMeter, ChunkWork, metric_lines, metric_rows, metrics_of, work_of
 from tasks.simulate.chunk.timings import ChunkTiming, collect_timings, remember_timing
 from tasks.simulate.plan.chunks import ProgramKey
 from tasks.storage.base.store import Store
@@ -32,7 +32,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path_factory.mktemp("cache")))
 
 
-def timed(part: Part) -> list[EpisodeResult]:
+def timed(part: ChunkPart) -> list[EpisodeResult]:
     remember_timing(PROGRAM, TIMING)
     return all_pass(part)
 
@@ -95,9 +95,9 @@ def test_a_chunk_tells_what_it_took_and_one_that_was_committed_nothing(file_stor
 def test_describe_tells_the_figures_of_a_batch(file_store: Store):
     batch = begun(file_store)
     record = complete(batch)
-    assert list(told_metrics(file_store, record.arn)) == []
+    assert list(metric_lines(file_store, record.arn)) == []
     metrics = metrics_of(ChunkWork(2, 24.0, 4.0, 8.0, 10.0, 640.0, 16), 20.0, 2)
     close_batch(file_store, batch.id, "Completed", {METRICS: metrics.model_dump(mode="json")})
-    told = list(told_metrics(file_store, record.arn))
+    told = list(metric_lines(file_store, record.arn))
     assert [line.split()[0] for line in told][:3] == ["workers", "lanes", "chunks"]
-    assert list(told_metrics(file_store, "arn:simyard:world:0:g/w")) == []
+    assert list(metric_lines(file_store, "arn:simyard:world:0:g/w")) == []

@@ -2,12 +2,12 @@
 
 import pytest
 
-from flows.resource.answers import restart
+from flows.resource.answers import restart_named_job
 from specs.data.episode import EpisodeResult
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import begin_chunk, chunk_start, committed_chunk
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.describe import describe_job
 from tasks.simulate.batch.job import OpenBatch
 from tasks.storage.base.store import Store
@@ -22,7 +22,7 @@ class Restarted:
         self.batch, self.jobs = batch, list(jobs)
         self.parts: list[list[int]] = []
 
-    def __call__(self, part: Part) -> list[EpisodeResult]:
+    def __call__(self, part: ChunkPart) -> list[EpisodeResult]:
         self.parts.append([request.index for request in part.chunk.requests])
         for index in self.jobs.pop(0) if self.jobs else ():
             restart_job(self.batch.store, f"{self.batch.id}/{index}")
@@ -66,7 +66,7 @@ def test_what_is_stopped_while_it_runs_again_keeps_the_row_that_it_had(file_stor
     batch = begun(file_store)
 
     class Canceled(Restarted):
-        def __call__(self, part: Part) -> list[EpisodeResult]:
+        def __call__(self, part: ChunkPart) -> list[EpisodeResult]:
             if self.parts:
                 cancel_batch(file_store, batch.id)
                 part.watch._next_look_s = 0.0  # as if a second had passed
@@ -101,9 +101,9 @@ def test_the_command_restarts_a_job_and_nothing_else(file_store: Store):
     batch = begun(file_store)
     begin_chunk(file_store, batch.id, 0, 0.0)
     job = batch.record().arn.replace("simulation-job-batch", "simulation-job")
-    restart(file_store, f"{job}/1")
+    restart_named_job(file_store, f"{job}/1")
     assert describe_job(file_store, f"{batch.id}/1").status == "Restarting"
     with pytest.raises(DocumentError, match="an ARN of a simulation-job"):
-        restart(file_store, batch.record().arn)
+        restart_named_job(file_store, batch.record().arn)
     with pytest.raises(ResourceNotFound):
-        restart(file_store, f"{job}/6")
+        restart_named_job(file_store, f"{job}/6")

@@ -8,9 +8,9 @@ import pytest
 from specs.data.episode import EpisodeResult
 from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import Part, Record, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, WriteRecordings, run_chunk
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane.recording import Columns
 from tasks.simulate.plan.batch_plan import JobTemplate
 from tasks.storage.base.store import Store
@@ -19,7 +19,7 @@ from tests.factories.simulations import ENDLESS, FOLDERS, PUSHER
 from tests.simulate.conftest import PUSHER_LANES
 
 SHORT_S, ENDLESS_S = 1.0, 600.0
-Act = Callable[[OpenBatch, Part], None]
+Act = Callable[[OpenBatch, ChunkPart], None]
 
 
 def _entry(duration_s: float) -> JobTemplate:
@@ -40,22 +40,22 @@ def _batch(store: Store, *durations_s: float, name: str = "tok") -> OpenBatch:
     return begun(store, made, name)
 
 
-def _nothing(batch: OpenBatch, part: Part) -> None:
+def _nothing(batch: OpenBatch, part: ChunkPart) -> None:
     pass
 
 
-def _rows(batch: OpenBatch, act: Act = _nothing, record: Record | None = None) -> list[EpisodeResult]:
+def _rows(batch: OpenBatch, act: Act = _nothing, record: WriteRecordings | None = None) -> list[EpisodeResult]:
     """Returns the chunk's rows; something happens when the first lane has ended."""
     happened: list[None] = []
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         def progress(done: int) -> None:
             if done and not happened:
                 happened.append(None)
                 act(batch, part)
                 part.watch._next_look_s = 0.0  # as if a second had passed
 
-        return simulate_chunk(
+        return simulate_lanes(
             part.chunk,
             part.worlds,
             FOLDERS,
@@ -69,11 +69,11 @@ def _rows(batch: OpenBatch, act: Act = _nothing, record: Record | None = None) -
     return committed_chunk(batch.store, batch.id, 0) or []
 
 
-def _time_is_over(batch: OpenBatch, part: Part) -> None:
+def _time_is_over(batch: OpenBatch, part: ChunkPart) -> None:
     part.watch._deadline_s = 0.0
 
 
-def _cancel(batch: OpenBatch, part: Part) -> None:
+def _cancel(batch: OpenBatch, part: ChunkPart) -> None:
     cancel_batch(batch.store, batch.id)
 
 

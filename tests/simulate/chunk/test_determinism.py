@@ -5,7 +5,7 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pen, pushing
 from tests.simulate.conftest import LANES, Simulate
@@ -49,7 +49,7 @@ def test_a_sweep_over_numbers_reaches_each_lane(together: list[EpisodeResult]):
 def large(request: pytest.FixtureRequest, pens: dict[str, World]) -> tuple[str, list[EpisodeResult]]:
     """A batch of 256 robots that push on blindly, on each engine."""
     (chunk,) = plan_chunks(PUSHES, len(PUSHES))
-    return request.param, simulate_chunk(
+    return request.param, simulate_lanes(
         chunk, pens, FOLDERS, lanes=len(PUSHES), engine=request.param, should_stop=lambda: False
     )
 
@@ -60,7 +60,7 @@ def test_a_batch_of_one_is_the_lane_in_a_batch_of_256(large: tuple[str, list[Epi
     assert sum(row.collisions > 0 for row in rows[::17]) >= 8
     for position in range(0, len(PUSHES), 17):
         (chunk,) = plan_chunks([PUSHES[position]], 1)
-        alone = simulate_chunk(chunk, pens, FOLDERS, lanes=1, engine=engine, should_stop=lambda: False)
+        alone = simulate_lanes(chunk, pens, FOLDERS, lanes=1, engine=engine, should_stop=lambda: False)
         assert alone == [rows[position]]
 
 
@@ -73,7 +73,7 @@ def test_where_in_a_large_batch_a_lane_lies_does_not_matter(engine: str):
 
     def run(requests: list[EpisodeRequest]) -> list[EpisodeResult]:
         (chunk,) = plan_chunks(requests, 128)
-        return simulate_chunk(chunk, worlds, FOLDERS, lanes=128, engine=engine, should_stop=lambda: False)
+        return simulate_lanes(chunk, worlds, FOLDERS, lanes=128, engine=engine, should_stop=lambda: False)
 
     in_order = run(requests)
     assert run([requests[k] for k in order]) == [in_order[k] for k in order]
@@ -86,8 +86,8 @@ def test_a_larger_world_in_the_chunk_changes_no_bit_of_a_lane():
 
     def run(*requests: EpisodeRequest) -> EpisodeResult:
         (chunk,) = plan_chunks(requests, 8)
-        return simulate_chunk(chunk, worlds, FOLDERS, lanes=8, should_stop=lambda: False)[0]
+        return simulate_lanes(chunk, worlds, FOLDERS, lanes=8, should_stop=lambda: False)[0]
 
     present = {name: worlds[name] for name in ("hand/small",)}
     (alone,) = plan_chunks([small], 8)
-    assert simulate_chunk(alone, present, FOLDERS, lanes=8, should_stop=lambda: False) == [run(small, large)]
+    assert simulate_lanes(alone, present, FOLDERS, lanes=8, should_stop=lambda: False) == [run(small, large)]

@@ -7,9 +7,9 @@ import pytest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.batch_plan import JobTemplate
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.base.keys import world_key
@@ -38,7 +38,7 @@ def _requests(faults: dict[int, str], odd_world: str) -> list[EpisodeRequest]:
 
 def _run(requests: Sequence[EpisodeRequest], worlds: dict[str, World], engine: str) -> dict[int, EpisodeResult]:
     (chunk,) = plan_chunks(requests, PUSHER_LANES)
-    rows = simulate_chunk(chunk, worlds, FOLDERS, lanes=PUSHER_LANES, engine=engine, should_stop=lambda: False)
+    rows = simulate_lanes(chunk, worlds, FOLDERS, lanes=PUSHER_LANES, engine=engine, should_stop=lambda: False)
     return {row.index: row for row in rows}
 
 
@@ -99,10 +99,10 @@ def _batch(store: Store, templates: Sequence[JobTemplate], name: str) -> OpenBat
 def _simulated(batch: OpenBatch) -> list[EpisodeResult]:
     """Returns all rows; the first attempt at each chunk lacks memory."""
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         if part.lanes > PUSHER_LANES:
             raise MemoryError(f"no room for {part.lanes} lanes")
-        return simulate_chunk(part.chunk, part.worlds, FOLDERS, lanes=part.lanes, should_stop=part.watch)
+        return simulate_lanes(part.chunk, part.worlds, FOLDERS, lanes=part.lanes, should_stop=part.watch)
 
     rows: list[EpisodeResult] = []
     for number in range(batch.layout.chunks):

@@ -10,7 +10,7 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.chunk.timings import recall_timings
 from tasks.simulate.plan.chunks import Chunk, program_key
 from tests.factories.simulations import delivery, pushing
@@ -102,7 +102,7 @@ def test_numbers_of_rows_are_finite(rows: list[EpisodeResult]):
 def test_progress_counts_the_episodes_that_are_done(pens: dict[str, World]):
     told: list[int] = []
     chunk = Chunk(number=0, requests=(pushing(0, world="hand/pen-0", duration_s=1.0), pushing(1, world="hand/pen-0")))
-    simulate_chunk(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False, progress=told.append)
+    simulate_lanes(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False, progress=told.append)
     assert told == sorted(told)
     assert (told[0], told[-1]) == (1, 2)
 
@@ -112,7 +112,7 @@ def test_what_a_chunk_took_is_remembered_for_the_program_that_plans_know(
 ):
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
     chunk = Chunk(number=0, requests=(pushing(0, world="hand/pen-0"),))
-    ran = functools.partial(simulate_chunk, chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)
+    ran = functools.partial(simulate_lanes, chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)
     ran(timed_as=("planned",))
     assert len(recall_timings(("planned",))) == 1
     assert recall_timings(program_key(chunk.requests[0])) == []

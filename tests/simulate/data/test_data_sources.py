@@ -16,9 +16,9 @@ from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ApplicationKind, Version
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.data.mounts import Mounts
-from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import DATA_PREFIX, PinnedSource
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
@@ -42,7 +42,7 @@ def mounted(store: Store, found: PinnedSource, tmp_path: Path) -> Path:
 def test_files_lie_below_their_whole_key_where_the_variable_says_and_cannot_be_written(
     file_store: Store, bucket: Store, tmp_path: Path
 ):
-    folder = mounted(file_store, pinned(file_store, cache(tmp_path), source("maps/one.yaml")), tmp_path)
+    folder = mounted(file_store, pin_source(file_store, cache(tmp_path), source("maps/one.yaml")), tmp_path)
     assert folder.as_posix().endswith("/opt/robomaker/datasources/maps")
     assert (folder / "maps/one.yaml").read_bytes() == ONE
     modes = {stat.S_IMODE(path.stat().st_mode) & 0o222 for path in folder.rglob("*")}
@@ -50,16 +50,16 @@ def test_files_lie_below_their_whole_key_where_the_variable_says_and_cannot_be_w
 
 
 def test_a_prefix_means_all_that_begin_with_it(file_store: Store, bucket: Store, tmp_path: Path):
-    all_of_them = pinned(file_store, cache(tmp_path), source("maps/", type="Prefix"))
+    all_of_them = pin_source(file_store, cache(tmp_path), source("maps/", type="Prefix"))
     assert [file.key for file in all_of_them.files] == ["maps/deep/two.yaml", "maps/one.yaml"]
-    half_a_name = pinned(file_store, cache(tmp_path), source("maps", type="Prefix"))
+    half_a_name = pin_source(file_store, cache(tmp_path), source("maps", type="Prefix"))
     assert [file.key for file in half_a_name.files] == ["maps/deep/two.yaml", "maps/one.yaml", "mapsakes.txt"]
     folder = mounted(file_store, all_of_them, tmp_path)
     assert (folder / "maps/deep/two.yaml").read_bytes() == b"two"
 
 
 def test_a_destination_is_where_the_files_lie(file_store: Store, bucket: Store, tmp_path: Path):
-    found = pinned(file_store, cache(tmp_path), source("maps/one.yaml", destination="/home/robot/maps"))
+    found = pin_source(file_store, cache(tmp_path), source("maps/one.yaml", destination="/home/robot/maps"))
     assert mounted(file_store, found, tmp_path).as_posix().endswith("/home/robot/maps")
 
 
@@ -94,7 +94,7 @@ def test_archives_are_unpacked_side_by_side(file_store: Store, bucket: Store, tm
     bucket.put("a.zip", _zip(rooms__one=b"1", two=b"2"))
     bucket.put("b.tar.gz", _tar("three", b"3"))
     folder = mounted(
-        file_store, pinned(file_store, cache(tmp_path), source("a.zip", "b.tar.gz", type="Archive")), tmp_path
+        file_store, pin_source(file_store, cache(tmp_path), source("a.zip", "b.tar.gz", type="Archive")), tmp_path
     )
     found = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     assert found == {"rooms/one": b"1", "two": b"2", "three": b"3"}
@@ -146,7 +146,7 @@ def test_two_archives_with_the_same_file_are_told_by_name_and_not_by_place(
 ):
     for key in ("a.zip", "b.zip"):
         bucket.put(key, _zip(same=b"1"))
-    found = pinned(file_store, cache(tmp_path), source("a.zip", "b.zip", type="Archive"))
+    found = pin_source(file_store, cache(tmp_path), source("a.zip", "b.zip", type="Archive"))
     mounts = Mounts(file_store, {found.digest: found}, cache(tmp_path))
     made = plan(file_store, templates=(template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{found.digest}"}),))
     failure = mounts.failure(Layout(made).request(0))
@@ -179,12 +179,12 @@ def _planned(store: Store, *sources: list[DataSourceConfig]) -> BatchPlan:
     def find(config: DataSourceConfig) -> PinnedSource:
         from tasks.storage.base.cache_folder import cache_folder  # noqa: PLC0415 - follows the test's environment
 
-        return pinned(store, cache_folder() / "data", config)
+        return pin_source(store, cache_folder() / "data", config)
 
     return plan_batch(_section(*sources), ["g/w0"], {"g/w0": digest}, _version, find)
 
 
-def _reading(part: Part) -> list[EpisodeResult]:
+def _reading(part: ChunkPart) -> list[EpisodeResult]:
     """Simulates episodes that read their map, where they have one."""
     for each in part.chunk.requests:
         folder = each.environment.get("DATA_SOURCE_MAPS")
@@ -244,6 +244,6 @@ def test_on_s3_it_is_the_same(s3_store: Store, tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("SIMYARD_BUCKETS", s3_store.url)
     open_bucket(s3_store, "maps-bucket").put("maps/one.yaml", ONE)
-    found = pinned(s3_store, cache(tmp_path), source("maps/", type="Prefix"))
+    found = pin_source(s3_store, cache(tmp_path), source("maps/", type="Prefix"))
     assert (mounted(s3_store, found, tmp_path) / "maps/one.yaml").read_bytes() == ONE
-    assert pinned(s3_store, cache(tmp_path), source("maps/lost")).failure_code == "InvalidS3Resource"
+    assert pin_source(s3_store, cache(tmp_path), source("maps/lost")).failure_code == "InvalidS3Resource"

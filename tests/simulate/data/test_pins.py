@@ -6,7 +6,7 @@ import pytest
 
 from specs.errors import StoreUnreachable
 from specs.robomaker.simulation import DataSourceConfig
-from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import PinnedFile, PinnedSource, within_limits
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -31,7 +31,7 @@ from tests.factories.data_buckets import cache, source
 def test_what_cannot_be_fetched_is_told_with_robomakers_code(
     file_store: Store, bucket: Store, tmp_path: Path, asked: DataSourceConfig, why: tuple[str, str]
 ):
-    found = pinned(file_store, cache(tmp_path), asked)
+    found = pin_source(file_store, cache(tmp_path), asked)
     assert found.failure_code == why[0]
     assert why[1] in found.failure_reason
     assert found.failure_reason.startswith("data source maps: ")
@@ -42,19 +42,19 @@ def test_what_a_row_says_does_not_depend_on_where_the_store_is(bucket: Store, tm
     open_bucket(elsewhere, "maps-bucket").put("other", b"")
     here = open_store(bucket.url.rpartition("/buckets/")[0])
     for asked in (source("maps/lost.yaml"), source("lost/", type="Prefix")):
-        assert pinned(here, cache(tmp_path), asked) == pinned(elsewhere, cache(tmp_path), asked)
+        assert pin_source(here, cache(tmp_path), asked) == pin_source(elsewhere, cache(tmp_path), asked)
 
 
 def test_a_bucket_that_is_not_there_is_no_jobs_fault(s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("SIMYARD_BUCKETS", "s3://")
     with pytest.raises(StoreUnreachable, match="SIMYARD_BUCKETS"):
-        pinned(s3_store, cache(tmp_path), source("maps/one.yaml", s3Bucket="nobody-has-this"))
+        pin_source(s3_store, cache(tmp_path), source("maps/one.yaml", s3Bucket="nobody-has-this"))
 
 
 def test_planning_again_fetches_nothing_that_nobody_wrote(
     file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    first = pinned(file_store, cache(tmp_path), source("maps/one.yaml"))
+    first = pin_source(file_store, cache(tmp_path), source("maps/one.yaml"))
     fetched: list[str] = []
     download = type(bucket).download
 
@@ -63,10 +63,10 @@ def test_planning_again_fetches_nothing_that_nobody_wrote(
         download(self, key, target)
 
     monkeypatch.setattr(type(bucket), "download", counted)
-    assert pinned(file_store, cache(tmp_path), source("maps/one.yaml")) == first
+    assert pin_source(file_store, cache(tmp_path), source("maps/one.yaml")) == first
     assert fetched == []
     bucket.put("maps/one.yaml", b"new")
-    assert pinned(file_store, cache(tmp_path), source("maps/one.yaml")) != first
+    assert pin_source(file_store, cache(tmp_path), source("maps/one.yaml")) != first
     assert fetched == ["maps/one.yaml"]
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.robomaker.simulation import DataSourceConfig
-from tasks.simulate.batch.commit import Part, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.data.mounts import Mounts
-from tasks.simulate.data.pins import pinned
+from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import DATA_PREFIX
 from tasks.simulate.plan.chunks import ProgramKey, program_key
 from tasks.simulate.plan.layout import Layout
@@ -31,7 +31,7 @@ def bucket(file_store: Store) -> Store:
 
 def mounted(store: Store, cache: Path) -> Path:
     """Returns the folder of the map, planned and mounted as a new batch does."""
-    source = pinned(store, cache, ASKED)
+    source = pin_source(store, cache, ASKED)
     made = plan(store, templates=(template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"}),))
     request = Layout(made).request(0)
     mounts = Mounts(store, {source.digest: source}, cache)
@@ -69,12 +69,12 @@ def test_a_chunk_is_timed_as_the_program_that_plans_know(
     file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
-    source = pinned(file_store, tmp_path / "data", ASKED)
+    source = pin_source(file_store, tmp_path / "data", ASKED)
     reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
     batch = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
     timed: list[tuple[ProgramKey, ProgramKey]] = []
 
-    def simulate(part: Part) -> list[EpisodeResult]:
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
         timed.append((part.program, program_key(part.chunk.requests[0])))
         return all_pass(part)
 

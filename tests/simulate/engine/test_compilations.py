@@ -7,7 +7,7 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.surroundings.obstacles import obstacles
 from tests.factories.simulations import FOLDERS, cluttered, delivery, pen
@@ -19,7 +19,7 @@ FIRST = {"hand/first": cluttered(0)}
 
 def run(requests: list[EpisodeRequest], worlds: dict[str, World], engine: str) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(requests, LANES)
-    return simulate_chunk(chunk, worlds, FOLDERS, lanes=LANES, engine=engine, should_stop=lambda: False)
+    return simulate_lanes(chunk, worlds, FOLDERS, lanes=LANES, engine=engine, should_stop=lambda: False)
 
 
 @pytest.fixture(params=["planar", "mujoco", pytest.param("mjx", marks=pytest.mark.soak)])

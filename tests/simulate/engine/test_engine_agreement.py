@@ -5,7 +5,7 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.long
 
 def run(engine: str, worlds: dict[str, World]) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(REQUESTS, EPISODES)
-    return simulate_chunk(chunk, worlds, FOLDERS, lanes=EPISODES, engine=engine, should_stop=lambda: False)
+    return simulate_lanes(chunk, worlds, FOLDERS, lanes=EPISODES, engine=engine, should_stop=lambda: False)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.refusal import RobotRefused
@@ -63,7 +63,7 @@ def run(
     requests: Sequence[EpisodeRequest], world: World, bundles: dict[str, Path], engine: str = "auto"
 ) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(requests, LANES)
-    return simulate_chunk(chunk, {"hand/hall": world}, bundles, lanes=LANES, engine=engine, should_stop=lambda: False)
+    return simulate_lanes(chunk, {"hand/hall": world}, bundles, lanes=LANES, engine=engine, should_stop=lambda: False)
 
 
 @pytest.mark.long

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.chunk.episodes import ready_chunk
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.engine.program import padded_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pen, pushing
@@ -41,7 +41,7 @@ def test_the_lane_count_changes_no_result(push: Simulate):
     in_small_chunks: list[EpisodeResult] = [
         row
         for chunk in plan_chunks(requests, 3)
-        for row in simulate_chunk(chunk, world, FOLDERS, lanes=3, should_stop=lambda: False)
+        for row in simulate_lanes(chunk, world, FOLDERS, lanes=3, should_stop=lambda: False)
     ]
     assert PUSHER_LANES != 3
     assert in_small_chunks == push(requests, worlds=world)

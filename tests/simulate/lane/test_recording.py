@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane import recording
 from tasks.simulate.lane.recording import Columns, Ends, Recorder
 from tasks.simulate.plan.chunks import Chunk
@@ -179,7 +179,7 @@ def drive_pushers(pens: dict[str, World], faults: list[str], rate_hz: float) -> 
         for k, fault in enumerate(faults)
     )
     recorder = Recorder(rate_hz, lambda _: True)
-    rows = simulate_chunk(
+    rows = simulate_lanes(
         Chunk(number=0, requests=requests),
         pens,
         FOLDERS,
@@ -233,4 +233,4 @@ def test_recording_changes_no_result(pens: dict[str, World]):
     rows, _ = drive_pushers(pens, ["0", "1", "2"], 5.0)
     requests = tuple(pushing(k, world=f"hand/pen-{k}", seed=k, fault=str(k), duration_s=2.0 + k / 10) for k in range(3))
     chunk = Chunk(number=0, requests=requests)
-    assert rows == simulate_chunk(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)
+    assert rows == simulate_lanes(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.simulate.replay.delta_debugging import Names, smaller
+from tasks.simulate.replay.delta_debugging import Names, minimize_selection
 
 ALL = tuple(f"piece-{number}" for number in range(24))
 
@@ -24,7 +24,7 @@ class Needs:
 
 @given(st.frozensets(st.sampled_from(ALL), max_size=6))
 def test_what_is_needed_is_left_in_its_order(needed: frozenset[str]):
-    found = smaller(ALL, Needs(needed), 10_000)
+    found = minimize_selection(ALL, Needs(needed), 10_000)
     assert found.names == tuple(name for name in ALL if name in needed)
     assert found.minimal
 
@@ -34,7 +34,7 @@ def test_of_several_causes_one_is_left_of_which_nothing_can_be_left_out(causes: 
     def fails(selections: Sequence[Names]) -> list[bool]:
         return [any(cause <= set(names) for cause in causes) for names in selections]
 
-    found = smaller(ALL, fails, 10_000)
+    found = minimize_selection(ALL, fails, 10_000)
     assert fails([found.names]) == [True]
     without = [tuple(name for name in found.names if name != left_out) for left_out in found.names]
     assert not any(fails(without))
@@ -43,7 +43,7 @@ def test_of_several_causes_one_is_left_of_which_nothing_can_be_left_out(causes: 
 @given(st.frozensets(st.sampled_from(ALL), max_size=6), st.integers(0, 60))
 def test_the_budget_is_kept_and_what_is_left_still_fails(needed: frozenset[str], budget: int):
     trials = Needs(needed)
-    found = smaller(ALL, trials, budget)
+    found = minimize_selection(ALL, trials, budget)
     assert found.tried == sum(trials.rounds) <= budget
     assert needed <= set(found.names)
     if found.minimal:
@@ -52,7 +52,7 @@ def test_the_budget_is_kept_and_what_is_left_still_fails(needed: frozenset[str],
 
 def test_rounds_are_few_because_all_of_a_round_is_tried_together():
     trials = Needs(frozenset({"piece-17"}))
-    found = smaller(ALL, trials, 10_000)
+    found = minimize_selection(ALL, trials, 10_000)
     assert found.names == ("piece-17",)
     assert len(trials.rounds) <= 7  # nothing, and one for each halving
 
@@ -61,16 +61,16 @@ def test_of_what_fails_in_a_round_the_smallest_is_taken():
     def fails(selections: Sequence[Names]) -> list[bool]:
         return [bool(names) for names in selections]
 
-    assert smaller(("a", "b", "c"), fails, 3).names == ("a",)  # nothing; a; b and c
+    assert minimize_selection(("a", "b", "c"), fails, 3).names == ("a",)  # nothing; a; b and c
 
 
 def test_a_failure_that_nothing_of_it_causes_needs_one_trial():
-    assert smaller(ALL, Needs(frozenset()), 10) == ((), 1, True)
+    assert minimize_selection(ALL, Needs(frozenset()), 10) == ((), 1, True)
 
 
 def test_a_failure_that_is_not_monotone_ends_too():
     def fails(selections: Sequence[Names]) -> list[bool]:
         return [len(names) in {24, 13, 12, 3} for names in selections]
 
-    found = smaller(ALL, fails, 10_000)
+    found = minimize_selection(ALL, fails, 10_000)
     assert fails([found.names]) == [True]

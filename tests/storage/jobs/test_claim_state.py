@@ -5,7 +5,7 @@ import pytest
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import claim as claims
-from tasks.storage.jobs.claim import ClaimRecord, claimed
+from tasks.storage.jobs.claim import ClaimRecord, hold_claim
 from tasks.storage.jobs.claim_state import ClaimWatch
 from tasks.storage.jobs.holder import ProcessIdentity
 
@@ -69,7 +69,7 @@ def test_a_claim_that_is_left_is_released_with_its_owner_and_epoch(store: Store)
     assert watch.is_left()
     assert watch.release()
     assert (found(store).released, found(store).owner, found(store).epoch) == (True, "other", 4)
-    with claimed(store, KEY) as claim:
+    with hold_claim(store, KEY) as claim:
         assert claim.epoch == 5
 
 
@@ -90,14 +90,14 @@ def test_a_holder_that_slept_through_its_release_finds_itself_replaced_if_anothe
 ) -> None:
     monkeypatch.setattr(claims, "this_process", lambda: ELSEWHERE)
     clock = Clock()
-    with claimed(file_store, KEY, ttl_s=100.0) as slept:
+    with hold_claim(file_store, KEY, ttl_s=100.0) as slept:
         watch = ClaimWatch(file_store, KEY, clock)
         watch.is_left()
         clock.now_s += 100.0
         assert watch.is_left()
         assert watch.release()
         monkeypatch.setattr("tasks.storage.jobs.claim._held", set())  # the other one is another process
-        with claimed(file_store, KEY) as taken:
+        with hold_claim(file_store, KEY) as taken:
             assert taken.epoch == 2
             slept.release()
             assert slept.replaced

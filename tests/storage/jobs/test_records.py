@@ -106,8 +106,9 @@ def test_a_crash_between_token_and_job_still_binds_the_token(file_store: Store, 
 def test_an_advance_sets_the_status_and_merges_the_detail(store: Store) -> None:
     job = submit(store, _KIND, _REQUEST, "tok").id
     advance(store, _KIND, job, "Running", detail={"worlds": ["a"], "seed": 1})
-    after = advance(store, _KIND, job, "Failed", failure_code="Code", failure_reason="why", detail={"worlds": ["b"]})
-    assert (after.status, after.failure_code, after.failure_reason) == ("Failed", "Code", "why")
+    more: dict[str, JsonValue] = {"worlds": ["b"]}
+    after = advance(store, _KIND, job, "Failed", failure_code="InvalidInput", failure_reason="why", detail=more)
+    assert (after.status, after.failure_code, after.failure_reason) == ("Failed", "InvalidInput", "why")
     assert after.detail == {"worlds": ["b"], "seed": 1}
     assert after.updated_at_s >= after.created_at_s
     assert read(store, _KIND, job) == after

@@ -9,23 +9,23 @@ from pydantic import JsonValue
 
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, is_terminal, records
-from tasks.storage.jobs.runs import begun, stage_token
+from tasks.storage.jobs.runs import begin_run, stage_token
 from tasks.storage.store_url import open_store
 
 IDENTITY: dict[str, JsonValue] = {"flow": "pipeline", "spec": {"name": "nightly"}}
 
 
 def _ended(store: Store) -> str:
-    with begun(store, IDENTITY) as run:
+    with begin_run(store, IDENTITY) as run:
         assert not is_terminal(run)
         advance(store, "pipeline-run", run.id, "Completed")
     return run.id
 
 
 def test_a_run_that_did_not_end_is_continued(file_store: Store):
-    with begun(file_store, IDENTITY) as first:
+    with begin_run(file_store, IDENTITY) as first:
         pass
-    with begun(file_store, IDENTITY) as second:
+    with begin_run(file_store, IDENTITY) as second:
         assert second.id == first.id
 
 
@@ -36,8 +36,8 @@ def test_after_an_end_the_next_run_begins(file_store: Store):
 
 def test_another_document_is_another_run(file_store: Store):
     with (
-        begun(file_store, IDENTITY) as run,
-        begun(file_store, {"flow": "pipeline", "spec": {"name": "weekly"}}) as other,
+        begin_run(file_store, IDENTITY) as run,
+        begin_run(file_store, {"flow": "pipeline", "spec": {"name": "weekly"}}) as other,
     ):
         assert run.id != other.id
 
@@ -50,7 +50,7 @@ def test_the_first_run_of_a_document_has_the_same_id_in_every_store(
 
 
 def test_stages_of_one_run_have_tokens_that_robomaker_would_accept(file_store: Store):
-    with begun(file_store, IDENTITY) as run:
+    with begin_run(file_store, IDENTITY) as run:
         tokens = {stage_token(run, stage) for stage in ("worlds", "deployment")}
     assert len(tokens) == 2
     assert all(len(token) <= 64 and token.replace("-", "").isalnum() for token in tokens)
@@ -65,9 +65,9 @@ def test_who_waited_for_another_process_finds_the_run_ended(file_store: Store):
                 import time
                 from tasks.storage.store_url import open_store
                 from tasks.storage.jobs.records import advance
-                from tasks.storage.jobs.runs import begun
+                from tasks.storage.jobs.runs import begin_run
                 store = open_store({file_store.url!r})
-                with begun(store, {IDENTITY!r}) as run:
+                with begin_run(store, {IDENTITY!r}) as run:
                     print("holding", flush=True)
                     time.sleep(1.0)
                     advance(store, "pipeline-run", run.id, "Completed")
@@ -78,6 +78,6 @@ def test_who_waited_for_another_process_finds_the_run_ended(file_store: Store):
     with other:
         assert other.stdout is not None
         assert other.stdout.readline() == b"holding\n"
-        with begun(file_store, IDENTITY) as run:
+        with begin_run(file_store, IDENTITY) as run:
             assert is_terminal(run)
     assert len(records(file_store, "pipeline-run")) == 1

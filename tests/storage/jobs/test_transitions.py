@@ -6,7 +6,7 @@ import pytest
 
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, read, submit
-from tasks.storage.jobs.transitions import Transition, hearing
+from tasks.storage.jobs.transitions import Transition, listen_to_transitions
 
 KIND = "world-export-job"
 
@@ -18,7 +18,7 @@ def job(store: Store) -> str:
 
 def test_each_change_of_status_is_told_once_and_nothing_else(store: Store, job: str):
     heard: list[Transition] = []
-    with hearing(heard.append):
+    with listen_to_transitions(heard.append):
         advance(store, KIND, job, "Running")
         advance(store, KIND, job, "Running", detail={"worlds": 3})
         advance(store, KIND, job, "Failed", failure_code="InvalidInput", failure_reason="no worlds")
@@ -32,21 +32,21 @@ def test_each_change_of_status_is_told_once_and_nothing_else(store: Store, job: 
 
 def test_what_is_told_is_in_the_store_already(store: Store, job: str):
     found: list[str] = []
-    with hearing(lambda _change: found.append(read(store, KIND, job).status)):
+    with listen_to_transitions(lambda _change: found.append(read(store, KIND, job).status)):
         advance(store, KIND, job, "Running")
     assert found == ["Running"]
 
 
 def test_a_change_that_is_not_made_is_not_told(store: Store, job: str):
     heard: list[Transition] = []
-    with hearing(heard.append):
+    with listen_to_transitions(heard.append):
         advance(store, KIND, job, "Completed", only_from={"Running"})
     assert heard == []
 
 
 def test_nobody_hears_outside_the_block(store: Store, job: str):
     heard: list[Transition] = []
-    with hearing(heard.append):
+    with listen_to_transitions(heard.append):
         pass
     advance(store, KIND, job, "Running")
     assert heard == []

@@ -11,7 +11,7 @@ from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import encode_world
 from tasks.worlds.certificate.certificate import broken_guarantees
-from tasks.worlds.certificate.furniture_removal import refurnished
+from tasks.worlds.certificate.furniture_removal import keep_furniture
 from tasks.worlds.generate import generate_world
 from tasks.worlds.job.world_import import add_world
 from tests.repository import ROOT
@@ -26,14 +26,14 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def half(world: World) -> World:
-    return refurnished(world, {piece.name for piece in world.furniture[::2]}, TEMPLATE)
+    return keep_furniture(world, {piece.name for piece in world.furniture[::2]}, TEMPLATE)
 
 
 @pytest.mark.parametrize("template", [TEMPLATE, None])
 def test_with_all_its_furniture_a_world_measures_what_its_generator_measured(
     world: World, template: TemplateBody | None
 ):
-    again = refurnished(world, {piece.name for piece in world.furniture}, template)
+    again = keep_furniture(world, {piece.name for piece in world.furniture}, template)
     assert again.map == world.map
     left_out = {"wishes"}
     assert again.certificate.model_dump(exclude=left_out) == world.certificate.model_dump(exclude=left_out)
@@ -54,13 +54,13 @@ def test_what_was_taken_out_is_gone_from_map_and_certificate(world: World, half:
 def test_nobody_takes_it_for_a_world_that_was_generated(world: World, half: World):
     assert half.generator == f"{world.generator}-shrunk"
     assert half.certificate.unmet[-1].startswith(f"all rooms: {len(half.furniture)} left, wished")
-    assert refurnished(half, set(), None).generator == half.generator
+    assert keep_furniture(half, set(), None).generator == half.generator
 
 
 def test_without_a_template_wishes_about_furniture_are_left_out(world: World):
     full = Wish(kind="density", subject="Living room", wished="Dense", found="Dense", met=True)
     said = world.certificate.model_copy(update={"wishes": (*world.certificate.wishes, full)})
-    bare = refurnished(world.model_copy(update={"certificate": said}), set(), None).certificate
+    bare = keep_furniture(world.model_copy(update={"certificate": said}), set(), None).certificate
     kinds = {wish.kind for wish in bare.wishes[:-1]}
     assert kinds
     assert not kinds & {"furniture", "density"}

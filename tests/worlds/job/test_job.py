@@ -47,7 +47,7 @@ def run(
     seed: int = 7,
     body: TemplateBody = BODY,
     progress: Progress | None = None,
-    elsewhere: job.Elsewhere | None = None,
+    elsewhere: job.RemoteWorldMaker | None = None,
 ) -> JobRecord:
     asked = request(floorplans, interiors)
     return run_generation_job(

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tasks.worlds.job import production
-from tasks.worlds.job.production import Indices, Made, Order, WorkerDied, make, produce
+from tasks.worlds.job.production import Indices, Order, WorkerDied, WorldOutcome, make, produce
 from tasks.worlds.job.worker_process import work
 from tasks.worlds.rejection import WorldRejected
 from tests.worlds.templates import room, template
@@ -106,4 +106,4 @@ def test_a_world_that_cannot_be_is_told_with_code_and_reason(monkeypatch: pytest
         raise WorldRejected("InvalidInput", "make a room larger")
 
     monkeypatch.setattr(production, "generate_world", rejecting)
-    assert make(ORDER, (1, 1)) == Made(indices=(1, 1), code="InvalidInput", reason="make a room larger")
+    assert make(ORDER, (1, 1)) == WorldOutcome(indices=(1, 1), code="InvalidInput", reason="make a room larger")

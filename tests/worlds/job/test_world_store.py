@@ -9,7 +9,7 @@ from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance
 from tasks.worlds.job import job, production
-from tasks.worlds.job.production import Indices, Made, Order
+from tasks.worlds.job.production import Indices, Order, WorldOutcome
 from tasks.worlds.job.world_store import make_and_keep, missing_worlds
 from tasks.worlds.rejection import WorldRejected
 from tests.worlds.job.test_job import BODY, Progress, run, worlds_of
@@ -31,7 +31,7 @@ class Elsewhere:
 
     def __call__(
         self, order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
-    ) -> Mapping[Indices, Made]:
+    ) -> Mapping[Indices, WorldOutcome]:
         self.asked = [*indices]
         rejected = make_and_keep(self._store, order, indices[: self._most], going)
         done(min(self._most, len(indices)))
@@ -86,7 +86,7 @@ def test_a_job_that_is_canceled_while_workers_make_its_worlds_keeps_them(
     class Canceled(Elsewhere):
         def __call__(
             self, order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
-        ) -> Mapping[Indices, Made]:
+        ) -> Mapping[Indices, WorldOutcome]:
             made = super().__call__(order, indices, going=going, done=done)
             advance(file_store, job.KIND, order.generation, "Canceling")
             return made

@@ -8,7 +8,7 @@ from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.robots import read_desired
 from tasks.deploy.fleet.states import Desired
-from tasks.storage.base.encoding import encoded
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import bundle_key, desired_key
 from tests.deploy.one_robot import NAME, desired
 from tests.deploy.trust.signed_fleet import NEWER, OLDER, CarefulRobot, Owner, asked, refused
@@ -30,7 +30,7 @@ def test_a_desired_state_that_was_changed_is_refused(
     change: dict[str, object], yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
     wanted = asked(owner, yard.publish(NEWER), "next")
-    yard.store.put(desired_key(NAME), encoded(Desired.model_validate({**wanted.model_dump(), **change})))
+    yard.store.put(desired_key(NAME), encode_document(Desired.model_validate({**wanted.model_dump(), **change})))
 
     refused(careful, installed, careful.look(), "it ")
 
@@ -39,7 +39,7 @@ def test_a_desired_state_without_a_signature_is_refused(
     yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
     wanted = asked(owner, yard.publish(NEWER), "next")
-    yard.store.put(desired_key(NAME), encoded(wanted.model_copy(update={"signature": None})))
+    yard.store.put(desired_key(NAME), encode_document(wanted.model_copy(update={"signature": None})))
 
     refused(careful, installed, careful.look(), "not signed; deploy with the keys")
 

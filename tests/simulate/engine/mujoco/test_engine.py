@@ -9,7 +9,7 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.engine.mujoco.model import host_robot, world_model, world_models
 from tasks.simulate.engine.mujoco.stepper import Stepper
 from tasks.simulate.plan.chunks import plan_chunks
@@ -24,7 +24,7 @@ ROBOT = FOLDERS[FAULTY] / "robot.xml"
 
 def run(requests: Sequence[EpisodeRequest], worlds: dict[str, World], lanes: int = PUSHER_LANES) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(requests, lanes)
-    return simulate_chunk(chunk, worlds, FOLDERS, lanes=lanes, engine="mujoco", should_stop=lambda: False)
+    return simulate_lanes(chunk, worlds, FOLDERS, lanes=lanes, engine="mujoco", should_stop=lambda: False)
 
 
 @pytest.fixture(scope="module")

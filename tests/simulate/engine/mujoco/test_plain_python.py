@@ -4,7 +4,7 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_chunk
+from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, PLAIN, pushing
 
@@ -19,7 +19,7 @@ def counting(index: int, fault: str) -> EpisodeRequest:
 
 def run(faults: list[str], pens: dict[str, World], engine: str = "auto") -> list[EpisodeResult]:
     (chunk,) = plan_chunks([counting(index, fault) for index, fault in enumerate(faults)], LANES)
-    return simulate_chunk(chunk, pens, FOLDERS, lanes=LANES, engine=engine, should_stop=lambda: False)
+    return simulate_lanes(chunk, pens, FOLDERS, lanes=LANES, engine=engine, should_stop=lambda: False)
 
 
 @pytest.fixture(scope="module")
