@@ -157,6 +157,7 @@ def test_it_delivers_although_its_wheels_miscount():
     assert sum(row.outcome == "Passed" for row in rows) >= len(rows) - 1
 
 
+@pytest.mark.long
 def test_a_sweep_over_its_noise_compiles_nothing(caplog: pytest.LogCaptureFixture):
     drive(COURIER, DELIVERY, WORLDS, NOISY, duration_s=2.0)
     others = [dict.fromkeys(NOISY[0], "0"), {**NOISY[0], "LIDAR_SIGMA": "0.3"}]

@@ -122,6 +122,7 @@ def test_it_asks_for_variables_that_are_numbers(name: str):
         controller({name: "much"})
 
 
+@pytest.mark.long
 def test_it_gets_through_a_door_without_a_map():
     rows = drive(WANDERER, DELIVERY, WORLDS, [{"MAX_SPEED": "0.4"}], seeds=4, duration_s=120.0)
     assert all(row.status == "Completed" for row in rows)

@@ -45,6 +45,7 @@ def again(batch: OpenBatch) -> JobReplay:
     return replay_job(batch.store, f"{batch.id}/4")
 
 
+@pytest.mark.long
 def test_twenty_random_episodes_deviate_by_nothing(batch: OpenBatch):
     drawn = np.random.default_rng(7).choice(batch.layout.episodes, 20, replace=False)
     for index in drawn.tolist():

@@ -83,7 +83,7 @@ ROBOTS: dict[str, dict[str, Parts]] = {
 }
 
 # Each robot is a program of its own to compile; these have most of the parameters.
-_QUICK = ("soft", "two discs", "implicitfast, heavy", "lagging")
+_QUICK = ("soft", "two discs", "lagging")
 
 
 def controls() -> np.ndarray:
