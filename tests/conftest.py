@@ -13,7 +13,7 @@ from xdist.remote import Producer
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
-from tests.scheduling import FileScheduling
+from tests.file_scheduler import FileScheduling
 from tests.servers.seaweed import Seaweed, running_seaweed
 
 # Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported, by whichever

@@ -20,13 +20,7 @@ from specs.field_types import (
     TagMap,
 )
 from specs.robomaker.failure_codes import WorldExportJobErrorCode, WorldGenerationJobErrorCode
-from specs.robomaker.world_jobs import (
-    Json,
-    TemplateName,
-    WorldCount,
-    WorldExportJobStatus,
-    WorldGenerationJobStatus,
-)
+from specs.robomaker.world_jobs import Json, TemplateName, WorldCount, WorldExportJobStatus, WorldGenerationJobStatus
 
 
 class WorldFailure(Spec):

@@ -11,13 +11,7 @@ from specs.data.world import World
 from specs.errors import DocumentError, ObjectExists, ResourceNotFound, WorldChanged
 from specs.template.body import TemplateBody
 from tasks.storage.base.store import Store
-from tasks.storage.worlds import (
-    decode_world,
-    encode_world,
-    pinned_world_bytes,
-    read_world,
-    write_world,
-)
+from tasks.storage.worlds import decode_world, encode_world, pinned_world_bytes, read_world, write_world
 from tasks.worlds.generate import generate_world
 from tests.worlds.templates import sample, templates
 

@@ -16,7 +16,7 @@ from specs.robomaker.fleet import (
     ListRobotsResponse,
     Robot,
 )
-from specs.robomaker.listing import filter_pairs
+from specs.robomaker.list_filters import filter_pairs
 from tasks.deploy.answers.describe import list_deployment_jobs, list_fleets, list_robots
 from tasks.storage.base.store import Store
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
-from specs.robomaker.listing import filter_pairs
+from specs.robomaker.list_filters import filter_pairs
 from specs.robomaker.simulation import MAX_REQUESTS, ListSimulationJobBatchesRequest, ListSimulationJobsRequest
 from specs.robomaker.simulation_descriptions import (
     BatchDescribeSimulationJobResponse,

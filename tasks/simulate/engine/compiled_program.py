@@ -12,13 +12,7 @@ from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
-from tasks.simulate.engine.program import (
-    lane_mesh,
-    padded_lanes,
-    put_lanes,
-    split_over,
-    strong_types,
-)
+from tasks.simulate.engine.program import lane_mesh, padded_lanes, put_lanes, split_over, strong_types
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord, begin_lane
 from tasks.simulate.lane.staging import Lane

@@ -265,7 +265,7 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
         "from pathlib import Path\n"
         "from flows.resource.answers import describe_resource, list_resources\n"
         "from flows.resource.cancel import cancel_resource\n"
-        "from tasks.housekeeping.object_kinds import place_of\n"
+        "from tasks.housekeeping.object_kinds import kind_of_key\n"
         "from tasks.storage.jobs.records import submit\n"
         "from tasks.storage.store_url import open_store\n"
         "store = open_store(Path('store').absolute().as_uri())\n"
@@ -273,7 +273,7 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
         "cancel_resource(store, job.arn)\n"
         "listed = list(list_resources(store, 'map-survey-jobs'))\n"
         "print(job.id[:4], describe_resource(store, job.arn).status, len(listed), "
-        "place_of(f'surveys/{job.id}.json').what)"
+        "kind_of_key(f'surveys/{job.id}.json').what)"
     )
     assert made.split() == ["msj-", "Canceled", "1", "surveys"]
     tree.followed("a job kind")

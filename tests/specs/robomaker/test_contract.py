@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.specs.contract_reading import RULINGS, SHARED_FIELDS, Contract, contract, differences, models, reachable
+from tests.specs.contract_forms import RULINGS, SHARED_FIELDS, Contract, contract, differences, models, reachable
 
 DEEP = [
     "CreateWorldExportJob",

@@ -8,7 +8,7 @@ from specs.digest import canonical_document
 from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields
 from specs.template.body import TemplateBody, template_body, template_digest
 from tests.factories.strategies import pipelines, shape, template_bodies
-from tests.specs.contract_reading import contract, models
+from tests.specs.contract_forms import contract, models
 from tests.specs.robomaker.test_contract import OPERATIONS
 
 slow = settings(

@@ -7,7 +7,7 @@ from specs.digest import canonical_document
 from specs.pipeline.document import PipelineSpec, inert_fields
 from specs.template.body import template_body
 from tests.repository import ROOT
-from tests.specs.contract_reading import models
+from tests.specs.contract_forms import models
 
 SAMPLES = ROOT / "tests" / "data" / "samples"
 REQUESTS = {

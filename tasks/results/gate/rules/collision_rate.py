@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import CollisionRate
 from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share
-from tasks.results.gate.rules.wording import (
+from tasks.results.gate.rules.sentences import (
     answer_below,
     confidence_text,
     needed_line,

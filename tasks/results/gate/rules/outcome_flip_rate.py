@@ -7,7 +7,7 @@ from pydantic import JsonValue
 
 from specs.pipeline.gate_section import FlipRate
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
-from tasks.results.gate.rules.wording import (
+from tasks.results.gate.rules.sentences import (
     answer_below,
     confidence_text,
     needed_line,

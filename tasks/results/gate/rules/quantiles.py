@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from specs.pipeline.gate_section import QuantileRule
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
-from tasks.results.gate.rules.wording import (
+from tasks.results.gate.rules.sentences import (
     answer_above,
     answer_below,
     confidence_text,

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from specs.pipeline.gate_section import SuccessRate
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
-from tasks.results.gate.rules.wording import (
+from tasks.results.gate.rules.sentences import (
     answer_above,
     confidence_text,
     needed_line,

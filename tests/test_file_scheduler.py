@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.file_scheduler import unit
 from tests.repository import ROOT
-from tests.scheduling import unit
 from tests.servers.tools import need_tool
 
 _CALL = re.compile(r'need_tool\("([\w-]+)"(?:, "([\w -]+)")?')
