@@ -27,6 +27,7 @@ from tests.worlds.geometry_checks import (
     top_m,
     unreached_rooms,
     with_doors_open,
+    with_leaves_boxed,
 )
 from tests.worlds.templates import SAMPLES, connection, furniture, materials, room, sample, template, templates
 
@@ -72,7 +73,8 @@ def test_a_flood_fill_agrees_with_what_the_doors_let_pass(body: TemplateBody, se
     world = make(body, seed)
     passing = world.certificate.doors_as_set_robot_radius_m
     assert passing == 0.0 or unreached_rooms(world, passing) == []
-    assert passing == 1.0 or unreached_rooms(world, passing + 0.1) != []
+    # The certificate is on the safe side: it takes a leaf that stands ajar for the upright box around it.
+    assert passing == 1.0 or unreached_rooms(with_leaves_boxed(world), passing + 0.1) != []
 
 
 @any_template
