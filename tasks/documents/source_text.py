@@ -36,10 +36,10 @@ def read_document(path: Path) -> JsonValue:
         raise _refused("it is a folder", _WANTED, str(path)) from exc
     except (OSError, ValueError) as exc:
         raise _refused(f"it cannot be read ({exc})", _WANTED, str(path)) from exc
-    return decode_document(body, str(path))
+    return decode_source_text(body, str(path))
 
 
-def decode_document(body: bytes, source: str) -> JsonValue:
+def decode_source_text(body: bytes, source: str) -> JsonValue:
     """Returns the data in a YAML or JSON document.
 
     Args:

@@ -7,7 +7,7 @@ from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
-from tasks.documents.source_text import decode_document, read_document
+from tasks.documents.source_text import decode_source_text, read_document
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -49,7 +49,7 @@ def _read_stored(store: Store, key: str, template: str) -> bytes:
 
 
 def _parse_template(body: bytes, source: str) -> TemplateBody:
-    return parse(TemplateBody, decode_document(body, source), source)
+    return parse(TemplateBody, decode_source_text(body, source), source)
 
 
 def _missing(template: str, allowed: str) -> DocumentError:

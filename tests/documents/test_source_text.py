@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from specs.errors import DocumentError
-from tasks.documents.source_text import MAX_BYTES, decode_document, read_document
+from tasks.documents.source_text import MAX_BYTES, decode_source_text, read_document
 
 JSON = st.recursive(
     st.none()
@@ -23,7 +23,7 @@ JSON = st.recursive(
 def fault(body: str | bytes, source: str = "a.yaml") -> tuple[str, str, str]:
     raw = body.encode() if isinstance(body, str) else body
     with pytest.raises(DocumentError) as caught:
-        decode_document(raw, source)
+        decode_source_text(raw, source)
     (one,) = caught.value.faults
     assert caught.value.source == source
     return one.path, one.value, one.allowed
@@ -31,18 +31,18 @@ def fault(body: str | bytes, source: str = "a.yaml") -> tuple[str, str, str]:
 
 @given(JSON)
 def test_json_is_read_as_it_was_written(data: object):
-    assert decode_document(json.dumps(data).encode(), "a.json") == data
+    assert decode_source_text(json.dumps(data).encode(), "a.json") == data
 
 
 @given(st.dictionaries(st.text(), st.text()))
 @example({"<<": ""})
 @example({"=": "", "": "~"})
 def test_quoted_yaml_is_read_as_it_was_written(data: dict[str, str]):
-    assert decode_document(yaml.dump(data, default_style='"').encode(), "a.yaml") == data
+    assert decode_source_text(yaml.dump(data, default_style='"').encode(), "a.yaml") == data
 
 
 def test_words_and_dates_and_odd_numbers_are_text_in_yaml():
-    assert decode_document(b"[no, on, 010, 1_000, 0x1f, 2026-11-21, 1:30, .nan]", "a.yaml") == [
+    assert decode_source_text(b"[no, on, 010, 1_000, 0x1f, 2026-11-21, 1:30, .nan]", "a.yaml") == [
         "no",
         "on",
         "010",
@@ -55,7 +55,7 @@ def test_words_and_dates_and_odd_numbers_are_text_in_yaml():
 
 
 def test_numbers_truth_and_nothing_are_what_json_says_they_are():
-    found = decode_document(b"[1, -2, 0.5, 1e3, true, false, null, '1', \"true\"]", "a.yaml")
+    found = decode_source_text(b"[1, -2, 0.5, 1e3, true, false, null, '1', \"true\"]", "a.yaml")
 
     assert repr(found) == repr([1, -2, 0.5, 1000.0, True, False, None, "1", "true"])
 
@@ -100,7 +100,7 @@ def test_json_that_is_not_plain_is_refused(body: str, place: str, value: str):
 
 
 def test_a_document_of_more_than_a_mebibyte_is_refused():
-    assert decode_document(b"#" * MAX_BYTES, "a.yaml") is None
+    assert decode_source_text(b"#" * MAX_BYTES, "a.yaml") is None
     assert fault(b"#" * (MAX_BYTES + 1))[1] == "more than 1,048,576 bytes"
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from specs.data.episode import CONTROL_S
 from tasks.simulate.application.motion import Body, Motion
-from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, read_robot
+from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, read_robot_mjcf
 from tasks.simulate.engine.planar.engine import drive_among, first_body
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.parts import PlanarRobot
@@ -89,7 +89,7 @@ def box(
 
 def among(path: Path, obstacles: Obstacles) -> mujoco.MjModel:
     """Returns a robot for C MuJoCo among obstacles."""
-    spec = read_robot(path)
+    spec = read_robot_mjcf(path)
     bits = collision_bits(spec)
     for number, (x, y, z, half_x, half_y, half_z, cos, sin) in enumerate(obstacles.boxes):
         geom = add_obstacle(spec, f"box-{number}", mujoco.mjtGeom.mjGEOM_BOX, bits)

@@ -38,7 +38,7 @@ def vector(x: float, y: float, z: float) -> Message:
     return {"x": float(x), "y": float(y), "z": float(z)}
 
 
-def turn(yaw_rad: float) -> Message:
+def quaternion(yaw_rad: float) -> Message:
     """Returns a turn about z as a quaternion."""
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw_rad / 2), "w": math.cos(yaw_rad / 2)}
 
@@ -52,7 +52,7 @@ def pose(x: float, y: float, z: float = 0.0, yaw_rad: float = 0.0) -> Message:
         z: Height, m.
         yaw_rad: Heading, counter-clockwise from +x.
     """
-    return {"position": vector(x, y, z), "orientation": turn(yaw_rad)}
+    return {"position": vector(x, y, z), "orientation": quaternion(yaw_rad)}
 
 
 def scene(world: World, playback: Playback) -> Message:

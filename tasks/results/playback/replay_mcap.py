@@ -20,9 +20,9 @@ from tasks.results.playback.foxglove import (
     Message,
     nanoseconds_of,
     pose,
+    quaternion,
     scene,
     time_of,
-    turn,
     vector,
 )
 from tasks.results.playback.playback import Playback
@@ -88,7 +88,7 @@ def _frame(time_s: float, parent: str, child: str, place_m: tuple[float, float, 
         "parent_frame_id": parent,
         "child_frame_id": child,
         "translation": vector(*place_m),
-        "rotation": turn(yaw_rad),
+        "rotation": quaternion(yaw_rad),
     }
 
 

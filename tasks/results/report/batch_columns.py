@@ -60,7 +60,7 @@ class Episodes:
 
 
 @dataclass(frozen=True)
-class Failure:
+class FailedEpisode:
     """An episode that did not pass, as a report lists it."""
 
     row: int
@@ -92,7 +92,7 @@ class Failures:
     reason: Labels
     final_m: Float[np.ndarray, "rows 2"]
 
-    def read_rows(self, rows: Sequence[int]) -> list[Failure]:
+    def read_rows(self, rows: Sequence[int]) -> list[FailedEpisode]:
         """Returns what is known of some failures."""
         found = self.table.take(pa.array(rows, pa.int64())).to_pylist()
         return [_failure(row, values) for row, values in zip(rows, found, strict=True)]
@@ -173,8 +173,8 @@ def _points(table: pa.Table, x: str, y: str) -> Float[np.ndarray, "rows 2"]:
     return np.stack([table.column(x).to_numpy(), table.column(y).to_numpy()], axis=1)
 
 
-def _failure(row: int, values: Mapping[str, object]) -> Failure:
+def _failure(row: int, values: Mapping[str, object]) -> FailedEpisode:
     known = {name: value for name, value in values.items() if name not in {"environment", "final_x_m", "final_y_m"}}
     final_m = (cast("float", values["final_x_m"]), cast("float", values["final_y_m"]))
     environment = dict(cast("list[tuple[str, str]]", values["environment"]))
-    return Failure(row=row, final_m=final_m, environment=environment, **known)  # pyright: ignore[reportArgumentType] - as the schema says
+    return FailedEpisode(row=row, final_m=final_m, environment=environment, **known)  # pyright: ignore[reportArgumentType] - as the schema says

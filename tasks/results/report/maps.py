@@ -14,7 +14,7 @@ from jaxtyping import Float
 from specs.arn import arn
 from specs.base import Spec
 from specs.data.outcome_reasons import mark_of
-from tasks.results.report.batch_columns import NOT_SET, PASSED, Episodes, Failure, Failures, read_ways
+from tasks.results.report.batch_columns import NOT_SET, PASSED, Episodes, FailedEpisode, Failures, read_ways
 from tasks.results.report.facts import BatchFacts
 from tasks.results.report.floor import FloorDrawing, dots_path, draw_floor, fit_line, way_path
 from tasks.results.report.places import Worlds
@@ -188,14 +188,14 @@ def _ends(episodes: Episodes, world: str) -> Float[np.ndarray, "ends 2"]:
     return episodes.final_m[rows[:: max(1, -(-len(rows) // _DOTS))]]
 
 
-def _way(failure: Failure, way_m: Float[np.ndarray, "poses 2"], number: str) -> WayDrawing:
+def _way(failure: FailedEpisode, way_m: Float[np.ndarray, "poses 2"], number: str) -> WayDrawing:
     line = fit_line(way_m, _TOLERANCE_M, _POINTS)
     x, y = np.rint((line[-1] if len(line) else np.array(failure.final_m)) * _CM).astype(int).tolist()
     title = f"job {failure.index}: {failure.reason} after {failure.simulated_s:.1f} s"
     return WayDrawing(mark=mark_of(failure.reason).name, title=title, path=way_path(line), x=x, y=y, number=number)
 
 
-def _listed(facts: BatchFacts, failure: Failure, number: str) -> ListedFailure:
+def _listed(facts: BatchFacts, failure: FailedEpisode, number: str) -> ListedFailure:
     said = [f"seed {failure.seed}"]
     said += [
         f"{name} {clip(failure.environment.get(name, NOT_SET), 40)}"

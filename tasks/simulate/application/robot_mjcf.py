@@ -45,7 +45,7 @@ class Base(NamedTuple):
     articulated: bool
 
 
-def read_robot(path: Path) -> mujoco.MjSpec:
+def read_robot_mjcf(path: Path) -> mujoco.MjSpec:
     """Returns a robot's specification without the scenery that its file may hold beside it.
 
     A time step that does not divide a control step is shortened until it does. A robot with a free joint gets a level

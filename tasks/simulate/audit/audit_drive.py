@@ -16,7 +16,7 @@ from jaxtyping import Float32
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.audit.audit_report import AuditReport, Flip, FlipRate, apart_quantiles, with_verdict
+from tasks.simulate.audit.audit_report import AuditFlipRate, AuditReport, Flip, apart_quantiles, with_verdict
 from tasks.simulate.audit.audit_sample import SampledEpisode, row_failed
 from tasks.simulate.chunk.episodes import keep_timing, ready_chunk, with_engine
 from tasks.simulate.devices import device_kind
@@ -167,8 +167,8 @@ def _report(
     )
 
 
-def _rate(indices: Sequence[int], flipped: set[int]) -> FlipRate:
-    return FlipRate(lanes=len(indices), flips=len(flipped.intersection(indices)))
+def _rate(indices: Sequence[int], flipped: set[int]) -> AuditFlipRate:
+    return AuditFlipRate(lanes=len(indices), flips=len(flipped.intersection(indices)))
 
 
 def _end(row: EpisodeResult) -> str:

@@ -35,7 +35,7 @@ class Flip(Spec):
     reference: str
 
 
-class FlipRate(Spec):
+class AuditFlipRate(Spec):
     """How many of some episodes flipped."""
 
     lanes: int
@@ -88,8 +88,8 @@ class AuditReport(Spec):
     final: ApartQuantiles | None = None
     way: ApartQuantiles | None = None
     unflipped: ApartQuantiles | None = None
-    spread: FlipRate = FlipRate(lanes=0, flips=0)
-    failed: FlipRate = FlipRate(lanes=0, flips=0)
+    spread: AuditFlipRate = AuditFlipRate(lanes=0, flips=0)
+    failed: AuditFlipRate = AuditFlipRate(lanes=0, flips=0)
     flips: tuple[Flip, ...] = ()
     unreproduced: tuple[int, ...] = ()
     elsewhere: tuple[int, ...] = ()

@@ -11,9 +11,9 @@ from tasks.simulate.audit.audit_report import (
     APART_LIMIT_M,
     FAILED_FLIP_LIMIT,
     FLIP_LIMIT,
+    AuditFlipRate,
     AuditReport,
     AuditVerdict,
-    FlipRate,
 )
 from tests.repository import ROOT
 
@@ -44,8 +44,8 @@ def test_the_document_is_one():
 @pytest.mark.parametrize(("lanes", "flips", "limit"), [(16, 2, FLIP_LIMIT), (8, 3, FAILED_FLIP_LIMIT)])
 def test_alarms_are_raised_where_it_says(lanes: int, flips: int, limit: float):
     assert f"{flips} of {lanes}" in TEXT
-    assert FlipRate(lanes=lanes, flips=flips).exceeds(limit)
-    assert not FlipRate(lanes=lanes, flips=flips - 1).exceeds(limit)
+    assert AuditFlipRate(lanes=lanes, flips=flips).exceeds(limit)
+    assert not AuditFlipRate(lanes=lanes, flips=flips - 1).exceeds(limit)
 
 
 def test_robots_may_be_as_far_apart_as_it_says():

@@ -5,7 +5,7 @@ from typing import cast
 from pydantic import JsonValue
 
 from tasks.results.report.audit_section import audit_view
-from tasks.simulate.audit.audit_report import ApartQuantiles, Flip, FlipRate
+from tasks.simulate.audit.audit_report import ApartQuantiles, AuditFlipRate, Flip
 
 AUDIT: dict[str, JsonValue] = {
     "verdict": "SUSPECT",
@@ -14,7 +14,7 @@ AUDIT: dict[str, JsonValue] = {
     "reference": "mujoco",
     "compared": 16,
     "final": cast("JsonValue", ApartQuantiles(median_m=0.000012, p90_m=0.25, max_m=1.5).model_dump()),
-    "spread": cast("JsonValue", FlipRate(lanes=8, flips=2).model_dump()),
+    "spread": cast("JsonValue", AuditFlipRate(lanes=8, flips=2).model_dump()),
     "flips": [Flip(index=index, row="Passed", reference="collision").model_dump() for index in range(10)],
     "unreproduced": [3],
 }

@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from tasks.simulate.application.robot_mjcf import base_of, hull_of, read_robot
+from tasks.simulate.application.robot_mjcf import base_of, hull_of, read_robot_mjcf
 from tasks.simulate.engine.mjx.model import load_robot
 from tasks.simulate.refusal import RobotRefused
 from tests.factories.simulations import COURIER, FAULTY, FOLDERS
@@ -36,12 +36,12 @@ def robot(folder: Path, text: str) -> Path:
     ],
 )
 def test_the_hull_encloses_what_collides(tmp_path: Path, geom: str, radius_m: float, low_m: float, high_m: float):
-    hull = hull_of(read_robot(robot(tmp_path, PLANAR.format(geom=geom))).compile())
+    hull = hull_of(read_robot_mjcf(robot(tmp_path, PLANAR.format(geom=geom))).compile())
     assert hull == pytest.approx((radius_m, low_m, high_m), abs=1e-4)
 
 
 def test_scenery_in_a_robots_file_is_left_out():
-    model = read_robot(FOLDERS[FAULTY] / "robot.xml").compile()
+    model = read_robot_mjcf(FOLDERS[FAULTY] / "robot.xml").compile()
     assert [model.geom(k).name for k in range(model.ngeom)] == ["body"]
 
 
@@ -51,7 +51,7 @@ def test_a_robot_with_other_joints_is_refused(tmp_path: Path):
         RobotRefused,
         match=r"body 'b': x \(slide along x\), y \(hinge about y\), t .*free joint, or slide along x, slide along y",
     ):
-        read_robot(robot(tmp_path, legged))
+        read_robot_mjcf(robot(tmp_path, legged))
 
 
 def test_a_hull_that_mjx_cannot_collide_is_refused_by_name(tmp_path: Path):
@@ -71,7 +71,7 @@ def test_a_robot_that_touches_nothing_is_refused(tmp_path: Path):
 def test_a_robot_without_actuators_is_refused(tmp_path: Path):
     bare = PLANAR.format(geom=BALL).replace('<actuator><motor joint="x"/></actuator>', "")
     with pytest.raises(RobotRefused, match="no actuator"):
-        read_robot(robot(tmp_path, bare))
+        read_robot_mjcf(robot(tmp_path, bare))
 
 
 @pytest.mark.parametrize(("timestep", "steps"), [("0.005", 10), ("0.007", 8), ("0.02", 3), ("0.05", 1), ("0.2", 1)])
@@ -83,7 +83,7 @@ def test_a_timestep_that_does_not_divide_a_control_step_is_shortened(tmp_path: P
 
 def test_a_timestep_of_0_is_refused(tmp_path: Path):
     with pytest.raises(RobotRefused, match="option timestep 0 s: must be above 0"):
-        read_robot(robot(tmp_path, PLANAR.format(geom=BALL).replace("0.005", "0")))
+        read_robot_mjcf(robot(tmp_path, PLANAR.format(geom=BALL).replace("0.005", "0")))
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ FREE = """<mujoco><worldbody><geom name="ground" type="plane" size="9 9 1" frict
 
 
 def test_a_robot_with_a_free_joint_stands_on_the_floor_of_its_file(tmp_path: Path):
-    model = read_robot(robot(tmp_path, FREE)).compile()
+    model = read_robot_mjcf(robot(tmp_path, FREE)).compile()
     floor = model.geom("simyard/floor")
     assert (floor.type[0], floor.condim[0], floor.friction[0], floor.pos[2]) == (mujoco.mjtGeom.mjGEOM_PLANE, 4, 0.3, 0)
     assert base_of(model) == (1, True, True)
@@ -115,12 +115,12 @@ def test_a_robot_with_a_free_joint_stands_on_the_floor_of_its_file(tmp_path: Pat
 
 def test_a_robot_without_a_floor_gets_one(tmp_path: Path):
     bare = FREE.replace(FREE[FREE.index("<geom name=") : FREE.index("<body name")], "")
-    model = read_robot(robot(tmp_path, bare)).compile()
+    model = read_robot_mjcf(robot(tmp_path, bare)).compile()
     assert model.geom("simyard/floor").friction[0] == 1.0
 
 
 def test_the_hull_of_what_walks_reaches_from_the_floor_around_its_base(tmp_path: Path):
-    hull = hull_of(read_robot(robot(tmp_path, FREE)).compile())
+    hull = hull_of(read_robot_mjcf(robot(tmp_path, FREE)).compile())
     assert hull == pytest.approx((0.55, 0.0, 0.5))
 
 
@@ -134,24 +134,24 @@ def test_a_robot_rests_as_its_first_keyframe_says(tmp_path: Path):
 def test_two_robots_in_a_file_are_refused_by_name(tmp_path: Path):
     two = FREE.replace("</worldbody>", '<body name="ball"><freejoint/><geom size="0.1"/></body></worldbody>')
     with pytest.raises(RobotRefused, match="bodies in the world: 'b', 'ball': one must be the robot's base"):
-        read_robot(robot(tmp_path, two))
+        read_robot_mjcf(robot(tmp_path, two))
 
 
 def test_what_stands_in_a_robots_file_is_left_out(tmp_path: Path):
     fenced = FREE.replace("</worldbody>", '<body name="fence"><geom size="0.1"/></body></worldbody>')
-    model = read_robot(robot(tmp_path, fenced)).compile()
+    model = read_robot_mjcf(robot(tmp_path, fenced)).compile()
     assert [model.body(k).name for k in range(model.nbody)] == ["world", "b", "arm"]
 
 
 @pytest.mark.parametrize("text", ["", "<mujoco><worldbody><body></mujoco>", "no xml"])
 def test_a_file_that_is_no_mjcf_is_refused(tmp_path: Path, text: str):
     with pytest.raises(RobotRefused, match=r"robot\.xml"):
-        read_robot(robot(tmp_path, text))
+        read_robot_mjcf(robot(tmp_path, text))
 
 
 def test_a_missing_file_is_refused(tmp_path: Path):
     with pytest.raises(RobotRefused, match=r"robot\.xml"):
-        read_robot(tmp_path / "robot.xml")
+        read_robot_mjcf(tmp_path / "robot.xml")
 
 
 def test_the_courier_is_a_ball_of_18_cm_two_centimetres_above_the_floor():

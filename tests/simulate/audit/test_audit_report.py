@@ -2,14 +2,21 @@
 
 import pytest
 
-from tasks.simulate.audit.audit_report import ApartQuantiles, AuditReport, AuditVerdict, FlipRate, not_run, with_verdict
+from tasks.simulate.audit.audit_report import (
+    ApartQuantiles,
+    AuditFlipRate,
+    AuditReport,
+    AuditVerdict,
+    not_run,
+    with_verdict,
+)
 
 WAY = ApartQuantiles(median_m=1e-6, p90_m=3e-6, max_m=1e-5)
 
 
 def report(**changes: object) -> AuditReport:
     base = AuditReport(
-        verdict="NOT RUN", sentence="", lanes=16, compared=16, way=WAY, spread=FlipRate(lanes=16, flips=0)
+        verdict="NOT RUN", sentence="", lanes=16, compared=16, way=WAY, spread=AuditFlipRate(lanes=16, flips=0)
     )
     return with_verdict(base.model_copy(update=changes))
 
@@ -18,20 +25,20 @@ def report(**changes: object) -> AuditReport:
     ("changes", "verdict"),
     [
         ({}, "SOUND"),
-        ({"spread": FlipRate(lanes=16, flips=1)}, "SOUND"),
-        ({"spread": FlipRate(lanes=16, flips=2)}, "SUSPECT"),
-        ({"spread": FlipRate(lanes=4, flips=1)}, "SOUND"),
-        ({"spread": FlipRate(lanes=4, flips=2)}, "SUSPECT"),
-        ({"failed": FlipRate(lanes=1, flips=1)}, "SOUND"),
+        ({"spread": AuditFlipRate(lanes=16, flips=1)}, "SOUND"),
+        ({"spread": AuditFlipRate(lanes=16, flips=2)}, "SUSPECT"),
+        ({"spread": AuditFlipRate(lanes=4, flips=1)}, "SOUND"),
+        ({"spread": AuditFlipRate(lanes=4, flips=2)}, "SUSPECT"),
+        ({"failed": AuditFlipRate(lanes=1, flips=1)}, "SOUND"),
         ({"unflipped": ApartQuantiles(median_m=1e-6, p90_m=0.06, max_m=0.07)}, "SUSPECT"),
         ({"unflipped": ApartQuantiles(median_m=1e-6, p90_m=0.04, max_m=9.0)}, "SOUND"),
         ({"way": ApartQuantiles(median_m=1e-6, p90_m=3.0, max_m=9.0)}, "SOUND"),
         ({"compared": 8}, "SOUND"),
         ({"compared": 7}, "NOT COMPARED"),
-        ({"compared": 7, "spread": FlipRate(lanes=7, flips=2)}, "SUSPECT"),
+        ({"compared": 7, "spread": AuditFlipRate(lanes=7, flips=2)}, "SUSPECT"),
         ({"sampled": 33}, "NOT COMPARED"),
-        ({"failed": FlipRate(lanes=8, flips=2)}, "SOUND"),
-        ({"failed": FlipRate(lanes=8, flips=3)}, "SUSPECT"),
+        ({"failed": AuditFlipRate(lanes=8, flips=2)}, "SOUND"),
+        ({"failed": AuditFlipRate(lanes=8, flips=3)}, "SUSPECT"),
         ({"unreproduced": (7,)}, "SUSPECT"),
         ({"compared": 0}, "NOT COMPARED"),
         ({"compared": 0, "unreproduced": (7,)}, "SUSPECT"),
@@ -44,7 +51,7 @@ def test_alarm_is_raised_for_what_is_wrong_and_nothing_is_called_sound_that_was_
 
 
 def test_the_sentence_has_the_numbers():
-    found = report(spread=FlipRate(lanes=10, flips=1), failed=FlipRate(lanes=6, flips=1))
+    found = report(spread=AuditFlipRate(lanes=10, flips=1), failed=AuditFlipRate(lanes=6, flips=1))
     assert found.sentence == "16 lanes on C MuJoCo: 1 of 10 outcomes flipped, 1 of 6 failed ones, p90 3e-06 m apart"
     alarmed = report(unreproduced=(3, 9))
     assert alarmed.sentence.startswith("2 of 16 rows are not what their engine makes of them (3, 9); ")
@@ -66,6 +73,6 @@ def test_what_could_not_be_audited_says_why_in_a_line():
 
 
 def test_a_rate_of_no_lanes_is_no_rate():
-    assert FlipRate(lanes=0, flips=0).rate is None
-    assert not FlipRate(lanes=0, flips=0).exceeds(0.01)
-    assert FlipRate(lanes=8, flips=2).rate == 0.25
+    assert AuditFlipRate(lanes=0, flips=0).rate is None
+    assert not AuditFlipRate(lanes=0, flips=0).exceeds(0.01)
+    assert AuditFlipRate(lanes=8, flips=2).rate == 0.25

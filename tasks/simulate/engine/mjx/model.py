@@ -16,7 +16,7 @@ from tasks.simulate.application.robot_mjcf import (
     collision_bits,
     compile_robot,
     hull_of,
-    read_robot,
+    read_robot_mjcf,
     rest_position,
 )
 from tasks.simulate.engine.mjx.mjx_import import mjx
@@ -81,7 +81,7 @@ def load_robot(path: Path) -> RobotModel:
     Raises:
         RobotRefused: The robot cannot be represented; says which element, and the remedy.
     """
-    spec = read_robot(path)
+    spec = read_robot_mjcf(path)
     alone = compile_robot(spec)
     base, hull = base_of(alone), hull_of(alone)
     refuse_what_mjx_lacks(alone)

@@ -16,7 +16,7 @@ from tasks.simulate.surroundings.lidar import Boxes, Cylinders
 from tasks.simulate.surroundings.obstacle_distance import distance_of_all_m, to_boxes_m, to_cylinders_m
 
 
-class Window(NamedTuple):
+class ObstacleWindow(NamedTuple):
     """The nearest obstacles of one lane, and the distance of the nearest of all to the robot's centre."""
 
     boxes: Boxes
@@ -26,7 +26,7 @@ class Window(NamedTuple):
 
 def nearest_obstacles(
     boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], box_count: int, cylinder_count: int
-) -> Window:
+) -> ObstacleWindow:
     """Returns the boxes and cylinders nearest to a point, seen from above.
 
     Args:
@@ -39,15 +39,15 @@ def nearest_obstacles(
     to_boxes, to_cylinders = to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)
     near_boxes, box_index = jax.lax.top_k(-to_boxes, box_count)
     near_cylinders, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
-    return Window(boxes[box_index], cylinders[cylinder_index], -jnp.maximum(near_boxes[0], near_cylinders[0]))
+    return ObstacleWindow(boxes[box_index], cylinders[cylinder_index], -jnp.maximum(near_boxes[0], near_cylinders[0]))
 
 
-def window_distance_m(window: Window, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
+def window_distance_m(window: ObstacleWindow, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
     """Returns how far a point is from the window's nearest obstacle; at most 0 inside one."""
     return distance_of_all_m(window.boxes, window.cylinders, center_m)
 
 
-def with_window(robot: RobotModel, window: Window) -> mjx.Model:
+def with_window(robot: RobotModel, window: ObstacleWindow) -> mjx.Model:
     """Returns the robot's model with the window's obstacles in its slots."""
     base, box, cylinder = robot.model, robot.box_slots, robot.cylinder_slots
     half_yaw = jnp.arctan2(window.boxes[:, 7], window.boxes[:, 6]) / 2

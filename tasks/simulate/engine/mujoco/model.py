@@ -18,7 +18,7 @@ from tasks.simulate.application.robot_mjcf import (
     collision_bits,
     compile_robot,
     hull_of,
-    read_robot,
+    read_robot_mjcf,
     rest_position,
 )
 from tasks.simulate.surroundings.obstacles import PARKING_M
@@ -64,7 +64,7 @@ def host_robot(path: Path) -> HostRobot:
     Raises:
         RobotRefused: It does not load, or cannot be driven about.
     """
-    spec = read_robot(path)
+    spec = read_robot_mjcf(path)
     _name_parts(spec)
     alone = compile_robot(spec)
     return HostRobot(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from specs.data.episode import CONTROL_S
-from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, hull_of, read_robot
+from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, hull_of, read_robot_mjcf
 from tasks.simulate.engine.planar.parts import Disc, DryFriction, Motor, PlanarRobot, Softness
 from tasks.simulate.engine.planar.refusals import colliding_geoms, refuse_what_is_not_planar
 
@@ -29,7 +29,7 @@ def planar_robot(path: Path) -> PlanarRobot:
     Raises:
         RobotRefused: The engine cannot represent it; names every culprit, and the remedy.
     """
-    spec = read_robot(path)
+    spec = read_robot_mjcf(path)
     host = spec.compile()
     refuse_what_is_not_planar(host)
     geoms = colliding_geoms(host)
