@@ -8,6 +8,7 @@ from typing import Any
 
 from specs.base import Spec
 from tests.repository import ROOT
+from tests.specs.own_words import robomakers_words
 
 DATA = ROOT / "tests" / "data"
 MODULES = (
@@ -174,6 +175,7 @@ def _modelled_type(schema: Form) -> Form:
 
 def _modelled_scalar(schema: Form) -> Form:
     enum = schema.get("enum", [schema["const"]] if "const" in schema else None)
+    enum = enum and robomakers_words(enum)
     pattern = schema.get("pattern")
     if pattern is not None:
         assert pattern.startswith("^(?:")

@@ -10,6 +10,7 @@ from specs.template import body as body_module
 from specs.template import interior
 from specs.template.body import TemplateBody, template_body
 from tests.repository import ROOT
+from tests.specs.own_words import robomakers_words
 
 DATA = ROOT / "tests" / "data"
 V1: dict[str, Any] = json.loads((DATA / "template-v1.schema.json").read_text())
@@ -42,6 +43,8 @@ def _field(schema: Schema) -> Schema:
         schema["oneOf"] = sorted(one["$ref"].rpartition("/")[2] for one in kept)
     if "$ref" in schema:
         schema["$ref"] = schema["$ref"].rpartition("/")[2]
+    if "enum" in schema:
+        schema["enum"] = robomakers_words(schema["enum"])
     if "items" in schema:
         schema["items"] = _field(schema["items"])
     if "pattern" in schema:
