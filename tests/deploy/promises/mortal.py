@@ -36,7 +36,7 @@ _AGENT_STEPS: tuple[tuple[object, str], ...] = (
     (Disk, "remember"),
     (Disk, "tidy"),
     (update, "ask_condition"),
-    (update, "fetch"),
+    (update, "fetch_bundle"),
     (install, "install"),
     (update, "run_script"),
     (launch.RunningApplication, "_launch"),
