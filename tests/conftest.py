@@ -14,6 +14,7 @@ from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.file_scheduler import FileScheduling
+from tests.repository import ROOT
 from tests.servers.seaweed import Seaweed, running_seaweed
 
 # Before any test module imports JAX; after it, shapes are checked wherever the modules below are imported, by whichever
@@ -74,8 +75,16 @@ def store(request: pytest.FixtureRequest) -> Store:
     return request.getfixturevalue(request.param)
 
 
+# What starts a Prefect server or runs a whole document, and the promises of fleets: each has a quicker test elsewhere.
+_LONG_FOLDERS = (ROOT / "tests/integration", ROOT / "tests/deploy/promises")
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leaves out what takes minutes, unless it is asked for by its marker; `make test` leaves out ``long`` as well."""
+    for item in items:
+        if any(item.path.is_relative_to(folder) for folder in _LONG_FOLDERS):
+            item.add_marker(pytest.mark.long)
     if "soak" in str(config.getoption("markexpr")):
         return
     long = [item for item in items if item.get_closest_marker("soak")]

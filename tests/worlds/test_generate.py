@@ -59,6 +59,7 @@ def test_a_metre_around_the_start_is_clear(body: TemplateBody, seed: int) -> Non
     assert world.certificate.origin_clear_radius_m == pytest.approx(distance_to_start(world), abs=1e-5)
 
 
+@pytest.mark.long
 @any_template
 @given(templates(), seeds)
 def test_a_flood_fill_reaches_every_room_with_the_certified_radius(body: TemplateBody, seed: int) -> None:
@@ -70,6 +71,7 @@ def test_a_flood_fill_reaches_every_room_with_the_certified_radius(body: Templat
     assert certified == 1.0 or unreached_rooms(with_doors_open(world), certified + GRID_MISSES_M) != []
 
 
+@pytest.mark.long
 @any_template
 @given(templates(), seeds)
 def test_a_flood_fill_agrees_with_what_the_doors_let_pass(body: TemplateBody, seed: int) -> None:

@@ -9,6 +9,8 @@ from benchmarks.worlds.world_quality import DENSITIES, TEMPLATES, Sampled, sampl
 from benchmarks.worlds.world_templates import HOMES, read_template
 from specs.template.interior import Density
 
+pytestmark = pytest.mark.long
+
 SEEDS = range(20)
 every_template = pytest.mark.parametrize("name", TEMPLATES)
 every_home = pytest.mark.parametrize("name", HOMES)

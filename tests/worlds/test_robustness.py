@@ -14,6 +14,8 @@ from tasks.worlds.generate import generate_world
 from tests.worlds.geometry_checks import distance_to_start, intersecting, top_m, unreached_rooms, with_doors_open
 from tests.worlds.templates import MODEL_TYPES, connection, doorway, furniture, materials, room, template
 
+pytestmark = pytest.mark.long
+
 SEEDS = range(3)
 RADIUS_M = 0.25
 

@@ -17,6 +17,8 @@ from tasks.simulate.surroundings.obstacles import obstacles
 from tests.applications.builtin.drives import COURIER, COVERAGE, drive
 from tests.factories.simulations import cluttered, hall, pen
 
+pytestmark = pytest.mark.long
+
 RADIUS_M = 0.18
 WORLDS = {f"hand/apartment-{seed}": cluttered(seed) for seed in range(4)}
 WORLD, BARE = WORLDS["hand/apartment-2"], hall(2.0)

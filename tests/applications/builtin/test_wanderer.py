@@ -13,6 +13,8 @@ from tasks.simulate.engine.planar.model import planar_robot
 from tests.applications.builtin.drives import APPLICATIONS, COVERAGE, DELIVERY, WANDERER, drive
 from tests.factories.simulations import cluttered
 
+pytestmark = pytest.mark.long
+
 ROBOT = APPLICATIONS / "wanderer" / "robot.xml"
 LIDAR = Lidar()
 ANGLES = np.linspace(-LIDAR.fov_rad / 2, LIDAR.fov_rad / 2, LIDAR.rays)

@@ -10,6 +10,8 @@ from benchmarks.worlds.world_tables import speed_table
 from benchmarks.worlds.world_templates import SPEED_TEMPLATES
 from tasks.worlds import generate
 
+pytestmark = pytest.mark.long
+
 
 def test_stages_add_up_and_leave_the_generator_as_it_was() -> None:
     before = {name: getattr(generate, name) for names in STAGES.values() for name in names}

@@ -28,7 +28,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, eventually, kill, programs_of, wait_for_report
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.long]
 PARENT = """
 import sys, time
 from pathlib import Path

@@ -20,6 +20,8 @@ from tests.deploy.one_robot import GOOD
 from tests.deploy.trust.signed_fleet import NEWER, OLDER, Owner
 from tests.deploy.yard import Yard
 
+pytestmark = pytest.mark.long
+
 _MOST_STEPS = 40
 
 

@@ -29,7 +29,7 @@ from tests.deploy.one_robot import GOOD
 from tests.deploy.trust.signed_fleet import NEWER, Owner
 from tests.deploy.yard import FLEET, Yard, kill, programs_of, wait_for_report
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.long]
 
 
 @pytest.fixture(autouse=True)

@@ -20,6 +20,8 @@ from tasks.export.format.occupancy_map import FREE, PICTURE_FILE, map_files
 from tasks.worlds.generate import generate_world
 from tests.repository import ROOT
 
+pytestmark = pytest.mark.long
+
 TEMPLATES = (
     ROOT / "examples/templates/two-rooms.json",
     ROOT / "benchmarks/templates/one-bedroom-house.json",

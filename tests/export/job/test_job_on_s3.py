@@ -29,7 +29,7 @@ from tests.factories.worlds import apartment
 from tests.servers.faulty_proxy import faulty_proxy
 from tests.servers.seaweed import READER_KEY, READER_SECRET, Seaweed
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.long]
 WORLD = apartment()
 
 

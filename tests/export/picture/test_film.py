@@ -10,6 +10,8 @@ from tasks.export.picture.render import Pixels, open_renderer
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
 
+pytestmark = pytest.mark.long
+
 WIDTH, HEIGHT = 320, 240
 SCENE = FilmScene(world=apartment(), radius_m=0.2, low_m=0.0, high_m=0.3)
 

@@ -12,6 +12,8 @@ from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module", autouse=True)
 def _gl() -> None:

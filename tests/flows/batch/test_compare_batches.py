@@ -18,6 +18,8 @@ from tasks.storage.store_url import open_store
 from tests.factories.batches import PENS, closed_batch, pushing_plan, slower_pusher
 from tests.factories.planned_batches import begun
 
+pytestmark = pytest.mark.long
+
 SVG = "{http://www.w3.org/2000/svg}"
 
 

@@ -15,6 +15,8 @@ from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pushing
 from tests.simulate.conftest import PUSHER_LANES, Simulate
 
+pytestmark = pytest.mark.long
+
 REQUESTS = [delivery(k, world=f"hand/apartment-{k % 4}", seed=k, duration_s=20.0) for k in range(8)]
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -28,6 +29,8 @@ from tasks.storage.jobs.records import is_terminal
 from tasks.storage.store_url import open_store
 from tests.factories.episodes import crashed, passed
 from tests.factories.planned_batches import begun, plan, template
+
+pytestmark = pytest.mark.long
 
 JOBS, LANES = 12, 4
 CHUNKS = JOBS // LANES

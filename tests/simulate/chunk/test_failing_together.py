@@ -18,6 +18,8 @@ from tests.factories.planned_batches import begun, plan, put_world
 from tests.factories.simulations import ENDLESS, FOLDERS, PLAIN, PUSHER, pushing
 from tests.simulate.conftest import PUSHER_LANES
 
+pytestmark = pytest.mark.long
+
 SOUND, NOT_FINITE, TOO_STRONG, EXPLODING = "0", "1", "2", "3"
 # The faults of lanes 1, 3 and 5; 0, 2, 4 and 7 are sound, and 6 has a world of its own.
 FAULTS = {1: NOT_FINITE, 3: TOO_STRONG, 5: EXPLODING}

@@ -16,6 +16,8 @@ from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.refusal import RobotRefused
 from tests.factories.simulations import BUNDLES, DELIVERY, FOLDERS, SCENARIO, hall
 
+pytestmark = pytest.mark.long
+
 LANES = 4
 ROBOTS = {"point": "1", "ant": "2", "humanoid": "3"}
 DRUM = "4"  # the point again, on a cylinder, which MJX collides with no box

@@ -12,6 +12,8 @@ from tasks.simulate.sensor.noise import seed_words, step_key
 from tasks.simulate.sensor.odometry import Odometry, believed_pose
 from tasks.simulate.sensor.sensors import SENSORS
 
+pytestmark = pytest.mark.long
+
 QUIET = Lidar(rays=64, range_m=8.0, height_m=0.2)
 NOISY = QUIET._replace(sigma_m=0.02, sigma_share=0.01, dropout=0.1)
 RANGES = jnp.linspace(0.1, 7.0, 64)

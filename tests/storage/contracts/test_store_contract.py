@@ -33,6 +33,7 @@ def test_an_empty_object_is_created_once(store: Store) -> None:
     assert store.get("empty").body == b""
 
 
+@pytest.mark.long
 def test_of_fifty_creators_in_ten_processes_exactly_one_wins_each_round(store: Store) -> None:
     # SeaweedFS queues writers of one key with pauses of a second, so it gets fewer rounds.
     processes, threads, rounds = 10, 5, (1 if store.url.startswith("s3:") else 20)
@@ -159,6 +160,7 @@ def test_a_listing_shows_what_was_written_since_the_last_one(store: Store) -> No
     assert (before, store.keys("a")) == (["a/1"], ["a/2"])
 
 
+@pytest.mark.long
 def test_a_listing_of_many_objects_is_complete(store: Store) -> None:
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(lambda number: store.put(f"many/{number:04}", b"1"), range(1_050)))

@@ -16,6 +16,8 @@ from tasks.worlds.job.worker_process import work
 from tasks.worlds.rejection import WorldRejected
 from tests.worlds.templates import room, template
 
+pytestmark = pytest.mark.long
+
 ORDER = Order(
     template=template(room("A", area_m2=12.0), room("B", "Bedroom", 12.0)),
     seed=5,

@@ -12,6 +12,8 @@ from tests.deploy.one_robot import GOOD
 from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, refused
 from tests.deploy.yard import Yard
 
+pytestmark = pytest.mark.long
+
 
 def test_the_metadata_of_yesterday_is_refused(
     yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version

@@ -10,6 +10,8 @@ from tests.factories.simulations import FAULTY, FOLDERS, pushing
 from tests.simulate.conftest import PUSHER_LANES
 from tests.simulate.reference import reference_model, replay
 
+pytestmark = pytest.mark.long
+
 SLICES = 8  # ten simulated seconds
 
 

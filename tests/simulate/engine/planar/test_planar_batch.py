@@ -8,6 +8,8 @@ from tasks.simulate.application.motion import Motion
 from tasks.simulate.engine.planar.parts import PlanarRobot
 from tests.factories.planar import ROUGH, Obstacles, box, drive_planar, padded, read, write_robot
 
+pytestmark = pytest.mark.long
+
 LANES = 24
 STEPS = 30
 CLUTTER = Obstacles(

@@ -23,6 +23,8 @@ from tests.factories.planar import (
     write_robot,
 )
 
+pytestmark = pytest.mark.long
+
 STEPS = 16
 WALL = Obstacles(np.array([box(0.35, 0.0, 0.1, 2.0, yaw=0.2)]), NO_CYLINDERS)
 START = [0.0, 0.0, 0.3]

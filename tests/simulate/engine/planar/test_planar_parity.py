@@ -19,6 +19,8 @@ from tests.factories.planar import CAPSULE, ROUGH, Obstacles, Parts, drive_plana
 from tests.factories.simulations import pen
 from tests.simulate.reference import reference_model
 
+pytestmark = pytest.mark.long
+
 STEPS = 200
 LANES = 48
 WORLDS = [pen(4.5, seed) for seed in range(4)]

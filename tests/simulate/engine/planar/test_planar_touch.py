@@ -7,6 +7,8 @@ import pytest
 
 from tests.factories.planar import MOTORS, NO_BOXES, NO_CYLINDERS, ROUGH, Obstacles, Parts, both, box, write_robot
 
+pytestmark = pytest.mark.long
+
 SECONDS_2 = 40
 WALL = Obstacles(np.array([box(0.6, 0.0, 0.1, 2.0)]), NO_CYLINDERS)
 CORNER = Obstacles(np.array([box(0.6, 0.35, 0.15, 0.25, yaw=0.3)]), NO_CYLINDERS)
