@@ -17,6 +17,8 @@ from tasks.simulate.sensor.noise import seed_words
 from tasks.simulate.sensor.sensors import read_sensors
 from tasks.simulate.surroundings.silhouettes import Silhouettes
 
+pytestmark = pytest.mark.long
+
 RANGE_M = 5.0
 LIDAR = {"rays": 4, "range_m": RANGE_M, "height_m": 0.2}
 # One wall 2 m ahead of the origin, 0.2 m thick; the rest is parked far away.

@@ -17,6 +17,8 @@ from tests.worlds.geometry_checks import intersect
 from tests.worlds.rooms import LOOK, NOWHERE, empty_scene
 from tests.worlds.templates import MODEL_TYPES, ROOM_TYPES
 
+pytestmark = pytest.mark.long
+
 SEEDS = range(4)
 
 
