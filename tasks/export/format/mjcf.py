@@ -8,7 +8,7 @@ import math
 
 import mujoco
 
-from specs.data.world import Rectangle, World
+from specs.data.world import Rectangle, World, solids
 from tasks.export.format.mjcf_finishes import add_floor, add_walls, add_windows
 from tasks.export.format.mjcf_geoms import (
     CEILING_GROUP,
@@ -43,7 +43,7 @@ def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
     spec.modelname = f"{world.generation}/{world.name}"
     spec.compiler.degree = False
     _look(spec, world)
-    ground = add_plane(spec, GROUND, world.footprint, 0.0, margin_m=_GROUND_MARGIN_M)
+    ground = add_plane(spec, own_name(world, GROUND), world.footprint, 0.0, margin_m=_GROUND_MARGIN_M)
     ground.rgba = list(_THRESHOLD_RGBA)
     for number, room in enumerate(world.rooms, start=1):
         add_floor(spec, room)
@@ -61,6 +61,14 @@ def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
     _lights(spec, world)
     _overview(spec, world)
     return spec
+
+
+def own_name(world: World, name: str) -> str:
+    """Returns the name of a geom that is no solid of the world: MuJoCo has a name once, and a solid keeps its own."""
+    taken = {solid.name for solid in solids(world)}
+    while name in taken:
+        name += "_"
+    return name
 
 
 def mjcf_files(world: World) -> dict[str, bytes]:
@@ -98,7 +106,7 @@ def _ceiling(spec: mujoco.MjSpec, world: World) -> None:
     area = world.footprint
     half_x_m, half_y_m = (area.x_max_m - area.x_min_m) / 2, (area.y_max_m - area.y_min_m) / 2
     spec.worldbody.add_geom(
-        name=CEILING,
+        name=own_name(world, CEILING),
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=[*_center(area), world.ceiling_height_m + _CEILING_HALF_THICKNESS_M],
         size=[half_x_m, half_y_m, _CEILING_HALF_THICKNESS_M],

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from specs.data.world import World
-from tasks.export.format.mjcf import GROUND, world_spec
+from tasks.export.format.mjcf import world_spec
 from tasks.export.picture.cutaway import cut_open
 from tasks.export.picture.render import CAPTION_LINE, READY, REQUEST, Pixels
 from tasks.export.surface.window_boxes import WINDOW_PREFIX
@@ -201,7 +201,7 @@ def lit_model(spec: mujoco.MjSpec, width: int, height: int) -> mujoco.MjModel:
     spec.stat.extent += _GROUND_MARGIN_M
     sky = spec.texture("sky")
     sky.rgb1 = sky.rgb2 = [1.0, 1.0, 1.0]
-    ground = spec.geom(GROUND)
+    ground = spec.geoms[0]  # the first geom of every world; its name is another where a solid is called ground
     ground.rgba = list(_GROUND_RGBA)
     ground.size = [half_m + _GROUND_MARGIN_M for half_m in ground.size[:2]] + [1.0]
     for geom in spec.geoms:
