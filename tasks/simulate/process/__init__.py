@@ -1,0 +1,1 @@
+"""The process that applications run in, seen from outside: started, confined, asked, timed, ended."""
