@@ -70,7 +70,7 @@ def main(connection: socket.socket, calls: int) -> None:
     prepare_devices()
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
         importlib.import_module("tasks.simulate.chunk.episodes")  # which imports JAX, which reads its settings then
-    service = _Service(connection)
+    service = Service(connection)
     service.say(Ready())
     while True:
         try:
@@ -81,10 +81,11 @@ def main(connection: socket.socket, calls: int) -> None:
             service.answer(WORK.validate_json(str(document["work"])))
 
 
-class _Service:
+class Service:
     """Answers questions over a connection."""
 
     def __init__(self, connection: socket.socket) -> None:
+        """Begins without worlds."""
         self._connection, self._worlds = connection, dict[str, World]()
         self._stopped = False
 

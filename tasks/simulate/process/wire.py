@@ -45,7 +45,7 @@ def send(connection: socket.socket, document: Document, arrays: Sequence[np.ndar
     Raises:
         OSError: The other side is gone.
     """
-    whole = [np.ascontiguousarray(array) for array in arrays]
+    whole = [np.asarray(array, order="C") for array in arrays]
     forms = [{"dtype": array.dtype.str, "shape": list(array.shape)} for array in whole]
     body = json.dumps({"document": dict(document), "arrays": forms}, separators=(",", ":")).encode()
     connection.sendall(_LENGTHS.pack(len(body), sum(array.nbytes for array in whole)) + body)
