@@ -225,7 +225,7 @@ class Simulator:
         return SimulatorEnded(why, call or running_call(self._calls), self.output.last_lines(), killed=killed)
 
 
-class SimulatorDefect(RuntimeError):
+class SimulatorDefect(RuntimeError):  # noqa: N818 - what it is
     """The process met an exception that no application caused: a defect of Simyard's, with its traceback as a note."""
 
     def __init__(self, text: str) -> None:
