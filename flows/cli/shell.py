@@ -198,13 +198,20 @@ def list_(
 
 @app.command()
 def up() -> None:
-    """Start a Prefect server that stays; `simyard run` uses it."""
+    """Start a Prefect server that stays; `simyard run` uses it, and `eval "$(simyard up)"` lets `prefect` use it."""
+    import shlex
+
     from flows.cli.run_command import prefect_home
+    from tasks.server.password import password_file
     from tasks.server.resident import keep
 
-    server = keep(prefect_home())
-    typer.echo(f"Prefect: {server.api_url.removesuffix('/api')}  (log: {server.log})")
+    home = prefect_home()
+    server, password = keep(home), shlex.quote(str(password_file(home)))
+    # A shell takes all of it: eval "$(simyard up)"
+    typer.echo(f"# Prefect: {server.api_url.removesuffix('/api')}  (log: {server.log})")
+    typer.echo(f"# its pages ask for the password in {password}")
     typer.echo(f"export PREFECT_API_URL={server.api_url}")
+    typer.echo(f'export PREFECT_API_AUTH_STRING="$(cat {password})"')
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""The robots of the bundles that a document brings along: their MJCF is at fault like any other line of the document."""
+"""The robots of the bundles that a document brings along: their MJCF is at fault like any line of the document."""
 
 from pathlib import Path
 
