@@ -19,6 +19,7 @@ from specs.data.run_report import PipelineReport
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.settings import server_wait_s
+from specs.terminal_text import terminal_text
 from tasks.progress.listener import Listener, listen_to_progress
 from tasks.server import process
 from tasks.server.health import (
@@ -154,7 +155,7 @@ def _guard_server(server: ServerChoice, console: Console) -> Generator[WatchdogS
     def leave(failure: StageFailed) -> None:
         # Prefect holds the main thread, which cannot end the progress bars; the store is never left half written.
         console.show_cursor()
-        sys.stderr.write(f"\n{failure}\n")
+        sys.stderr.write(f"\n{terminal_text(str(failure))}\n")
         sys.stderr.flush()
         os._exit(3)
 
@@ -208,7 +209,7 @@ def _environment(**values: str) -> Generator[None, None, None]:
 def _bars(console: Console) -> Generator[Listener, None, None]:
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description:<20}"),
+        TextColumn("{task.description:<20}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),

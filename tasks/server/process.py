@@ -44,7 +44,7 @@ class Server:
     api_url: str
     pid: int
     log: str
-    password: str = field(default="", repr=False)
+    password: str = field(default="", repr=False, compare=False)
 
     def environment(self) -> dict[str, str]:
         """Returns the variables by which Prefect's client reaches the server."""
