@@ -46,7 +46,7 @@ def measure_once(store_url: str) -> dict[str, float]:
     home = prefect_home()
     phases = {"read document": time.perf_counter() - start_s}
     with run_server(home) as (server, child):
-        os.environ.update(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home))
+        os.environ.update(server.environment(), PREFECT_HOME=str(home))
         phases["import jax, mjx"] = _timed(lambda: (prepare_devices(), import_module("tasks.simulate.chunk.episodes")))
         phases["import prefect"] = _timed(lambda: import_module("flows.pipeline"))
         phases["wait for server"] = _timed(lambda: wait_until_healthy(server, child))

@@ -17,6 +17,7 @@ from flows.run.run_owner import waiting_display
 from flows.run.stage_summary import recorded_report, run_with_alarm, with_alarm
 from flows.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment
 from flows.workers.crew import wanted_workers
+from specs.artifact_text import table_rows
 from specs.data.run_report import PipelineReport
 from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
@@ -125,4 +126,4 @@ def _show(report: PipelineReport) -> None:
         {"stage": s.name, "status": s.status, "what came of it": s.summary, "seconds": round(s.seconds, 1)}
         for s in report.stages
     ]
-    create_table_artifact(table=rows, key="pipeline-report", description=f"{report.name}: {report.run}")
+    create_table_artifact(table=table_rows(rows), key="pipeline-report", description=f"{report.name}: {report.run}")

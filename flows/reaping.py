@@ -6,6 +6,7 @@ from prefect.artifacts import create_table_artifact
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.run.events import announce_changes
+from specs.artifact_text import table_rows
 from tasks.storage.store_url import open_store
 
 
@@ -19,6 +20,6 @@ def reaping(store: str | None = None) -> list[ReapedJob]:
     with announce_changes():
         found = reap_store(open_store(store))
     if found:
-        rows = [each.model_dump(mode="json") for each in found]
+        rows = table_rows(each.model_dump(mode="json") for each in found)
         create_table_artifact(rows, key="reaped", description=f"{len(found)} jobs that nobody worked on")
     return found

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, Strict, StringConstraints
 
 from specs.base import Spec
 from specs.rules import broken
+from specs.terminal_text import terminal_text
 
 
 def text(low: int, high: int, pattern: str) -> StringConstraints:
@@ -34,6 +35,14 @@ def _environment_ready(tags: dict[str, str]) -> dict[str, str]:
         if not (key.isascii() and key.replace("_", "").isalnum()):
             raise broken(f"keys of letters, digits and underscores, as robots see them as variables; not {key!r}")
     return tags
+
+
+def _inside_bucket(prefix: str) -> str:
+    parts = prefix.strip("/").split("/")
+    unseen = any(mark in prefix for mark in "\\\t\n") or terminal_text(prefix) != prefix
+    if unseen or any(part.startswith(".") or (not part and len(parts) > 1) for part in parts):
+        raise broken("a folder inside the bucket: parts joined by /, none empty, beginning with a dot or with \\ in it")
+    return prefix
 
 
 Text = Annotated[str, Strict()]
@@ -103,7 +112,9 @@ class OutputLocation(Spec):
     """Where results are put: a bucket (SIMYARD_BUCKETS says what it stands for) and a prefix in it."""
 
     s3Bucket: S3Bucket | None = Field(default=None, title="Bucket", description="Name of the bucket.")
-    s3Prefix: S3Key | None = Field(default=None, title="Prefix", description="Folder in the bucket.")
+    s3Prefix: Annotated[S3Key, AfterValidator(_inside_bucket)] | None = Field(
+        default=None, title="Prefix", description="Folder in the bucket."
+    )
 
 
 class S3Object(Spec):

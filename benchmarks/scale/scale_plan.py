@@ -208,7 +208,7 @@ def main() -> None:
     from tasks.server.process import run_server, wait_until_healthy  # noqa: PLC0415 - as above
 
     with run_server(prefect_home()) as (server, child):
-        os.environ.update(PREFECT_API_URL=server.api_url)
+        os.environ.update(server.environment())
         wait_until_healthy(server, child)
         measured = costs(child.pid)
     tables = f"{machine()}\n\n{cost_table(measured)}\n\n{EPISODES:,} episodes:\n\n{plan_table(measured)}"

@@ -6,6 +6,7 @@ from prefect.artifacts import create_image_artifact, create_markdown_artifact, c
 from pydantic import JsonValue
 
 from flows.batch.batch_report import WrittenReport
+from specs.artifact_text import table_rows
 from tasks.results.report.page import report_markdown, report_picture
 from tasks.simulate.batch.metrics import METRICS, BatchMetrics, metric_rows, recorded_metrics
 from tasks.storage.jobs.records import JobRecord
@@ -20,7 +21,7 @@ def show_metrics(record: JobRecord) -> None:
     """Leaves a batch's figures as the artifact ``batch-metrics`` of the run of its flow."""
     metrics = recorded_metrics(record)
     if metrics:
-        rows = [dict(row) for row in metric_rows(metrics)]
+        rows = table_rows(dict(row) for row in metric_rows(metrics))
         create_table_artifact(table=rows, key="batch-metrics", description=f"Speed of {record.id}")
 
 

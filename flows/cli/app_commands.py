@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from flows.cli.output import echo
+
 if TYPE_CHECKING:
     from specs.field_types import Architecture
     from specs.robomaker.applications import SourceConfig
@@ -36,7 +38,7 @@ def create(name: _Name, source: _Sources = None, kind: _Kind = "robot", store: _
     from tasks.storage.store_url import open_store
 
     made = create_application(open_store(store), _kind(kind), name, _sources(source or []))
-    typer.echo(f"{made.name}: revision {made.revision}")
+    echo(f"{made.name}: revision {made.revision}")
 
 
 @app_app.command("update")
@@ -49,7 +51,7 @@ def update(
 
     opened = open_existing_store(store)
     changed = update_application(opened, _kind(kind), name, _sources(source or []), revision)
-    typer.echo(f"{changed.name}: revision {changed.revision}")
+    echo(f"{changed.name}: revision {changed.revision}")
 
 
 @app_app.command("publish")
@@ -84,7 +86,7 @@ def publish(
     else:
         version = create_version(opened, _kind(kind), name, revision)
     builds = [f"{build.digest} {build.architecture}" for build in version.builds] or [version.digest]
-    typer.echo(f"{version.name} version {version.number}: {', '.join(builds)}")
+    echo(f"{version.name} version {version.number}: {', '.join(builds)}")
 
 
 @app_app.command("delete")
@@ -99,7 +101,7 @@ def delete(
     from tasks.storage.store_url import open_existing_store
 
     left = delete_application(open_existing_store(store), _kind(kind), name, version)
-    typer.echo(f"{name} is deleted" if left.deleted else f"{name} version {version} is deleted; left: {left.numbers}")
+    echo(f"{name} is deleted" if left.deleted else f"{name} version {version} is deleted; left: {left.numbers}")
 
 
 def _kind(kind: Literal["robot", "simulation"]) -> "ApplicationKind":

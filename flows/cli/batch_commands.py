@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
+
+from flows.cli.output import TerminalConsole, echo, echo_json
 
 
 def replay(
@@ -34,10 +35,10 @@ def replay(
 
     wanted = wanted_files(mcap=mcap, video=video)
     again = replay_job(open_existing_store(store), job)
-    show_replay(again, Console())
+    show_replay(again, TerminalConsole())
     folder = output or Path(f"replay-{again.job.replace('/', '-')}")
     for path in write_files(again, folder, wanted):
-        typer.echo(str(path))
+        echo(str(path))
     if not again.same:
         raise typer.Exit(1)
 
@@ -72,17 +73,17 @@ def compare(
     pairs = common_episodes(first, second)
     found = comparison(first.work.id, second.work.id, pairs, margin=margin, confidence=confidence)
     if as_json:
-        typer.echo(found.model_dump_json(indent=2))
+        echo_json(found.model_dump_json(indent=2))
     else:
-        show_comparison(found, Console())
+        show_comparison(found, TerminalConsole())
     if output is not None and not pairs.flips:
-        typer.echo(f"nothing was written to {output}: no episode came out differently", err=as_json)
+        echo(f"nothing was written to {output}: no episode came out differently", err=as_json)
     elif output is not None:
         output.mkdir(parents=True, exist_ok=True)
         for each in flip_maps(first, second, pairs.flips):
             path = output / f"flips-{each.world.replace('/', '-')}.svg"
             path.write_text(each.svg, encoding="utf-8")
-            typer.echo(str(path), err=as_json)
+            echo(str(path), err=as_json)
     if found.answer != "NO WORSE":
         raise typer.Exit(1)
 
@@ -106,14 +107,14 @@ def shrink(
 
     found = shrink_job(open_existing_store(store), job, budget)
     before, after = found.world, found.small_world
-    typer.echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
-    typer.echo(f"  furniture  {len(before.furniture)} -> {len(after.furniture)}" + _pieces(found.minimal))
-    typer.echo(f"  seed       {found.request.seed} -> {found.small_request.seed}")
-    typer.echo(f"  world      {found.request.world} -> {found.small_request.world}")
+    echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
+    echo(f"  furniture  {len(before.furniture)} -> {len(after.furniture)}" + _pieces(found.minimal))
+    echo(f"  seed       {found.request.seed} -> {found.small_request.seed}")
+    echo(f"  world      {found.request.world} -> {found.small_request.world}")
     for sentence in found.broken:
-        typer.echo(f"  not guaranteed: {sentence}")
+        echo(f"  not guaranteed: {sentence}")
     for path in write_case(found, output or Path(f"shrunk-{found.job.replace('/', '-')}")):
-        typer.echo(str(path))
+        echo(str(path))
 
 
 def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
@@ -140,6 +141,6 @@ def report(
     from tasks.storage.store_url import open_existing_store
 
     place = write_report_page(open_existing_store(store), arn, output)
-    typer.echo(place.url)
+    echo(place.url)
     if show:
         typer.launch(local_copy(place).as_uri())

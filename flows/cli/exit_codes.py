@@ -16,9 +16,9 @@ from threading import Event, Lock, Thread
 from types import FrameType
 from typing import NoReturn
 
-from rich.console import Console
 from rich.text import Text
 
+from flows.cli.output import TerminalConsole
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 from tasks.storage.base.disk_space import NO_ROOM, full_machine_message
 
@@ -94,7 +94,7 @@ def _accident(exc: Exception) -> str:
 
 def _defect(exc: Exception) -> str:
     if os.environ.get("SIMYARD_DEBUG") == "1":
-        Console(stderr=True).print_exception()
+        TerminalConsole(stderr=True).print_exception()
     what = " ".join(f"{type(exc).__name__}: {exc}".split())
     return f"this is a defect of Simyard: {what} (SIMYARD_DEBUG=1 shows where)"
 
@@ -172,4 +172,4 @@ def _fail(about: object, code: int) -> int:
 
 
 def _complain(about: object) -> None:
-    Console(stderr=True).print(Text(str(about), style="red"), soft_wrap=True)
+    TerminalConsole(stderr=True).print(Text(str(about), style="red"), soft_wrap=True)

@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 import typer
 
 from flows.cli.fleet_keys_commands import keys_app
+from flows.cli.output import TerminalConsole, echo, echo_json
+from specs.terminal_text import terminal_line
 
 
 def agent_kit(
@@ -36,8 +38,8 @@ def agent_kit(
         raise DocumentError([Fault(path="--keys", value=str(keys or ""), allowed=allowed)])
     opened = open_existing_store(store)
     for path in write_kit(folder, store_url=opened.url, root_of_trust=root.read_bytes() if root else None):
-        typer.echo(path)
-    typer.echo(f"on each robot, from a copy of {folder}: sudo ./install.sh NAME")
+        echo(path)
+    echo(f"on each robot, from a copy of {folder}: sudo ./install.sh NAME")
 
 
 fleet_app = typer.Typer(help="Make fleets and put robots into them.", no_args_is_help=True)
@@ -61,7 +63,7 @@ def create(
     from tasks.storage.store_url import open_store
 
     opened = open_store(store)
-    typer.echo(describe_fleet(opened, create_fleet(opened, name).name).arn)
+    echo(describe_fleet(opened, create_fleet(opened, name).name).arn)
 
 
 @fleet_app.command("register")
@@ -90,7 +92,7 @@ def register(
             [Fault(path="--architecture", value=value, allowed=f"{allowed}; delete it to make it anew")]
         )
     register_robot(opened, found.name, robot)
-    typer.echo(describe_robot(opened, robot).arn)
+    echo(describe_robot(opened, robot).arn)
 
 
 @fleet_app.command("show")
@@ -101,9 +103,9 @@ def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
     from tasks.storage.store_url import open_store
 
     opened = open_store(store)
-    typer.echo(describe_fleet(opened, fleet).model_dump_json(indent=2, exclude_none=True))
+    echo_json(describe_fleet(opened, fleet).model_dump_json(indent=2, exclude_none=True))
     for line in fleet_notes(opened, fleet):  # what RoboMaker's shapes have no fields for
-        typer.echo(line, err=True)
+        echo(line, err=True)
 
 
 @fleet_app.command("sync")
@@ -125,23 +127,25 @@ def sync(
     opened = open_existing_store(store)
     plan = plan_sync(opened, latest_deployment(opened, fleet), only_failed=failed)
     if never := robots_without_build(members(opened, plan.fleet), plan):
-        typer.echo(f"left out, the version has no bundle for their architecture: {', '.join(never)}")
+        echo(f"left out, the version has no bundle for their architecture: {', '.join(never)}")
     if not (behind := list(plan.environments)):
-        typer.echo(
+        echo(
             f"no robot of {fleet} failed" if failed else f"all {'other ' if never else ''}robots of {fleet} are in sync"
         )
         return
     signer = chosen_signer(opened, "unsigned" if unsigned else "signed", local=False)
-    typer.echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")
+    echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")
     record = run_sync_job(
         opened,
         fleet,
         token=uuid4().hex,
-        progress=lambda ended, robots: typer.echo(f"{ended} of {robots} robots"),
+        progress=lambda ended, robots: echo(f"{ended} of {robots} robots"),
         only_failed=failed,
         signer=signer,
     )
-    typer.echo(f"{record.status} {record.arn}" + (f": {record.failure_reason}" if record.failure_reason else ""))
+    echo(
+        f"{record.status} {record.arn}" + (f": {terminal_line(record.failure_reason)}" if record.failure_reason else "")
+    )
     raise typer.Exit(0 if record.status == "Succeeded" else 1)
 
 
@@ -164,8 +168,6 @@ def watch(
     wait: Annotated[bool, typer.Option("--wait", help="If none is under way, wait for the next one.")] = False,  # noqa: FBT002 - a switch
 ) -> None:
     """Show a fleet's last deployment, robot by robot, until it ends; exits with 1 unless it succeeded."""
-    from rich.console import Console
-
     from flows.cli.fleet_watch import next_deployment, watch_deployment
     from tasks.deploy.fleet.fleets import read_fleet
     from tasks.storage.store_url import open_existing_store
@@ -173,9 +175,9 @@ def watch(
     opened = open_existing_store(store)
     deployment = next_deployment(opened, fleet) if wait else read_fleet(opened, fleet)[0].deployment
     if not deployment:
-        typer.echo(f"nothing was deployed to {fleet} yet")
+        echo(f"nothing was deployed to {fleet} yet")
         return
-    job = watch_deployment(opened, deployment, Console())
+    job = watch_deployment(opened, deployment, TerminalConsole())
     raise typer.Exit(0 if job.status == "Succeeded" else 1)
 
 
@@ -185,10 +187,10 @@ def _steer(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
 
     opened = open_existing_store(store)
     if not (job := active_deployment(opened, fleet)):
-        typer.echo(f"no deployment of {fleet} is under way", err=True)
+        echo(f"no deployment of {fleet} is under way", err=True)
         raise typer.Exit(2)
     record = steer(opened, job, wish)
-    typer.echo(f"{'paused' if wish == 'pause' else 'going on'}: {record.arn}")
+    echo(f"{'paused' if wish == 'pause' else 'going on'}: {record.arn}")
 
 
 @fleet_app.command("deregister")
@@ -201,7 +203,7 @@ def deregister(
 
     opened = open_existing_store(store)
     name = deregister_robot(opened, read_robot(opened, robot)[0].name).name
-    typer.echo(f"{name} is in no fleet now")
+    echo(f"{name} is in no fleet now")
 
 
 @fleet_app.command("delete")
@@ -211,7 +213,7 @@ def delete(fleet: _Fleet, store: _StoreUrl = None) -> None:
     from tasks.storage.store_url import open_existing_store
 
     left = delete_fleet(open_existing_store(store), fleet)
-    typer.echo(f"{fleet} is deleted" + (f"; in no fleet now: {', '.join(left)}" if left else ""))
+    echo(f"{fleet} is deleted" + (f"; in no fleet now: {', '.join(left)}" if left else ""))
 
 
 @fleet_app.command("delete-robot")
@@ -222,4 +224,4 @@ def delete_robot(
     from tasks.deploy.fleet.deletion import delete_robot as delete_named
     from tasks.storage.store_url import open_existing_store
 
-    typer.echo(f"{delete_named(open_existing_store(store), robot)} is deleted")
+    echo(f"{delete_named(open_existing_store(store), robot)} is deleted")

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.output import echo
+
 keys_app = typer.Typer(help="Make, renew and replace the keys that vouch for deployments.", no_args_is_help=True)
 
 _Keys = Annotated[
@@ -28,8 +30,8 @@ def init(keys: _Keys, store: _StoreUrl = None) -> None:
     from tasks.storage.store_url import open_store
 
     ring = init_keys(open_store(store), keys)
-    typer.echo(f"{ring.folder / ROOT_FILE}: give it to each robot: simyard agent --root-of-trust {ROOT_FILE}")
-    typer.echo("root-*.pem and targets-*.pem are only needed to replace a key: keep them offline")
+    echo(f"{ring.folder / ROOT_FILE}: give it to each robot: simyard agent --root-of-trust {ROOT_FILE}")
+    echo("root-*.pem and targets-*.pem are only needed to replace a key: keep them offline")
 
 
 @keys_app.command("rotate")
@@ -51,7 +53,7 @@ def rotate(
     for role in wanted:
         with open_repository(found, keyring(keys, found)) as session:
             rotate_key(session, role)
-        typer.echo(f"{role} has a new key")
+        echo(f"{role} has a new key")
 
 
 @keys_app.command("renew")
@@ -65,8 +67,8 @@ def renew(keys: _Keys, store: _StoreUrl = None) -> None:
     with open_repository(found, keyring(keys, found)) as session:
         due = renew_metadata(session)
         for role in due:
-            typer.echo(f"{role} expires at {session.state.expires(role):%Y-%m-%d}, and its key is not here", err=True)
-    typer.echo("renewed")
+            echo(f"{role} expires at {session.state.expires(role):%Y-%m-%d}, and its key is not here", err=True)
+    echo("renewed")
 
 
 @keys_app.command("show")
@@ -81,4 +83,4 @@ def show(keys: _Keys, store: _StoreUrl = None) -> None:
         for role in ROLES:
             (keyid,) = session.state.keyids(role)
             where = "here" if session.at_hand(role) else "not here"
-            typer.echo(f"{role:10}{keyid[:16]}  until {session.state.expires(role):%Y-%m-%d}  {where}")
+            echo(f"{role:10}{keyid[:16]}  until {session.state.expires(role):%Y-%m-%d}  {where}")

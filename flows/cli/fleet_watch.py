@@ -11,6 +11,7 @@ from rich.text import Text
 
 from specs.arn import parse_reference
 from specs.robomaker.deployment import DescribeDeploymentJobResponse
+from specs.terminal_text import terminal_line
 from tasks.deploy.answers.describe import describe_deployment_job
 from tasks.deploy.answers.row_summary import COLUMNS, robot_cells, robot_counts
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
@@ -104,14 +105,17 @@ def deployment_table(
         now: The robots since it ended, by name: what they run is a column.
     """
     wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
-    table = Table(title=f"{job.status}{wanted}: {robot_counts(job)}", title_justify="left")
+    table = Table(title=Text(f"{job.status}{wanted}: {robot_counts(job)}"), title_justify="left")
     for name in (*COLUMNS, *(("runs now",) if now is not None else ())):
         table.add_column(name, justify="right" if name == "done" else "left", overflow="fold")
     for robot in job.robotDeploymentSummary or ():
         cells = robot_cells(robot)
         since = now.get(cells[0]) if now else None
         runs = () if now is None else (since.runs if since else "",)
-        table.add_row(*cells, *runs, style=_STYLES.get(robot.status or "", ""))
+        # Text, and not str: what a robot or a stranger wrote is no markup.
+        table.add_row(
+            *(Text(terminal_line(cell)) for cell in (*cells, *runs)), style=_STYLES.get(robot.status or "", "")
+        )
     return table
 
 
@@ -140,7 +144,7 @@ def _view(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: C
         table = deployment_table(found, wish_of(store, job))
         below += [ABANDONED] if claim.is_left() else []
     below += [UNSIGNED_ALARM] if is_unsigned(record) else []
-    return Group(Text(head), table, *(Text(line) for line in below if line))
+    return Group(Text(head), table, *(Text(terminal_line(line)) for line in below if line))
 
 
 def _time(seconds: float) -> str:

@@ -1,30 +1,67 @@
-"""Output of the command line: tables in a terminal, JSON lines for programs."""
+"""Output of the command line: tables in a terminal, JSON lines for programs.
+
+All that a command prints goes through ``echo``, ``echo_json`` or a ``TerminalConsole``: whatever a stranger wrote into
+the store, it neither steers the terminal nor is read as rich's markup.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
+from typing import IO
 
+import typer
 from pydantic import JsonValue
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 from specs.base import Spec
 from specs.data.run_report import PipelineReport
+from specs.terminal_text import terminal_json, terminal_line, terminal_text
 
 _WIDEST = 10_000
 _GOOD = frozenset({"Completed", "Succeeded", "PASS", "InSync"})
 _UNDECIDED = frozenset({"PartialFailed", "INCONCLUSIVE", "Pending", "InProgress", "Running", "Preparing"})
 
 
+class TerminalConsole(Console):
+    """A console that reads no markup, and prints no character that steers a terminal but those of its own styles."""
+
+    def __init__(self, *, stderr: bool = False, file: IO[str] | None = None, width: int | None = None) -> None:
+        """Writes to the terminal.
+
+        Args:
+            stderr: Whether to stderr.
+            file: Where else, if anywhere.
+            width: In characters; the terminal's own, if left out.
+        """
+        super().__init__(stderr=stderr, file=file, width=width, markup=False, emoji=False)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Yields what is printed; moving the cursor is no text, and stays."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(terminal_text(segment.text), segment.style)
+
+
+def echo(text: object, *, err: bool = False) -> None:
+    """Prints a text to stdout or stderr, without what steers a terminal."""
+    typer.echo(terminal_text(str(text)), err=err)
+
+
+def echo_json(text: str) -> None:
+    """Prints JSON to stdout; what steers a terminal is escaped, so that programs read the same."""
+    typer.echo(terminal_json(text))
+
+
 def show_report(report: PipelineReport, console: Console) -> None:
     """Shows a run: a line a stage, where its artefacts lie, and the answer."""
-    table = Table(title=f"{report.name} ({report.run})", title_justify="left")
+    table = Table(title=Text(f"{report.name} ({report.run})"), title_justify="left")
     table.add_column("stage")
     table.add_column("status")
     table.add_column("what came of it")
     table.add_column("seconds", justify="right")
     for stage in report.stages:
-        table.add_row(stage.name, _status(stage.status), Text(stage.summary), f"{stage.seconds:.1f}")
+        table.add_row(Text(stage.name), _status(stage.status), Text(stage.summary), f"{stage.seconds:.1f}")
     console.print(table)
     for stage in report.stages:
         if stage.arn:
@@ -40,12 +77,13 @@ def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None
     """Shows rows under headings: each thing's own ARN, whole, and what fits beside it; `--json` has everything."""
     shown = [{key: value for key, value in row.items() if _fits(key, value)} for row in rows]
     table = Table(box=None, pad_edge=False)
-    for column in dict.fromkeys(key for row in shown for key in row):
-        table.add_column(column, no_wrap=True)
+    columns = list(dict.fromkeys(key for row in shown for key in row))
+    for column in columns:
+        table.add_column(Text(column), no_wrap=True)
     for row in shown:
-        table.add_row(*(_cell(str(column.header), row.get(str(column.header))) for column in table.columns))
+        table.add_row(*(_cell(column, row.get(column)) for column in columns))
     # As wide as its content: a terminal may wrap a line, but nothing is cut off.
-    Console(file=console.file, width=_WIDEST).print(table, soft_wrap=True)
+    TerminalConsole(file=console.file, width=_WIDEST).print(table, soft_wrap=True)
 
 
 def page_rows(page: Spec) -> tuple[list[dict[str, JsonValue]], str | None]:
@@ -98,4 +136,5 @@ def _cell(column: str, value: JsonValue) -> Text:
         return Text("")
     if column.endswith(("At", "Time")) and isinstance(value, float):
         return Text(datetime.fromtimestamp(value, tz=UTC).isoformat(sep=" ", timespec="seconds"))
-    return _status(str(value)) if column == "status" else Text(str(value))
+    line = terminal_line(str(value))
+    return _status(line) if column == "status" else Text(line)

@@ -19,6 +19,7 @@ from specs.data.run_report import PipelineReport
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.settings import server_wait_s
+from specs.terminal_text import terminal_text
 from tasks.progress.listener import Listener, listen_to_progress
 from tasks.server import process
 from tasks.server.health import (
@@ -26,10 +27,11 @@ from tasks.server.health import (
     is_listening,
     is_local,
     proxy_exceptions,
+    refuses,
     succeeds_within,
     url_without_password,
 )
-from tasks.server.resident import kept_server
+from tasks.server.resident import kept_password, kept_server
 from tasks.server.watchdog import WatchdogPace, WatchdogState, guard_run
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.backends.overlay import OverlayStore
@@ -89,25 +91,42 @@ def prefect_server() -> Generator[ServerChoice, None, None]:
         StageFailed: The server that the user chose, or the kept one, does not answer; or a new one does not come up.
     """
     home, wait_s = prefect_home(), server_wait_s()
-    chosen = process.configured_api_url(os.environ)
-    if chosen:
-        _require(chosen)
-    kept = None if chosen else kept_server(home)
-    if chosen or kept:
-        url = chosen or (kept.api_url if kept else "")
-        with _environment(PREFECT_API_URL=url, **_proxy_setting(url), **_retry_setting(wait_s)):
+    if given := _chosen(home) or _kept(home):
+        url = given["PREFECT_API_URL"]
+        with _environment(**given, **_proxy_setting(url), **_retry_setting(wait_s)):
             yield ServerChoice(url, wait_s)
         return
     with (
         process.run_server(home) as (server, child),
-        _environment(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
+        _environment(**server.environment(), PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
         _import_engine()
         process.wait_until_healthy(server, child)
         yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
 
 
-def _require(api_url: str) -> None:
+def _chosen(home: Path) -> dict[str, str]:
+    """Returns the variables of the server that the user chose, which answers; none if there is no such choice."""
+    chosen = process.configured(os.environ, "PREFECT_API_URL")
+    if not chosen:
+        return {}
+    password = process.configured(os.environ, "PREFECT_API_AUTH_STRING") or kept_password(home, chosen)
+    _require(chosen, password)
+    return {"PREFECT_API_URL": chosen, **({"PREFECT_API_AUTH_STRING": password} if password else {})}
+
+
+def _kept(home: Path) -> dict[str, str]:
+    kept = kept_server(home)
+    return kept.environment() if kept else {}
+
+
+def _require(api_url: str, password: str) -> None:
+    if is_local(api_url) and refuses(api_url, password):
+        raise StageFailed(
+            "InternalServiceError",
+            f"the Prefect server at {url_without_password(api_url)} refuses its password, or has been given none; set "
+            "PREFECT_API_AUTH_STRING, as simyard up prints it",
+        )
     if not succeeds_within(lambda: is_answering(api_url)):
         remedy = "unset it, or simyard up and export what that prints"
         raise StageFailed(
@@ -136,7 +155,7 @@ def _guard_server(server: ServerChoice, console: Console) -> Generator[WatchdogS
     def leave(failure: StageFailed) -> None:
         # Prefect holds the main thread, which cannot end the progress bars; the store is never left half written.
         console.show_cursor()
-        sys.stderr.write(f"\n{failure}\n")
+        sys.stderr.write(f"\n{terminal_text(str(failure))}\n")
         sys.stderr.flush()
         os._exit(3)
 
@@ -190,7 +209,7 @@ def _environment(**values: str) -> Generator[None, None, None]:
 def _bars(console: Console) -> Generator[Listener, None, None]:
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description:<20}"),
+        TextColumn("{task.description:<20}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),

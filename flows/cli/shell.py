@@ -13,12 +13,12 @@ from typing import Annotated
 
 import typer
 from pydantic import JsonValue
-from rich.console import Console
 
 from flows.cli.app_commands import app_app
 from flows.cli.batch_commands import compare, replay, report, shrink
 from flows.cli.exit_codes import run_and_end_process
 from flows.cli.fleet_commands import fleet_app
+from flows.cli.output import TerminalConsole, echo, echo_json, json_lines, page_rows, show_report, show_rows
 from flows.cli.store_commands import gc, reap
 from flows.cli.world_commands import world_app
 from flows.resource.kinds import KINDS
@@ -63,11 +63,10 @@ def _run_app() -> None:
 @app.command()
 def run(file: Document, store: StoreUrl = None) -> None:
     """Run a document from its first section to its last; continues a run that was killed."""
-    from flows.cli.output import show_report
     from flows.cli.run_command import run_document
     from tasks.documents.pipeline_file import read_pipeline
 
-    console, spec = Console(), read_pipeline(file)
+    console, spec = TerminalConsole(), read_pipeline(file)
     try:
         with _name_file(file):
             report = run_document(spec, file.resolve().parent, store, console)
@@ -87,16 +86,19 @@ def plan(file: Document, store: StoreUrl = None) -> None:
     spec = read_pipeline(file)
     with _name_file(file):
         for line in plan_lines(spec, file.resolve().parent, open_store(store)):
-            typer.echo(line)
+            echo(line)
 
 
 @app.command()
 def validate(file: Document) -> None:
     """Check a document and tell all its faults at once."""
+    from flows.document.robot_files import check_robot_files
     from tasks.documents.pipeline_file import read_pipeline
 
     spec = read_pipeline(file)
-    typer.echo(f"{file}: {spec.name}: valid")
+    with _name_file(file):
+        check_robot_files(spec, file.resolve().parent)
+    echo(f"{file}: {spec.name}: valid")
 
 
 @app.command()
@@ -113,16 +115,16 @@ def describe(
 
     opened = open_existing_store(store)
     answer = describe_resource(opened, arns[0]) if len(arns) == 1 else describe_jobs(opened, arns)
-    typer.echo(answer.model_dump_json(indent=2, exclude_none=True))
+    echo_json(answer.model_dump_json(indent=2, exclude_none=True))
     for line in metric_lines(opened, arns[0]) if len(arns) == 1 else ():
-        typer.echo(line, err=True)
+        echo(line, err=True)
     if len(arns) == 1 and resource_kind(arns[0]) == "deployment-job":
         from flows.cli.fleet_watch import wish_notes
 
         for line in wish_notes(opened, resource_name(arns[0])):  # what RoboMaker's shapes have no field for
-            typer.echo(line, err=True)
+            echo(line, err=True)
     for note in job_notes(opened, arns[0]) if len(arns) == 1 else ():
-        typer.echo(note, err=True)
+        echo(note, err=True)
 
 
 @app.command()
@@ -135,7 +137,7 @@ def cancel(
     from tasks.storage.store_url import open_existing_store
 
     cancel_named(open_existing_store(store), arn)
-    typer.echo(f"canceling {arn}")
+    echo(f"canceling {arn}")
 
 
 @app.command()
@@ -148,7 +150,7 @@ def restart(
     from tasks.storage.store_url import open_existing_store
 
     restart_named(open_existing_store(store), arn)
-    typer.echo(f"restarting {arn}")
+    echo(f"restarting {arn}")
 
 
 @app.command("list")
@@ -169,7 +171,6 @@ def list_(
     ] = None,
 ) -> None:
     """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
-    from flows.cli.output import json_lines, page_rows, show_rows
     from flows.resource.abandoned_jobs import kind_notes
     from flows.resource.answers import list_page, list_resources
     from tasks.storage.store_url import open_existing_store
@@ -184,24 +185,31 @@ def list_(
         rows = [json.loads(line) for line in lines] if not as_json else []
     if as_json:
         for line in lines:
-            typer.echo(line)
+            echo_json(line)
     else:
-        show_rows(rows, Console())
+        show_rows(rows, TerminalConsole())
     if token:
-        typer.echo(f"the next page: --next-token {token}", err=True)
+        echo(f"the next page: --next-token {token}", err=True)
     for note in kind_notes(opened, kind):
-        typer.echo(note, err=True)
+        echo(note, err=True)
 
 
 @app.command()
 def up() -> None:
-    """Start a Prefect server that stays; `simyard run` uses it."""
+    """Start a Prefect server that stays; `simyard run` uses it, and `eval "$(simyard up)"` lets `prefect` use it."""
+    import shlex
+
     from flows.cli.run_command import prefect_home
+    from tasks.server.password import password_file
     from tasks.server.resident import keep
 
-    server = keep(prefect_home())
-    typer.echo(f"Prefect: {server.api_url.removesuffix('/api')}  (log: {server.log})")
-    typer.echo(f"export PREFECT_API_URL={server.api_url}")
+    home = prefect_home()
+    server, password = keep(home), shlex.quote(str(password_file(home)))
+    # A shell takes all of it: eval "$(simyard up)"
+    echo(f"# Prefect: {server.api_url.removesuffix('/api')}  (log: {server.log})")
+    echo(f"# its pages ask for the password in {password}")
+    echo(f"export PREFECT_API_URL={server.api_url}")
+    echo(f'export PREFECT_API_AUTH_STRING="$(cat {password})"')
 
 
 @app.command()
@@ -211,7 +219,7 @@ def down() -> None:
     from tasks.server.resident import end_kept
 
     server = end_kept(prefect_home())
-    typer.echo(f"ended {server.api_url}" if server else "no server was running")
+    echo(f"ended {server.api_url}" if server else "no server was running")
 
 
 @app.command(  # --help is the agent's own

@@ -9,6 +9,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from flows.cli.output import TerminalConsole, echo, echo_json
+
 if TYPE_CHECKING:
     from tasks.housekeeping.findings import FindingRow, GcReport
 
@@ -56,11 +58,11 @@ def gc(
     )
     report = collect_garbage(open_existing_store(store), cache_folder(), ages, remove=yes)
     if as_json:
-        typer.echo(report.model_dump_json(indent=2))
+        echo_json(report.model_dump_json(indent=2))
     else:
-        _show(report, Console())
+        _show(report, TerminalConsole())
     for each in report.unread:
-        typer.echo(f"{report.store}: {each.record} cannot be read: {each.why}; {', '.join(each.keeps)} stay", err=True)
+        echo(f"{report.store}: {each.record} cannot be read: {each.why}; {', '.join(each.keeps)} stay", err=True)
     if report.unread:
         raise typer.Exit(3)
 
@@ -127,6 +129,6 @@ def reap(
     found = reap_store(open_existing_store(store))
     for each in found:
         change = each.status if each.status == each.was else f"{each.was} -> {each.status}"
-        typer.echo(f"{each.arn}  {change}: {each.meaning}")
+        echo(f"{each.arn}  {change}: {each.meaning}")
     if not found:
-        typer.echo("somebody works on every job that is under way")
+        echo("somebody works on every job that is under way")

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.output import echo
 from specs.data.world import ROBOT_RADIUS_M
 
 world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
@@ -42,7 +43,7 @@ def preview(
     body = find_template(template, open_store(store), Path.cwd())
     world = make_world(body, WorldRequest(seed, robot_radius), floorplan, interior)
     write_drawing(output, floor_plan_svg(world))
-    typer.echo(str(output))
+    echo(str(output))
     _picture(output, render_png(world, _WIDTH, _HEIGHT))
 
 
@@ -67,9 +68,9 @@ def sheet(
 
     chosen = select_worlds(worlds, open_store(store), Path.cwd(), count, WorldRequest(seed, robot_radius))
     for reason in chosen.rejected:
-        typer.echo(reason, err=True)
+        echo(reason, err=True)
     write_drawing(output, contact_sheet_svg(chosen.worlds, title=chosen.title, total=chosen.total))
-    typer.echo(str(output))
+    echo(str(output))
     if png:
         _picture(output, render_sheet_png(chosen.worlds))
 
@@ -83,7 +84,7 @@ def add(
     from tasks.storage.store_url import open_store
     from tasks.worlds.job.world_import import add_world
 
-    typer.echo(add_world(open_store(store), file))
+    echo(add_world(open_store(store), file))
 
 
 def _picture(output: Path, png: bytes | None) -> None:
@@ -92,6 +93,6 @@ def _picture(output: Path, png: bytes | None) -> None:
     from tasks.export.picture.render import NO_GL
 
     if png is None:
-        typer.echo(NO_GL, err=True)
+        echo(NO_GL, err=True)
     else:
-        typer.echo(str(write_picture(output, png)))
+        echo(str(write_picture(output, png)))

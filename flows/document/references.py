@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from pydantic import JsonValue
 
+from flows.document.robot_files import check_robot_files
 from flows.document.tested_batch import batch_plan, compared_digest, launch_faults, tested_bundles, world_digests
 from specs.arn import parse_reference
 from specs.base import Fault
@@ -48,6 +49,7 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
     faults: list[Fault] = []
     found: Pins = {}
     own: dict[str, Version] = {}
+    _keep(faults, lambda: check_robot_files(spec, base))
     for source in spec.applications:
         _keep(faults, lambda source=source: own.update(_publish(source, store, base)))
     find = finder(store, own)

@@ -1,6 +1,7 @@
 """Published applications: bundles under their digest, versions under their number, and those that come with Simyard."""
 
 import hashlib
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,9 +19,9 @@ from tasks.applications.versions import (
     require_revision,
     with_version,
 )
-from tasks.storage.archives import install
 from tasks.storage.base.keys import applications_prefix, bundle_key
 from tasks.storage.base.store import Store
+from tasks.storage.sealed_bundle import seal, sealed_files, stored_archive
 
 _HOMES = (
     Path(__file__).parent / "shipped",  # in a wheel
@@ -169,7 +170,10 @@ def applications(store: Store, kind: ApplicationKind) -> list[Application]:
 
 
 def unpack(store: Store, digest: str, cache: Path) -> Path:
-    """Returns the folder ``<cache>/<digest>`` with a bundle's files; fetches and unpacks them when it is not there.
+    """Returns the folder of a bundle's files, read-only; fetches and unpacks them when they are not there.
+
+    Files that are there are compared with the bundle each time: an application that writes beside itself, however it
+    does, changes nothing for the next one that asks.
 
     Raises:
         ObjectNotFound: The store has no such bundle.
@@ -177,18 +181,20 @@ def unpack(store: Store, digest: str, cache: Path) -> Path:
         DocumentError: The digest is none.
     """
     key = bundle_key(digest)
-    target = cache / digest
-    if target.is_dir():
-        return target
+    entry = cache / digest
+    if files := sealed_files(entry, digest):
+        return files
     cache.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".download-", dir=cache) as folder:
         archive = Path(folder) / "bundle.tar"
-        store.download(key, archive)
+        if kept := stored_archive(entry, digest):
+            shutil.copyfile(kept, archive)
+        else:
+            store.download(key, archive)
         try:
-            install(archive, digest, target)
+            return seal(archive, entry, digest)
         except BundleRefused as exc:
             raise BundleRefused(f"{store.url}: {key}: {exc}; publish the application again") from exc
-    return target
 
 
 def _pack(store: Store, architecture: Architecture, folder: Path) -> Build:

@@ -7,6 +7,7 @@ from prefect import task
 from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
+from specs.artifact_text import escape_markdown, table_rows
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.answers.describe import describe_deployment_job
@@ -53,5 +54,6 @@ def roll_out(
             signer=signer,
         )
     job = describe_deployment_job(store, record.id)
-    create_table_artifact(robot_rows(job), key="deployment-robots", description=deployment_sentence(job, record))
+    said = escape_markdown(deployment_sentence(job, record))
+    create_table_artifact(table_rows(robot_rows(job)), key="deployment-robots", description=said)
     return record

@@ -13,6 +13,7 @@ from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import DocumentError
+from specs.terminal_text import terminal_json
 
 LogFormat = Literal["json", "keyvalue"]
 LOG_FORMAT = "SIMYARD_LOG_FORMAT"
@@ -32,7 +33,7 @@ class EventLines(logging.Formatter):
         """Returns the line, without its end."""
         event = self._event(record)
         if self._form == "json":
-            return json.dumps(event, ensure_ascii=False)
+            return terminal_json(json.dumps(event, ensure_ascii=False))
         return " ".join(f"{key}={_shown(value)}" for key, value in event.items())
 
     def _event(self, record: logging.LogRecord) -> dict[str, JsonValue]:

@@ -8,6 +8,7 @@ from prefect.artifacts import create_markdown_artifact, create_table_artifact
 from prefect.cache_policies import NO_CACHE
 from pydantic import JsonValue
 
+from specs.artifact_text import escape_markdown, table_rows
 from specs.data.run_report import Verdict
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
@@ -51,7 +52,7 @@ def write_tables(
     rows: list[dict[str, Any]] = [
         dict(zip(_HEADINGS, row, strict=True)) for row in summary_rows(tally.summary())[:_ROWS_SHOWN]
     ]
-    create_table_artifact(table=rows, key="batch-results", description=f"Results of {batch}")
+    create_table_artifact(table=table_rows(rows), key="batch-results", description=f"Results of {batch}")
     return detail
 
 
@@ -79,6 +80,9 @@ def judge_batch(
     verdict = judge(rule, found)
     evidence = gather(batch, rule, verdict, tested, left_out=found.lacks.left_out, baseline=baseline)
     url = write_evidence(open_store(store_url), evidence)
-    mark, body = _MARKS[verdict.verdict], "\n".join(f"- {each.title}: {each.sentence}" for each in verdict.rules)
+    mark, body = (
+        _MARKS[verdict.verdict],
+        "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules),
+    )
     create_markdown_artifact(f"# {mark} {verdict.verdict}\n\n{body}\n\nEvidence: `{url}`", key="gate")
     return verdict, url, evidence_digest(evidence)

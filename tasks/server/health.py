@@ -8,10 +8,14 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Mapping
 from http.client import HTTPException
+from types import MappingProxyType
 from urllib.parse import urlsplit
+
+from tasks.server.password import authorization
 
 _HERE = ("127.0.0.1", "localhost")
 _SILENT = 0
+_UNAUTHORIZED = 401
 # What web servers say of a bad certificate; Prefect may well be configured to trust this one.
 _UNTRUSTED = 495
 
@@ -24,6 +28,11 @@ def is_healthy(api_url: str, timeout_s: float = 1.0) -> bool:
 def is_answering(api_url: str, timeout_s: float = 5.0) -> bool:
     """Returns whether anything answers at the URL: a server that wants a key first refuses, and is there."""
     return _SILENT < _status(api_url, timeout_s) < 500
+
+
+def refuses(api_url: str, password: str, timeout_s: float = 5.0) -> bool:
+    """Returns whether a Prefect server asks for another password than this one; one that is silent does not."""
+    return _status(api_url, timeout_s, "admin/version", authorization(password)) == _UNAUTHORIZED
 
 
 def is_listening(api_url: str, timeout_s: float = 10.0) -> bool:
@@ -65,11 +74,14 @@ def url_without_password(api_url: str) -> str:
     return re.sub(r"//[^/]*@", "//***@", api_url)
 
 
-def _status(api_url: str, timeout_s: float) -> int:
-    """Returns the HTTP status of the server's health, or 0 when nothing answers."""
+def _status(
+    api_url: str, timeout_s: float, path: str = "health", headers: Mapping[str, str] = MappingProxyType({})
+) -> int:
+    """Returns the HTTP status of what the server answers, by default of its health, or 0 when nothing answers."""
     handlers = [urllib.request.ProxyHandler({})] if is_local(api_url) else []
     try:
-        with urllib.request.build_opener(*handlers).open(f"{api_url}/health", timeout=timeout_s) as reply:
+        asked = urllib.request.Request(f"{api_url}/{path}", headers=dict(headers))  # noqa: S310 - the user's own URL
+        with urllib.request.build_opener(*handlers).open(asked, timeout=timeout_s) as reply:
             return int(reply.status)
     except urllib.error.HTTPError as exc:
         return exc.code

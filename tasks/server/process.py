@@ -9,12 +9,13 @@ import time
 import tomllib
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from specs.errors import StageFailed
 from tasks.server.health import is_healthy, proxy_exceptions
 from tasks.server.log_files import new_log, rename_log
+from tasks.server.password import new_password, private_file
 from tasks.server.start_lock import end_turn_when, take_turn
 
 logger = logging.getLogger(__name__)
@@ -37,26 +38,37 @@ class Server:
         api_url: What PREFECT_API_URL is to be.
         pid: Its process id.
         log: Where its output goes.
+        password: What PREFECT_API_AUTH_STRING is to be; empty if it asks for none.
     """
 
     api_url: str
     pid: int
     log: str
+    password: str = field(default="", repr=False, compare=False)
+
+    def environment(self) -> dict[str, str]:
+        """Returns the variables by which Prefect's client reaches the server."""
+        return {"PREFECT_API_URL": self.api_url, "PREFECT_API_AUTH_STRING": self.password}
 
 
-def configured_api_url(environment: Mapping[str, str]) -> str | None:
-    """Returns the server that the user chose: PREFECT_API_URL, or the active Prefect profile's, or None."""
-    chosen = environment.get("PREFECT_API_URL")
+def configured(environment: Mapping[str, str], name: str) -> str:
+    """Returns what the user chose for Prefect: a variable, or the active Prefect profile's, or nothing.
+
+    Args:
+        environment: Of this process.
+        name: Such as PREFECT_API_URL, the server.
+    """
+    chosen = environment.get(name)
     if chosen:
         return chosen
     home = Path(environment.get("PREFECT_HOME", Path.home() / ".prefect"))
     try:
         profiles = tomllib.loads((home / "profiles.toml").read_text())
     except (FileNotFoundError, tomllib.TOMLDecodeError):
-        return None
+        return ""
     active = environment.get("PREFECT_PROFILE", profiles.get("active", ""))
-    value = profiles.get("profiles", {}).get(active, {}).get("PREFECT_API_URL")
-    return value if isinstance(value, str) else None
+    value = profiles.get("profiles", {}).get(active, {}).get(name)
+    return value if isinstance(value, str) else ""
 
 
 def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]:
@@ -66,15 +78,21 @@ def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]
         home: Folder for its database and log.
         bound: Whether the kernel ends it with this process; otherwise it stays.
     """
-    home.mkdir(parents=True, exist_ok=True)
-    port = _free_port()
-    program = [str(Path(sys.executable).with_name("prefect")), "server", "start", "--host", "127.0.0.1"]
-    command = [*program, "--port", str(port)]
+    home.mkdir(mode=0o700, parents=True, exist_ok=True)
+    _close_database(home)
+    port, password = _free_port(), new_password()
+    command = [sys.executable, "-m", "tasks.server.guarded_server", str(port)]
     if bound:
         command = [sys.executable, "-m", "tasks.server.bound_child", str(os.getpid()), *command]
     url = f"http://127.0.0.1:{port}/api"
-    own = {"PREFECT_HOME": str(home), "PREFECT_API_URL": url}
-    environment = {**os.environ, **SERVER_ENVIRONMENT, **proxy_exceptions(os.environ), **own}
+    environment = {
+        **os.environ,
+        **SERVER_ENVIRONMENT,
+        **proxy_exceptions(os.environ),
+        **_own_settings(home, port),
+        "PREFECT_API_AUTH_STRING": password,
+        "PREFECT_SERVER_API_AUTH_STRING": password,
+    }
     with new_log(home) as output:
         process = subprocess.Popen(  # noqa: S603 - a list built here, no shell
             command,
@@ -84,7 +102,8 @@ def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]
             env=environment,
             start_new_session=True,
         )
-    return Server(api_url=url, pid=process.pid, log=str(rename_log(output, process.pid))), process
+    log = str(rename_log(output, process.pid))
+    return Server(api_url=url, pid=process.pid, log=log, password=password), process
 
 
 def wait_until_healthy(server: Server, process: subprocess.Popen[bytes], timeout_s: float = START_TIMEOUT_S) -> None:
@@ -134,6 +153,24 @@ def end(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> None:
         logger.warning("the Prefect server ignored SIGTERM for %.0f s; killing it", timeout_s)
         process.kill()
         process.wait()
+
+
+def _own_settings(home: Path, port: int) -> dict[str, str]:
+    return {
+        "PREFECT_HOME": str(home),
+        "PREFECT_API_URL": f"http://127.0.0.1:{port}/api",
+        "PREFECT_SERVER_API_HOST": "127.0.0.1",
+        "PREFECT_SERVER_API_PORT": str(port),
+        # The page at localhost asks 127.0.0.1: to a browser that is another origin.
+        "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": f"http://127.0.0.1:{port},http://localhost:{port}",
+    }
+
+
+def _close_database(home: Path) -> None:
+    """Makes Prefect's database readable for its owner only; SQLite gives what it writes beside it the same rights."""
+    private_file(home / "prefect.db")
+    for path in home.glob("prefect.db-*"):
+        path.chmod(0o600)
 
 
 def _free_port() -> int:

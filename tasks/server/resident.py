@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from specs.errors import StageFailed
 from tasks.server.health import is_healthy, succeeds_within
+from tasks.server.password import password_file, read_password, write_password
 from tasks.server.process import START_TIMEOUT_S, Server, end, launch, wait_until_healthy
 from tasks.server.start_lock import take_turn
 from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, process_of, this_process
@@ -45,7 +46,7 @@ def keep(home: Path) -> Server:
             wait_until_healthy(server, process)
         except BaseException:
             end(process)
-            _file(home).unlink(missing_ok=True)
+            _forget(home)
             raise
         _started_here[server.pid] = process
         return server
@@ -65,9 +66,9 @@ def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:
     if note is None or is_known_dead(note.process):
         return None
     if not _runs_here(note):
-        return _server(note) if is_healthy(note.api_url) else None
+        return _server(home, note) if is_healthy(note.api_url) else None
     if succeeds_within(lambda: is_healthy(note.api_url) or is_known_dead(note.process), silent_s):
-        return None if is_known_dead(note.process) else _server(note)
+        return None if is_known_dead(note.process) else _server(home, note)
     reason = f"the kept Prefect server, process {note.pid}, is silent; end it with simyard down. Log: {note.log}"
     raise StageFailed("InternalServiceError", reason)
 
@@ -75,7 +76,7 @@ def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:
 def end_kept(home: Path, timeout_s: float = 20.0) -> Server | None:
     """Ends the kept server, also one that does not answer, and returns it; None when there is none."""
     note = _read(home)
-    _file(home).unlink(missing_ok=True)
+    _forget(home)
     if note is None or not _runs_here(note):
         return None
     _signal(note, signal.SIGTERM)
@@ -83,7 +84,7 @@ def end_kept(home: Path, timeout_s: float = 20.0) -> Server | None:
         _signal(note, signal.SIGKILL)
     if note.pid in _started_here:
         _started_here.pop(note.pid).wait()
-    return _server(note)
+    return Server(api_url=note.api_url, pid=note.pid, log=note.log)
 
 
 def _runs_here(note: _Note) -> bool:
@@ -96,11 +97,27 @@ def _signal(note: _Note, number: signal.Signals) -> None:
         os.kill(note.pid, number)
 
 
-def _server(note: _Note) -> Server:
-    return Server(api_url=note.api_url, pid=note.pid, log=note.log)
+def kept_password(home: Path, api_url: str) -> str:
+    """Returns the password of the server that stays, if that is the one at a URL; nothing for any other.
+
+    Raises:
+        StageFailed: Others can read it.
+    """
+    note = _read(home)
+    return read_password(home) if note is not None and note.api_url == api_url else ""
+
+
+def _server(home: Path, note: _Note) -> Server:
+    return Server(api_url=note.api_url, pid=note.pid, log=note.log, password=read_password(home))
+
+
+def _forget(home: Path) -> None:
+    _file(home).unlink(missing_ok=True)
+    password_file(home).unlink(missing_ok=True)
 
 
 def _write(home: Path, server: Server) -> None:
+    write_password(home, server.password)
     note = _Note(api_url=server.api_url, pid=server.pid, log=server.log, process=process_of(server.pid))
     _file(home).write_text(note.model_dump_json())
 

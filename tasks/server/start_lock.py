@@ -21,7 +21,7 @@ def take_turn(home: Path, timeout_s: float) -> IO[bytes]:
         home: The folder; made where it is missing.
         timeout_s: How long to wait for another's start. It has failed by then, so this one goes ahead beside it.
     """
-    home.mkdir(parents=True, exist_ok=True)
+    home.mkdir(mode=0o700, parents=True, exist_ok=True)
     lock = (home / LOCK).open("ab")
     deadline_s = time.monotonic() + timeout_s
     while not _held(lock):

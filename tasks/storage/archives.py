@@ -78,7 +78,7 @@ def list_bundle_files(store: Store, digest: str) -> dict[str, bool]:
         store.download(bundle_key(digest), archive)
         try:
             with tarfile.open(archive, mode="r:") as tar:
-                found = {each.name: bool(each.mode & 0o111) for each in _members(tar, LIMITS) if each.type in _FILES}
+                found = {each.name: bool(each.mode & 0o111) for each in list_members(tar) if each.type in _FILES}
         except tarfile.TarError as exc:
             raise BundleRefused(f"the bundle is not a plain tar archive: {exc}") from exc
     return found
@@ -157,7 +157,7 @@ def _unpack(archive: Path, target: Path, limits: ArchiveLimits, progress: Callab
     written = 0
     try:
         with tarfile.open(archive, mode="r:") as tar:
-            for member in _members(tar, limits):
+            for member in list_members(tar, limits):
                 written += _write_member(tar, member, target, limits)
                 progress(written, size)
     except tarfile.TarError as exc:
@@ -168,7 +168,12 @@ def _unpack(archive: Path, target: Path, limits: ArchiveLimits, progress: Callab
         raise BundleRefused(f"the bundle cannot be unpacked: {exc}") from exc
 
 
-def _members(tar: tarfile.TarFile, limits: ArchiveLimits) -> Iterator[tarfile.TarInfo]:
+def list_members(tar: tarfile.TarFile, limits: ArchiveLimits = LIMITS) -> Iterator[tarfile.TarInfo]:
+    """Yields the entries of an archive, and no more than it may hold.
+
+    Raises:
+        BundleRefused: It holds more.
+    """
     total_bytes = 0
     for count, member in enumerate(tar, start=1):
         if count > limits.entries:

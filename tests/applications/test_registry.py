@@ -146,6 +146,16 @@ def test_a_bundle_that_was_changed_in_the_store_is_refused_and_leaves_nothing(st
     assert list((tmp_path / "cache").iterdir()) == []
 
 
+def test_a_bundle_that_was_written_to_is_unpacked_anew(store: Store, tmp_path: Path) -> None:
+    version = publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "first"))
+    script = unpack(store, version.digest, tmp_path / "cache") / "package/run.sh"
+    before = script.read_bytes()
+    script.chmod(0o755)
+    script.write_bytes(before.replace(b"sleep", b"steal"))
+
+    assert (unpack(store, version.digest, tmp_path / "cache") / "package/run.sh").read_bytes() == before
+
+
 def test_processes_that_unpack_at_once_get_the_same_whole_folder(store: Store, tmp_path: Path) -> None:
     version = publish_bundle(store, ROBOT, "courier", _bundle(tmp_path, "first"))
 

@@ -59,6 +59,8 @@ def _scalar(stated: dict[str, Any]) -> st.SearchStrategy[Any]:
 def _field(owner: str, field: str, name: str) -> st.SearchStrategy[Any]:
     if (owner, field) == ("CreateWorldTemplateRequest", "templateBody"):
         return template_bodies().map(json.dumps)
+    if (owner, field) == ("OutputLocation", "s3Prefix"):
+        return _PREFIXES
     if field == "tags" and owner in ("CreateDeploymentJobRequest", "CreateRobotRequest"):
         return st.dictionaries(st.from_regex("[A-Za-z0-9_]{1,9}", fullmatch=True), shape("TagValue"), max_size=2)
     return shape(name)
@@ -74,6 +76,10 @@ def _text(stated: dict[str, Any]) -> st.SearchStrategy[str]:
         lambda text: low <= len(text) <= high
     )
 
+
+# Of S3Key, what stays inside a bucket.
+_PART = st.from_regex(r"[a-zA-Z0-9_ =\-][a-zA-Z0-9_ .=\-]{0,20}", fullmatch=True)
+_PREFIXES = st.lists(_PART, min_size=1, max_size=4).map("/".join)
 
 _RULED: dict[str, st.SearchStrategy[Any]] = {
     "JobDuration": st.integers(1, 691_200),
@@ -164,7 +170,7 @@ def _doorway_sets() -> Documents:
 _REFERENCE = st.one_of(names, shape("Arn"))
 _WORLD = st.one_of(st.builds("{}/{}".format, names, names), shape("Arn"))
 _WORLDS = st.one_of(st.just("all"), st.lists(_WORLD, min_size=1, max_size=3, unique=True))
-_PLACE = optional({"s3Bucket": shape("S3Bucket")}, s3Prefix=shape("S3Key"))
+_PLACE = optional({"s3Bucket": shape("S3Bucket")}, s3Prefix=_PREFIXES)
 _TOKEN = shape("ClientRequestToken")
 _TAGS = shape("TagMap")
 

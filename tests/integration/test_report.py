@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tasks.server.password import authorization
 from tests.integration.runs import ROOT, finished
 from tests.servers.chromium import browsing
 
@@ -78,8 +80,9 @@ def test_the_commands_of_the_document_run(small_run: Path, tmp_path: Path):
 def artifacts(api_url: str, key: str) -> list[dict[str, str]]:
     """Returns what runs left under a key in Prefect's pages, the newest first."""
     body = {"artifacts": {"key": {"any_": [key]}}, "sort": "CREATED_DESC"}
+    headers = {"content-type": "application/json", **authorization(os.environ["PREFECT_API_AUTH_STRING"])}
     request = urllib.request.Request(  # noqa: S310 - the test server's own URL
-        f"{api_url}/artifacts/filter", json.dumps(body).encode(), {"content-type": "application/json"}
+        f"{api_url}/artifacts/filter", json.dumps(body).encode(), headers
     )
     with urllib.request.urlopen(request, timeout=30) as answer:  # noqa: S310 - same
         return json.load(answer)

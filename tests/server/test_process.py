@@ -16,19 +16,19 @@ def test_the_environment_variable_wins_over_the_profile(tmp_path: Path):
         'active = "work"\n[profiles.work]\nPREFECT_API_URL = "http://127.0.0.1:1/api"\n'
     )
     environment = {"PREFECT_HOME": str(tmp_path), "PREFECT_API_URL": "http://127.0.0.1:2/api"}
-    assert process.configured_api_url(environment) == "http://127.0.0.1:2/api"
+    assert process.configured(environment, "PREFECT_API_URL") == "http://127.0.0.1:2/api"
 
 
 def test_the_active_profile_is_read_when_no_variable_is_set(tmp_path: Path):
     (tmp_path / "profiles.toml").write_text(
         'active = "work"\n[profiles.work]\nPREFECT_API_URL = "http://127.0.0.1:1/api"\n[profiles.other]\n'
     )
-    assert process.configured_api_url({"PREFECT_HOME": str(tmp_path)}) == "http://127.0.0.1:1/api"
-    assert process.configured_api_url({"PREFECT_HOME": str(tmp_path), "PREFECT_PROFILE": "other"}) is None
+    assert process.configured({"PREFECT_HOME": str(tmp_path)}, "PREFECT_API_URL") == "http://127.0.0.1:1/api"
+    assert process.configured({"PREFECT_HOME": str(tmp_path), "PREFECT_PROFILE": "other"}, "PREFECT_API_URL") == ""
 
 
 def test_no_profile_means_no_server(tmp_path: Path):
-    assert process.configured_api_url({"PREFECT_HOME": str(tmp_path)}) is None
+    assert process.configured({"PREFECT_HOME": str(tmp_path)}, "PREFECT_API_URL") == ""
 
 
 def test_a_bound_child_ends_when_its_parent_is_killed(tmp_path: Path):

@@ -12,12 +12,13 @@ from tests.integration.runs import finished, small_document, write_document
 
 @pytest.fixture(scope="session")
 def prefect_server(tmp_path_factory: pytest.TempPathFactory) -> Generator[str, None, None]:
-    """Yields the API URL of a real Prefect server, with PREFECT_API_URL set for this process and its children."""
+    """Yields the API URL of a real Prefect server, with the variables that lead to it set for this process and
+    its children."""
     home = tmp_path_factory.mktemp("prefect")
     with run_server(home) as (server, process):
         wait_until_healthy(server, process)
-        before = {name: os.environ.get(name) for name in ("PREFECT_API_URL", "PREFECT_HOME")}
-        os.environ.update(PREFECT_API_URL=server.api_url, PREFECT_HOME=str(home))
+        before = {name: os.environ.get(name) for name in ("PREFECT_API_URL", "PREFECT_API_AUTH_STRING", "PREFECT_HOME")}
+        os.environ.update(server.environment(), PREFECT_HOME=str(home))
         yield server.api_url
         for name, value in before.items():
             if value is None:

@@ -34,6 +34,12 @@ def shown(page: Page, url: str, text: str, *, height: int = 900) -> str:
     return waited_for(page, text)
 
 
+def say_password(page: Page, password: str) -> None:
+    """Has every page find the password where Prefect's own page of it leaves it."""
+    source = f"localStorage.setItem('prefect-password', btoa({json.dumps(password)}))"
+    page.call("Page.addScriptToEvaluateOnNewDocument", source=source)
+
+
 def turned_to(page: Page, tab: str, text: str) -> str:
     """Returns what stands on a page once one of its tabs is chosen and shows some text.
 

@@ -33,9 +33,8 @@ class RestartingServer:
     def start_again(self) -> None:
         """Starts it with the database that it had; returns at once, it answers some seconds later."""
         port = self.api_url.rpartition(":")[2].partition("/")[0]
-        prefect = str(Path(sys.executable).with_name("prefect"))
-        program = [prefect, "server", "start", "--host", "127.0.0.1", "--port", port]
-        own = {"PREFECT_HOME": str(self._home), "PREFECT_API_URL": self.api_url}
+        program = [sys.executable, "-m", "tasks.server.guarded_server", port]
+        own = {**self.environment(), "PREFECT_SERVER_API_AUTH_STRING": self._server.password}
         with Path(self._server.log).open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "tasks.server.bound_child", str(os.getpid()), *program],
@@ -51,7 +50,7 @@ class RestartingServer:
 
     def environment(self) -> dict[str, str]:
         """Returns what a process needs to use it."""
-        return {"PREFECT_API_URL": self.api_url, "PREFECT_HOME": str(self._home)}
+        return {**self._server.environment(), "PREFECT_HOME": str(self._home)}
 
 
 @contextmanager

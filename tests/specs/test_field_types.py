@@ -8,6 +8,7 @@ from specs.field_types import (
     EnvironmentVariableMap,
     Integer,
     Number,
+    OutputLocation,
     RobotTagMap,
     S3Bucket,
     TagMap,
@@ -71,3 +72,16 @@ def test_a_variable_needs_a_value():
 def test_tags_of_robots_must_fit_the_name_of_a_variable():
     assert refused(TypeAdapter(RobotTagMap), {"my-key": "x"})
     assert not refused(TypeAdapter(RobotTagMap), {"my_key1": "x"})
+
+
+@pytest.mark.parametrize(
+    "prefix", ["../..", "a/../b", "..", "./a", "a//b", "a\\b", "a\x00b", "a\tb", "a\u202eb", "a/.hidden"]
+)
+def test_a_prefix_stays_inside_its_bucket(prefix: str):
+    with pytest.raises(ValidationError, match="a folder inside the bucket"):
+        OutputLocation(s3Bucket="results", s3Prefix=prefix)
+
+
+@pytest.mark.parametrize("prefix", ["nightly", "a/b=1/c d", "/nightly/", "/", "caf\u00e9", None])
+def test_a_prefix_may_be_any_folder_with_or_without_slashes_around_it(prefix: str | None):
+    assert OutputLocation(s3Bucket="results", s3Prefix=prefix).s3Prefix == prefix

@@ -12,6 +12,7 @@ from typing import Any, cast
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from specs.artifact_text import escape_markdown
 from specs.data.outcome_reasons import MARKS
 from tasks.results.report.rows import RateRow
 from tasks.results.report.view import ReportView
@@ -60,7 +61,6 @@ def _fit(value: object) -> object:
 
 
 _MARKS = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}
-_ACTIVE = re.compile(r"([\\`*_{}\[\]<>()#+!|~&])")
 _HEAD = ("group", "passed", "rate", "interval", "why not")
 
 
@@ -78,11 +78,6 @@ def report_markdown(view: ReportView, url: str) -> str:
     return "\n\n".join(
         [title, sentence, _table(rows), "\n".join(reasons) or "No failures.", f"Report: {escape_markdown(url)}"]
     )
-
-
-def escape_markdown(text: str) -> str:
-    """Returns the text with what Markdown or HTML would take for more than text escaped, in one line."""
-    return _ACTIVE.sub(r"\\\1", " ".join(text.split()))
 
 
 def _captioned_rows(caption: str, rows: Sequence[RateRow]) -> list[RateRow]:

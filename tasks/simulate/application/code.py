@@ -2,15 +2,26 @@
 
 A bundle is imported below a package named after its digest, so two versions of an application live side by side in
 one process and neither can shadow a library. Modules of a bundle import each other relatively.
+
+What runs is what the sources say: bytecode (``__pycache__``, ``.pyc``) in a bundle is never read, since it may be of
+other sources, and none is written.
 """
 
 import importlib
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from importlib.machinery import (
+    EXTENSION_SUFFIXES,
+    SOURCE_SUFFIXES,
+    ExtensionFileLoader,
+    FileFinder,
+    ModuleSpec,
+    SourceFileLoader,
+)
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Literal, ParamSpec, TypeVar
 
 from specs.data.episode import ApplicationLaunch, Failure
@@ -140,9 +151,39 @@ def _module_file(name: str) -> str:
     return f"{_NAMESPACE.sub('', name).replace('.', '/')}.py"
 
 
+class _SourceLoader(SourceFileLoader):
+    """Compiles the source of a module, whatever bytecode lies beside it."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        path = self.get_filename(fullname)
+        return self.source_to_code(self.get_data(path), path)
+
+
+class _BundleFinder:
+    """Finds modules of bundles, and no others: sources, and libraries that are compiled to machine code."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, _target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if path is None or not _NAMESPACE.match(fullname):
+            return None
+        for place in path:
+            finder = FileFinder(place, (ExtensionFileLoader, EXTENSION_SUFFIXES), (_SourceLoader, SOURCE_SUFFIXES))
+            if found := finder.find_spec(fullname):
+                return found
+        # Nobody else may look for it: Python's own finder takes bytecode without a source.
+        raise ModuleNotFoundError(f"No module named {fullname!r}", name=fullname)
+
+
+_FINDER = _BundleFinder()
+
+
 def _import(folder: Path, launch: ApplicationLaunch) -> ModuleType:
     root = f"simyard_bundle_{launch.digest}"
     package = sys.modules.setdefault(root, ModuleType(root))
     package.__path__ = [str(folder)]  # where it lies now: the folder of another store, or unpacked anew
+    if _FINDER not in sys.meta_path:
+        sys.meta_path.insert(0, _FINDER)
+    sys.dont_write_bytecode = True
     importlib.invalidate_caches()
     return importlib.import_module(f"{root}.{launch.package}.{launch.launch_file}")

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from specs.data.episode import CONTROL_S
+from tasks.simulate.application.mjcf_check import check_mjcf
 from tasks.simulate.refusal import RobotRefused
 
 _JOINTS = (
@@ -52,8 +53,9 @@ def read_robot_mjcf(path: Path) -> mujoco.MjSpec:
     floor at height 0: the one of its own file, if there is one, or one that is as rough as MuJoCo's default.
 
     Raises:
-        RobotRefused: The file is missing or is not MJCF, or its robot cannot be driven about.
+        RobotRefused: The file is missing, is not MJCF, holds what no robot needs, or its robot cannot be driven about.
     """
+    check_mjcf(path)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         floor = next((geom for geom in spec.worldbody.geoms if _is_floor(geom)), None)

@@ -15,6 +15,7 @@ from typing import Any
 import httpx
 import pytest
 
+from tasks.server.password import authorization
 from tasks.simulate.batch.metrics import metric_rows, recorded_metrics
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read, records, submit
@@ -137,9 +138,14 @@ def test_a_batch_leaves_its_figures_in_its_record_and_on_its_page(prefect_server
     assert figures is not None
     assert (figures.workers, figures.chunks, figures.simulated_s > 0.0, figures.drive_s > 0.0) == (1, 2, True, True)
     asked = {"artifacts": {"key": {"any_": ["batch-metrics"]}}, "sort": "CREATED_DESC"}
-    shown = httpx.post(f"{prefect_server}/artifacts/filter", json=asked).json()
+    shown = httpx.post(f"{prefect_server}/artifacts/filter", json=asked, headers=said_password()).json()
     (rows,) = [json.loads(each["data"]) for each in shown if batch.id in each["description"]]
     assert [row["figure"] for row in rows] == [row["figure"] for row in metric_rows(figures)]
+
+
+def said_password() -> dict[str, str]:
+    """Returns the header by which the tests' server is asked."""
+    return authorization(os.environ["PREFECT_API_AUTH_STRING"])
 
 
 def events_about(api_url: str, store: Store) -> list[dict[str, Any]]:
@@ -147,10 +153,10 @@ def events_about(api_url: str, store: Store) -> list[dict[str, Any]]:
     ours = {job.arn for kind in ("simulation-job-batch", "pipeline-run") for job in records(store, kind)}
     place = next(iter(ours)).split(":")[3]
     asked = {"filter": {"event": {"prefix": ["simyard."]}, "order": "ASC"}, "limit": 50}
-    page = httpx.post(f"{api_url}/events/filter", json=asked).json()
+    page = httpx.post(f"{api_url}/events/filter", json=asked, headers=said_password()).json()
     found: list[dict[str, Any]] = page["events"]
     while page["next_page"]:
-        page = httpx.get(page["next_page"]).json()
+        page = httpx.get(page["next_page"], headers=said_password()).json()
         found += page["events"]
     return [each for each in found if each["resource"]["prefect.resource.id"].split(":")[3] == place]
 

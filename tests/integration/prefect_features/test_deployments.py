@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
+from tasks.server.password import authorization
 from tasks.storage.jobs.records import records
 from tasks.storage.store_url import open_store
 from tests.docs.test_readme import blocks
@@ -85,7 +86,10 @@ def test_the_server_refuses_a_document_that_is_not_one():
 
 def _robots_table(api_url: str) -> list[dict[str, str]]:
     """Returns the table of robots that the deployment left in Prefect's pages."""
-    with urllib.request.urlopen(f"{api_url}/artifacts/deployment-robots/latest") as reply:  # noqa: S310 - the test server
+    request = urllib.request.Request(  # noqa: S310 - the test server's own URL
+        f"{api_url}/artifacts/deployment-robots/latest", headers=authorization(os.environ["PREFECT_API_AUTH_STRING"])
+    )
+    with urllib.request.urlopen(request) as reply:  # noqa: S310 - same
         return json.loads(json.load(reply)["data"])
 
 
@@ -93,9 +97,10 @@ def _scheduled_run(api_url: str, timeout_s: float) -> dict[str, Any]:
     """Returns the first ended run that the schedule, and not a person, created."""
     deadline_s = time.monotonic() + timeout_s
     body = {"flow_runs": {"state": {"type": {"any_": ["COMPLETED", "FAILED", "CRASHED"]}}}}
+    headers = {"content-type": "application/json", **authorization(os.environ["PREFECT_API_AUTH_STRING"])}
     while time.monotonic() < deadline_s:
         request = urllib.request.Request(  # noqa: S310 - the test server's own URL
-            f"{api_url}/flow_runs/filter", json.dumps(body).encode(), {"content-type": "application/json"}
+            f"{api_url}/flow_runs/filter", json.dumps(body).encode(), headers
         )
         with urllib.request.urlopen(request) as reply:  # noqa: S310 - same
             found = [run for run in json.load(reply) if run["auto_scheduled"]]

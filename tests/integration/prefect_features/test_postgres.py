@@ -62,7 +62,12 @@ def operated(tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
             SIMYARD_CACHE=str(folder / "cache"),
             SIMYARD_KEYS="",
         )
-        with started("simyard-server", server, folder / "server.log") as process:
+        password = worker["PREFECT_API_AUTH_STRING"]
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            started("simyard-server", server, folder / "server.log") as process,
+        ):
+            patch.setenv("PREFECT_API_AUTH_STRING", password)
             wait_until_healthy(api_url, process, folder / "server.log")
             for _, *command in commands("docs/operate/operations.md", "deployments"):
                 prefect(worker, *command)

@@ -3,6 +3,7 @@
 Where SIMYARD_PICTURES names a folder, the pictures of docs/operate/operations.md are taken anew into it.
 """
 
+import os
 import re
 import subprocess
 from collections.abc import Generator
@@ -15,7 +16,7 @@ import pytest
 from tests.integration.runs import simyard, small_document, write_document
 from tests.integration.stopped.operated import asked, commands, prefect, until
 from tests.servers.chromium import Page, browsing
-from tests.servers.prefect_pages import complaints, painted, pictured, shown, turned_to
+from tests.servers.prefect_pages import complaints, painted, pictured, say_password, shown, turned_to
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 NAME = "nightly-in-pages"
@@ -84,8 +85,9 @@ def watched(prefect_server: str, tmp_path_factory: pytest.TempPathFactory) -> Ge
 
 @pytest.fixture
 def page(tmp_path: Path) -> Generator[Page]:
-    """A page that is found without complaint in the end."""
+    """A page of somebody who has said the password; found without complaint in the end."""
     with browsing(tmp_path) as opened:
+        say_password(opened, os.environ["PREFECT_API_AUTH_STRING"])
         yield opened
         assert complaints(opened) == []
 

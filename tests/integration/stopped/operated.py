@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tasks.server.health import is_healthy
+from tasks.server.password import authorization
 from tests.integration.runs import ROOT
 
 T = TypeVar("T")
@@ -92,7 +93,7 @@ def asked(api_url: str, path: str, body: object = None) -> Any:  # noqa: ANN401 
     request = urllib.request.Request(  # noqa: S310 - the test server's own URL
         f"{api_url}{path}",
         None if body is None else json.dumps(body).encode(),
-        {"content-type": "application/json"},
+        {"content-type": "application/json", **authorization(os.environ.get("PREFECT_API_AUTH_STRING", ""))},
     )
     with urllib.request.urlopen(request) as reply:  # noqa: S310 - same
         return json.load(reply)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.server.process import end, launch, wait_until_healthy
+from tasks.server.process import Server, end, launch, wait_until_healthy
 from tests.integration.runs import simyard, small_document, write_document
 from tests.servers.eventually import eventually
 
@@ -24,28 +24,28 @@ def endless(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def own_server(tmp_path: Path) -> Generator[tuple[str, "subprocess.Popen[bytes]"], None, None]:
+def own_server(tmp_path: Path) -> Generator[tuple[Server, "subprocess.Popen[bytes]"], None, None]:
     """A server that a test may kill."""
     server, process = launch(tmp_path / "prefect", bound=True)
     try:
         wait_until_healthy(server, process)
-        yield server.api_url, process
+        yield server, process
     finally:
         end(process)
 
 
 @pytest.mark.long
 def test_a_run_whose_server_is_killed_ends_by_itself(
-    endless: Path, tmp_path: Path, own_server: tuple[str, "subprocess.Popen[bytes]"]
+    endless: Path, tmp_path: Path, own_server: tuple[Server, "subprocess.Popen[bytes]"]
 ):
-    api_url, server = own_server
-    environment = {"PREFECT_API_URL": api_url, "SIMYARD_SERVER_WAIT": "5"}
+    chosen, server = own_server
+    environment = {**chosen.environment(), "SIMYARD_SERVER_WAIT": "5"}
     run = simyard("run", str(endless), "--store", (tmp_path / "store").as_uri(), **environment)
     _in_simulation(run, tmp_path / "store")
     server.send_signal(signal.SIGKILL)
     _, err = run.communicate(timeout=100)
     assert run.returncode == 3, err
-    assert f"the Prefect server at {api_url} went away; the same command continues this run" in err
+    assert f"the Prefect server at {chosen.api_url} went away; the same command continues this run" in err
     assert "Traceback" not in err
 
 

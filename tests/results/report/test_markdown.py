@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from specs.artifact_text import escape_markdown
 from tasks.results.report.facts import Judgement
-from tasks.results.report.page import escape_markdown, report_markdown
+from tasks.results.report.page import report_markdown
 from tests.factories.episodes import crashed, request
 from tests.factories.reports import view
 

@@ -1,5 +1,6 @@
 """Applications' modules are imported each by itself."""
 
+import py_compile
 import sys
 from pathlib import Path
 
@@ -29,6 +30,36 @@ def test_two_versions_of_an_application_live_side_by_side(tmp_path: Path):
     second = load_factory(two, launch("2" * 64), "controller", "RobotApplicationCrash")
     assert (first({}), second({})) == (1, 2)
     assert "pack" not in sys.modules
+
+
+def forge(folder: Path, place: str) -> None:
+    """Compiles another answer where Python looks for the bytecode of a module, to be taken whatever its source."""
+    other = folder / "other.py"
+    other.write_text("ANSWER = 666\n")
+    target = folder / "pack" / place
+    py_compile.compile(str(other), cfile=str(target), invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
+    other.unlink()
+
+
+def test_bytecode_in_a_bundle_is_not_run_in_place_of_its_source(tmp_path: Path):
+    folder = bundle(tmp_path / "app", 1)
+    forge(folder, f"__pycache__/number.{sys.implementation.cache_tag}.pyc")
+    assert load_factory(folder, launch("8" * 64), "controller", "RobotApplicationCrash")({}) == 1
+
+
+def test_bytecode_without_a_source_is_no_module(tmp_path: Path):
+    folder = bundle(tmp_path / "app", 1)
+    forge(folder, "number.pyc")
+    (folder / "pack" / "number.py").unlink()
+    with pytest.raises(BundleCrash, match=r"No module named 'pack\.number'"):
+        load_factory(folder, launch("9" * 64), "controller", "RobotApplicationCrash")
+
+
+def test_importing_a_bundle_writes_nothing_into_it(tmp_path: Path):
+    folder = bundle(tmp_path / "app", 1)
+    before = sorted(folder.rglob("*"))
+    load_factory(folder, launch("a" * 64), "controller", "RobotApplicationCrash")
+    assert sorted(folder.rglob("*")) == before
 
 
 def test_a_bundle_that_does_not_import_says_what_is_missing():

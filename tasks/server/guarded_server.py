@@ -1,0 +1,35 @@
+"""Prefect's server, for this machine and its own pages only: the program of the servers that Simyard starts.
+
+Run as ``python -m tasks.server.guarded_server PORT``. It is what ``prefect server start`` is, but for the application
+that stands before Prefect's: Prefect has no setting for the names that its server answers to. Its password comes in
+PREFECT_SERVER_API_AUTH_STRING, where no other account of the machine sees it.
+"""
+
+import sys
+
+import uvicorn
+from prefect.server.api.server import create_app
+from prefect.settings import get_current_settings
+
+from tasks.server.own_origin import OwnOrigin
+
+_HERE = ("127.0.0.1", "localhost")
+
+
+def main(arguments: list[str]) -> None:
+    """Serves on a port of 127.0.0.1 until a signal ends it."""
+    port = int(arguments[0])
+    settings = get_current_settings().server
+    uvicorn.run(
+        OwnOrigin(create_app(final=True), [f"{name}:{port}" for name in _HERE]),  # pyright: ignore[reportArgumentType]
+        host=_HERE[0],
+        port=port,
+        timeout_keep_alive=settings.api.keepalive_timeout,
+        ws_ping_interval=settings.api.websocket_ping_interval,
+        ws_ping_timeout=settings.api.websocket_ping_timeout,
+        log_level=settings.logging_level.lower(),
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
