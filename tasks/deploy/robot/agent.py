@@ -132,7 +132,7 @@ def _check(options: argparse.Namespace, store: Store, disk: Disk) -> Check | Non
 def _look(store: Store, name: str, away: Outage) -> tuple[Desired | None, str]:
     try:
         found = read_desired(store, name)
-    except StoreError as exc:
+    except Exception as exc:  # noqa: BLE001 - what is read is anybody's: nothing of it may end what runs
         away.failed(exc)
         return None, ""
     away.worked()
