@@ -16,6 +16,7 @@ from specs.robomaker.failure_codes import DeploymentJobErrorCode
 MOST_SEQUENCE = 1 << 53
 """Milliseconds until the year 287,396; every JSON parser keeps whole numbers up to here as they are."""
 MOST_TIMEOUT_S = 604_800.0  # docs/reference/robomaker.md, section 8: a week
+MOST_CONDITION_BYTES = 16 << 20
 _MOST_EPOCH = _MOST_VERSION = 1 << 31  # a claim that is taken over each second gets there in 68 years
 # Until the year 5138: times that no clock shows, infinity and NaN among them, are none.
 Seconds = Annotated[float, Field(ge=0, le=1e11)]

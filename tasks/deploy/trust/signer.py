@@ -10,7 +10,7 @@ from securesystemslib.exceptions import UnverifiedSignatureError, VerificationEr
 
 from specs.errors import DocumentError, TrustRefused
 from specs.field_types import S3Object
-from tasks.deploy.fleet.states import Desired, Signature
+from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired, Signature
 from tasks.deploy.trust.keyring import ROOT_FILE, Keyring, keyring
 from tasks.deploy.trust.repository import Clock, init_keys, list_for_deployment, open_repository, utc_now
 from tasks.deploy.trust.signature import sign_desired, verify
@@ -109,7 +109,7 @@ class DeploymentSigner:
     def _condition_sha256(self, condition: S3Object) -> str:
         known = (condition.bucket, condition.key)
         if known not in self._conditions:
-            body = open_bucket(self._store, condition.bucket).get(condition.key).body
+            body = open_bucket(self._store, condition.bucket).get(condition.key, MOST_CONDITION_BYTES).body
             self._conditions[known] = hashlib.sha256(body).hexdigest()
         return self._conditions[known]
 
