@@ -17,9 +17,10 @@ from tasks.deploy.fleet.robots import read_desired
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.disk import Disk, lock_folder
 from tasks.deploy.robot.launch import LaunchPlace
-from tasks.deploy.robot.processes import adopt_orphans
+from tasks.deploy.robot.processes import reap_orphans
 from tasks.deploy.robot.reported_state import Outage, Reporter
 from tasks.deploy.robot.shutdown import Stop, StopRequested
+from tasks.deploy.robot.sweep import adopt_orphans
 from tasks.deploy.robot.update import Check, RobotUpdater
 from tasks.progress.log_lines import chosen_log_format, log_in_chosen_format
 from tasks.storage.base.keys import checked_name
@@ -92,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     if chosen_log_format() is None:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
-    stop = Stop(options.parent)
+    stop = Stop(options.parent, reap_orphans)  # or what forks for ever uses up the machine's processes
     stop.listen()
     adopt_orphans()
     disk = Disk(options.root.absolute())

@@ -1,7 +1,6 @@
 """Headers of archives that somebody made to hang, fill or end whoever unpacks them."""
 
 import io
-import os
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -122,7 +121,7 @@ def test_an_archive_that_was_spoiled_is_unpacked_or_refused(
     try:
         install(folder / "bundle.tar", digest_of(folder / "bundle.tar"), folder / "out")
     except BundleRefused:
-        assert os.listdir(folder) == ["bundle.tar"]
+        assert [path.name for path in folder.iterdir()] == ["bundle.tar"]
 
 
 def _with_checksums(body: bytes) -> bytes:
