@@ -4,7 +4,6 @@ See docs/reference/robomaker.md, section 8: exit 0 proceeds.
 """
 
 import hashlib
-import stat
 
 from specs.errors import DocumentError
 from specs.field_types import S3Object
@@ -43,7 +42,7 @@ def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition:
         retry(download, desired, patience)
     except DocumentError as exc:
         raise StepFailed("DownloadConditionFailed", str(exc)) from exc
-    script.chmod(script.stat().st_mode | stat.S_IXUSR)
+    script.chmod(0o755)  # for the account that programs run under
     try:
         run_program(place, desired, script, "condition", "DownloadConditionFailed")
     finally:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
+from tasks.deploy.robot.account import Account
 from tasks.deploy.robot.shutdown import Stop
 from tasks.deploy.robot.sweep import ROOT_MARK, RUN_MARK, Quarry, orphans, sweep
 
@@ -53,7 +54,15 @@ class RunningProgram:
         sweep(Quarry(f"{RUN_MARK}={self._run}", _started, self._others, _runs))
 
 
-def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], root: Path, log: Path) -> RunningProgram:
+def start(
+    argv: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    root: Path,
+    log: Path,
+    *,
+    account: Account | None = None,
+) -> RunningProgram:
     """Returns the program, started in a session of its own, without input, its output going to a capped file.
 
     Args:
@@ -61,7 +70,8 @@ def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], roo
         folder: Its working directory.
         environment: All its variables, but for the marks.
         root: The robot's folder.
-        log: Where the first MiB of its output goes.
+        log: Where its output goes.
+        account: Under which it runs; None for this process's own.
 
     Raises:
         OSError: The program cannot be started.
@@ -76,6 +86,9 @@ def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], roo
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
+        user=account.uid if account else None,
+        group=account.gid if account else None,
+        extra_groups=account.groups if account else None,
     )
     _started.add(process.pid)
     _runs.add(run)
