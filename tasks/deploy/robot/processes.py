@@ -4,6 +4,7 @@ What leaves the group is found by `tasks.deploy.robot.sweep`.
 """
 
 import contextlib
+import logging
 import os
 import signal
 import subprocess
@@ -18,7 +19,9 @@ from tasks.deploy.robot.account import Account
 from tasks.deploy.robot.shutdown import Stop
 from tasks.deploy.robot.sweep import ROOT_MARK, RUN_MARK, Quarry, orphans, sweep
 
-_OUTPUT_BYTES = 1 << 20
+_LOG = logging.getLogger(__name__)
+_HEAD_BYTES = _TAIL_BYTES = 1 << 18
+_BLOCK_BYTES = 1 << 16
 _PATIENCE_S = 2.0
 _SLICE_S = 0.02
 _started: set[int] = set()  # and not waited for
@@ -119,14 +122,57 @@ def reap_orphans() -> None:
     orphans(_started)
 
 
+class _OutputFile:
+    """A file with the beginning and the end of what a program prints, and how much is left out between them.
+
+    While the program runs, up to twice the end stands there, so that not every line rewrites the file.
+    """
+
+    def __init__(self, log: Path) -> None:
+        self._log = log
+        self._head, self._tail = bytearray(), bytearray()
+        self._left_out = 0
+        self._file = log.open("wb")
+
+    def write(self, block: bytes) -> None:
+        """Adds what was printed."""
+        room = _HEAD_BYTES - len(self._head)
+        self._head += block[:room]
+        self._tail += block[room:] if room < len(block) else b""
+        if len(self._tail) > 2 * _TAIL_BYTES:
+            self._rewrite()
+        else:
+            self._file.write(block)
+            self._file.flush()
+
+    def close(self) -> None:
+        """Ends the file, with no more than the end of what was printed."""
+        if len(self._tail) > _TAIL_BYTES:
+            self._rewrite()
+        self._file.close()
+
+    def _rewrite(self) -> None:
+        self._left_out += len(self._tail) - _TAIL_BYTES
+        del self._tail[:-_TAIL_BYTES]
+        fresh = self._log.with_suffix(".new")
+        with fresh.open("wb") as file:
+            file.write(self._head + b"\n[%d bytes are left out here]\n" % self._left_out + self._tail)
+        fresh.replace(self._log)
+        self._file.close()
+        self._file = self._log.open("ab")
+
+
 def _drain(output: IO[bytes], log: Path) -> None:
-    """Keeps the beginning of the output and reads the rest, so that the program never waits for a full pipe."""
-    left = _OUTPUT_BYTES
-    with output, log.open("wb") as file:
-        while block := os.read(output.fileno(), 1 << 16):
-            file.write(block[:left])
-            file.flush()
-            left -= min(left, len(block))
+    """Keeps some of the output and reads all of it, so that the program never waits for a full pipe."""
+    with output:
+        try:
+            with contextlib.closing(_OutputFile(log)) as file:
+                while block := os.read(output.fileno(), _BLOCK_BYTES):
+                    file.write(block)
+        except OSError as exc:  # the disk is full, or broken: the program runs on
+            _LOG.warning("%s holds no more of what is printed: %s", log, exc)
+            while os.read(output.fileno(), _BLOCK_BYTES):
+                continue
 
 
 def _signal_group(pid: int, number: signal.Signals) -> None:
