@@ -74,9 +74,11 @@ def publish(owner: Owner, script: str, **files: str) -> None:
     assert done.returncode == 0, done.stdout
 
 
-def start_agent(owner: Owner, root: Path, **environment: str) -> subprocess.Popen[str]:
+def start_agent(
+    owner: Owner, root: Path, trust: str = "--root-of-trust=keys/root.json", **environment: str
+) -> subprocess.Popen[str]:
     """Returns the agent's process, which looks at the store several times a second."""
-    arguments = ["--robot=r1", f"--root={root}", f"--store={owner.url}", "--root-of-trust=keys/root.json"]
+    arguments = ["--robot=r1", f"--root={root}", f"--store={owner.url}", trust]
     return owner.start("agent", *arguments, "--poll-s=0.1", "--longest-poll-s=0.3", "--grace-s=0.2", **environment)
 
 
