@@ -2,7 +2,7 @@
 
 A bundle is a plain tar: uncompressed, so what comes out can never be larger than what came in, and the same folder
 gives the same bytes on every machine, whatever its version of zlib. The extractor writes every byte itself: ``tarfile``
-only reads the headers, because its own filters have been bypassed before.
+only reads the headers (`tasks.storage.base.tar_headers`), because its own filters have been bypassed before.
 """
 
 import hashlib
@@ -20,6 +20,7 @@ from tasks.storage.base.atomic_file import flush_to_disk, settle_names
 from tasks.storage.base.disk_space import OF_THE_DISK, room_in
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
+from tasks.storage.base.tar_headers import open_tar
 
 _BLOCK_BYTES = 1 << 20
 _NAME_BYTES = 255
@@ -76,12 +77,8 @@ def list_bundle_files(store: Store, digest: str) -> dict[str, bool]:
     with tempfile.TemporaryDirectory() as folder:
         archive = Path(folder) / "bundle"
         store.download(bundle_key(digest), archive)
-        try:
-            with tarfile.open(archive, mode="r:") as tar:
-                found = {each.name: bool(each.mode & 0o111) for each in list_members(tar) if each.type in _FILES}
-        except tarfile.TarError as exc:
-            raise BundleRefused(f"the bundle is not a plain tar archive: {exc}") from exc
-    return found
+        with open_tar(archive) as tar:
+            return {each.name: bool(each.mode & 0o111) for each in list_members(tar.headers()) if each.type in _FILES}
 
 
 def install(
@@ -156,9 +153,9 @@ def _unpack(archive: Path, target: Path, limits: ArchiveLimits, progress: Callab
     size = archive.stat().st_size
     written = 0
     try:
-        with tarfile.open(archive, mode="r:") as tar:
-            for member in list_members(tar, limits):
-                written += _write_member(tar, member, target, limits)
+        with open_tar(archive) as tar:
+            for member in list_members(tar.headers(), limits):
+                written += _write_member(tar.file, member, target, limits)
                 progress(written, size)
     except tarfile.TarError as exc:
         raise BundleRefused(f"the bundle is not a plain tar archive: {exc}") from exc
@@ -168,14 +165,14 @@ def _unpack(archive: Path, target: Path, limits: ArchiveLimits, progress: Callab
         raise BundleRefused(f"the bundle cannot be unpacked: {exc}") from exc
 
 
-def list_members(tar: tarfile.TarFile, limits: ArchiveLimits = LIMITS) -> Iterator[tarfile.TarInfo]:
+def list_members(headers: Iterable[tarfile.TarInfo], limits: ArchiveLimits = LIMITS) -> Iterator[tarfile.TarInfo]:
     """Yields the entries of an archive, and no more than it may hold.
 
     Raises:
         BundleRefused: It holds more.
     """
     total_bytes = 0
-    for count, member in enumerate(tar, start=1):
+    for count, member in enumerate(headers, start=1):
         if count > limits.entries:
             raise BundleRefused(f"the bundle holds more than {limits.entries} entries")
         if member.size < 0:

@@ -8,7 +8,7 @@ believes that the new bytes are what is deployed.
 import os
 
 from specs.base import Fault
-from specs.errors import DocumentError, ObjectNotFound, StoreUnreachable
+from specs.errors import DocumentError, ObjectNotFound, ObjectTooBig, StoreUnreachable
 from specs.field_types import S3Object
 from specs.robomaker.bundle import Version
 from tasks.storage.base.keys import STORE, checked_bucket
@@ -40,8 +40,9 @@ def open_bucket(store: Store, bucket: str) -> Store:
     """
     opened = connect(bucket_url(store, bucket))
     try:
-        opened.get(STORE)  # only the answer to a read tells a missing bucket from a missing object
-    except ObjectNotFound:
+        # Only the answer to a read tells a missing bucket from a missing object; what is there does not matter.
+        opened.get(STORE, 0)
+    except (ObjectNotFound, ObjectTooBig):
         return opened
     except StoreUnreachable as exc:
         raise type(exc)(f"bucket {bucket} ({opened.url}): {exc}; SIMYARD_BUCKETS says where buckets lie") from exc

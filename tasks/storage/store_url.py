@@ -24,6 +24,7 @@ from tasks.storage.base.keys import STORE, checked_bucket, checked_key
 from tasks.storage.base.store import Store
 
 _URL_RULE = "file:///absolute/folder or s3://bucket/prefix; credentials come from the usual AWS variables, never here"
+_MOST_BYTES = 1 << 16  # of store.json, which has a hundred
 _CREDENTIALS = re.compile(r"//[^/]*@")
 
 
@@ -117,7 +118,7 @@ def _not_a_store(url: str) -> DocumentError:
 
 def _record(store: Store) -> _StoreRecord | None:
     try:
-        stored = store.get(STORE)
+        stored = store.get(STORE, _MOST_BYTES)
     except ObjectNotFound:
         return None
     return decode_document(_StoreRecord, stored, store, STORE)
@@ -128,7 +129,7 @@ def _introduce(store: Store) -> _StoreRecord:
     try:
         store.create(STORE, encode_document(record))
     except ObjectExists:  # another process was first, and its id is the store's
-        return decode_document(_StoreRecord, store.get(STORE), store, STORE)
+        return decode_document(_StoreRecord, store.get(STORE, _MOST_BYTES), store, STORE)
     return record
 
 

@@ -78,7 +78,7 @@ class Yard:
     def start_agent(self, robot: str, trust: str = "--unsigned", **variables: str) -> subprocess.Popen[bytes]:
         root = self.root(robot)
         root.mkdir(parents=True, exist_ok=True)
-        pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3", trust]
+        pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3", f"--user={os.geteuid()}", trust]
         argv = [
             "-m",
             "tasks.deploy.robot.agent",

@@ -13,8 +13,16 @@ from specs.field_types import Architecture, S3Object
 from specs.robomaker.deployment import DeploymentLaunchConfig, RobotDeploymentStep, RobotStatus
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 
+MOST_SEQUENCE = 1 << 53
+"""Milliseconds until the year 287,396; every JSON parser keeps whole numbers up to here as they are."""
+MOST_TIMEOUT_S = 604_800.0  # docs/reference/robomaker.md, section 8: a week
+MOST_CONDITION_BYTES = 16 << 20
+_MOST_EPOCH = _MOST_VERSION = 1 << 31  # a claim that is taken over each second gets there in 68 years
+# Until the year 5138: times that no clock shows, infinity and NaN among them, are none.
 Seconds = Annotated[float, Field(ge=0, le=1e11)]
+SequenceNumber = Annotated[int, Field(ge=1, le=MOST_SEQUENCE)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_Name = Annotated[str, Field(pattern=r"^[a-zA-Z0-9][a-zA-Z0-9_.\-]{0,254}$")]  # it is printed and logged
 
 
 class FleetRecord(Spec):
@@ -58,9 +66,13 @@ class Signature(Spec):
 class Desired(Spec):
     """What a robot shall run.
 
+    Anybody who can write to the store can write it, and it is parsed before its signature is verified, so every number
+    is bounded.
+
     Attributes:
         deployment: The job that wants it.
-        sequence: One more than the desired state before it; a robot never goes back.
+        sequence: When it was asked for in milliseconds since 1970, or one more than the desired state before it, if
+            that is more (`tasks.deploy.rollout.robot_requests`); a robot never goes back.
         epoch: Of the controller's claim on the job.
         digest: Of the bundle.
         environment: All variables that the application and its scripts get, tags included.
@@ -72,20 +84,20 @@ class Desired(Spec):
         signature: The deployer's, under everything else (`tasks.deploy.trust.signature`).
     """
 
-    robot: str
-    deployment: str
-    sequence: Annotated[int, Field(ge=1)]
-    epoch: Annotated[int, Field(ge=1)]
-    application: str
-    version: int
+    robot: _Name
+    deployment: _Name
+    sequence: SequenceNumber
+    epoch: Annotated[int, Field(ge=1, le=_MOST_EPOCH)]
+    application: _Name
+    version: Annotated[int, Field(ge=1, le=_MOST_VERSION)]
     digest: Digest
     launch: DeploymentLaunchConfig
     environment: dict[str, str]
     condition: S3Object | None = None
-    timeout_s: float
-    issued_at_s: float
-    expires_at_s: float = 0.0
-    condition_sha256: str = ""
+    timeout_s: Annotated[float, Field(ge=0, le=MOST_TIMEOUT_S)]
+    issued_at_s: Seconds
+    expires_at_s: Seconds = 0.0
+    condition_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
     signature: Signature | None = None
 
 
@@ -96,7 +108,7 @@ class Withdrawn(Spec):
         withdrawn: The sequence of that state; the next one's is higher.
     """
 
-    withdrawn: Annotated[int, Field(ge=1, le=1 << 53)]
+    withdrawn: SequenceNumber
 
 
 class Reported(Spec):
@@ -114,7 +126,7 @@ class Reported(Spec):
 
     robot: str
     deployment: str
-    sequence: Annotated[int, Field(ge=0, le=1 << 53)]
+    sequence: Annotated[int, Field(ge=0, le=MOST_SEQUENCE)]
     boot_id: str
     status: Literal["Deploying", "InSync", "Failed"]
     step: RobotDeploymentStep

@@ -93,7 +93,9 @@ def _robots(store: Store, fleet: str, count: int) -> tuple[str, ...]:
 
 def _start(store: Store, name: str, root: Path, grace_s: float, trust: Path | None) -> subprocess.Popen[bytes]:
     root.mkdir(parents=True, exist_ok=True)
-    options = {"robot": name, "root": str(root), "store": store.url, "parent": str(os.getpid())}
+    # What they run was simulated by this process already, under its account.
+    account = {"parent": str(os.getpid()), "user": str(os.geteuid())}
+    options = {"robot": name, "root": str(root), "store": store.url, **account}
     pace = {"poll-s": "0.1", "longest-poll-s": "0.5", "grace-s": str(grace_s)}
     argv = [f"--{option}={value}" for option, value in {**options, **pace}.items()]
     argv.append(f"--root-of-trust={trust}" if trust else "--unsigned")

@@ -6,6 +6,7 @@ nothing else of what Simyard needs. Ends at SIGTERM with exit code 0, and takes 
 
 import argparse
 import logging
+import os
 import random
 import sys
 from collections.abc import Generator, Sequence
@@ -15,11 +16,13 @@ from pathlib import Path
 from specs.errors import StoreError
 from tasks.deploy.fleet.robots import read_desired
 from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.account import chosen_account, hide_memory, make_home
 from tasks.deploy.robot.disk import Disk, lock_folder
 from tasks.deploy.robot.launch import LaunchPlace
-from tasks.deploy.robot.processes import adopt_orphans
+from tasks.deploy.robot.processes import reap_orphans
 from tasks.deploy.robot.reported_state import Outage, Reporter
 from tasks.deploy.robot.shutdown import Stop, StopRequested
+from tasks.deploy.robot.sweep import adopt_orphans
 from tasks.deploy.robot.update import Check, RobotUpdater
 from tasks.progress.log_lines import chosen_log_format, log_in_chosen_format
 from tasks.storage.base.keys import checked_name
@@ -92,14 +95,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     if chosen_log_format() is None:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s", stream=sys.stderr)
-    stop = Stop(options.parent)
+    hide_memory()
+    stop = Stop(options.parent, reap_orphans)  # or what forks for ever uses up the machine's processes
     stop.listen()
     adopt_orphans()
     disk = Disk(options.root.absolute())
     try:
         with _lock_folder_alone(disk, stop):
             store = connect(options.store)
-            place = LaunchPlace(robot=options.robot, disk=disk, stop=stop, grace_s=options.grace_s)
+            place = _place(options, disk, stop)
             robot = RobotUpdater(store, place, Reporter(store, options.robot), _check(options, store, disk))
             try:
                 serve(robot, store, options.robot, stop, Poll(options.poll_s, options.longest_poll_s, random.Random()))  # noqa: S311 - jitter
@@ -108,6 +112,14 @@ def _run(options: argparse.Namespace) -> int:
     except StopRequested:
         _LOG.info("%s ends", options.robot)
     return 0
+
+
+def _place(options: argparse.Namespace, disk: Disk, stop: Stop) -> LaunchPlace:
+    account = chosen_account(options.user)
+    home = make_home(account, disk.root) if account else None
+    if account is None and os.geteuid() == 0:
+        _LOG.warning("programs run as root, as this agent does: they can read its credentials; --user NAME")
+    return LaunchPlace(options.robot, disk, stop, grace_s=options.grace_s, account=account, home=home)
 
 
 def _accept(robot: RobotUpdater, desired: Desired, etag: str, away: Outage) -> str:
@@ -132,7 +144,7 @@ def _check(options: argparse.Namespace, store: Store, disk: Disk) -> Check | Non
 def _look(store: Store, name: str, away: Outage) -> tuple[Desired | None, str]:
     try:
         found = read_desired(store, name)
-    except StoreError as exc:
+    except Exception as exc:  # noqa: BLE001 - what is read is anybody's: nothing of it may end what runs
         away.failed(exc)
         return None, ""
     away.worked()
@@ -166,6 +178,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--poll-s", type=float, default=1.0, help="shortest pause between two looks")
     parser.add_argument("--longest-poll-s", type=float, default=15.0, help="longest pause between two looks")
     parser.add_argument("--grace-s", type=float, default=2.0, help="how long an application must stay up")
+    parser.add_argument(
+        "--user", help="account of the robot's programs; for an agent of root simyard-app or nobody, else its own"
+    )
     parser.add_argument("--parent", type=int, help="end when this process is no longer the agent's parent")
     return parser
 

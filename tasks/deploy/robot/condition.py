@@ -4,17 +4,14 @@ See docs/reference/robomaker.md, section 8: exit 0 proceeds.
 """
 
 import hashlib
-import stat
 
 from specs.errors import DocumentError
 from specs.field_types import S3Object
-from tasks.deploy.fleet.states import Desired
+from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired
 from tasks.deploy.robot.install import Patience, StepFailed, retry
 from tasks.deploy.robot.launch import LaunchPlace, run_program
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-
-_MOST_BYTES = 16 << 20  # of a script
 
 
 def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition: S3Object, patience: Patience) -> None:
@@ -34,7 +31,7 @@ def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition:
     script = place.disk.downloads / f"{desired.sequence:06d}-condition"
 
     def download() -> None:
-        stored = open_bucket(store, condition.bucket).get(condition.key, _MOST_BYTES)
+        stored = open_bucket(store, condition.bucket).get(condition.key, MOST_CONDITION_BYTES)
         if condition.etag and condition.etag.strip('"') != stored.etag.strip('"'):
             raise StepFailed("EtagMismatch", f"{condition.key} has ETag {stored.etag}, not {condition.etag}")
         if desired.condition_sha256 not in {"", hashlib.sha256(stored.body).hexdigest()}:
@@ -45,7 +42,7 @@ def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition:
         retry(download, desired, patience)
     except DocumentError as exc:
         raise StepFailed("DownloadConditionFailed", str(exc)) from exc
-    script.chmod(script.stat().st_mode | stat.S_IXUSR)
+    script.chmod(0o755)  # for the account that programs run under
     try:
         run_program(place, desired, script, "condition", "DownloadConditionFailed")
     finally:

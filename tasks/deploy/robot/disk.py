@@ -74,6 +74,7 @@ class Disk:
         """
         path = self.root / "state.json"
         try:
+            path.chmod(0o600)  # of an older version it may have another
             return RobotState.model_validate_json(path.read_bytes())
         except FileNotFoundError:
             return self._fresh_state()
@@ -91,7 +92,8 @@ class Disk:
         if self._sequence() != state.sequence:
             with whole_file(self.root / _SEQUENCE) as file:
                 file.write(str(state.sequence).encode())
-        with whole_file(self.root / "state.json") as file:
+        # It may hold what applications are told in confidence, so nobody else reads it.
+        with whole_file(self.root / "state.json", mode=0o600) as file:
             file.write(state.model_dump_json().encode())
 
     def _fresh_state(self) -> RobotState:
@@ -154,8 +156,10 @@ def lock_folder(root: Path) -> Generator[Callable[[], bool]]:
     Args:
         root: The robot's folder, which exists.
     """
-    descriptor = os.open(root / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    # Who can open it can lock it, so a robot's programs must not.
+    descriptor = os.open(root / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
+        os.fchmod(descriptor, 0o600)
         yield lambda: _try_lock(descriptor)
     finally:
         os.close(descriptor)

@@ -9,6 +9,7 @@ from specs.errors import BundleRefused
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, variable_faults
 from tasks.deploy.fleet.states import Desired
+from tasks.deploy.robot.account import Account
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import StepFailed
 from tasks.deploy.robot.processes import RunningProgram, start, wait
@@ -33,12 +34,16 @@ class LaunchPlace:
         disk: Its folder.
         stop: Whether the agent may go on.
         grace_s: How long an application must stay up for its launch to count.
+        account: Under which they run; None for the agent's own.
+        home: Where they may write; None for the robot's folder.
     """
 
     robot: str
     disk: Disk
     stop: Stop
     grace_s: float
+    account: Account | None = None
+    home: Path | None = None
 
 
 def check_launch(desired: Desired) -> None:
@@ -170,12 +175,16 @@ class RunningApplication:
 
 
 def _start(place: LaunchPlace, desired: Desired, program: Path, step: str) -> RunningProgram:
-    own = {"SIMYARD_ROBOT": place.robot, "SIMYARD_DEPLOYMENT": desired.deployment, "HOME": str(place.disk.root)}
+    own = {
+        "SIMYARD_ROBOT": place.robot,
+        "SIMYARD_DEPLOYMENT": desired.deployment,
+        "HOME": str(place.home or place.disk.root),
+    }
     variables = {**BASE_VARIABLES, **desired.environment, **own}
     folder = place.disk.version(desired.digest)
-    cwd = folder if folder.is_dir() else place.disk.root  # a condition runs before there is a bundle
+    cwd = folder if folder.is_dir() else place.home or place.disk.root  # a condition runs before there is a bundle
     try:
-        return start([str(program)], cwd, variables, place.disk.root, _log(place, desired, step))
+        return start([str(program)], cwd, variables, place.disk.root, _log(place, desired, step), account=place.account)
     except (OSError, ValueError) as exc:
         raise StepFailed("BadPermissionError", f"{program.name} cannot be started: {exc}") from exc
 

@@ -1,89 +1,39 @@
 """Starts a bundle's programs in a group and an environment of their own, and ends all that they started.
 
-Every process that is started carries a mark in its environment, which its children inherit. A process that leaves the
-group, as a daemon does, is found by the mark, also by the next agent after this one was killed.
-
-A daemon that cleared its environment carries no mark. But a process whose parent has ended belongs to the nearest
-ancestor that asked for orphans (prctl(2), PR_SET_CHILD_SUBREAPER), and here that is the agent (Linux). So such a daemon
-is found as long as this agent lives.
+What leaves the group is found by `tasks.deploy.robot.sweep`.
 """
 
 import contextlib
-import ctypes
 import logging
 import os
 import signal
 import subprocess
 import threading
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
+from tasks.deploy.robot.account import Account
 from tasks.deploy.robot.shutdown import Stop
+from tasks.deploy.robot.sweep import ROOT_MARK, RUN_MARK, Quarry, orphans, sweep
 
 _LOG = logging.getLogger(__name__)
-_PROC = Path("/proc")
-_SET_CHILD_SUBREAPER, _GET_CHILD_SUBREAPER = 36, 37
-_ROOT_MARK = "SIMYARD_ROBOT_ROOT"
-_RUN_MARK = "SIMYARD_RUN"
-_OUTPUT_BYTES = 1 << 20
+_HEAD_BYTES = _TAIL_BYTES = 1 << 18
+_BLOCK_BYTES = 1 << 16
 _PATIENCE_S = 2.0
 _SLICE_S = 0.02
-_SWEEPS = 10
 _started: set[int] = set()  # and not waited for
-
-
-def adopt_orphans() -> None:
-    """Makes this process the parent of what its programs leave behind; where there is no such thing, does nothing."""
-    if _PROC.is_dir():
-        ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-
-
-def orphans(own: Collection[int]) -> list[int]:
-    """Returns the processes that became this one's children and live; those that have ended are reaped.
-
-    Args:
-        own: Children that this process has started itself, and waits for elsewhere.
-    """
-    if not _adopts():
-        return []
-    return [pid for pid in _children() if pid not in own and not _reap(pid)]
-
-
-def _adopts() -> bool:
-    if not _PROC.is_dir():
-        return False
-    answer = ctypes.c_int(0)
-    ctypes.CDLL(None).prctl(_GET_CHILD_SUBREAPER, ctypes.byref(answer), 0, 0, 0)
-    return bool(answer.value)
-
-
-def _children() -> list[int]:
-    found: list[int] = []
-    for path in _PROC.iterdir():
-        if path.name.isdigit():
-            with contextlib.suppress(OSError):  # it has ended
-                # The name before the last bracket may hold anything: proc(5), /proc/pid/stat.
-                fields = (path / "stat").read_text(errors="replace").rpartition(")")[2].split()
-                if int(fields[1]) == os.getpid():
-                    found.append(int(path.name))
-    return found
-
-
-def _reap(pid: int) -> bool:
-    with contextlib.suppress(ChildProcessError):
-        return os.waitpid(pid, os.WNOHANG)[0] == pid
-    return True
+_runs: set[str] = set()  # what was started and not ended
 
 
 class RunningProgram:
     """A program that was started, and all that it started."""
 
-    def __init__(self, process: subprocess.Popen[bytes], mark: str, others: frozenset[int]) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], run: str, others: frozenset[int]) -> None:
         self._process = process
-        self._mark = mark
+        self._run = run
         self._others = others  # orphans from before it began
 
     @property
@@ -100,12 +50,22 @@ class RunningProgram:
         if self.exit_code is None:
             # Only while its leader is not reaped does the group's number surely mean this group.
             _signal_group(self._process.pid, signal.SIGKILL)
-        self._process.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):  # what hangs in the kernel ends when that lets go of it
+            self._process.wait(_PATIENCE_S)
         _started.discard(self._process.pid)
-        _sweep(self._mark, self._others)
+        _runs.discard(self._run)
+        sweep(Quarry(f"{RUN_MARK}={self._run}", _started, self._others, _runs))
 
 
-def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], root: Path, log: Path) -> RunningProgram:
+def start(
+    argv: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    root: Path,
+    log: Path,
+    *,
+    account: Account | None = None,
+) -> RunningProgram:
     """Returns the program, started in a session of its own, without input, its output going to a capped file.
 
     Args:
@@ -113,7 +73,8 @@ def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], roo
         folder: Its working directory.
         environment: All its variables, but for the marks.
         root: The robot's folder.
-        log: Where the first MiB of its output goes.
+        log: Where its output goes.
+        account: Under which it runs; None for this process's own.
 
     Raises:
         OSError: The program cannot be started.
@@ -123,16 +84,20 @@ def start(argv: Sequence[str], folder: Path, environment: Mapping[str, str], roo
     process = subprocess.Popen(  # noqa: S603 - running the bundle's own programs is what an agent is for
         list(argv),
         cwd=folder,
-        env={**environment, _ROOT_MARK: str(root), _RUN_MARK: run},
+        env={**environment, ROOT_MARK: str(root), RUN_MARK: run},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
+        user=account.uid if account else None,
+        group=account.gid if account else None,
+        extra_groups=account.groups if account else None,
     )
     _started.add(process.pid)
+    _runs.add(run)
     if process.stdout:
         threading.Thread(target=_drain, args=(process.stdout, log), name=f"output {log.name}", daemon=True).start()
-    return RunningProgram(process, f"{_RUN_MARK}={run}", others)
+    return RunningProgram(process, run, others)
 
 
 def wait(running: RunningProgram, timeout_s: float, stop: Stop) -> int | None:
@@ -149,7 +114,7 @@ def wait(running: RunningProgram, timeout_s: float, stop: Stop) -> int | None:
 
 def end_all(root: Path) -> None:
     """Ends everything that agents on this robot's folder ever started."""
-    _sweep(f"{_ROOT_MARK}={root}", frozenset())
+    sweep(Quarry(f"{ROOT_MARK}={root}", _started, runs=_runs))
 
 
 def reap_orphans() -> None:
@@ -157,58 +122,59 @@ def reap_orphans() -> None:
     orphans(_started)
 
 
+class _OutputFile:
+    """A file with the beginning and the end of what a program prints, and how much is left out between them.
+
+    While the program runs, up to twice the end stands there, so that not every line rewrites the file.
+    """
+
+    def __init__(self, log: Path) -> None:
+        self._log = log
+        self._head, self._tail = bytearray(), bytearray()
+        self._left_out = 0
+        self._file = log.open("wb")
+
+    def write(self, block: bytes) -> None:
+        """Adds what was printed."""
+        room = _HEAD_BYTES - len(self._head)
+        self._head += block[:room]
+        self._tail += block[room:] if room < len(block) else b""
+        if len(self._tail) > 2 * _TAIL_BYTES:
+            self._rewrite()
+        else:
+            self._file.write(block)
+            self._file.flush()
+
+    def close(self) -> None:
+        """Ends the file, with no more than the end of what was printed."""
+        if len(self._tail) > _TAIL_BYTES:
+            self._rewrite()
+        self._file.close()
+
+    def _rewrite(self) -> None:
+        self._left_out += len(self._tail) - _TAIL_BYTES
+        del self._tail[:-_TAIL_BYTES]
+        fresh = self._log.with_suffix(".new")
+        with fresh.open("wb") as file:
+            file.write(self._head + b"\n[%d bytes are left out here]\n" % self._left_out + self._tail)
+        fresh.replace(self._log)
+        self._file.close()
+        self._file = self._log.open("ab")
+
+
 def _drain(output: IO[bytes], log: Path) -> None:
-    """Keeps the beginning of the output and reads the rest, so that the program never waits for a full pipe."""
-    left = _OUTPUT_BYTES
-    with output, log.open("wb") as file:
-        while block := os.read(output.fileno(), 1 << 16):
-            file.write(block[:left])
-            file.flush()
-            left -= min(left, len(block))
+    """Keeps some of the output and reads all of it, so that the program never waits for a full pipe."""
+    with output:
+        try:
+            with contextlib.closing(_OutputFile(log)) as file:
+                while block := os.read(output.fileno(), _BLOCK_BYTES):
+                    file.write(block)
+        except OSError as exc:  # the disk is full, or broken: the program runs on
+            _LOG.warning("%s holds no more of what is printed: %s", log, exc)
+            while os.read(output.fileno(), _BLOCK_BYTES):
+                continue
 
 
 def _signal_group(pid: int, number: signal.Signals) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(pid, number)
-
-
-def _sweep(mark: str, spared: frozenset[int]) -> None:
-    """Kills every process with the mark, and orphans without any; again, because they may be starting others."""
-    for _ in range(_SWEEPS):
-        found = {
-            *_processes_with(mark.encode()),
-            *(pid for pid in orphans(_started) if not _is_spared(pid, mark, spared)),
-        }
-        for pid in found:
-            _LOG.info("ending process %d, left behind", pid)
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(pid, signal.SIGKILL)
-        if not found:
-            return
-        time.sleep(_SLICE_S)
-    _LOG.error("processes with %s cannot be ended", mark)
-
-
-def _is_spared(pid: int, mark: str, spared: frozenset[int]) -> bool:
-    """Returns whether an orphan was there before, or is of another run, as of the application that runs on."""
-    variables = _variables(_PROC / str(pid))
-    return pid in spared or (
-        mark.encode() not in variables and any(each.startswith(f"{_RUN_MARK}=".encode()) for each in variables)
-    )
-
-
-def _variables(process: Path) -> list[bytes]:
-    try:
-        return (process / "environ").read_bytes().split(b"\0")
-    except OSError:  # it has ended, or is not ours
-        return []
-
-
-def _processes_with(mark: bytes) -> list[int]:
-    found: list[int] = []
-    for path in _PROC.iterdir() if _PROC.is_dir() else ():
-        if not path.name.isdigit() or int(path.name) == os.getpid():
-            continue
-        if mark in _variables(path):
-            found.append(int(path.name))
-    return found

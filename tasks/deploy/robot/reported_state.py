@@ -20,6 +20,11 @@ _PERCENT_INTERVAL_S = 0.5
 REASON_CHARACTERS = 1024
 
 
+def one_line(text: str) -> str:
+    """Returns the beginning of a text that somebody else may have written, as it can be logged and reported."""
+    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in text[:REASON_CHARACTERS])
+
+
 class Outage:
     """An outage in the log: an agent tries for days, several times a minute, and few attempts are logged.
 
@@ -39,7 +44,7 @@ class Outage:
         if self._kind is None:
             self._since_s = now_s
         if self._kind is not type(exc) or now_s - self._told_s >= _AGAIN_S:
-            _LOG.warning("cannot %s: %s", self._what, exc)
+            _LOG.warning("cannot %s: %s", self._what, one_line(str(exc)))
             self._told_s = now_s
         self._kind = type(exc)
 
@@ -136,7 +141,7 @@ class Attempt:
     def failed(self, code: DeploymentJobErrorCode, reason: str) -> Reported:
         """Returns the report that ends the attempt badly, at the step where it is."""
         self._log_end("failed")
-        change = {"status": "Failed", "failure_code": code, "failure_reason": reason[:REASON_CHARACTERS]}
+        change = {"status": "Failed", "failure_code": code, "failure_reason": one_line(reason)}
         return self._latest.model_copy(update={**change, "finished_at_s": time.time()})
 
     def _log_end(self, how: str) -> None:

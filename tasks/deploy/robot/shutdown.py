@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from types import FrameType
 
 _SLICE_S = 0.05
@@ -18,10 +19,12 @@ class Stop:
 
     Args:
         parent: The process that must live, or None; compared with the parent this process has.
+        meanwhile: Called many times a second while somebody waits.
     """
 
-    def __init__(self, parent: int | None = None) -> None:
+    def __init__(self, parent: int | None = None, meanwhile: Callable[[], None] = lambda: None) -> None:
         self._parent = parent
+        self._meanwhile = meanwhile
         self._told = threading.Event()
 
     def listen(self) -> None:
@@ -57,6 +60,7 @@ class Stop:
         self.check()
         while (left_s := until_s - time.monotonic()) > 0:
             self._told.wait(min(left_s, _SLICE_S))
+            self._meanwhile()
             self.check()
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:

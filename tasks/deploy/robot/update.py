@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from uuid import uuid4
 
-from specs.errors import TrustRefused
+from specs.errors import StoreError, TrustRefused
 from specs.robomaker.deployment import RobotDeploymentStep
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired
@@ -20,7 +20,8 @@ from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import Patience, StepFailed, fetch_bundle
 from tasks.deploy.robot.launch import CrashLoop, LaunchPlace, RunningApplication, check_launch, run_script
 from tasks.deploy.robot.processes import end_all, reap_orphans
-from tasks.deploy.robot.reported_state import REASON_CHARACTERS, Attempt, Reporter
+from tasks.deploy.robot.reported_state import Attempt, Reporter, one_line
+from tasks.deploy.robot.shutdown import StopRequested
 from tasks.storage.base.store import Store
 
 _LOG = logging.getLogger(__name__)
@@ -108,7 +109,7 @@ class RobotUpdater:
         """Accepts and keeps a desired state, or reports why not; returns whether it was accepted.
 
         The sequence of a state that is not signed is not kept: anybody who can write to the store could make the robot
-        deaf with a high one.
+        deaf with a high one. Whatever goes wrong while it is looked at is a refusal: what runs, runs on.
         """
         accepted = {"sequence": desired.sequence, "deployment": desired.deployment, "epoch": desired.epoch}
         try:
@@ -121,13 +122,19 @@ class RobotUpdater:
         except OSError as exc:
             self._refuse(desired, "EnvironmentSetupError", f"this robot cannot write to its disk: {exc}")
             return False
+        except (StoreError, StopRequested):
+            raise
+        except Exception as exc:  # noqa: BLE001 - who writes to the store chooses what is parsed here
+            _LOG.exception("cannot look at %s", desired.deployment)
+            self._refuse(desired, "BadPermissionError", f"refused: it cannot be verified: {type(exc).__name__}: {exc}")
+            return False
         self._state = changed
         if self._check is None:
             _LOG.warning("UNSIGNED: %s runs %s, which nobody's key vouches for", desired.robot, desired.digest[:12])
         return True
 
     def _refuse(self, desired: Desired, code: DeploymentJobErrorCode, reason: str) -> None:
-        _LOG.warning("refused %s: %s", desired.deployment, reason)
+        _LOG.warning("refused %s: %s", desired.deployment, one_line(reason))
         self._reporter.tell(self._attempt(desired).failed(code, reason))
 
     def _attempt(self, desired: Desired) -> Attempt:
@@ -140,7 +147,7 @@ class RobotUpdater:
         try:
             self._try(desired, attempt)
         except StepFailed as exc:
-            _LOG.warning("%s failed: %s", desired.deployment, exc)
+            _LOG.warning("%s failed: %s", desired.deployment, one_line(str(exc)))
             outcome = attempt.failed(exc.code, exc.reason)
             # First that it failed, so that it is not tried again after a loss of power; then the way back.
             self._save(target=None, outcome=outcome)
@@ -154,10 +161,16 @@ class RobotUpdater:
         self._reporter.tell(outcome)
 
     def _try(self, desired: Desired, attempt: Attempt) -> None:
+        """Goes through the steps; what nobody foresaw fails the deployment, or it would end the agent at each start."""
         try:
             self._go_through(desired, attempt)
+        except (StepFailed, StopRequested):
+            raise
         except OSError as exc:  # the disk is full, or read-only, or broken
             raise StepFailed("EnvironmentSetupError", f"this robot cannot write to its disk: {exc}") from exc
+        except Exception as exc:
+            _LOG.exception("%s failed in an unexpected way", desired.deployment)
+            raise StepFailed("EnvironmentSetupError", f"unexpected: {type(exc).__name__}: {exc}") from exc
 
     def _go_through(self, desired: Desired, attempt: Attempt) -> None:
         launch = desired.launch
@@ -211,7 +224,7 @@ class RobotUpdater:
             update={
                 "status": "Failed",
                 "failure_code": "EnvironmentSetupError",
-                "failure_reason": reason[:REASON_CHARACTERS],
+                "failure_reason": one_line(reason),
                 "running_digest": previous.digest,
                 "finished_at_s": time.time(),
             }

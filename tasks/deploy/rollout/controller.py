@@ -78,6 +78,7 @@ def control_rollout(
     pace: ControllerPace,
     progress: Callable[[int, int], None],
     sign: Callable[[Desired], Desired] | None = None,
+    own: Callable[[Desired], bool] | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record after every robot has ended or was left out.
 
@@ -89,11 +90,12 @@ def control_rollout(
         pace: Clock and poll interval.
         progress: Called with the robots that have ended and robots in all, whenever one ends.
         sign: Signs what a robot is asked, or None.
+        own: Whether the owner has signed what lies in the store; None where nothing is signed.
 
     Raises:
         StoreError: The store fails or stays away for minutes, or another process has taken the job over.
     """
-    controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
+    controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, sign=sign, own=own)
     reached_s, pause_s = time.monotonic(), _FIRST_PAUSE_S
     while True:
         try:
@@ -122,6 +124,7 @@ class _Controller:
         pace: ControllerPace,
         progress: Callable[[int, int], None],
         sign: Callable[[Desired], Desired] | None,
+        own: Callable[[Desired], bool] | None,
     ) -> None:
         self._store = store
         self._job = record.id
@@ -130,8 +133,9 @@ class _Controller:
         self._pace = pace
         self._progress = progress
         self._sign = sign
+        self._own = own
         self._known = recorded_progress(record)
-        self._watch = RobotWatch(store, plan, record.id)
+        self._watch = RobotWatch(store, plan, record.id, own)
 
     def tick(self) -> JobRecord:
         """Returns the record after one look at the robots and what followed from it."""
@@ -182,7 +186,7 @@ class _Controller:
     def _ask(self, robots: Sequence[str]) -> None:
         for robot in robots:
             wanted = _desired_state(self._plan, self._job, robot, self._claim.epoch, self._pace.now_s())
-            self._watch.remember(ask_robot(self._store, wanted, self._sign, self._check_claim))
+            self._watch.remember(ask_robot(self._store, wanted, self._sign, self._check_claim, self._own))
 
     def _check_claim(self) -> None:
         if self._claim.replaced:

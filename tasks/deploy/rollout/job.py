@@ -152,8 +152,8 @@ def _run(
                 detail = {**detail, "progress": progress_document(lacking)}
             status = "Preparing" if known is None else "InProgress"
             record = advance(store, _KIND, record.id, status, detail=detail, epoch=claim.epoch)
-            sign = signer.sign if signer else None
-            return control_rollout(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
+            sign, own = (signer.sign, signer.is_own) if signer else (None, None)
+            return control_rollout(store, record, plan, claim, pace=pace, progress=progress, sign=sign, own=own)
 
 
 def _find_job(store: Store, job: str) -> JobRecord | None:

@@ -1,6 +1,6 @@
 """Progress of the robots of a deployment, from their desired states and reports, in few requests."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from pydantic import JsonValue, TypeAdapter
 
@@ -37,12 +37,14 @@ class RobotWatch:
         store: Where robots report.
         plan: Which robots, in which order.
         job: The deployment's id.
+        own: Whether the owner has signed a desired state; what is not signed counts as not asked. None: all count.
     """
 
-    def __init__(self, store: Store, plan: RolloutPlan, job: str) -> None:
+    def __init__(self, store: Store, plan: RolloutPlan, job: str, own: Callable[[Desired], bool] | None = None) -> None:
         self._store = store
         self._plan = plan
         self._job = job
+        self._own = own
         self._asked: dict[str, Desired] = {}
         self._again: dict[str, tuple[float, float]] = {}  # when next, and the pause before that
 
@@ -93,7 +95,9 @@ class RobotWatch:
     def _desired(self, robot: str) -> Desired | None:
         if robot not in self._asked:
             latest, _ = read_desired(self._store, robot)
-            if latest is None or latest.deployment != self._job:
+            if latest is None or (latest.deployment, latest.robot) != (self._job, robot):
+                return None
+            if self._own is not None and not self._own(latest):
                 return None
             self._asked[robot] = latest
         return self._asked[robot]

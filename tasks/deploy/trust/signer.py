@@ -10,10 +10,10 @@ from securesystemslib.exceptions import UnverifiedSignatureError, VerificationEr
 
 from specs.errors import DocumentError, TrustRefused
 from specs.field_types import S3Object
-from tasks.deploy.fleet.states import Desired, Signature
+from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired, Signature
 from tasks.deploy.trust.keyring import ROOT_FILE, Keyring, keyring
 from tasks.deploy.trust.repository import Clock, init_keys, list_for_deployment, open_repository, utc_now
-from tasks.deploy.trust.signature import sign_desired
+from tasks.deploy.trust.signature import sign_desired, verify
 from tasks.deploy.trust.trust_choice import chosen_keys, trust_faults
 from tasks.deploy.trust.tuf_names import CryptoSigner, RawSignature
 from tasks.storage.archives import digest_of
@@ -70,6 +70,15 @@ class DeploymentSigner:
             change["condition_sha256"] = self._condition_sha256(desired.condition)
         return sign_desired(desired.model_copy(update=change), self._deployer)
 
+    def is_own(self, desired: Desired) -> bool:
+        """Returns whether the deployer has signed a desired state as it stands; what a replaced key signed is not."""
+        key = self._deployer.public_key
+        try:
+            verify(desired, {key.keyid: key})
+        except TrustRefused:
+            return False
+        return True
+
     def sign_plan(self, plan: bytes) -> Signature:
         """Returns a signature under what a deployment is going to do."""
         made = self._deployer.sign(_PLAN_PREFIX + plan)
@@ -100,7 +109,7 @@ class DeploymentSigner:
     def _condition_sha256(self, condition: S3Object) -> str:
         known = (condition.bucket, condition.key)
         if known not in self._conditions:
-            body = open_bucket(self._store, condition.bucket).get(condition.key).body
+            body = open_bucket(self._store, condition.bucket).get(condition.key, MOST_CONDITION_BYTES).body
             self._conditions[known] = hashlib.sha256(body).hexdigest()
         return self._conditions[known]
 

@@ -31,6 +31,10 @@ class Signer(Protocol):
         """Returns what is asked of a robot, signed."""
         ...
 
+    def is_own(self, desired: Desired) -> bool:
+        """Returns whether this signer's key has signed a desired state as it stands."""
+        ...
+
     def sign_plan(self, plan: bytes) -> Signature:
         """Returns a signature under a plan."""
         ...

@@ -22,15 +22,19 @@ from specs.errors import (
     ObjectNotFound,
     ObjectTooBig,
     StoreDamaged,
+    StoreError,
     StoreUnreachable,
     StoreUnsafe,
 )
 from tasks.storage.backends.local_objects import (
     NOTHING_THERE,
+    body_etag,
     disk_error,
     disk_now_s,
     file_entry,
+    file_etag,
     file_mark,
+    open_object,
     shown_files,
     unfinished_files,
 )
@@ -55,14 +59,14 @@ class LocalStore:
         """Returns the etag of a new object, or raises ObjectExists."""
         path = self._path(key)
         with self._explained(key):
-            if path.exists():  # spares the loser the writing; the link decides
-                raise ObjectExists(f"{self.url}: {key} exists already")
+            if os.path.lexists(path):  # spares the loser the writing; the link decides
+                raise self._taken(path, key)
             with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
                 flush_to_disk(file)
                 self._link(hidden, path, key)
             settle_names(path.parent)
-        return _etag(body)
+        return body_etag(body)
 
     def replace(self, key: str, body: bytes, etag: str) -> str:
         """Returns the new etag, or raises ObjectConflict when the object is not the one with ``etag``."""
@@ -76,7 +80,7 @@ class LocalStore:
                     self._compare(path, key, etag)
                     hidden.replace(path)
             settle_names(path.parent)
-        return _etag(body)
+        return body_etag(body)
 
     def put(self, key: str, body: bytes) -> str:
         """Returns the etag of the object written over whatever was there."""
@@ -89,35 +93,31 @@ class LocalStore:
                 with self._locked(key):
                     hidden.replace(path)
             settle_names(path.parent)
-        return _etag(body)
+        return body_etag(body)
 
     def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         """Returns the object, or raises ObjectNotFound, or ObjectTooBig."""
-        path = self._path(key)
-        with self._explained(key, reading=True), path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size > most_bytes:
+        with self._explained(key, reading=True), open_object(self._path(key)) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > most_bytes:
                 raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
-            body = file.read()
-        return StoredObject(body, _etag(body))
+            body = file.read(size)  # objects never grow; a file that somebody else writes may do so for ever
+        return StoredObject(body, body_etag(body))
 
     def size(self, key: str) -> int:
         """Returns how many bytes the object has, or raises ObjectNotFound."""
-        path = self._path(key)
-        with self._explained(key, reading=True), path.open("rb") as file:
+        with self._explained(key, reading=True), open_object(self._path(key)) as file:
             return os.fstat(file.fileno()).st_size
 
     def etag(self, key: str) -> str:
         """Returns the object's etag, or raises ObjectNotFound; all of it is read."""
-        hashed = hashlib.blake2b(digest_size=16)
-        for block in self.blocks(key):
-            hashed.update(block)
-        return hashed.hexdigest()
+        with self._explained(key, reading=True):
+            return file_etag(self._path(key))
 
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields the object's bytes from one of them on, or raises ObjectNotFound."""
-        path = self._path(key)
         with self._explained(key, reading=True):
-            file = path.open("rb")
+            file = open_object(self._path(key))
         with file:
             file.seek(first_byte)
             while block := self._block(file, key):
@@ -125,9 +125,8 @@ class LocalStore:
 
     def exists(self, key: str) -> bool:
         """Returns whether there is an object under the key."""
-        path = self._path(key)
         with self._explained(key):
-            return path.is_file()
+            return self._path(key).is_file()
 
     def mark(self, key: str) -> str:
         """Returns the file's identity, size and time of its last change, or raises ObjectNotFound."""
@@ -214,9 +213,8 @@ class LocalStore:
 
     def download(self, key: str, target: Path) -> None:
         """Copies the object to the file, which appears whole or not at all."""
-        path = self._path(key)
         with self._explained(key, reading=True):
-            reader = path.open("rb")
+            reader = open_object(self._path(key))
         with reader, room_in(target.parent), whole_file(target) as file:
             shutil.copyfileobj(reader, file, 1 << 20)
 
@@ -234,16 +232,23 @@ class LocalStore:
         try:
             path.hardlink_to(hidden)
         except FileExistsError as exc:
-            raise ObjectExists(f"{self.url}: {key} exists already") from exc
+            raise self._taken(path, key) from exc
         except OSError as exc:
             if exc.errno in _NO_LINKS:
                 raise StoreUnsafe(f"{self.url}: its disk has no hard links; use a folder on another disk") from exc
             raise
 
+    def _taken(self, path: Path, key: str) -> StoreError:
+        if path.is_file() and not path.is_symlink():
+            return ObjectExists(f"{self.url}: {key} exists already")
+        return StoreError(f"{self.url}: {key} is no regular file, and where an object belongs; remove it")
+
     def _compare(self, path: Path, key: str, etag: str) -> None:
         try:
-            current = _etag(path.read_bytes())
-        except FileNotFoundError as exc:
+            current = file_etag(path)
+        except OSError as exc:
+            if exc.errno not in NOTHING_THERE:
+                raise
             raise ObjectConflict(f"{self.url}: {key} is gone") from exc
         if current != etag:
             raise ObjectConflict(f"{self.url}: {key} has changed since it was read")
@@ -290,7 +295,3 @@ class LocalStore:
 def _mark(key: str) -> str:
     """Returns what the hidden names of a key's uploads have in common."""
     return f"{hashlib.blake2b(key.encode(), digest_size=8).hexdigest()}-"
-
-
-def _etag(body: bytes) -> str:
-    return hashlib.blake2b(body, digest_size=16).hexdigest()

@@ -1,9 +1,12 @@
 """The files of a store's folder: since when each is there by the disk's clock, and the errors for what went wrong."""
 
 import errno
+import hashlib
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from specs.errors import StoreAccessDenied, StoreError, StoreFull, StoreUnreachable
 from tasks.storage.base.atomic_file import HIDDEN, flush_to_disk, hidden_file
@@ -12,6 +15,10 @@ from tasks.storage.base.store import Entry
 
 NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
 _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
+# Whoever can write to the folder may leave a named pipe, a device or a link there: nobody waits for the one, reads from
+# the other without end, or is led out of the folder by the third.
+_READ = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
+_ETAG_BYTES, _BLOCK_BYTES = 16, 1 << 18
 
 
 def disk_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
@@ -30,6 +37,42 @@ def disk_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
     if exc.errno in NO_ROOM:
         return StoreFull(f"{url}: {key}: {full_disk_message(exc, root)}")
     return StoreError(f"{url}: {key}: {exc.strerror}")
+
+
+def open_object(path: Path) -> BinaryIO:
+    """Returns an object's file, opened for reading; a directory, pipe, device or link is none.
+
+    Raises:
+        OSError: There is none; EISDIR, as for a directory, for whatever else is no regular file.
+    """
+    try:
+        descriptor = os.open(path, _READ)
+    except OSError as exc:
+        if exc.errno in (errno.ELOOP, errno.ENXIO):  # a link; a socket, or a device that nothing drives
+            raise _not_regular(path) from exc
+        raise
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise _not_regular(path)
+    return os.fdopen(descriptor, "rb")
+
+
+def body_etag(body: bytes) -> str:
+    """Returns the etag of an object with these bytes."""
+    return hashlib.blake2b(body, digest_size=_ETAG_BYTES).hexdigest()
+
+
+def file_etag(path: Path) -> str:
+    """Returns the etag of an object's file, a part of it in memory at a time."""
+    hashed = hashlib.blake2b(digest_size=_ETAG_BYTES)
+    with open_object(path) as file:
+        while block := file.read(_BLOCK_BYTES):
+            hashed.update(block)
+    return hashed.hexdigest()
+
+
+def _not_regular(path: Path) -> OSError:
+    return OSError(errno.EISDIR, "no regular file", str(path))
 
 
 def shown_files(root: Path, top: Path) -> Iterator[str]:

@@ -15,7 +15,7 @@ HIDDEN = ".tmp-"
 
 
 @contextmanager
-def hidden_file(folder: Path, mark: str = "") -> Generator[tuple[BinaryIO, Path]]:
+def hidden_file(folder: Path, mark: str = "", mode: int = 0o666) -> Generator[tuple[BinaryIO, Path]]:
     """Makes a file under a hidden name, which begins with ``HIDDEN`` and the mark, and removes that name at the end.
 
     The caller writes, calls ``flush_to_disk``, and links or renames; a writer that is killed leaves a name that starts
@@ -23,7 +23,7 @@ def hidden_file(folder: Path, mark: str = "") -> Generator[tuple[BinaryIO, Path]
     """
     make_folder(folder)
     path = folder / f"{HIDDEN}{mark}{uuid4().hex}"
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         with os.fdopen(descriptor, "wb") as file:
             yield file, path
@@ -32,9 +32,14 @@ def hidden_file(folder: Path, mark: str = "") -> Generator[tuple[BinaryIO, Path]
 
 
 @contextmanager
-def whole_file(target: Path) -> Generator[BinaryIO]:
-    """Opens a file for writing that replaces ``target`` when the block ends, and leaves it alone when it raises."""
-    with hidden_file(target.parent) as (file, path):
+def whole_file(target: Path, mode: int = 0o666) -> Generator[BinaryIO]:
+    """Opens a file for writing that replaces ``target`` when the block ends, and leaves it alone when it raises.
+
+    Args:
+        target: The file.
+        mode: Who may do what with it, less this process's umask, whatever the old file's was.
+    """
+    with hidden_file(target.parent, mode=mode) as (file, path):
         yield file
         flush_to_disk(file)
         path.replace(target)

@@ -1,4 +1,7 @@
+import json
+
 import pytest
+from pydantic import ValidationError
 
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.states import Desired, Reported, progress_of
@@ -45,3 +48,27 @@ def test_a_robot_that_does_not_answer_says_so_with_robomakers_code() -> None:
     progress = progress_of(DESIRED, None, now_s=2000.0)
 
     assert (progress.failure_code, progress.finished_at_s) == ("RobotDeploymentNoResponse", 2000.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *[("sequence", value) for value in ("0", "9007199254740993", "9" * 4300, "1e30", "NaN")],
+        *[("epoch", value) for value in ("0", "9" * 30)],
+        *[("version", value) for value in ("0", "9" * 30)],
+        *[
+            (field, value)
+            for field in ("timeout_s", "issued_at_s", "expires_at_s")
+            for value in ("-1", "1e12", "Infinity", "NaN")
+        ],
+        ("deployment", '"a\\nb"'),
+        ("robot", '""'),
+        ("application", '"' + "x" * 300 + '"'),
+    ],
+)
+def test_a_desired_state_with_a_value_that_nobody_writes_is_none(field: str, value: str) -> None:
+    document = json.loads(DESIRED.model_dump_json())
+    document[field] = "HERE"
+
+    with pytest.raises(ValidationError, match=field):
+        Desired.model_validate_json(json.dumps(document).replace('"HERE"', value))

@@ -162,7 +162,7 @@ def serve(url: str, root: str, nth: int, *, after: bool) -> None:
     death = Death(nth, after=after)
     for owner, name in _AGENT_STEPS:
         setattr(owner, name, death.of(getattr(owner, name)))
-    pace = ["--poll-s=0.02", "--longest-poll-s=0.05", "--grace-s=0.05", "--unsigned"]
+    pace = ["--poll-s=0.02", "--longest-poll-s=0.05", "--grace-s=0.05", f"--user={os.geteuid()}", "--unsigned"]
     sys.exit(agent.main(["--robot=r1", f"--root={root}", f"--store={url}", *pace]))
 
 

@@ -56,7 +56,7 @@ def test_who_was_replaced_while_it_was_paused_writes_nothing(
 
         record = read(yard.store, KIND, job_id(KIND, f"run-{number}"))
         assert (record.status, len(recorded_progress(record))) == ("Succeeded", PAUSABLE)
-        assert {each.sequence for each in robots.asked()} == {number + 1}
+        assert {each.deployment for each in robots.asked()} == {record.id}
     _write_down(figures, yard, paused=size, held_up=held_up, ttl_s=TTL_S, longest_fail_over_s=round(longest_s, 2))
 
 

@@ -41,7 +41,7 @@ def agent(yard: Yard, owner: Owner, monkeypatch: pytest.MonkeyPatch) -> Iterator
     root = yard.root("r1")
     root.mkdir(parents=True)
     options = {"robot": "r1", "root": root, "store": yard.store.url, "root-of-trust": owner.folder / "root.json"}
-    pace = {"poll-s": 0.05, "longest-poll-s": 0.1, "grace-s": 0.2}
+    pace = {"user": os.geteuid(), "poll-s": 0.05, "longest-poll-s": 0.1, "grace-s": 0.2}
     argv = [f"--{name}={value}" for name, value in {**options, **pace}.items()]
     with (root / "agent.log").open("ab") as log:
         started = subprocess.Popen([sys.executable, "-m", "tasks.deploy.robot.agent", *argv], stdout=log, stderr=log)

@@ -110,3 +110,17 @@ def test_a_link_that_is_right_is_left_alone(tmp_path: Path) -> None:
     disk.switch("a" * 64)
 
     assert disk.current.lstat().st_ino == before
+
+
+def test_the_state_is_the_agents_alone_also_if_an_older_one_was_not(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.save(RobotState(sequence=7))
+    assert (tmp_path / "state.json").stat().st_mode & 0o777 == 0o600
+
+    (tmp_path / "state.json").chmod(0o644)
+    disk.load()
+    assert (tmp_path / "state.json").stat().st_mode & 0o777 == 0o600
+
+    (tmp_path / "state.json").chmod(0o666)
+    disk.save(RobotState(sequence=8))
+    assert (tmp_path / "state.json").stat().st_mode & 0o777 == 0o600

@@ -65,10 +65,31 @@ def test_programs_see_an_environment_made_for_them(one: OneRobot, monkeypatch: p
     assert (seen["MAX_SPEED"], seen["SIMYARD_ROBOT"], seen["SIMYARD_DEPLOYMENT"]) == ("1", NAME, "dep-1")
 
 
-def test_the_output_of_programs_is_kept_up_to_a_mebibyte(one: OneRobot) -> None:
-    scripts = {**GOOD, "loud.sh": "#!/bin/sh\nhead -c 3000000 /dev/zero\n"}
+def test_of_a_long_output_the_beginning_and_the_end_are_kept(one: OneRobot) -> None:
+    script = "#!/bin/sh\necho first\nhead -c 3000000 /dev/zero\necho last\n"
 
-    reported = one.deploy(one.yard.publish(scripts), 1, launch=scripted(preLaunchFile="loud.sh"))
+    reported = one.deploy(one.yard.publish({**GOOD, "loud.sh": script}), 1, launch=scripted(preLaunchFile="loud.sh"))
 
     assert reported.status == "InSync"
-    eventually(lambda: (one.root / "logs" / "000001-pre-launch.log").stat().st_size == 1 << 20)
+    log = one.root / "logs" / "000001-pre-launch.log"
+    eventually(lambda: log.read_bytes().endswith(b"\0last\n"))
+    eventually(lambda: log.stat().st_size < (1 << 19) + 100)
+    kept = log.read_bytes()
+    said = b"\n[%d bytes are left out here]\n" % (3_000_011 - (1 << 19))
+    assert kept.startswith(b"first\n\0")
+    assert (kept.index(said), len(kept)) == (1 << 18, (1 << 19) + len(said))
+
+
+def test_of_a_short_output_everything_is_kept(one: OneRobot) -> None:
+    script = "#!/bin/sh\nhead -c 400000 /dev/zero\necho last\n"
+
+    one.deploy(one.yard.publish({**GOOD, "loud.sh": script}), 1, launch=scripted(preLaunchFile="loud.sh"))
+
+    eventually(lambda: (one.root / "logs" / "000001-pre-launch.log").stat().st_size == 400_005)
+
+
+def test_a_program_whose_output_cannot_be_kept_runs_to_its_end(one: OneRobot) -> None:
+    (one.root / "logs" / "000001-pre-launch.log").symlink_to("/dev/full")
+    scripts = {**GOOD, "loud.sh": "#!/bin/sh\nhead -c 3000000 /dev/zero\n"}
+
+    assert one.deploy(one.yard.publish(scripts), 1, launch=scripted(preLaunchFile="loud.sh")).status == "InSync"

@@ -11,13 +11,14 @@ from tasks.deploy.trust.signature import payload, sign_desired, verify
 from tasks.deploy.trust.tuf_names import CryptoSigner
 
 _TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+_NAMES = st.from_regex(r"[a-zA-Z0-9][a-zA-Z0-9_.\-]{0,7}", fullmatch=True)
 _DESIRED = st.builds(
     Desired,
-    robot=_TEXTS,
-    deployment=_TEXTS,
+    robot=_NAMES,
+    deployment=_NAMES,
     sequence=st.integers(1, 2**40),
     epoch=st.integers(1, 9),
-    application=_TEXTS,
+    application=_NAMES,
     version=st.integers(1, 40),
     digest=st.text("0123456789abcdef", min_size=64, max_size=64),
     launch=st.builds(
@@ -30,7 +31,7 @@ _DESIRED = st.builds(
     ),
     environment=st.dictionaries(_TEXTS, _TEXTS, max_size=2),
     condition=st.none(),
-    timeout_s=st.floats(0, 1e6),
+    timeout_s=st.floats(0, 604_800),
     issued_at_s=st.floats(0, 1e10),
     expires_at_s=st.floats(0, 1e10),
     condition_sha256=st.just(""),

@@ -212,7 +212,7 @@ def test_robots_elsewhere_are_not_asked_unsigned_unless_somebody_says_so(
 def _start(yard: Yard, robot: str, trust: str) -> subprocess.Popen[bytes]:
     root = yard.root(robot)
     root.mkdir(parents=True, exist_ok=True)
-    pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3"]
+    pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3", f"--user={os.geteuid()}"]
     argv = [
         "-m",
         "tasks.deploy.robot.agent",

@@ -19,6 +19,7 @@ from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
+from tests.deploy.reach import let_all_enter
 from tests.deploy.yard import eventually
 from tests.repository import ROOT
 
@@ -44,7 +45,7 @@ def robots_ended(tmp_path: Path) -> Iterator[None]:
 @pytest.mark.usefixtures("robots_ended")
 def test_what_it_says_one_types_rolls_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SIMYARD_KEYS", raising=False)
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(let_all_enter(tmp_path))
     url = (tmp_path / "store").as_uri()
     monkeypatch.setenv("SIMYARD_STORE", url)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")

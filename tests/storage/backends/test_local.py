@@ -2,16 +2,18 @@
 
 import errno
 import os
+import socket
 import stat
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 
 import pytest
 
-from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, StoreUnsafe
+from specs.errors import ObjectConflict, ObjectNotFound, StoreAccessDenied, StoreError, StoreUnreachable, StoreUnsafe
 from tasks.storage.backends import local
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.store import Store
@@ -63,18 +65,18 @@ def test_nothing_is_written_between_a_comparison_and_its_replacement(
     other = {"put": (b"other",), "delete": (), "upload": (tmp_path / "source",)}[method]
     writer = Thread(target=lambda: getattr(folder, method)("a.json", *other))
     etag = folder.create("a.json", b"1")
-    real, reads = Path.read_bytes, list[Path]()
+    real, reads = local.file_etag, list[Path]()
 
-    def read_bytes(self: Path) -> bytes:
-        body = real(self)
-        reads.append(self)
+    def file_etag(path: Path) -> str:
+        found = real(path)
+        reads.append(path)
         if len(reads) == 2:  # the first only spares the writing
             writer.start()
             writer.join(0.3)  # without a lock it would be done by then
-        return body
+        return found
 
     with monkeypatch.context() as patched:
-        patched.setattr(Path, "read_bytes", read_bytes)
+        patched.setattr(local, "file_etag", file_etag)
         folder.replace("a.json", b"2", etag)
     writer.join()
     assert not folder.exists("a.json") or folder.get("a.json").body == b"other"
@@ -197,3 +199,44 @@ def test_who_is_paused_with_a_lock_is_not_waited_for_for_ever(tmp_path: Path, mo
         assert store.get("a.json").body == b"1"
     store.replace("a.json", b"2", etag)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["a.json"]
+
+
+def _leave_pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _leave_endless(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def _leave_link(path: Path) -> None:
+    path.with_name("outside").write_text("secret")
+    path.symlink_to(path.with_name("outside"))
+
+
+def _leave_socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+
+
+@pytest.mark.parametrize("leave", [_leave_pipe, _leave_endless, _leave_link, _leave_socket, Path.mkdir])
+def test_what_is_no_regular_file_is_no_object_and_keeps_nobody_waiting(
+    leave: Callable[[Path], None], folder: LocalStore, tmp_path: Path
+) -> None:
+    folder.put("b", b"")
+    leave(folder.root / "a")
+    looks: list[Callable[[], object]] = [
+        lambda: folder.get("a"),
+        lambda: folder.size("a"),
+        lambda: folder.etag("a"),
+        lambda: list(folder.blocks("a")),
+        lambda: folder.download("a", tmp_path / "copy"),
+    ]
+
+    for look in looks:
+        with pytest.raises(ObjectNotFound):
+            look()
+    with pytest.raises(ObjectConflict):
+        folder.replace("a", b"new", "etag")
+    with pytest.raises(StoreError, match="is no regular file"):
+        folder.create("a", b"new")

@@ -1,0 +1,126 @@
+"""The account under which a robot's programs run, so that they cannot read their agent's environment and memory.
+
+An agent may hold the store's credentials in its environment, and a process may read that of another of the same
+account (proc(5), /proc/pid/environ). So an agent of root runs programs under an account of their own. Any other agent
+cannot do that; it makes itself undumpable instead (prctl(2), PR_SET_DUMPABLE), whereupon only root reads it.
+"""
+
+import ctypes
+import os
+import pwd
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from specs.base import Fault
+from specs.errors import DocumentError
+
+_SET_DUMPABLE = 4
+_ROOT = 0
+_DEFAULTS = ("simyard-app", "nobody")
+
+
+@dataclass(frozen=True)
+class Account:
+    """An account other than the agent's.
+
+    Attributes:
+        name: What it is called, or its number.
+        groups: All it is in, such as ``dialout``.
+    """
+
+    name: str
+    uid: int
+    gid: int
+    groups: tuple[int, ...]
+
+
+def chosen_account(user: str | None) -> Account | None:
+    """Returns the account of the robot's programs; None for the agent's own.
+
+    Args:
+        user: Its name or number. None: for an agent of root ``simyard-app`` if there is one, else ``nobody``; for any
+            other agent its own.
+
+    Raises:
+        DocumentError: There is no such account, or this agent is not root's and may not start programs under it.
+    """
+    if user is None:
+        if os.geteuid() != _ROOT:
+            return None
+        user = next((name for name in _DEFAULTS if _is_account(name)), None)
+        if user is None:
+            raise _refused("", f"the name of an account; there is none of {', '.join(_DEFAULTS)}")
+    account = _find(user)
+    if account.uid == os.geteuid():
+        return None
+    if os.geteuid() != _ROOT:
+        raise _refused(user, "this agent's own account: only an agent of root runs programs under another")
+    return account
+
+
+def make_home(account: Account, root: Path) -> Path:
+    """Returns the folder below a robot's that its programs may write to, made for the account, and its HOME.
+
+    The robot's folder gets entered by everybody, as far as it is this agent's to say.
+
+    Raises:
+        DocumentError: The account cannot get to the robot's folder.
+    """
+    os.umask(0o022)  # what is installed from now on is read by the account
+    root.chmod(root.stat().st_mode & 0o777 | 0o011)
+    home = root / "home"
+    home.mkdir(mode=0o700, exist_ok=True)
+    os.chown(home, account.uid, account.gid, follow_symlinks=False)
+    if not _can_enter(account, home):
+        allowed = f"a folder that {account.name} can get to; or --user {os.geteuid()}, and programs run as this agent"
+        raise DocumentError([Fault(path="--root", value=str(root), allowed=allowed)], source="agent")
+    return home
+
+
+def hide_memory() -> None:
+    """Makes this process's environment and memory unreadable to others of its account; not to root."""
+    if Path("/proc").is_dir():
+        ctypes.CDLL(None).prctl(_SET_DUMPABLE, 0, 0, 0, 0)
+
+
+def _find(user: str) -> Account:
+    if re.fullmatch("[0-9]{1,9}", user):
+        try:
+            entry = pwd.getpwuid(int(user))
+        except KeyError:  # as in a container
+            return Account(user, int(user), int(user), ())
+    else:
+        try:
+            entry = pwd.getpwnam(user)
+        except KeyError as exc:
+            raise _refused(user, "the name or number of an account of this machine") from exc
+    return Account(entry.pw_name, entry.pw_uid, entry.pw_gid, tuple(os.getgrouplist(entry.pw_name, entry.pw_gid)))
+
+
+def _is_account(name: str) -> bool:
+    try:
+        pwd.getpwnam(name)
+    except KeyError:
+        return False
+    return True
+
+
+def _can_enter(account: Account, folder: Path) -> bool:
+    """Returns whether the account can get to a folder, as a process of it finds out."""
+    pid = os.fork()
+    if pid == 0:
+        entered = 1
+        try:
+            os.setgroups(account.groups)
+            os.setgid(account.gid)
+            os.setuid(account.uid)
+            os.chdir(folder)
+            entered = 0
+        finally:
+            os._exit(entered)
+    return os.waitpid(pid, 0)[1] == 0
+
+
+def _refused(user: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path="--user", value=repr(user), allowed=allowed)], source="agent")
