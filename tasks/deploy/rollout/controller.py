@@ -34,6 +34,7 @@ from tasks.deploy.rollout.robot_requests import ask_robot, withdraw_request
 from tasks.deploy.rollout.rollout_end import rollout_end
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.waves import Move, Wish, next_move
+from tasks.deploy.trust.trust_record import Signer
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
@@ -77,7 +78,7 @@ def control_rollout(
     *,
     pace: ControllerPace,
     progress: Callable[[int, int], None],
-    sign: Callable[[Desired], Desired] | None = None,
+    signer: Signer | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record after every robot has ended or was left out.
 
@@ -88,12 +89,12 @@ def control_rollout(
         claim: This process's claim on the job, whose epoch stands in the record.
         pace: Clock and poll interval.
         progress: Called with the robots that have ended and robots in all, whenever one ends.
-        sign: Signs what a robot is asked, or None.
+        signer: Signs what a robot is asked, or None.
 
     Raises:
         StoreError: The store fails or stays away for minutes, or another process has taken the job over.
     """
-    controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, sign=sign)
+    controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, signer=signer)
     reached_s, pause_s = time.monotonic(), _FIRST_PAUSE_S
     while True:
         try:
@@ -121,7 +122,7 @@ class _Controller:
         *,
         pace: ControllerPace,
         progress: Callable[[int, int], None],
-        sign: Callable[[Desired], Desired] | None,
+        signer: Signer | None,
     ) -> None:
         self._store = store
         self._job = record.id
@@ -129,7 +130,8 @@ class _Controller:
         self._claim = claim
         self._pace = pace
         self._progress = progress
-        self._sign = sign
+        self._signer = signer
+        self._withdrawn = False
         self._known = recorded_progress(record)
         self._watch = RobotWatch(store, plan, record.id)
 
@@ -139,6 +141,8 @@ class _Controller:
         record = read(self._store, _KIND, self._job)
         if is_terminal(record):  # another process closed it; robots that were asked go on alone
             return record
+        if self._signer:
+            self._signer.renew()
         self._ask(self._watch.unasked(self._known))
         seen, move = self._judge(record)
         if move.verdict:
@@ -159,6 +163,7 @@ class _Controller:
         wish = _wish(record, self._plan, now_s)
         seen = self._watch.look(self._known, now_s)
         if wish == "cancel":
+            self._withdraw()
             seen |= self._withdraw_silent(seen, now_s)
         move = next_move(phases(seen), self._plan.limits, wish)
         if move.verdict:
@@ -166,6 +171,12 @@ class _Controller:
             move = next_move(phases(seen), self._plan.limits, wish)
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
         return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
+
+    def _withdraw(self) -> None:
+        """Has robots accept this deployment no more, before the record says that it is canceled."""
+        if self._signer and not self._withdrawn:
+            self._signer.withdraw(self._job)
+            self._withdrawn = True
 
     def _withdraw_silent(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
         """Returns the robots that had not answered before the cancellation, which are asked nothing any more."""
@@ -182,7 +193,8 @@ class _Controller:
     def _ask(self, robots: Sequence[str]) -> None:
         for robot in robots:
             wanted = _desired_state(self._plan, self._job, robot, self._claim.epoch, self._pace.now_s())
-            self._watch.remember(ask_robot(self._store, wanted, self._sign, self._check_claim))
+            sign = self._signer.sign if self._signer else None
+            self._watch.remember(ask_robot(self._store, wanted, sign, self._check_claim))
 
     def _check_claim(self) -> None:
         if self._claim.replaced:
