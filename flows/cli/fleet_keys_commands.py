@@ -87,8 +87,8 @@ def renew(
 @keys_app.command("restore")
 def restore(keys: _Keys, store: _StoreUrl = None) -> None:
     """Write back the metadata that these keys signed last, where the store has lost it or shows older metadata."""
-    from tasks.deploy.trust.keyring import keyring
     from tasks.deploy.trust.kept_metadata import restore_metadata
+    from tasks.deploy.trust.keyring import keyring
     from tasks.storage.store_url import open_existing_store
 
     found = open_existing_store(store)

@@ -180,9 +180,12 @@ class VouchedFleets(_Signed):
         if fleet is None:
             raise TrustRefused(f"{desired.robot!r} is in no fleet that a key vouches for; simyard fleet vouch FLEET")
         vouched = self.known(fleet)
-        if desired.deployment not in vouched.deployments or desired.digest not in vouched.digests:
+        if desired.deployment not in vouched.deployments:
             what = f"{desired.deployment!r} is not in force in {fleet!r}: it was withdrawn, or superseded"
             raise TrustRefused(f"{what}; simyard fleet sync {fleet}, or deploy again")
+        if desired.digest not in vouched.digests:
+            what = f"bundle {desired.digest[:12]} is not on the deployer's signed list for {fleet!r}"
+            raise TrustRefused(f"{what}; deploy it again")
 
     def digests(self) -> set[str]:
         """Returns the bundles of all that is in force."""

@@ -109,7 +109,7 @@ def test_robots_verify_what_a_killed_signer_leaves(
             owner.renew()
         elif work == "admit":
             owner.rotate("deployer")  # which makes a list without the bundle
-            owner.signer.admit(other.digest)
+            owner.admit(other)
         else:
             owner.rotate(next(role for role in ROLES if role == work))
 
