@@ -75,7 +75,7 @@ def agents_folder(store: Store) -> Path:
 
 def _robots(
     spec: Deployment, store: Store, root_of_trust: Path | None
-) -> Callable[[], AbstractContextManager[Collection[str]]] | None:
+) -> Callable[[], AbstractContextManager[Collection[str] | None]] | None:
     """Returns what starts the robots of a demonstration once its fleet, made here, is taken; None for real ones."""
     fleet = spec.fleet
     if not isinstance(fleet, LocalFleet) or not fleet.localAgents:

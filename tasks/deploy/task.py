@@ -26,7 +26,7 @@ def roll_out(
     digest: str,
     token: str,
     rules: RollOutRules | None = None,
-    robots: Callable[[], AbstractContextManager[Collection[str]]] | None = None,
+    robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None = None,
     signer: DeploymentSigner | None = None,
 ) -> JobRecord:
     """Returns the ended deployment job of the token, and leaves a table of its robots; see `run_deployment_job`.

@@ -54,7 +54,7 @@ def run_deployment_job(
     progress: Callable[[int, int], None],
     rules: RollOutRules | None = None,
     pace: ControllerPace | None = None,
-    robots: Callable[[], AbstractContextManager[Collection[str]]] | None = None,
+    robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None = None,
     signer: Signer | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record, Succeeded, Failed or Canceled; an ended job is returned as it ended.
@@ -131,7 +131,7 @@ def _run(
     progress: Callable[[int, int], None],
     *,
     pace: ControllerPace,
-    robots: Callable[[], AbstractContextManager[Collection[str]]] | None,
+    robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None,
     signer: Signer | None,
 ) -> JobRecord:
     job, document = job_id(_KIND, token), canonical_document(work.request)
@@ -153,7 +153,7 @@ def _run(
         with robots() if robots else nullcontext(()) as own:
             plan = plan or work.plan()
             _check_fleet(plan, fleet)
-            detail = vouch_for_plan(signer, _admission(work, plan, job, own), plan.model_dump(mode="json"))
+            detail = vouch_for_plan(signer, _admission(work, plan, job, own or ()), plan.model_dump(mode="json"))
             if (lacking := plan.lacking()) and _recorded_plan(known) is None:
                 detail = {**detail, "progress": progress_document(lacking)}
             status = "Preparing" if known is None else "InProgress"

@@ -37,16 +37,18 @@ def remember(ring: Keyring, state: Published) -> None:
         ring.save_notes(notes.model_copy(update={"timestamp": version}))
 
 
-def check_version(store: Store, notes: SignerNotes, state: Published) -> None:
+def check_version(store: Store, ring: Keyring, notes: SignerNotes, state: Published) -> None:
     """Does nothing for a state that is not older than what these keys have seen.
 
     Raises:
         TrustRefused: It is.
     """
-    if state.timestamp.signed.version < notes.timestamp:
-        found = f"version {state.timestamp.signed.version}, after {notes.timestamp}"
-        what = f"{store.url}/trust/{notes.repository} went back to {found}; find out who writes to the store"
-        raise TrustRefused(f"{what}; then write back what these keys signed last: simyard fleet keys restore")
+    kept, version = ring.kept, state.timestamp.signed.version
+    newest = max(notes.timestamp, kept.version - (not kept.settled) if kept else 0)
+    if version < newest:
+        what = f"{store.url}/trust/{notes.repository} went back to version {version}, after {newest}"
+        back = "then write back what these keys signed last: simyard fleet keys restore"
+        raise TrustRefused(f"{what}; find out who writes to the store; {back}")
 
 
 def finish(store: Store, ring: Keyring, notes: SignerNotes) -> None:

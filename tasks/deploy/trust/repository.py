@@ -141,7 +141,7 @@ def open_repository(store: Store, ring: Keyring, *, clock: Clock = utc_now) -> G
         with hold_claim(store, claim_key(KIND, notes.repository)) as claim:
             finish(store, ring, notes)
             session = Session(store, ring, read_published(store, read_root(root)), clock(), claim)
-            check_version(store, notes, session.state)
+            check_version(store, ring, notes, session.state)
             remember(ring, session.state)
             yield session
 
@@ -156,7 +156,7 @@ def look_at_repository(store: Store, ring: Keyring) -> Published:
     """
     notes, root = ring.known_for(store)
     state = read_published(store, read_root(root))
-    check_version(store, notes, state)
+    check_version(store, ring, notes, state)
     return state
 
 
