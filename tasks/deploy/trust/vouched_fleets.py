@@ -134,8 +134,9 @@ class VouchedFleets(_Signed):
         self._refuse_withdrawn(fleet, deployment)
         self.require_in_force(fleet, last)
         before = self.known(fleet)
-        first, *rest = [each for each in before.deployments if each != deployment]
-        deployments = [first, *[*rest, deployment][1 - MOST_IN_FORCE :]]
+        first, *rest = before.deployments
+        after = rest if deployment in before.deployments else [*rest, deployment]
+        deployments = [first, *after[1 - MOST_IN_FORCE :]]
         kept = before.without(self.until_s, set(before.deployments) - set(deployments))
         both = sorted({*before.digests, *digests})
         return self._with(
