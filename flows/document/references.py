@@ -170,10 +170,8 @@ def _deployment_pin(section: Deployment, tested: dict[str, str] | None, store: S
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
     launch = section.deploymentApplicationConfigs[0].launchConfig
     faults = trust_faults(trust=section.trust, local=agents > 0)
-    if faults:
-        raise DocumentError(faults)
-    signer = None if agents else _signer(section, store)
-    faults = preflight(
+    signer = None if agents or faults else _signer(section, store)
+    faults += preflight(
         store,
         fleet=fleet_reference(section),
         local_agents=agents,

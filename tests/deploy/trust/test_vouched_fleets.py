@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from specs.errors import TrustRefused
 from tasks.deploy.fleet.states import Desired
+from tasks.deploy.trust.metadata import MOST_METADATA_BYTES
 from tasks.deploy.trust.tuf_names import TargetFile, Targets
 from tasks.deploy.trust.vouched_fleets import (
     FIELD,
@@ -115,6 +116,14 @@ def test_it_does_not_grow_with_the_number_of_deployments() -> None:
     assert couriers.deployments[-1] == "dep-299"
     assert len(couriers.withdrawn) == MOST_REMEMBERED
     assert len(couriers.digests) == 1
+
+
+def test_thousands_of_robots_fit_many_times() -> None:
+    robots = [f"robot-{number:06}" for number in range(10_000)]
+
+    document = _BEGUN.enlisted("couriers", robots).model_dump_json()
+
+    assert len(document) * 10 < MOST_METADATA_BYTES
 
 
 def test_metadata_lists_no_bundle_that_nothing_in_force_brings() -> None:
