@@ -40,7 +40,7 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
         fault = Fault(path="fleet", value=repr(fleet), allowed="a fleet to which something was deployed")
         raise ResourceNotFound([fault], source="SyncDeploymentJob")
     if (planned := _plan_of(last).get("fleet")) != record.name:
-        what = f"{last.id!r}, the last deployment of {record.name!r} by the store's records, is {planned!r:.100}'s"
+        what = f"{last.id!r:.100}, the last deployment of {record.name!r} by the store's records, is {planned!r:.100}'s"
         raise TrustRefused(f"{what}; find out who writes to the store, and make a new deployment")
     return last
 

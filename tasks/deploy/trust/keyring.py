@@ -203,11 +203,11 @@ def keyring(folder: Path, store: Store, *, make: bool = False, in_cache: bool = 
     if store.url.startswith("file://") and where.is_relative_to(Path(unquote(store.url[7:])).resolve()):
         raise refused_keys(folder, f"a folder outside {store.url}: private keys never lie in the store")
     if make:
+        _require_place([] if in_cache else [above for above in where.parents if above.is_dir()])
         _make(where)
-        _require_place(where.parents if not in_cache else ())
     if not where.is_dir():
         raise refused_keys(folder, "a folder with keys; simyard fleet keys init --keys DIR makes one")
-    _require_own(where)
+    _require_own(where, new=make)
     return Keyring(where)
 
 
@@ -230,13 +230,14 @@ def _require_place(above: Sequence[Path]) -> None:
             raise refused_keys(folder, f"{allowed}; chmod go-w {name}")
 
 
-def _require_own(where: Path) -> None:
-    found = where.stat()
-    if found.st_uid != os.geteuid():
-        raise refused_keys(where, f"a folder of yours; sudo chown -R $(id -u) {shlex.quote(str(where))}")
+def _require_own(where: Path, *, new: bool) -> None:
+    """Does nothing for a folder to which nobody else can write; one for new keys must be the user's, too."""
+    found, name = where.stat(), shlex.quote(str(where))
+    if new and found.st_uid != os.geteuid():
+        raise refused_keys(where, f"a folder of yours; sudo chown -R $(id -u) {name}")
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         allowed = "a folder to which nobody else can write, who could exchange the keys"
-        raise refused_keys(where, f"{allowed}; chmod go-w {shlex.quote(str(where))}")
+        raise refused_keys(where, f"{allowed}; chmod go-w {name}")
 
 
 def _read(path: Path) -> CryptoSigner:

@@ -112,7 +112,7 @@ def check_recorded_plan(signer: Signer | None, record: JobRecord | None, fleet: 
     signature, plan = record.detail.get(_SIGNATURE), record.detail[_PLAN]
     planned = plan.get("fleet") if isinstance(plan, dict) else None
     if planned != fleet:
-        what = f"{record.id!r} is a deployment to the fleet {planned!r:.100}, and not to {fleet!r}"
+        what = f"{record.id!r:.100} is a deployment to the fleet {planned!r:.100}, and not to {fleet!r}"
         raise TrustRefused(f"{what}; find out who writes to the store, and make a new deployment")
     if signer is None:
         return
