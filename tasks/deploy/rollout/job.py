@@ -67,9 +67,8 @@ def run_deployment_job(
         progress: Called with robots that have ended and robots in all, whenever that changes.
         rules: What RoboMaker's request has no words for.
         pace: Clock and poll interval.
-        robots: Makes the fleet's members, whose names it yields, and which answer inside its ``with`` block; entered
-            only while the fleet is this job's, so that a job which is refused touches no robot. None: the fleet has its
-            members already.
+        robots: Makes the fleet's members and yields their names; they answer inside its ``with`` block, entered only
+            while the fleet is this job's: a job that is refused touches no robot. None: the fleet has its members.
         signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, and the record says so.
 
     Raises:
