@@ -4,7 +4,7 @@ import pytest
 
 from specs.errors import TrustRefused
 from specs.robomaker.bundle import Version
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.robots import create_robot, read_reported, register_robot
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.operator_commands import steer, withdraw_canceled
 from tasks.deploy.trust.kept_metadata import restore_metadata
@@ -247,3 +247,24 @@ def test_what_is_asked_of_a_robot_is_in_force_for_it(
 
     assert "'next' is not in force in 'keepers'" in reported.failure_reason
     assert careful.runs == (newer.digest, 1), "what runs goes on"
+
+
+def test_a_robot_that_had_begun_and_was_off_gives_up_what_was_withdrawn_meanwhile(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    wanted = owner.signed(yard.publish(NEWER), 2)
+    state = careful.disk.load()
+    careful.disk.save(state.model_copy(update={"target": wanted, "sequence": 2}))  # as if the power failed then
+    careful.robot.end()
+    owner.signer.withdraw(wanted.deployment)
+
+    again = CarefulRobot(yard, owner.root)
+    again.robot.recover()
+    try:
+        assert again.runs == (installed.digest, 1)
+        reported = read_reported(yard.store, NAME)
+        assert reported is not None
+        assert (reported.status, reported.failure_code) == ("Failed", "BadPermissionError")
+        assert again.disk.load().target is None
+    finally:
+        again.robot.end()
