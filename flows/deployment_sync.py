@@ -1,6 +1,6 @@
 """The flow `deployment-sync`: rolls a tested version out to a fleet, in waves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
@@ -75,7 +75,7 @@ def agents_folder(store: Store) -> Path:
 
 def _robots(
     spec: Deployment, store: Store, root_of_trust: Path | None
-) -> Callable[[], AbstractContextManager[object]] | None:
+) -> Callable[[], AbstractContextManager[Collection[str] | None]] | None:
     """Returns what starts the robots of a demonstration once its fleet, made here, is taken; None for real ones."""
     fleet = spec.fleet
     if not isinstance(fleet, LocalFleet) or not fleet.localAgents:

@@ -1,25 +1,38 @@
-"""The flow `reaping`: looks for jobs that nobody works on any more, on a schedule."""
+"""The flow `reaping`: looks for jobs that nobody works on any more, and after signatures that expire, on a schedule."""
+
+import logging
 
 from prefect import flow
 from prefect.artifacts import create_table_artifact
 
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
+from flows.resource.withdrawal import renew_metadata_here
 from flows.run.events import announce_changes
 from specs.artifact_text import table_rows
 from tasks.storage.store_url import open_store
+
+_LOG = logging.getLogger(__name__)
 
 
 @flow(name="reaping", persist_result=False)
 def reaping(store: str | None = None) -> list[ReapedJob]:
     """Returns the abandoned jobs that were found, and leaves a table of them; see `simyard reap`.
 
+    What the keys in SIMYARD_KEYS have signed is signed anew in the second half of its time.
+
     Args:
         store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+
+    Raises:
+        TrustRefused: The metadata in the store is not what the keys signed, or is older than it was.
     """
+    opened = open_store(store)
     with announce_changes():
-        found = reap_store(open_store(store))
+        found = reap_store(opened)
     if found:
         rows = table_rows(each.model_dump(mode="json") for each in found)
         create_table_artifact(rows, key="reaped", description=f"{len(found)} jobs that nobody worked on")
+    for line in renew_metadata_here(opened):
+        _LOG.warning("%s: simyard fleet keys renew, with its key", line)
     return found

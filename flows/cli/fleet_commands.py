@@ -1,14 +1,20 @@
 """The commands of `simyard fleet`, `agent-kit` among them. Each imports what it needs when it runs."""
 # ruff: noqa: PLC0415 - see above
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from flows.cli.fleet_keys_commands import keys_app
+from flows.cli.fleet_keys_commands import keys_app, vouch
 from flows.cli.output import TerminalConsole, echo, echo_json
 from specs.terminal_text import terminal_line
+
+if TYPE_CHECKING:
+    from tasks.deploy.trust.signer import DeploymentSigner
+    from tasks.deploy.trust.vouched_fleets import VouchedFleets
+    from tasks.storage.base.store import Store
 
 
 def agent_kit(
@@ -45,8 +51,18 @@ def agent_kit(
 fleet_app = typer.Typer(help="Make fleets and put robots into them.", no_args_is_help=True)
 fleet_app.add_typer(keys_app, name="keys")
 fleet_app.command("agent-kit")(agent_kit)
+fleet_app.command("vouch")(vouch)
 
 _Fleet = Annotated[str, typer.Argument(metavar="FLEET", help="The fleet's name or ARN.", show_default=False)]
+_Keys = Annotated[
+    Path | None,
+    typer.Option(
+        "--keys",
+        envvar="SIMYARD_KEYS",
+        help="The folder of simyard fleet keys init; it signs this.",
+        show_default=False,
+    ),
+]
 _StoreUrl = Annotated[
     str | None,
     typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
@@ -73,9 +89,10 @@ def register(
     architecture: Annotated[
         Literal["X86_64", "ARM64", "ARMHF"] | None, typer.Option(help="Of its processor; X86_64 for a new robot.")
     ] = None,
+    keys: _Keys = None,
     store: _StoreUrl = None,
 ) -> None:
-    """Put a robot into a fleet; a robot has one. Prints the robot's ARN."""
+    """Put a robot into a fleet; a robot has one. Prints the robot's ARN. With keys, they vouch for it."""
     from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.deploy.answers.describe import describe_robot
@@ -93,6 +110,8 @@ def register(
         )
     register_robot(opened, found.name, robot)
     echo(describe_robot(opened, robot).arn)
+    later = f"no key vouches for it yet (--keys): simyard fleet vouch {found.name} {known.name}"
+    _sign(opened, keys, lambda fleets: fleets.enlisted(found.name, [known.name]), later)
 
 
 @fleet_app.command("show")
@@ -195,33 +214,68 @@ def _steer(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
 
 @fleet_app.command("deregister")
 def deregister(
-    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)], store: _StoreUrl = None
+    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)],
+    keys: _Keys = None,
+    store: _StoreUrl = None,
 ) -> None:
-    """Take a robot out of its fleet; what it runs, it keeps running."""
+    """Take a robot out of its fleet; what it runs, it keeps running. With keys, they sign it out."""
     from tasks.deploy.fleet.robots import deregister_robot, read_robot
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
     name = deregister_robot(opened, read_robot(opened, robot)[0].name).name
+    _sign(opened, keys, lambda fleets: fleets.dismissed({name}))
     echo(f"{name} is in no fleet now")
 
 
 @fleet_app.command("delete")
-def delete(fleet: _Fleet, store: _StoreUrl = None) -> None:
-    """Delete a fleet; its robots are in no fleet then."""
+def delete(fleet: _Fleet, keys: _Keys = None, store: _StoreUrl = None) -> None:
+    """Delete a fleet; its robots are in no fleet then. With keys, what was deployed to it is withdrawn."""
     from tasks.deploy.fleet.deletion import delete_fleet
+    from tasks.deploy.fleet.fleets import fleet_name
     from tasks.storage.store_url import open_existing_store
 
-    left = delete_fleet(open_existing_store(store), fleet)
+    opened = open_existing_store(store)
+    left = delete_fleet(opened, fleet)
+    _sign(opened, keys, lambda fleets: fleets.dissolved(fleet_name(fleet)))
     echo(f"{fleet} is deleted" + (f"; in no fleet now: {', '.join(left)}" if left else ""))
 
 
 @fleet_app.command("delete-robot")
 def delete_robot(
-    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)], store: _StoreUrl = None
+    robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)],
+    keys: _Keys = None,
+    store: _StoreUrl = None,
 ) -> None:
-    """Forget a robot, also in the middle of a deployment."""
+    """Forget a robot, also in the middle of a deployment. With keys, they sign it out of its fleet."""
     from tasks.deploy.fleet.deletion import delete_robot as delete_named
     from tasks.storage.store_url import open_existing_store
 
-    echo(f"{delete_named(open_existing_store(store), robot)} is deleted")
+    opened = open_existing_store(store)
+    name = delete_named(opened, robot)
+    _sign(opened, keys, lambda fleets: fleets.dismissed({name}))
+    echo(f"{name} is deleted")
+
+
+def _signer(store: "Store", keys: Path | None) -> "DeploymentSigner":
+    from specs.base import Fault
+    from specs.errors import DocumentError
+    from tasks.deploy.trust.signer import open_signer
+
+    if keys is None:
+        allowed = "the folder of simyard fleet keys init (--keys, or SIMYARD_KEYS)"
+        raise DocumentError([Fault(path="--keys", value="", allowed=allowed)])
+    return open_signer(store, keys)
+
+
+def _sign(
+    store: "Store",
+    keys: Path | None,
+    change: "Callable[[VouchedFleets], VouchedFleets]",
+    later: str = "the keys still vouch for what it was; type it again with them (--keys)",
+) -> None:
+    """Signs the change, if there are keys; else says what is to be done later, where anything is signed at all."""
+    if keys:
+        _signer(store, keys).vouch(change)
+    elif next(iter(store.keys("trust")), None):
+        echo(later, err=True)

@@ -134,10 +134,17 @@ def cancel(
 ) -> None:
     """Cancel a job; what is done is kept, and who works on it stops within seconds."""
     from flows.resource.cancel import cancel_resource as cancel_named
+    from specs.arn import resource_kind
     from tasks.storage.store_url import open_existing_store
 
-    cancel_named(open_existing_store(store), arn)
+    opened = open_existing_store(store)
+    cancel_named(opened, arn)
     echo(f"canceling {arn}")
+    if resource_kind(arn) == "deployment-job":
+        from flows.resource.withdrawal import withdrawal_notes
+
+        for line in withdrawal_notes(opened, arn):
+            echo(line, err=True)
 
 
 @app.command()

@@ -122,13 +122,20 @@ def reap(
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
     ] = None,
 ) -> None:
-    """Tell which jobs nobody works on; end those that were being stopped, and ready the others to be run on."""
+    """Tell which jobs nobody works on; end those that were being stopped, and ready the others to be run on.
+
+    With keys (SIMYARD_KEYS), also keeps what they have signed from expiring.
+    """
     from flows.resource.abandoned_jobs import reap_jobs as reap_store
+    from flows.resource.withdrawal import renew_metadata_here
     from tasks.storage.store_url import open_existing_store
 
-    found = reap_store(open_existing_store(store))
+    opened = open_existing_store(store)
+    found = reap_store(opened)
     for each in found:
         change = each.status if each.status == each.was else f"{each.was} -> {each.status}"
         echo(f"{each.arn}  {change}: {each.meaning}")
     if not found:
         echo("somebody works on every job that is under way")
+    for line in renew_metadata_here(opened):
+        echo(f"{line}: simyard fleet keys renew, with its key", err=True)

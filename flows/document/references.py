@@ -21,6 +21,7 @@ from specs.template.body import template_digest
 from tasks.applications.registry import find_by_digest, publish_bundle, resolve
 from tasks.deploy.rollout.resolved_request import preflight
 from tasks.deploy.trust.trust_choice import trust_faults
+from tasks.deploy.trust.trust_record import Signer
 from tasks.documents.template_source import find_template
 from tasks.export.format.formats import require_writable
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -171,10 +172,25 @@ def _deployment_pin(section: Deployment, tested: dict[str, str] | None, store: S
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
     launch = section.deploymentApplicationConfigs[0].launchConfig
     faults = trust_faults(trust=section.trust, local=agents > 0)
-    faults += preflight(store, fleet=fleet_reference(section), local_agents=agents, launch=launch, version=version)
+    signer = None if agents or faults else _signer(section, store)
+    faults += preflight(
+        store,
+        fleet=fleet_reference(section),
+        local_agents=agents,
+        launch=launch,
+        version=version,
+        signer=signer,
+    )
     if faults:
         raise DocumentError(faults)
     return version.digest
+
+
+def _signer(section: Deployment, store: Store) -> Signer | None:
+    """Returns what shall sign a deployment to robots elsewhere, or None if nothing does."""
+    from tasks.deploy.trust.signer import chosen_signer  # noqa: PLC0415 - only where keys are used
+
+    return chosen_signer(store, section.trust, local=False)
 
 
 def _key(kind: ApplicationKind, name: str) -> str:

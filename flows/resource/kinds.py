@@ -152,16 +152,16 @@ def _robot() -> Resource:
 
 
 def _deployment_job() -> Resource:
+    from flows.resource.withdrawal import cancel_deployment
     from specs.robomaker.deployment import ListDeploymentJobsRequest
     from tasks.deploy.answers.describe import describe_deployment_job, list_deployment_jobs
     from tasks.deploy.answers.list_pages import list_deployment_jobs_page
-    from tasks.deploy.rollout.operator_commands import steer
 
     return Resource(
         describe_deployment_job,
         list_deployment_jobs,
         _checked(ListDeploymentJobsRequest, list_deployment_jobs_page),
-        lambda store, path: steer(store, path, "cancel"),
+        cancel_deployment,
         _robots_done,
     )
 

@@ -1,6 +1,6 @@
 """The Prefect task that rolls a version out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager
 
 from prefect import task
@@ -27,7 +27,7 @@ def roll_out(
     digest: str,
     token: str,
     rules: RollOutRules | None = None,
-    robots: Callable[[], AbstractContextManager[object]] | None = None,
+    robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None = None,
     signer: DeploymentSigner | None = None,
 ) -> JobRecord:
     """Returns the ended deployment job of the token, and leaves a table of its robots; see `run_deployment_job`.

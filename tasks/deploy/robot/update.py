@@ -62,7 +62,7 @@ class RobotUpdater:
         end_all(self._disk.root)
         if self._state.outcome or self._state.target:  # else nothing is known, and nothing is taken away
             self._restore()
-        if self._state.target:
+        if self._state.target and self._is_still_wanted(self._state.target):
             self._deploy(self._state.target)
         elif self._state.outcome:
             self._reporter.tell(self._state.outcome)
@@ -104,6 +104,23 @@ class RobotUpdater:
         """Returns whether it comes from before what was accepted last, or from a controller that was replaced since."""
         again = desired.deployment == self._state.deployment
         return desired.sequence < self._state.sequence or (again and desired.epoch < self._state.epoch)
+
+    def _is_still_wanted(self, desired: Desired) -> bool:
+        """Returns whether the keys still vouch for what was accepted before the agent ended, which may be long ago.
+
+        While the store is away, what they said at that time counts.
+        """
+        try:
+            if self._check:
+                self._check(desired)
+        except TrustRefused as exc:
+            _LOG.warning("gave up %s: %s", desired.deployment, exc)
+            outcome = self._attempt(desired).failed("BadPermissionError", f"refused: {exc}")
+            self._save(target=None, outcome=outcome)
+            return False
+        except StoreError as exc:
+            _LOG.warning("goes on with %s unasked: %s", desired.deployment, exc)
+        return True
 
     def _try_accept(self, desired: Desired) -> bool:
         """Accepts and keeps a desired state, or reports why not; returns whether it was accepted.

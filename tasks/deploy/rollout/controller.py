@@ -34,6 +34,7 @@ from tasks.deploy.rollout.robot_requests import ask_robot, withdraw_request
 from tasks.deploy.rollout.rollout_end import rollout_end
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.waves import Move, Wish, next_move
+from tasks.deploy.trust.trust_record import Signer
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
@@ -77,8 +78,7 @@ def control_rollout(
     *,
     pace: ControllerPace,
     progress: Callable[[int, int], None],
-    sign: Callable[[Desired], Desired] | None = None,
-    own: Callable[[Desired], bool] | None = None,
+    signer: Signer | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record after every robot has ended or was left out.
 
@@ -89,13 +89,12 @@ def control_rollout(
         claim: This process's claim on the job, whose epoch stands in the record.
         pace: Clock and poll interval.
         progress: Called with the robots that have ended and robots in all, whenever one ends.
-        sign: Signs what a robot is asked, or None.
-        own: Whether the owner has signed what lies in the store; None where nothing is signed.
+        signer: Signs what a robot is asked, or None.
 
     Raises:
         StoreError: The store fails or stays away for minutes, or another process has taken the job over.
     """
-    controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, sign=sign, own=own)
+    controller = _Controller(store, record, plan, claim, pace=pace, progress=progress, signer=signer)
     reached_s, pause_s = time.monotonic(), _FIRST_PAUSE_S
     while True:
         try:
@@ -123,8 +122,7 @@ class _Controller:
         *,
         pace: ControllerPace,
         progress: Callable[[int, int], None],
-        sign: Callable[[Desired], Desired] | None,
-        own: Callable[[Desired], bool] | None,
+        signer: Signer | None,
     ) -> None:
         self._store = store
         self._job = record.id
@@ -132,10 +130,10 @@ class _Controller:
         self._claim = claim
         self._pace = pace
         self._progress = progress
-        self._sign = sign
-        self._own = own
+        self._signer = signer
+        self._withdrawn = False
         self._known = recorded_progress(record)
-        self._watch = RobotWatch(store, plan, record.id, own)
+        self._watch = RobotWatch(store, plan, record.id, signer.is_own if signer else None)
 
     def tick(self) -> JobRecord:
         """Returns the record after one look at the robots and what followed from it."""
@@ -143,6 +141,8 @@ class _Controller:
         record = read(self._store, _KIND, self._job)
         if is_terminal(record):  # another process closed it; robots that were asked go on alone
             return record
+        if self._signer:
+            self._signer.renew()
         self._ask(self._watch.unasked(self._known))
         seen, move = self._judge(record)
         if move.verdict:
@@ -163,6 +163,7 @@ class _Controller:
         wish = _wish(record, self._plan, now_s)
         seen = self._watch.look(self._known, now_s)
         if wish == "cancel":
+            self._withdraw()
             seen |= self._withdraw_silent(seen, now_s)
         move = next_move(phases(seen), self._plan.limits, wish)
         if move.verdict:
@@ -170,6 +171,12 @@ class _Controller:
             move = next_move(phases(seen), self._plan.limits, wish)
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
         return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
+
+    def _withdraw(self) -> None:
+        """Has robots accept this deployment no more, before the record says that it is canceled."""
+        if self._signer and not self._withdrawn:
+            self._signer.withdraw(self._job)
+            self._withdrawn = True
 
     def _withdraw_silent(self, seen: Mapping[str, RobotProgress], now_s: float) -> dict[str, RobotProgress]:
         """Returns the robots that had not answered before the cancellation, which are asked nothing any more."""
@@ -186,7 +193,8 @@ class _Controller:
     def _ask(self, robots: Sequence[str]) -> None:
         for robot in robots:
             wanted = _desired_state(self._plan, self._job, robot, self._claim.epoch, self._pace.now_s())
-            self._watch.remember(ask_robot(self._store, wanted, self._sign, self._check_claim, self._own))
+            sign, own = (self._signer.sign, self._signer.is_own) if self._signer else (None, None)
+            self._watch.remember(ask_robot(self._store, wanted, sign, self._check_claim, own))
 
     def _check_claim(self) -> None:
         if self._claim.replaced:

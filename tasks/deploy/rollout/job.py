@@ -1,13 +1,14 @@
 """A deployment job from its request to its end; run again with the same token, it continues where it was."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 
 from specs.base import Fault
 from specs.digest import canonical_document
-from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
+from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound, TrustRefused
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
@@ -17,7 +18,7 @@ from tasks.deploy.rollout.observation import progress_document
 from tasks.deploy.rollout.resolved_request import check_request, plan_deployment
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.sync import latest_deployment, plan_sync, sync_request
-from tasks.deploy.trust.trust_record import Signer, check_recorded_plan, vouch_for_plan
+from tasks.deploy.trust.trust_record import Admission, Signer, check_recorded_plan, vouch_for_plan
 from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import claim_key, fleet_key
 from tasks.storage.base.store import Store
@@ -35,11 +36,13 @@ class _Work:
     Attributes:
         plan: Says what it comes to, once the fleet has its members.
         check: Refuses what can never be planned, while the fleet may have none yet.
+        follows: The deployment that this one is a sync of, or empty.
     """
 
     request: CreateDeploymentJobRequest
     plan: Callable[[], RolloutPlan]
     check: Callable[[], None]
+    follows: str = ""
 
 
 def run_deployment_job(
@@ -51,7 +54,7 @@ def run_deployment_job(
     progress: Callable[[int, int], None],
     rules: RollOutRules | None = None,
     pace: ControllerPace | None = None,
-    robots: Callable[[], AbstractContextManager[object]] | None = None,
+    robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None = None,
     signer: Signer | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record, Succeeded, Failed or Canceled; an ended job is returned as it ended.
@@ -64,8 +67,8 @@ def run_deployment_job(
         progress: Called with robots that have ended and robots in all, whenever that changes.
         rules: What RoboMaker's request has no words for.
         pace: Clock and poll interval.
-        robots: Makes the fleet's members, which answer inside its ``with`` block; entered only while the fleet is
-            this job's, so that a job which is refused touches no robot. None: the fleet has its members already.
+        robots: Makes the fleet's members and yields their names; they answer inside its ``with`` block, entered only
+            while the fleet is this job's: a job that is refused touches no robot. None: the fleet has its members.
         signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, and the record says so.
 
     Raises:
@@ -73,7 +76,7 @@ def run_deployment_job(
         DocumentError: The version is another than was tested, a variable or file is not allowed, or the fleet is empty.
         ConcurrentDeployment: Another deployment to the fleet is under way.
         IdempotentParameterMismatch: The token came with another request before.
-        TrustRefused: The signer cannot vouch for it.
+        TrustRefused: The signer cannot vouch for it, or for its robots; or it was withdrawn.
         StoreError: The store fails, or another process has taken the job over.
     """
     work = _Work(
@@ -108,14 +111,15 @@ def run_sync_job(
     Raises:
         ResourceNotFound: No such fleet, or nothing was deployed to it yet.
         ConcurrentDeployment: A deployment to the fleet is under way.
-        TrustRefused: The signer has not signed what was deployed last.
+        TrustRefused: The signer has not signed what was deployed last, or it is another fleet's, or was withdrawn.
         StoreError: The store fails, or another process has taken the job over.
     """
     last = latest_deployment(store, fleet)
-    check_recorded_plan(signer, last)
+    check_recorded_plan(signer, last, read_fleet(store, fleet)[0].name)
     known = _find_job(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
-    work = _Work(request, plan=lambda: plan_sync(store, last, only_failed=only_failed), check=lambda: None)
+    plan = partial(plan_sync, store, last, only_failed=only_failed)
+    work = _Work(request, plan=plan, check=lambda: None, follows=last.id)
     return _run(store, work, token, progress, pace=pace or ControllerPace(), robots=None, signer=signer)
 
 
@@ -126,7 +130,7 @@ def _run(
     progress: Callable[[int, int], None],
     *,
     pace: ControllerPace,
-    robots: Callable[[], AbstractContextManager[object]] | None,
+    robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None,
     signer: Signer | None,
 ) -> JobRecord:
     job, document = job_id(_KIND, token), canonical_document(work.request)
@@ -135,25 +139,44 @@ def _run(
         if known and is_terminal(known):
             return submit(store, _KIND, document, token)
         fleet = fleet_name(work.request.fleet)
-        check_recorded_plan(signer, known)
+        check_recorded_plan(signer, known, fleet)
         plan = _recorded_plan(known)
         if plan is None and robots is None:
             plan = work.plan()
+            _check_fleet(plan, fleet, signer)
         elif plan is None:
             work.check()
         _free_fleet(store, fleet, job)
         record = submit(store, _KIND, document, token)
         _take_fleet(store, fleet, job)
-        with robots() if robots else nullcontext():
+        with robots() if robots else nullcontext(()) as own:
             plan = plan or work.plan()
-            digests = list(dict.fromkeys([plan.digest, *plan.builds.values()]))
-            detail = vouch_for_plan(signer, record.id, digests, plan.model_dump(mode="json"))
+            _check_fleet(plan, fleet)
+            detail = vouch_for_plan(signer, _admission(work, plan, job, own or ()), plan.model_dump(mode="json"))
             if (lacking := plan.lacking()) and _recorded_plan(known) is None:
                 detail = {**detail, "progress": progress_document(lacking)}
             status = "Preparing" if known is None else "InProgress"
             record = advance(store, _KIND, record.id, status, detail=detail, epoch=claim.epoch)
-            sign, own = (signer.sign, signer.is_own) if signer else (None, None)
-            return control_rollout(store, record, plan, claim, pace=pace, progress=progress, sign=sign, own=own)
+            return control_rollout(store, record, plan, claim, pace=pace, progress=progress, signer=signer)
+
+
+def _check_fleet(plan: RolloutPlan, fleet: str, signer: Signer | None = None) -> None:
+    """Does nothing for a plan for the fleet's own robots, of whom the signer's keys say that they are.
+
+    Raises:
+        TrustRefused: It is for others.
+    """
+    if plan.fleet != fleet:
+        what = f"the plan is for the robots of {plan.fleet!r}, and the request for {fleet!r}"
+        raise TrustRefused(f"{what}; find out who writes to the store, and make a new deployment")
+    if signer:
+        signer.require_members(fleet, [*plan.environments])
+
+
+def _admission(work: _Work, plan: RolloutPlan, job: str, own: Collection[str]) -> Admission:
+    digests = list(dict.fromkeys([plan.digest, *plan.builds.values()]))
+    ours = [robot for robot in plan.environments if robot in own]
+    return Admission(plan.fleet, job, digests, robots=[*plan.environments], own=ours, follows=work.follows)
 
 
 def _find_job(store: Store, job: str) -> JobRecord | None:

@@ -4,15 +4,18 @@ The wish stands in the job's record, where its controller looks before each step
 machine, and one that takes over.
 """
 
+from collections.abc import Iterable
+from contextlib import suppress
 from typing import Literal
 
 from pydantic import JsonValue
 
 from specs.base import Fault
-from specs.errors import DocumentError
+from specs.errors import DocumentError, ResourceNotFound
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.rollout.controller import CANCELED, WISH
 from tasks.deploy.rollout.job_end import close_abandoned_job
+from tasks.deploy.trust.trust_record import Signer
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim_unless_alive
@@ -54,6 +57,24 @@ def wish_of(store: Store, job: str) -> str:
     """
     detail = read(store, _KIND, job).detail
     return "cancel" if CANCELED in detail else str(detail.get(WISH, "go"))
+
+
+def withdraw_canceled(store: Store, signer: Signer, in_force: Iterable[str]) -> tuple[str, ...]:
+    """Returns those of the deployments in force that were canceled without a key at hand; they are withdrawn now.
+
+    Args:
+        store: Where the jobs are.
+        signer: Whose keys have put them in force.
+        in_force: Their ids.
+    """
+    canceled: list[str] = []
+    for job in in_force:
+        with suppress(ResourceNotFound):  # forgotten since (`simyard gc`)
+            record = read(store, _KIND, job)
+            if record.status == "Canceled" or CANCELED in record.detail:
+                signer.withdraw(job)
+                canceled.append(job)
+    return tuple(canceled)
 
 
 def active_deployment(store: Store, fleet: str) -> str:

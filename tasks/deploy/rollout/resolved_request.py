@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from specs.arn import parse_reference
 from specs.base import Fault
-from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceNotFound
+from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceNotFound, TrustRefused
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.bundle import Application, Version
@@ -21,6 +21,7 @@ from tasks.deploy.fleet.states import RobotRecord
 from tasks.deploy.kit.local_agents import local_names, machine_architecture
 from tasks.deploy.rollout.rollout_plan import RolloutPlan, digests_for
 from tasks.deploy.rollout.waves import Limits, limits
+from tasks.deploy.trust.trust_record import Signer
 from tasks.storage.archives import list_bundle_files, safe_parts
 from tasks.storage.base.encoding import decode_document
 from tasks.storage.base.keys import application_key, checked_name
@@ -93,7 +94,13 @@ def timeout_s(request: CreateDeploymentJobRequest) -> int:
 
 
 def preflight(
-    store: Store, *, fleet: str, local_agents: int, launch: DeploymentLaunchConfig, version: Version
+    store: Store,
+    *,
+    fleet: str,
+    local_agents: int,
+    launch: DeploymentLaunchConfig,
+    version: Version,
+    signer: Signer | None = None,
 ) -> list[Fault]:
     """Returns the faults of a pipeline's deployment that can be found before the pipeline begins.
 
@@ -103,6 +110,7 @@ def preflight(
         local_agents: How many robots the run makes for itself; 0 for a fleet that has its own.
         launch: What is run on a robot.
         version: What is deployed.
+        signer: Whose keys must vouch that robots which the run does not make belong to the fleet; None for nobody's.
     """
     path = f"{_SECTION_PATH}.launchConfig"
     bundles = dict.fromkeys(version.digests.values() or [version.digest])
@@ -110,7 +118,7 @@ def preflight(
         *(
             _local_faults(store, fleet, local_agents, version)
             if local_agents
-            else _member_faults(store, fleet, version)
+            else _member_faults(store, fleet, version, signer)
         ),
         *outside_package(launch, path),
         *(fault for digest in bundles for fault in _file_faults(store, launch, digest, path)),
@@ -118,7 +126,7 @@ def preflight(
     ]
 
 
-def _member_faults(store: Store, reference: str, version: Version) -> list[Fault]:
+def _member_faults(store: Store, reference: str, version: Version, signer: Signer | None) -> list[Fault]:
     path = "deployment.fleet"
     try:
         name = read_fleet(store, reference)[0].name
@@ -126,7 +134,19 @@ def _member_faults(store: Store, reference: str, version: Version) -> list[Fault
         return [fault.model_copy(update={"path": path}) for fault in exc.faults]
     robots = members(store, name)
     architectures: dict[str, Architecture] = {robot.name: robot.architecture for robot in robots}
-    return [*_fleet_faults(name, robots, path), *_architecture_faults(architectures, version, path)]
+    return [
+        *_fleet_faults(name, robots, path),
+        *_architecture_faults(architectures, version, path),
+        *_stranger_faults(signer, name, [*architectures], path),
+    ]
+
+
+def _stranger_faults(signer: Signer | None, fleet: str, robots: list[str], path: str) -> Iterator[Fault]:
+    try:
+        if signer:
+            signer.require_members(fleet, robots)
+    except TrustRefused as exc:
+        yield Fault(path=path, value=fleet, allowed=str(exc))
 
 
 def _architecture_faults(robots: Mapping[str, Architecture], version: Version, path: str) -> Iterator[Fault]:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from specs.base import Fault
-from specs.errors import ResourceNotFound
+from specs.errors import ResourceNotFound, TrustRefused
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet import launch_environment
 from tasks.deploy.fleet.fleets import read_fleet
@@ -28,6 +28,7 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
 
     Raises:
         ResourceNotFound: No such fleet, or nothing was deployed to it yet.
+        TrustRefused: The store's records name another fleet's.
     """
     record, _ = read_fleet(store, fleet)
     last = read(store, _KIND, record.deployment) if record.deployment else None
@@ -38,6 +39,9 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
     if last is None:
         fault = Fault(path="fleet", value=repr(fleet), allowed="a fleet to which something was deployed")
         raise ResourceNotFound([fault], source="SyncDeploymentJob")
+    if (planned := _plan_of(last).get("fleet")) != record.name:
+        what = f"{last.id!r:.100}, the last deployment of {record.name!r} by the store's records, is {planned!r:.100}'s"
+        raise TrustRefused(f"{what}; find out who writes to the store, and make a new deployment")
     return last
 
 

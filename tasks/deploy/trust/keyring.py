@@ -2,28 +2,31 @@
 
 import fcntl
 import os
+import shlex
 import stat
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Annotated, Literal, TypeVar, get_args
 from urllib.parse import unquote
 from uuid import uuid4
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
 from tasks.deploy.trust.tuf_names import CryptoSigner
-from tasks.storage.base.atomic_file import flush_to_disk, make_folder, settle_names
+from tasks.storage.base.atomic_file import flush_to_disk, settle_names
 from tasks.storage.base.store import Store
+from tasks.storage.store_url import store_id
 
 Role = Literal["root", "targets", "deployer", "snapshot", "timestamp"]
 ROLES: tuple[Role, ...] = get_args(Role)
 ROOT_FILE = "root.json"
 _NOTES = "signer.json"
+_KEPT = "published.json"
 _LOCK = ".lock"
 
 
@@ -34,11 +37,30 @@ class SignerNotes(Spec):
         repository: Id of the metadata's folder in the store.
         store: Id of the store; keys are for one.
         timestamp: The highest version that was seen, so that older metadata is refused.
+        lifetime_h: For how many hours a timestamp is accepted.
     """
 
     repository: str
     store: str
     timestamp: int = 0
+    lifetime_h: Annotated[int, Field(ge=1, le=8760)] = 24
+
+
+class KeptMetadata(Spec):
+    """The state of the metadata that was signed with these keys last.
+
+    Attributes:
+        version: Of its timestamp.
+        parts: Its files, by name.
+        settled: Whether it is known to have reached the store.
+    """
+
+    version: int
+    parts: dict[str, str]
+    settled: bool
+
+
+Document = TypeVar("Document", SignerNotes, KeptMetadata)
 
 
 class Keyring:
@@ -98,17 +120,47 @@ class Keyring:
     @property
     def notes(self) -> SignerNotes | None:
         """What the folder knows besides its keys, or None in a new one."""
-        try:
-            return SignerNotes.model_validate_json((self.folder / _NOTES).read_bytes())
-        except FileNotFoundError:
-            return None
-        except ValidationError as exc:
-            fault = Fault(path="keys", value=str(self.folder / _NOTES), allowed="what simyard fleet keys init wrote")
-            raise DocumentError([fault]) from exc
+        return self._document(_NOTES, SignerNotes)
 
     def save_notes(self, notes: SignerNotes) -> None:
         """Writes what the folder knows."""
         _write(self.folder / _NOTES, notes.model_dump_json().encode())
+
+    @property
+    def kept(self) -> KeptMetadata | None:
+        """The newest metadata that was signed with these keys here, or None."""
+        return self._document(_KEPT, KeptMetadata)
+
+    def keep(self, kept: KeptMetadata) -> None:
+        """Writes a copy of the newest metadata."""
+        _write(self.folder / _KEPT, kept.model_dump_json().encode())
+
+    def known_for(self, store: Store) -> tuple[SignerNotes, bytes]:
+        """Returns what keys for a store know: their notes, and the root of trust.
+
+        Raises:
+            DocumentError: There are no keys, or they are for another store.
+        """
+        notes, root = self.notes, self.root
+        if notes is None or root is None:
+            raise refused_keys(self.folder, "a folder with keys; simyard fleet keys init --keys DIR makes one")
+        self.check_store(notes, store)
+        return notes, root
+
+    def check_store(self, notes: SignerNotes, store: Store) -> None:
+        """Raises DocumentError for another store than the notes are for."""
+        if notes.store != store_id(store):
+            allowed = f"the keys of {store.url}; these are for the store with id {notes.store}"
+            raise refused_keys(self.folder, allowed)
+
+    def _document(self, name: str, kind: type[Document]) -> Document | None:
+        try:
+            return kind.model_validate_json((self.folder / name).read_bytes())
+        except FileNotFoundError:
+            return None
+        except ValidationError as exc:
+            fault = Fault(path="keys", value=str(self.folder / name), allowed="what simyard fleet keys init wrote")
+            raise DocumentError([fault]) from exc
 
     @contextmanager
     def alone(self) -> Generator[None]:
@@ -134,38 +186,69 @@ def checked_role(name: str) -> Role:
     return found
 
 
-def keyring(folder: Path, store: Store, *, make: bool = False) -> Keyring:
+def keyring(folder: Path, store: Store, *, make: bool = False, in_cache: bool = False) -> Keyring:
     """Returns the keys in a folder.
 
     Args:
         folder: Where they are.
         store: What they sign for; they must not lie in it.
         make: Whether to make the folder.
+        in_cache: Whether it lies in the cache, for robots of this machine: what is above it may be of any kind.
 
     Raises:
-        DocumentError: The folder lies in the store, where everybody who reads the store would read the keys, or is
-            not there.
+        DocumentError: The folder lies in the store, where everybody who reads the store would read the keys; or is
+            not there; or others can write to it, or to one above that it shall be made in; or it is somebody else's.
     """
     where = folder.expanduser().resolve()
     if store.url.startswith("file://") and where.is_relative_to(Path(unquote(store.url[7:])).resolve()):
-        raise _refused(folder, f"a folder outside {store.url}: private keys never lie in the store")
+        raise refused_keys(folder, f"a folder outside {store.url}: private keys never lie in the store")
     if make:
-        make_folder(where.parent)
-        where.mkdir(mode=0o700, exist_ok=True)
+        _require_place([] if in_cache else [above for above in where.parents if above.is_dir()])
+        _make(where)
     if not where.is_dir():
-        raise _refused(folder, "a folder with keys; simyard fleet keys init --keys DIR makes one")
+        raise refused_keys(folder, "a folder with keys; simyard fleet keys init --keys DIR makes one")
+    _require_own(where, new=make)
     return Keyring(where)
+
+
+def _make(where: Path) -> None:
+    """Makes the folder and what is missing above it, for nobody else."""
+    for each in (*reversed(where.parents), where):
+        if not each.is_dir():
+            each.mkdir(mode=0o700, exist_ok=True)
+            settle_names(each.parent)
+
+
+def _require_place(above: Sequence[Path]) -> None:
+    """Does nothing for folders above the keys in which nobody else can exchange those."""
+    for folder in above:
+        found, name = folder.stat(), shlex.quote(str(folder))
+        if found.st_uid not in {0, os.geteuid()}:
+            raise refused_keys(folder, f"above the keys, a folder of yours, or of root; sudo chown $(id -u) {name}")
+        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not found.st_mode & stat.S_ISVTX:
+            allowed = "above the keys, a folder to which nobody else can write, who could exchange them"
+            raise refused_keys(folder, f"{allowed}; chmod go-w {name}")
+
+
+def _require_own(where: Path, *, new: bool) -> None:
+    """Does nothing for a folder to which nobody else can write; one for new keys must be the user's, too."""
+    found, name = where.stat(), shlex.quote(str(where))
+    if new and found.st_uid != os.geteuid():
+        raise refused_keys(where, f"a folder of yours; sudo chown -R $(id -u) {name}")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        allowed = "a folder to which nobody else can write, who could exchange the keys"
+        raise refused_keys(where, f"{allowed}; chmod go-w {name}")
 
 
 def _read(path: Path) -> CryptoSigner:
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise _refused(path, f"a private key that only you can read; chmod 600 {path}")
+        raise refused_keys(path, f"a private key that only you can read; chmod 600 {path}")
     try:
         key = load_pem_private_key(path.read_bytes(), password=None)
     except (ValueError, TypeError) as exc:
-        raise _refused(path, "an Ed25519 private key, as simyard fleet keys init writes it") from exc
+        raise refused_keys(path, "an Ed25519 private key, as simyard fleet keys init writes it") from exc
     if not isinstance(key, Ed25519PrivateKey):
-        raise _refused(path, "an Ed25519 private key, as simyard fleet keys init writes it")
+        raise refused_keys(path, "an Ed25519 private key, as simyard fleet keys init writes it")
     return CryptoSigner(key)
 
 
@@ -183,5 +266,6 @@ def _write(path: Path, body: bytes, mode: int = 0o600) -> None:
     settle_names(path.parent)
 
 
-def _refused(path: Path, allowed: str) -> DocumentError:
+def refused_keys(path: Path, allowed: str) -> DocumentError:
+    """Returns the error for a file or folder of keys that is not what it must be."""
     return DocumentError([Fault(path="keys", value=str(path), allowed=allowed)])

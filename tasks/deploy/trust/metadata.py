@@ -1,4 +1,4 @@
-"""The signed metadata of one repository in the store: reads and checks it, and writes it in a safe order.
+"""The signed metadata of one repository in the store: what it is, and how it is read and checked.
 
 ``trust/<repository>/``: ``<n>.root.json``, ``<n>.targets.json``, ``<n>.deployer.json``, ``<n>.snapshot.json`` and
 ``timestamp.json``. All but the last are written once under their version; the last names the versions that count, so
@@ -6,16 +6,16 @@ writing it is the one moment at which anything changes. Killed before, a writer 
 1.0.33, sections 6 and 7.1).
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime, timedelta
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
 from functools import partial
 from typing import TypeVar
 
 from tuf.api.exceptions import RepositoryError
 from tuf.api.serialization import DeserializationError
 
-from specs.errors import ObjectExists, ObjectNotFound, TrustRefused
+from specs.errors import ObjectNotFound, ObjectTooBig, TrustRefused
 from tasks.deploy.trust.keyring import Role
 from tasks.deploy.trust.tuf_names import (
     CryptoSigner,
@@ -31,32 +31,30 @@ from tasks.deploy.trust.tuf_names import (
 )
 from tasks.storage.base.keys import trust_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import Claim
 
-# How long a stolen key, or a store that shows nothing new, can go unnoticed at most; each has its own cost of renewal.
-LIFETIMES: Mapping[Role, timedelta] = {
-    "root": timedelta(days=730),
-    "targets": timedelta(days=365),
-    "deployer": timedelta(days=90),
-    "snapshot": timedelta(days=30),
-    "timestamp": timedelta(days=7),
-}
 REPOSITORY_FIELD = "x-simyard-repository"
+MOST_METADATA_BYTES = 5_000_000
+"""Of any file; the updater on a robot holds each kind to less."""
 _BUNDLES = "bundles/*"
-Signers = Mapping[Role, Sequence[CryptoSigner]]
+_RESTORE = "restore it from a backup, or from these keys: simyard fleet keys restore"
 Part = Metadata[Root] | Metadata[Targets] | Metadata[Snapshot] | Metadata[Timestamp]
 Kind = TypeVar("Kind", Root, Targets, Snapshot, Timestamp)
 
 
 @dataclass(frozen=True)
 class Published:
-    """One consistent state of the metadata; what it holds is changed in place before it is written again."""
+    """One consistent state of the metadata; what it holds is changed in place before it is written again.
+
+    Attributes:
+        bodies: The file name and the bytes of each part but root, as they were read or written last.
+    """
 
     root: Metadata[Root]
     targets: Metadata[Targets]
     deployer: Metadata[Targets]
     snapshot: Metadata[Snapshot]
     timestamp: Metadata[Timestamp]
+    bodies: dict[Role, tuple[str, bytes]] = field(default_factory=dict[Role, tuple[str, bytes]])
 
     @property
     def repository(self) -> str:
@@ -144,88 +142,18 @@ def read_published(store: Store, root: Metadata[Root]) -> Published:
     Raises:
         TrustRefused: A part is missing, or is not what was signed.
     """
-    repository = repository_of(root)
-    root = _newest_root(store, root, repository)
-    key = partial(trust_key, repository)
-    timestamp = _read_signed(store, Timestamp, key("timestamp.json"), by=root.signed, role="timestamp")
-    meta = timestamp.signed.snapshot_meta
-    name = f"{meta.version}.snapshot.json"
-    snapshot = _read_signed(store, Snapshot, key(name), by=root.signed, role="snapshot", meta=meta)
-    meta = _meta(snapshot.signed, "targets.json")
-    name = f"{meta.version}.targets.json"
-    targets = _read_signed(store, Targets, key(name), by=root.signed, role="targets", meta=meta)
-    meta = _meta(snapshot.signed, "deployer.json")
-    name = f"{meta.version}.deployer.json"
-    deployer = _read_signed(store, Targets, key(name), by=targets.signed, role="deployer", meta=meta)
-    return Published(root, targets, deployer, snapshot, timestamp)
+    root = _newest_root(store, root, repository_of(root))
+    read = _Reader(store, repository_of(root))
+    timestamp = read.part(Timestamp, "timestamp", by=root.signed)
+    snapshot = read.part(Snapshot, "snapshot", by=root.signed, meta=timestamp.signed.snapshot_meta)
+    targets = read.part(Targets, "targets", by=root.signed, meta=_meta(snapshot.signed, "targets.json"))
+    deployer = read.part(Targets, "deployer", by=targets.signed, meta=_meta(snapshot.signed, "deployer.json"))
+    return Published(root, targets, deployer, snapshot, timestamp, read.bodies)
 
 
-def write_root(store: Store, root: Metadata[Root], signers: Sequence[CryptoSigner], now: datetime) -> bytes:
-    """Returns the bytes of the next root metadata, signed by all the signers and written; it counts at once.
-
-    Args:
-        store: Where to.
-        root: The metadata, under its new version; gets its date and signatures here.
-        signers: Who signs it.
-        now: The signer's clock.
-
-    Raises:
-        TrustRefused: There is another one under the version.
-    """
-    body = _sign(root, signers, "root", now)
-    name = f"{root.signed.version}.root.json"
-    try:
-        store.create(trust_key(repository_of(root), name), body)
-    except ObjectExists as exc:
-        raise TrustRefused(f"another process wrote {name} meanwhile; try again") from exc
-    return body
-
-
-def write(
-    store: Store, state: Published, changed: Sequence[Role], signers: Signers, *, now: datetime, claim: Claim
-) -> None:
-    """Writes the changed parts under new versions, then what refers to them; the last write makes all of it count.
-
-    Args:
-        store: Where to.
-        state: The state; its parts get their versions, dates and signatures here.
-        changed: Those of ``targets`` and ``deployer`` that have to be written.
-        signers: Who signs each of the parts that are written, one or more.
-        now: The signer's clock.
-        claim: This process's claim on the repository.
-
-    Raises:
-        TrustRefused: Another process has taken the repository over.
-        StoreError: The store fails.
-    """
-    snapshot, timestamp = state.snapshot.signed, state.timestamp.signed
-    for role in changed:
-        written = _write_next(store, state, role, signers=signers[role], now=now)
-        snapshot.meta[f"{role}.json"] = written
-    timestamp.snapshot_meta = _write_next(store, state, "snapshot", signers=signers["snapshot"], now=now)
-    timestamp.version += 1
-    body = _sign(state.timestamp, signers["timestamp"], "timestamp", now)
-    if claim.lost:
-        raise TrustRefused("another process has taken over the signing; try again")
-    store.put(trust_key(state.repository, "timestamp.json"), body)
-
-
-def _write_next(
-    store: Store, state: Published, role: Role, *, signers: Sequence[CryptoSigner], now: datetime
-) -> MetaFile:
-    metadata = state.part(role)
-    metadata.signed.version += 1
-    body = _sign(metadata, signers, role, now)
-    store.put(trust_key(state.repository, f"{metadata.signed.version}.{role}.json"), body)
-    return MetaFile.from_data(metadata.signed.version, body, ["sha256"])
-
-
-def _sign(metadata: Part, signers: Sequence[CryptoSigner], role: Role, now: datetime) -> bytes:
-    metadata.signed.expires = (now + LIFETIMES[role]).replace(microsecond=0)
-    metadata.signatures.clear()
-    for signer in signers:
-        metadata.sign(signer, append=True)
-    return metadata.to_bytes()
+def part_name(role: Role, version: int) -> str:
+    """Returns the file name of a role's metadata of that version."""
+    return "timestamp.json" if role == "timestamp" else f"{version}.{role}.json"
 
 
 def _newest_root(store: Store, root: Metadata[Root], repository: str) -> Metadata[Root]:
@@ -243,21 +171,34 @@ def _newest_root(store: Store, root: Metadata[Root], repository: str) -> Metadat
         root = following
 
 
-def _read_signed(
-    store: Store, kind: type[Kind], key: str, *, by: Root | Targets, role: Role, meta: MetaFile | None = None
-) -> Metadata[Kind]:
-    name = key.rpartition("/")[2]
-    try:
-        body = store.get(key).body
-    except ObjectNotFound as exc:
-        raise TrustRefused(f"{store.url} has no {key}; restore it from a backup") from exc
-    if meta:
-        _check(name, lambda: meta.verify_length_and_hashes(body))
-    found = _parse(kind, body, name)
-    _check(name, lambda: by.verify_delegate(role, found.signed_bytes, found.signatures))
-    if meta and meta.version != found.signed.version:
-        raise TrustRefused(f"{name} has version {found.signed.version}")
-    return found
+class _Reader:
+    """Reads and checks the parts of a repository, and keeps their bytes."""
+
+    def __init__(self, store: Store, repository: str) -> None:
+        self.bodies: dict[Role, tuple[str, bytes]] = {}
+        self._store = store
+        self._repository = repository
+
+    def part(self, kind: type[Kind], role: Role, *, by: Root | Targets, meta: MetaFile | None = None) -> Metadata[Kind]:
+        name = part_name(role, meta.version if meta else 0)
+        body = self._body(name)
+        if meta:
+            _check(name, lambda: meta.verify_length_and_hashes(body))
+        found = _parse(kind, body, name)
+        _check(name, lambda: by.verify_delegate(role, found.signed_bytes, found.signatures))
+        if meta and meta.version != found.signed.version:
+            raise TrustRefused(f"{name} has version {found.signed.version}")
+        self.bodies[role] = (name, body)
+        return found
+
+    def _body(self, name: str) -> bytes:
+        key = trust_key(self._repository, name)
+        try:
+            return self._store.get(key, MOST_METADATA_BYTES).body
+        except ObjectNotFound as exc:
+            raise TrustRefused(f"{self._store.url} has no {key}; {_RESTORE}") from exc
+        except ObjectTooBig as exc:
+            raise TrustRefused(f"{exc}; {_RESTORE}") from exc
 
 
 def _parse(kind: type[Kind], body: bytes, name: str) -> Metadata[Kind]:
@@ -275,7 +216,7 @@ def _check(name: str, verify: Callable[[], None]) -> None:
         verify()
     except RepositoryError as exc:
         why = f"{name} is not what was signed: {exc}"
-        raise TrustRefused(f"{why}; find out who writes to the store, and restore it from a backup") from exc
+        raise TrustRefused(f"{why}; find out who writes to the store, and {_RESTORE}") from exc
 
 
 def _meta(snapshot: Snapshot, name: str) -> MetaFile:

@@ -1,4 +1,4 @@
-"""The work of the owner of the keys: make keys, renew the metadata, replace a key, list a bundle.
+"""The work of the owner of the keys: make keys, renew the metadata, replace a key, put back what was replaced.
 
 One process at a time works on a repository: a lock on the folder of keys, and a claim in the store. Every change is
 written so that robots can verify what is there at every moment, also when the writer is killed between any two writes.
@@ -8,26 +8,24 @@ import logging
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from uuid import uuid4
 
-from specs.base import Fault
-from specs.errors import DocumentError, TrustRefused
+from specs.errors import TrustRefused
+from tasks.deploy.trust.kept_metadata import KIND, check_version, finish, keep, remember
 from tasks.deploy.trust.keyring import ROLES, Keyring, Role, SignerNotes, keyring
 from tasks.deploy.trust.metadata import (
-    LIFETIMES,
     REPOSITORY_FIELD,
     Published,
-    bundle_target,
     delegate,
-    list_bundle,
     read_published,
     read_root,
-    write,
-    write_root,
 )
+from tasks.deploy.trust.metadata_writer import LIFETIMES, Pen, write, write_root
 from tasks.deploy.trust.tuf_names import CryptoSigner, Metadata, MetaFile, Root, Snapshot, Targets, Timestamp
+from tasks.deploy.trust.vouched_fleets import VouchedFleets, write_fleets
 from tasks.storage.base.keys import claim_key, trust_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim, hold_claim
@@ -35,7 +33,6 @@ from tasks.storage.store_url import store_id
 
 _LOG = logging.getLogger(__name__)
 Clock = Callable[[], datetime]
-_KIND = "trust"
 _TOP: tuple[Role, ...] = ("root", "targets", "snapshot", "timestamp")
 
 
@@ -44,29 +41,30 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-def init_keys(store: Store, folder: Path, *, clock: Clock = utc_now) -> Keyring:
+def init_keys(store: Store, folder: Path, *, clock: Clock = utc_now, in_cache: bool = False) -> Keyring:
     """Returns a folder of keys whose metadata is in the store; makes what is missing, changes nothing.
 
     Args:
         store: Which store the keys are for.
         folder: Where the private keys lie; outside the store.
         clock: Tells the time.
+        in_cache: Whether the folder is the one of this machine's own robots.
 
     Raises:
-        DocumentError: The folder lies in the store, or its keys are for another.
+        DocumentError: The folder lies in the store, others can write to it, or its keys are for another store.
         TrustRefused: The store had metadata for these keys once, and has lost it.
         StoreError: The store fails.
     """
-    ring = keyring(folder, store, make=True)
+    ring = keyring(folder, store, make=True, in_cache=in_cache)
     with ring.alone():
         notes = ring.notes or SignerNotes(repository=uuid4().hex[:12], store=store_id(store))
         ring.save_notes(notes)
-        _check_store(ring, notes, store)
+        ring.check_store(notes, store)
         body = ring.root
         if body is None:
             body = _first_root(ring, notes.repository, clock())
             ring.save_root(body)
-        with hold_claim(store, claim_key(_KIND, notes.repository)) as claim:
+        with hold_claim(store, claim_key(KIND, notes.repository)) as claim:
             if not store.exists(trust_key(notes.repository, "timestamp.json")):
                 _publish_first(store, ring, notes, now=clock(), claim=claim, body=body)
     return ring
@@ -86,22 +84,42 @@ class Session:
     now: datetime
     claim: Claim
 
+    @property
+    def lifetimes(self) -> Mapping[Role, timedelta]:
+        """How long each role's metadata is accepted."""
+        notes = self.ring.notes
+        return {**LIFETIMES, "timestamp": timedelta(hours=notes.lifetime_h)} if notes else LIFETIMES
+
+    def choose_lifetime(self, hours: int) -> None:
+        """Has timestamps signed for so many hours from now on."""
+        if notes := self.ring.notes:
+            self.ring.save_notes(notes.model_copy(update={"lifetime_h": hours}))
+
     def due(self, role: Role) -> bool:
         """Returns whether less than half of a role's time is left."""
-        return self.state.expires(role) - self.now < LIFETIMES[role] / 2
+        return self.state.expires(role) - self.now < self.lifetimes[role] / 2
 
     def at_hand(self, role: Role) -> bool:
         """Returns whether the role's private key is here."""
         return self.ring.find(role, self.state.keyids(role)) is not None
 
     def commit(self, changed: Sequence[Role], more: Mapping[Role, CryptoSigner] | None = None) -> None:
-        """Writes the changed parts, signed by their keys and the ones in ``more``."""
+        """Writes the changed parts and the snapshot, signed by their keys and the ones in ``more``."""
+        self._write((*changed, "snapshot"), more or {})
+
+    def commit_timestamp(self) -> None:
+        """Signs the timestamp anew, and nothing else."""
+        self._write((), {})
+
+    def _write(self, changed: Sequence[Role], more: Mapping[Role, CryptoSigner]) -> None:
         signers: dict[Role, list[CryptoSigner]] = {}
-        for role in (*changed, "snapshot", "timestamp"):
+        for role in (*changed, "timestamp"):
             signers[role] = [self.ring.get(role, self.state.keyids(role))]
-            if more and role in more:
+            if role in more:
                 signers[role].append(more[role])
-        write(self.store, self.state, changed, signers, now=self.now, claim=self.claim)
+        pen = Pen(signers, self.now, self.lifetimes, self.claim, partial(keep, self.ring, settled=False))
+        write(self.store, self.state, changed, pen)
+        remember(self.ring, self.state)
 
     def commit_root(self, signers: Sequence[CryptoSigner]) -> None:
         """Writes the next root."""
@@ -119,17 +137,27 @@ def open_repository(store: Store, ring: Keyring, *, clock: Clock = utc_now) -> G
         StoreError: The store fails.
     """
     with ring.alone():
-        notes, root = ring.notes, ring.root
-        if notes is None or root is None:
-            raise _refused(ring, "a folder with keys; simyard fleet keys init --keys DIR makes one")
-        _check_store(ring, notes, store)
-        with hold_claim(store, claim_key(_KIND, notes.repository)) as claim:
+        notes, root = ring.known_for(store)
+        with hold_claim(store, claim_key(KIND, notes.repository)) as claim:
+            finish(store, ring, notes)
             session = Session(store, ring, read_published(store, read_root(root)), clock(), claim)
-            _check_version(store, notes, session.state)
+            check_version(store, ring, notes, session.state)
+            remember(ring, session.state)
             yield session
-        seen = session.state.timestamp.signed.version
-        if seen != notes.timestamp:
-            ring.save_notes(notes.model_copy(update={"timestamp": seen}))
+
+
+def look_at_repository(store: Store, ring: Keyring) -> Published:
+    """Returns the newest metadata, verified; it may be written anew at the same time.
+
+    Raises:
+        DocumentError: There are no keys, or they are for another store.
+        TrustRefused: The metadata in the store is not what the keys signed, or is older than it was.
+        StoreError: The store fails.
+    """
+    notes, root = ring.known_for(store)
+    state = read_published(store, read_root(root))
+    check_version(store, ring, notes, state)
+    return state
 
 
 def renew_metadata(session: Session) -> list[Role]:
@@ -144,33 +172,20 @@ def renew_metadata(session: Session) -> list[Role]:
     return [role for role in ROLES if session.due(role)]
 
 
-def list_for_deployment(session: Session, digest: str, length: int) -> None:
-    """Makes robots accept a bundle; writes nothing when they do already, and will for a while.
-
-    Raises:
-        TrustRefused: What only root's or targets' key can renew has expired.
-        DocumentError: The deployer's, snapshot's or timestamp's key is not here.
-    """
-    deployer = session.state.deployer.signed
-    listed = bundle_target(digest) in deployer.targets
-    if listed and not any(session.due(role) for role in ROLES):
-        return
-    list_bundle(deployer, digest, length)
-    due = renew_metadata(session)
-    for role in due:
-        _LOG.warning(
-            "%s expires at %s, and its key is not here: simyard fleet keys renew", role, session.state.expires(role)
-        )
-    expired = [role for role in due if session.state.expires(role) <= session.now]
-    if expired:
-        raise TrustRefused(f"{' and '.join(expired)} expired; bring their keys and run simyard fleet keys renew")
+def refresh_metadata(session: Session) -> list[Role]:
+    """Signs anew what is in the second half of its time; returns what is due, and whose key is not here."""
+    if any(session.due(role) and session.at_hand(role) for role in ROLES if role != "timestamp"):
+        return renew_metadata(session)
+    if session.due("timestamp") and session.at_hand("timestamp"):
+        session.commit_timestamp()
+    return [role for role in ROLES if session.due(role)]
 
 
 def rotate_key(session: Session, role: Role) -> None:
     """Replaces a key: what the old one signs is refused from now on.
 
-    A new deployer's key begins with an empty list of bundles: what a thief may have put on it is gone, and the next
-    deployment lists its bundle again.
+    A new deployer's key begins with an empty list of bundles and with no fleets: what a thief may have put there is
+    gone. The owner vouches for the robots again, and the next deployment lists its bundle.
 
     Raises:
         DocumentError: Root's key, or for the deployer's key that of targets, is not here.
@@ -180,7 +195,7 @@ def rotate_key(session: Session, role: Role) -> None:
     elif role == "deployer":
         session.ring.get("targets", session.state.keyids("targets"))
         delegate(session.state.targets.signed, session.ring.create("deployer"))
-        session.state.deployer.signed.targets.clear()
+        write_fleets(session.state.deployer.signed, VouchedFleets())
         session.commit(["targets", "deployer"])
     else:
         _rotate_top(session, role)
@@ -240,23 +255,7 @@ def _publish_first(
     state.snapshot.signed.meta = {"targets.json": MetaFile(), "deployer.json": MetaFile()}
     deployer = ring.create("deployer")
     delegate(state.targets.signed, deployer)
+    write_fleets(state.deployer.signed, VouchedFleets())
     session = Session(store, ring, state, now, claim)
     session.commit(["targets", "deployer"])
     ring.keep_only("deployer", [deployer.public_key.keyid])
-    ring.save_notes(notes.model_copy(update={"timestamp": 1}))
-
-
-def _check_store(ring: Keyring, notes: SignerNotes, store: Store) -> None:
-    if notes.store != store_id(store):
-        raise _refused(ring, f"the keys of {store.url}; these are for the store with id {notes.store}")
-
-
-def _check_version(store: Store, notes: SignerNotes, state: Published) -> None:
-    if state.timestamp.signed.version < notes.timestamp:
-        found = f"version {state.timestamp.signed.version}, after {notes.timestamp}"
-        where = f"{store.url}/trust/{notes.repository}"
-        raise TrustRefused(f"{where} went back to {found}; find out who writes to the store, and restore it")
-
-
-def _refused(ring: Keyring, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="keys", value=str(ring.folder), allowed=allowed)])

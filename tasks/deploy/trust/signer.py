@@ -1,8 +1,11 @@
 """Signs a deployment: its bundle, its plan, and the desired state of each robot."""
 
 import hashlib
+import logging
 import tempfile
-from datetime import datetime
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
@@ -11,11 +14,23 @@ from securesystemslib.exceptions import UnverifiedSignatureError, VerificationEr
 from specs.errors import DocumentError, TrustRefused
 from specs.field_types import S3Object
 from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired, Signature
-from tasks.deploy.trust.keyring import ROOT_FILE, Keyring, keyring
-from tasks.deploy.trust.repository import Clock, init_keys, list_for_deployment, open_repository, utc_now
+from tasks.deploy.trust.keyring import ROLES, ROOT_FILE, Keyring, Role, keyring
+from tasks.deploy.trust.metadata import bundle_target, list_bundle
+from tasks.deploy.trust.repository import (
+    Clock,
+    Session,
+    init_keys,
+    look_at_repository,
+    open_repository,
+    refresh_metadata,
+    renew_metadata,
+    utc_now,
+)
 from tasks.deploy.trust.signature import sign_desired, verify
 from tasks.deploy.trust.trust_choice import chosen_keys, trust_faults
+from tasks.deploy.trust.trust_record import Admission
 from tasks.deploy.trust.tuf_names import CryptoSigner, RawSignature
+from tasks.deploy.trust.vouched_fleets import VouchedFleets, read_fleets, write_fleets
 from tasks.storage.archives import digest_of
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.keys import bundle_key
@@ -23,6 +38,8 @@ from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import store_id
 
+_LOG = logging.getLogger(__name__)
+_LOOK_AGAIN = timedelta(minutes=10)
 # The same key signs metadata and desired states: with this in front, one can never be taken for the other.
 _PLAN_PREFIX = b"simyard deployment plan 1\n"
 # A robot that comes back later than that is brought up to date by deploying again.
@@ -43,6 +60,7 @@ class DeploymentSigner:
         self._ring = ring
         self._clock = clock
         self._key: CryptoSigner | None = None
+        self._fresh_until: datetime | None = None
         self._conditions: dict[tuple[str, str], str] = {}
 
     @property
@@ -50,18 +68,93 @@ class DeploymentSigner:
         """The file that robots are given when their agent is installed."""
         return self._ring.folder / ROOT_FILE
 
-    def admit(self, digest: str) -> None:
-        """Puts the bundle with that digest on the list of what robots accept, after a look at its bytes.
+    def admit(self, wanted: Admission) -> None:
+        """Puts a deployment in force, and its bundles on the list of what robots accept, after a look at their bytes.
+
+        Writes nothing where robots accept it already, and will for a while.
 
         Raises:
-            TrustRefused: The store's metadata or bundle is not what it was, or has expired.
+            TrustRefused: The store's metadata or a bundle is not what it was, or has expired; or no key vouches for a
+                robot; or the deployment was withdrawn.
             DocumentError: A key is not here.
             StoreError: The store fails.
         """
-        length = _length(self._store, digest)
-        with open_repository(self._store, self._ring, clock=self._clock) as session:
+        lengths = {digest: _length(self._store, digest) for digest in wanted.digests}
+        with self._open() as session:
             self._key = self._ring.get("deployer", session.state.keyids("deployer"))
-            list_for_deployment(session, digest, length)
+            deployer, before = session.state.deployer.signed, _fleets(session)
+            after = before.enlisted(wanted.fleet, wanted.own)
+            after.require_members(wanted.fleet, wanted.robots)
+            if wanted.follows:
+                after = after.followed(wanted.fleet, wanted.deployment, wanted.follows, wanted.digests)
+            else:
+                after = after.begun(wanted.fleet, wanted.deployment, wanted.digests)
+            listed = all(bundle_target(digest) in deployer.targets for digest in lengths)
+            if listed and after == before and not any(session.due(role) for role in ROLES):
+                return
+            for digest, length in lengths.items():
+                list_bundle(deployer, digest, length)
+            write_fleets(deployer, after)
+            _renew_in_time(session)
+
+    def require_members(self, fleet: str, robots: Sequence[str]) -> None:
+        """Does nothing for robots that belong to the fleet by what was signed.
+
+        Raises:
+            TrustRefused: They do not; says the command to run.
+        """
+        self.fleets().require_members(fleet, robots)
+
+    def require_in_force(self, fleet: str, deployment: str) -> None:
+        """Does nothing for a deployment that is in force in the fleet.
+
+        Raises:
+            TrustRefused: It was withdrawn, or superseded.
+        """
+        self.fleets().require_in_force(fleet, deployment)
+
+    def fleets(self) -> VouchedFleets:
+        """Returns what is signed of fleets now."""
+        return read_fleets(look_at_repository(self._store, self._ring).deployer.signed) or VouchedFleets()
+
+    def withdraw(self, deployment: str) -> int | None:
+        """Has robots accept a deployment no more; those that have begun with it go on.
+
+        Returns until when a robot that has seen nothing newer may accept it, if somebody puts the old metadata back,
+        in seconds since 1970; None for a deployment that these keys never put in force, or long ago.
+        """
+        with self._open() as session:
+            before = _fleets(session)
+            after = before.withdrawn(deployment)
+            if after != before:
+                write_fleets(session.state.deployer.signed, after)
+                session.commit(["deployer"])
+            return after.ends_s(deployment)
+
+    def vouch(self, change: Callable[[VouchedFleets], VouchedFleets]) -> None:
+        """Signs a change of who belongs to which fleet; writes nothing for none."""
+        with self._open() as session:
+            before = _fleets(session)
+            after = change(before)
+            if after != before:
+                write_fleets(session.state.deployer.signed, after)
+                session.commit(["deployer"])
+
+    def renew(self) -> Sequence[Role]:
+        """Keeps the signed metadata from expiring; returns what is due, and whose key is not here.
+
+        Looks into the store only when something may be due: others may have renewed it meanwhile.
+        """
+        if self._fresh_until is not None and self._clock() < self._fresh_until:
+            return ()
+        with self._open() as session:
+            due = refresh_metadata(session)
+            lacking = session.state.expires("timestamp") - session.lifetimes["timestamp"] / 2
+            self._fresh_until = max(lacking, self._clock() + _LOOK_AGAIN)
+        return due
+
+    def _open(self) -> AbstractContextManager[Session]:
+        return open_repository(self._store, self._ring, clock=self._clock)
 
     def sign(self, desired: Desired) -> Desired:
         """Returns what is asked of a robot with an expiry date, the digest of its condition, and a signature."""
@@ -102,7 +195,7 @@ class DeploymentSigner:
     @property
     def _deployer(self) -> CryptoSigner:
         if self._key is None:
-            with open_repository(self._store, self._ring, clock=self._clock) as session:
+            with self._open() as session:
                 self._key = self._ring.get("deployer", session.state.keyids("deployer"))
         return self._key
 
@@ -128,8 +221,14 @@ def local_signer(store: Store) -> DeploymentSigner:
 
     Whoever loses the cache loses no robot: the agents of such a fleet are given the root of trust at every start.
     """
-    folder = cache_folder() / "keys" / store_id(store)
-    return DeploymentSigner(store, init_keys(store, folder))
+    return DeploymentSigner(store, init_keys(store, _local_folder(store), in_cache=True))
+
+
+def signers_here(store: Store) -> list[DeploymentSigner]:
+    """Returns what signs with the keys that this machine has for a store: those of SIMYARD_KEYS, and of the cache."""
+    folders = [folder for folder in (chosen_keys(), _local_folder(store)) if folder and (folder / ROOT_FILE).is_file()]
+    rings = [keyring(folder, store) for folder in folders]
+    return [DeploymentSigner(store, ring) for ring in rings if ring.notes and ring.notes.store == store_id(store)]
 
 
 def chosen_signer(store: Store, trust: Literal["signed", "unsigned"], *, local: bool) -> DeploymentSigner | None:
@@ -151,6 +250,32 @@ def chosen_signer(store: Store, trust: Literal["signed", "unsigned"], *, local: 
     if trust == "unsigned":
         return None
     return open_signer(store, keys) if keys else local_signer(store)
+
+
+def _fleets(session: Session) -> VouchedFleets:
+    """Returns what is signed of fleets, and will be replaced now."""
+    found = read_fleets(session.state.deployer.signed) or VouchedFleets()
+    return found.replacing(session.state.expires("timestamp").timestamp())
+
+
+def _renew_in_time(session: Session) -> None:
+    """Signs everything anew, and warns of what only root's or targets' key can renew.
+
+    Raises:
+        TrustRefused: Such a part has expired.
+    """
+    due = renew_metadata(session)
+    for role in due:
+        _LOG.warning(
+            "%s expires at %s, and its key is not here: simyard fleet keys renew", role, session.state.expires(role)
+        )
+    expired = [role for role in due if session.state.expires(role) <= session.now]
+    if expired:
+        raise TrustRefused(f"{' and '.join(expired)} expired; bring their keys and run simyard fleet keys renew")
+
+
+def _local_folder(store: Store) -> Path:
+    return cache_folder() / "keys" / store_id(store)
 
 
 def _length(store: Store, digest: str) -> int:

@@ -5,7 +5,8 @@ change it between, and have the deployer's key sign the change.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from pydantic import JsonValue
@@ -20,11 +21,48 @@ UNSIGNED = "unsigned"
 _TRUST, _PLAN, _SIGNATURE = "trust", "plan", "plan_signature"
 
 
+@dataclass(frozen=True)
+class Admission:
+    """What robots shall accept.
+
+    Attributes:
+        fleet: Of the robots.
+        deployment: The job's id.
+        digests: Of the bundles.
+        robots: Who is asked; the keys must vouch that they belong to the fleet.
+        own: Those of them that this process has made for its own demonstration: it vouches for them now.
+        follows: The deployment that this one is a sync of, or empty: then what was in force for the fleet is withdrawn.
+    """
+
+    fleet: str
+    deployment: str
+    digests: Sequence[str]
+    robots: Sequence[str] = ()
+    own: Collection[str] = ()
+    follows: str = ""
+
+
 class Signer(Protocol):
     """Vouches for a deployment (`tasks.deploy.trust.signer.DeploymentSigner`)."""
 
-    def admit(self, digest: str) -> None:
-        """Makes robots accept a bundle."""
+    def admit(self, wanted: Admission) -> None:
+        """Makes robots accept a deployment and its bundles, and nothing that it supersedes."""
+        ...
+
+    def require_members(self, fleet: str, robots: Sequence[str]) -> None:
+        """Raises TrustRefused for robots of whom no key says that they belong to the fleet."""
+        ...
+
+    def require_in_force(self, fleet: str, deployment: str) -> None:
+        """Raises TrustRefused for a deployment that was withdrawn, or superseded."""
+        ...
+
+    def withdraw(self, deployment: str) -> object:
+        """Has robots accept a deployment no more; those that have begun with it go on."""
+        ...
+
+    def renew(self) -> object:
+        """Keeps the signed metadata from expiring; costs nothing while it is far from that."""
         ...
 
     def sign(self, desired: Desired) -> Desired:
@@ -44,44 +82,58 @@ class Signer(Protocol):
         ...
 
 
-def vouch_for_plan(
-    signer: Signer | None, job: str, digests: Sequence[str], plan: dict[str, JsonValue]
-) -> dict[str, JsonValue]:
+def vouch_for_plan(signer: Signer | None, wanted: Admission, plan: dict[str, JsonValue]) -> dict[str, JsonValue]:
     """Returns what a job's record holds of a plan, once robots will accept its bundles.
 
     Args:
         signer: Who vouches, or None.
-        job: The job's id.
-        digests: Of the bundles.
+        wanted: What robots shall accept.
         plan: The plan as the record holds it.
     """
     if signer is None:
-        shown = ", ".join(digest[:12] for digest in digests)
-        _LOG.warning("UNSIGNED: %s asks robots to run %s, and nobody's key vouches for it", job, shown)
+        shown = ", ".join(digest[:12] for digest in wanted.digests)
+        _LOG.warning("UNSIGNED: %s asks robots to run %s, and nobody's key vouches for it", wanted.deployment, shown)
         return {_PLAN: plan, _TRUST: UNSIGNED}
-    for digest in digests:
-        signer.admit(digest)
-    signature = signer.sign_plan(_bytes(job, plan))
+    signer.admit(wanted)
+    signature = signer.sign_plan(_bytes(wanted.deployment, plan))
     return {_PLAN: plan, _TRUST: f"signed by {signature.keyid}", _SIGNATURE: signature.model_dump(mode="json")}
 
 
-def check_recorded_plan(signer: Signer | None, record: JobRecord | None) -> None:
-    """Does nothing for a record whose plan, if it has one, is what the signer signed, or when nothing is signed.
+def check_recorded_plan(signer: Signer | None, record: JobRecord | None, fleet: str) -> None:
+    """Does nothing for a record whose plan, if it has one, is for the fleet, signed by the signer, and in force.
+
+    Args:
+        signer: Who must have signed it; None where nothing is signed.
+        record: The job's, if there is one.
+        fleet: Whose robots are asked.
 
     Raises:
-        TrustRefused: The plan was changed, was not signed, or by a key that was replaced.
+        TrustRefused: The plan was changed, was not signed, or by a key that was replaced; or it is for another fleet,
+            was canceled, or was superseded.
     """
-    if signer is None or record is None or _PLAN not in record.detail:
+    if record is None or _PLAN not in record.detail:
         return
     signature, plan = record.detail.get(_SIGNATURE), record.detail[_PLAN]
+    planned = plan.get("fleet") if isinstance(plan, dict) else None
+    if planned != fleet:
+        what = f"{record.id!r:.100} is a deployment to the fleet {planned!r:.100}, and not to {fleet!r}"
+        raise TrustRefused(f"{what}; find out who writes to the store, and make a new deployment")
+    if signer is None:
+        return
     if not isinstance(signature, Mapping) or not isinstance(plan, dict):
         raise TrustRefused(f"the plan of {record.id} is not signed; make a new deployment")
     signer.check_plan(_bytes(record.id, plan), Signature.model_validate(signature))
+    signer.require_in_force(fleet, record.id)
 
 
 def is_unsigned(record: JobRecord) -> bool:
     """Returns whether a deployment's record says that it is unsigned."""
     return record.detail.get(_TRUST) == UNSIGNED
+
+
+def is_signed(record: JobRecord) -> bool:
+    """Returns whether a deployment's record says that it is signed."""
+    return str(record.detail.get(_TRUST, "")).startswith("signed")
 
 
 def _bytes(job: str, plan: Mapping[str, JsonValue]) -> bytes:

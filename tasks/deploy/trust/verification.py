@@ -1,4 +1,4 @@
-"""A robot's checks before it downloads: TUF's client workflow, then the signature of its desired state.
+"""A robot's checks before it downloads: TUF's client workflow, and whether what it is asked is signed and in force.
 
 The root of trust is pinned when the agent is installed. Everything that was verified is kept on the robot, so that it
 never accepts anything older.
@@ -25,15 +25,22 @@ from tuf.ngclient import FetcherInterface, Updater, UpdaterConfig
 
 from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustRefused
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.trust.metadata import bundle_target, deployer_role, read_root, repository_of
+from tasks.deploy.trust.keyring import Role
+from tasks.deploy.trust.metadata import (
+    MOST_METADATA_BYTES,
+    bundle_target,
+    deployer_role,
+    read_root,
+    repository_of,
+)
 from tasks.deploy.trust.signature import verify
 from tasks.deploy.trust.tuf_names import Metadata, Targets
+from tasks.deploy.trust.vouched_fleets import read_fleets
 from tasks.storage.base.atomic_file import make_folder, settle_names
 from tasks.storage.base.store import Store
 
 _ASK_THE_OWNER = "find out who writes to the store"
-_METADATA_BYTES = 5_000_000  # of any file; the updater holds each kind to less
-_CONFIG = UpdaterConfig(max_root_rotations=64, max_delegations=2, targets_max_length=_METADATA_BYTES)
+_CONFIG = UpdaterConfig(max_root_rotations=64, max_delegations=2, targets_max_length=MOST_METADATA_BYTES)
 
 
 class Verifier:
@@ -81,16 +88,27 @@ class Verifier:
         fetcher = _StoreFetcher(self._store)
         updater = Updater(str(self._folder), prefix, fetcher=fetcher, config=_CONFIG, bootstrap=self._root)
         updater.refresh()
-        # The updater has just verified and written it.
-        targets = Metadata[Targets].from_bytes((self._folder / "targets.json").read_bytes()).signed
+        targets = self._verified("targets")
         keys = targets.delegations.keys if targets.delegations else {}
         verify(desired, {keyid: keys[keyid] for keyid in deployer_role(targets).keyids})
         if desired.expires_at_s <= self._now_s():
             raise TrustRefused(f"it expired at {_date(desired.expires_at_s)}; {self._clock()} deploy again")
         found = updater.get_targetinfo(bundle_target(desired.digest))
+        self._require_in_force(desired)
         if found is None or found.hashes.get("sha256") != desired.digest:
             raise TrustRefused(f"bundle {desired.digest[:12]} is not on the deployer's signed list; deploy it again")
         return found.length
+
+    def _require_in_force(self, desired: Desired) -> None:
+        fleets = read_fleets(self._verified("deployer"))
+        if fleets is None:
+            what = "what is signed does not say which deployments are in force"
+            raise TrustRefused(f"{what}: install a newer Simyard where you deploy, and deploy again")
+        fleets.admit(desired)
+
+    def _verified(self, role: Role) -> Targets:
+        """Returns metadata that the updater has just verified and written."""
+        return Metadata[Targets].from_bytes((self._folder / f"{role}.json").read_bytes()).signed
 
     def _clock(self) -> str:
         return f"this robot's clock says {_date(self._now_s())};"
@@ -104,7 +122,7 @@ class _StoreFetcher(FetcherInterface):
 
     def _fetch(self, url: str) -> Iterator[bytes]:
         try:
-            return iter([self._store.get(url, _METADATA_BYTES).body])
+            return iter([self._store.get(url, MOST_METADATA_BYTES).body])
         except ObjectTooBig as exc:
             raise DownloadLengthMismatchError(str(exc)) from exc
         except ObjectNotFound as exc:

@@ -10,6 +10,7 @@ import pytest
 from specs.errors import StoreError
 from specs.robomaker.bundle import Version
 from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.trust.keyring import ROLES
 from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import bundle_key, desired_key
 from tests.deploy.one_robot import GOOD, NAME
@@ -80,7 +81,11 @@ def test_whatever_object_is_spoiled_nothing_runs_that_was_not_signed(
         version, before = versions[number % 2], careful.runs[0]
         wanted = owner.signed(version, number + 2)
         bundle = bundle_key(version.digest)
-        good = {**owner.metadata(), bundle: yard.store.get(bundle).body, desired_key(NAME): encode_document(wanted)}
+        newest = {
+            owner.latest(role) for role in ROLES
+        }  # what robots read; each deployment leaves older versions behind
+        metadata = {key: body for key, body in owner.metadata().items() if key in newest}
+        good = {**metadata, bundle: yard.store.get(bundle).body, desired_key(NAME): encode_document(wanted)}
         key = dice.choice(sorted(good))
         yard.store.put(desired_key(NAME), good[desired_key(NAME)])
         yard.store.put(key, _spoiled(good, key, dice))

@@ -38,6 +38,7 @@ def agent(yard: Yard, owner: Owner, monkeypatch: pytest.MonkeyPatch) -> Iterator
             monkeypatch.setenv(name, FILE_SECRET)
     create_robot(yard.store, "r1")
     register_robot(yard.store, FLEET, "r1")
+    owner.vouch("r1")
     root = yard.root("r1")
     root.mkdir(parents=True)
     options = {"robot": "r1", "root": root, "store": yard.store.url, "root-of-trust": owner.folder / "root.json"}

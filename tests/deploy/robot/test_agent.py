@@ -215,7 +215,7 @@ def test_an_agent_that_verifies_takes_less_than_80_megabytes(
     owner = Owner(store, tmp_path / "keys")
     version = yard.publish({"run.sh": STAYS_UP}, padding_bytes=40 << 20)
     agents.append(yard.start_agent("r1", f"--root-of-trust={owner.folder / 'root.json'}"))
-    owner.signer.admit(version.digest)
+    owner.admit(version, "dep-1")
     ask_robot(store, desired(version, 1, timeout_s=60.0), owner.signer.sign)
 
     wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")

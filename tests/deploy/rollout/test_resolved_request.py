@@ -1,5 +1,8 @@
 """What is told before a pipeline begins that would stop it at its end."""
 
+from functools import partial
+from pathlib import Path
+
 import pytest
 
 from specs.base import Fault
@@ -9,6 +12,7 @@ from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.deploy.rollout.resolved_request import preflight
 from tasks.storage.base.keys import bundle_key
+from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
 LAUNCH = "deployment.deploymentApplicationConfigs[0].launchConfig"
@@ -97,3 +101,18 @@ def test_a_bundle_that_is_no_archive_or_is_gone_is_a_fault(body: bytes | None, y
     (fault,) = preflight(yard.store, fleet=FLEET, local_agents=1, launch=_launch(), version=version)
 
     assert fault.path == "deployment.deploymentApplicationConfigs[0].application"
+
+
+def test_robots_that_no_key_vouches_for_are_told_before_anything_runs(yard: Yard, tmp_path: Path) -> None:
+    version, owner = yard.publish({"run.sh": STAYS_UP}), Owner(yard.store, tmp_path / "keys")
+    create_robot(yard.store, "r1")
+    register_robot(yard.store, FLEET, "r1")
+    told = partial(preflight, yard.store, fleet=FLEET, local_agents=0, launch=_launch(), version=version)
+
+    (fault,) = told(signer=owner.signer)
+    owner.vouch("r1")
+
+    assert fault.path == "deployment.fleet"
+    assert "simyard fleet vouch couriers" in fault.allowed
+    assert told(signer=owner.signer) == []
+    assert told() == []

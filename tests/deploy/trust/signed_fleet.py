@@ -16,11 +16,12 @@ from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.deploy.trust.keyring import Keyring, Role
 from tasks.deploy.trust.repository import init_keys, open_repository, renew_metadata, rotate_key
 from tasks.deploy.trust.signer import DeploymentSigner
+from tasks.deploy.trust.trust_record import Admission
 from tasks.deploy.trust.verification import Verifier
 from tasks.storage.base.keys import desired_key, trust_key
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import GOOD, NAME, desired
-from tests.deploy.yard import Yard, programs_of
+from tests.deploy.yard import FLEET, Yard, programs_of
 
 OLDER = {"run.sh": GOOD["run.sh"] + "# older\n"}
 NEWER = {"run.sh": GOOD["run.sh"] + "# newer\n"}
@@ -74,9 +75,17 @@ class Owner:
             return renew_metadata(session)
 
     def signed(self, version: Version, sequence: int, **changes: object) -> Desired:
-        signer = self.signer
-        signer.admit(version.digest)
-        return signer.sign(desired(version, sequence, **changes))
+        wanted = desired(version, sequence, **changes)
+        self.admit(version, wanted.deployment, wanted.robot)
+        return self.signer.sign(wanted)
+
+    def admit(self, version: Version, deployment: str = "dep-2", robot: str = NAME) -> None:
+        """Puts a deployment to the robot's fleet in force, and vouches for the robot."""
+        self.signer.admit(Admission(FLEET, deployment, [version.digest], robots=[robot], own=[robot]))
+
+    def vouch(self, *robots: str) -> None:
+        """Signs that robots belong to the fleet."""
+        self.signer.vouch(lambda fleets: fleets.enlisted(FLEET, robots))
 
     def metadata(self) -> dict[str, bytes]:
         return {key: self.store.get(key).body for key in self.store.keys(f"trust/{self.repository}")}
@@ -126,9 +135,8 @@ class CarefulRobot:
 
 def asked(owner: Owner, version: Version, deployment: str) -> Desired:
     """Returns what the owner's controller wrote for the robot."""
-    signer = owner.signer
-    signer.admit(version.digest)
-    return ask_robot(owner.store, desired(version, 1, deployment=deployment), signer.sign)
+    owner.admit(version, deployment)
+    return ask_robot(owner.store, desired(version, 1, deployment=deployment), owner.signer.sign)
 
 
 def refused(careful: CarefulRobot, installed: Version, reported: Reported, says: str) -> None:

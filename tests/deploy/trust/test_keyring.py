@@ -77,3 +77,55 @@ def test_a_folder_without_keys_is_refused_with_the_remedy(file_store: Store, tmp
 def test_a_role_that_does_not_exist_is_refused() -> None:
     with pytest.raises(DocumentError, match="root, targets, deployer, snapshot, timestamp"):
         checked_role("captain")
+
+
+@pytest.mark.parametrize(("above", "mode"), [("shared", 0o777), ("shared", 0o770), ("shared/mine", 0o720)])
+def test_keys_are_not_made_where_others_could_exchange_them(
+    above: str, mode: int, file_store: Store, tmp_path: Path
+) -> None:
+    (tmp_path / "shared" / "mine").mkdir(parents=True)
+    (tmp_path / above).chmod(mode)
+
+    with pytest.raises(DocumentError, match=f"chmod go-w {tmp_path / above}$"):
+        init_keys(file_store, tmp_path / "shared" / "mine" / "keys")
+
+    assert not (tmp_path / "shared" / "mine" / "keys").exists()
+
+
+def test_a_shared_folder_in_which_nobody_renames_what_is_others_may_hold_keys(
+    file_store: Store, tmp_path: Path
+) -> None:
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "shared").chmod(0o1777)
+
+    assert init_keys(file_store, tmp_path / "shared" / "keys").root
+
+
+def test_a_folder_of_keys_that_was_opened_to_others_is_refused_until_it_is_closed(
+    file_store: Store, tmp_path: Path
+) -> None:
+    folder = init_keys(file_store, tmp_path / "keys").folder
+    folder.chmod(0o770)
+
+    with pytest.raises(DocumentError, match=f"chmod go-w {folder}$"):
+        keyring(folder, file_store)
+
+    folder.chmod(0o700)
+    assert keyring(folder, file_store).root
+
+
+def test_keys_are_not_made_in_somebody_elses_folder(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "keys").mkdir(mode=0o755)
+    monkeypatch.setattr("os.geteuid", lambda: 12345)
+
+    with pytest.raises(DocumentError, match=r"sudo chown .*\$\(id -u\)"):
+        init_keys(file_store, tmp_path / "keys")
+
+
+def test_robots_of_this_machine_get_keys_in_a_cache_of_any_kind(file_store: Store, tmp_path: Path) -> None:
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache").chmod(0o775)
+
+    assert init_keys(file_store, tmp_path / "cache" / "keys" / "any", in_cache=True).root

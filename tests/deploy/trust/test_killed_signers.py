@@ -12,6 +12,7 @@ import pytest
 from specs.errors import TrustRefused
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.trust import keyring
+from tasks.deploy.trust.kept_metadata import restore_metadata
 from tasks.deploy.trust.keyring import ROLES
 from tasks.deploy.trust.repository import init_keys
 from tasks.storage.base.store import Store
@@ -109,7 +110,7 @@ def test_robots_verify_what_a_killed_signer_leaves(
             owner.renew()
         elif work == "admit":
             owner.rotate("deployer")  # which makes a list without the bundle
-            owner.signer.admit(other.digest)
+            owner.admit(other)
         else:
             owner.rotate(next(role for role in ROLES if role == work))
 
@@ -138,6 +139,30 @@ def test_keys_whose_making_was_cut_short_are_made_by_the_next_attempt(
 
         again.verifier(tmp_path / f"robot-{death.after}-{number}")(again.signed(version, 1))
         assert len(list(folder.glob("*.pem"))) == len(ROLES)
+
+
+@pytest.mark.long
+def test_a_withdrawal_that_was_written_once_is_not_lost_by_who_puts_old_metadata_back(
+    owner: Owner, yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    version = yard.publish(GOOD)
+    for number, death in enumerate(_deaths()):
+        wanted = owner.signed(version, 1, deployment=f"dep-{death.after}-{number}")
+        before = owner.metadata()
+        _dies(owner, lambda wanted=wanted: owner.signer.withdraw(wanted.deployment), death, monkeypatch)
+        written = owner.metadata()[owner.key("timestamp.json")] != before[owner.key("timestamp.json")]
+        owner.restore(before)
+
+        try:
+            owner.renew()
+        except TrustRefused:
+            restore_metadata(yard.store, owner.ring)
+            owner.renew()
+
+        assert not (written and owner.signer.fleets().fleet_of(wanted.deployment))
+        owner.signer.withdraw(wanted.deployment)
+        with pytest.raises(TrustRefused, match="is not in force"):
+            owner.verifier(tmp_path / f"robot-{death.after}-{number}")(wanted)
 
 
 CHILD = """

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from specs.errors import DocumentError, TrustRefused
 from tasks.deploy.trust.keyring import ROLES, Role
-from tasks.deploy.trust.metadata import LIFETIMES
+from tasks.deploy.trust.metadata_writer import LIFETIMES
 from tasks.deploy.trust.repository import init_keys, open_repository
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
@@ -66,12 +66,12 @@ def test_a_key_that_was_lost_is_replaced(role: Role, owner: Owner, yard: Yard, t
     verify(owner.signed(version, 2))
 
 
-def test_a_second_deployment_of_a_bundle_writes_nothing(owner: Owner, yard: Yard) -> None:
+def test_a_deployment_that_goes_on_writes_nothing(owner: Owner, yard: Yard) -> None:
     version = yard.publish(GOOD)
     owner.signed(version, 1)
     before = owner.metadata()
 
-    owner.signed(version, 2)
+    owner.signed(version, 2, deployment="dep-1")
 
     assert owner.metadata() == before
 
@@ -96,7 +96,7 @@ def test_a_deployment_with_expired_targets_asks_for_their_key(owner: Owner, yard
     owner.clock.days = 400
 
     with pytest.raises(TrustRefused, match="targets expired; bring their keys"):
-        owner.signer.admit(version.digest)
+        owner.admit(version)
 
 
 def test_a_bundle_that_is_not_what_was_published_is_not_signed_for(owner: Owner, yard: Yard) -> None:
@@ -104,7 +104,7 @@ def test_a_bundle_that_is_not_what_was_published_is_not_signed_for(owner: Owner,
     owner.store.put(f"bundles/{version.digest}", b"evil")
 
     with pytest.raises(TrustRefused, match="was changed; publish the application again"):
-        owner.signer.admit(version.digest)
+        owner.admit(version)
 
 
 def test_metadata_that_went_back_is_not_built_upon(owner: Owner) -> None:
@@ -163,9 +163,9 @@ def test_whatever_the_owner_does_robots_follow_and_never_go_back(
         _do(owner, yard, operation)
         history.append(owner.metadata())
         if looks >> number & 1:
-            verify(owner.signed(version, 1))
+            verify(owner.signed(version, 1, deployment=f"look-{number}"))
             history.append(owner.metadata())
-    last = owner.signed(version, 1)
+    last = owner.signed(version, 1, deployment="last")
     verify(last)
     owner.verifier(folder / "new robot", first_root)(last)
 
@@ -183,7 +183,7 @@ def _do(owner: Owner, yard: Yard, operation: str) -> None:
     if operation == "renew":
         owner.renew()
     elif operation == "admit":
-        owner.signer.admit(yard.publish({"run.sh": f"{len(owner.metadata())}"}).digest)
+        owner.admit(yard.publish({"run.sh": f"{len(owner.metadata())}"}), f"dep-{len(owner.metadata())}")
     else:
         owner.rotate(next(role for role in ROLES if role == operation))
 

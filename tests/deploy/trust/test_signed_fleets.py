@@ -106,6 +106,7 @@ def test_a_fleet_is_synced_by_who_signed_what_it_runs(owner: Owner, yard: Yard) 
     record = _deploy(yard, yard.publish(GOOD), "one", owner.signer)
     create_robot(yard.store, "late")
     register_robot(yard.store, FLEET, "late")
+    owner.vouch("late")
     sync = partial(run_sync_job, yard.store, FLEET, progress=lambda *_: None, signer=owner.signer)
     key = job_key("deployment-job", record.id)
     body = yard.store.get(key).body
@@ -149,6 +150,7 @@ def test_an_agent_that_verifies_is_small_and_needs_nothing_heavy(
     signer, version = owner.signer, yard.publish(GOOD)
     create_robot(yard.store, "r1")
     register_robot(yard.store, FLEET, "r1")
+    owner.vouch("r1")
     run_deployment_job(
         yard.store,
         yard.request(version, "one"),

@@ -11,7 +11,7 @@ import pytest
 
 from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.robot.processes import end_all
-from tasks.deploy.trust.metadata import LIFETIMES
+from tasks.deploy.trust.metadata_writer import LIFETIMES
 from tasks.storage.store_url import open_store
 from tests.deploy.reach import let_all_enter
 from tests.repository import ROOT
@@ -44,13 +44,18 @@ def test_what_it_says_one_types_gives_a_robot_that_runs_what_was_signed(
     monkeypatch.setenv("SIMYARD_STORE", url)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     (document,), (make, *rest), (agent,) = blocks("yaml"), blocks("sh"), blocks("robot")
+    (vouch,), (restore,) = blocks("vouch"), blocks("restore")
     (tmp_path / "by-hand.yaml").write_text(document)
 
     subprocess.run([*BASH, make], check=True)
     with subprocess.Popen([*BASH, f"exec {agent}"]) as running:
         done = subprocess.run([*BASH, "".join(rest)], check=False, capture_output=True, text=True)
         running.terminate()
+    monkeypatch.setenv("SIMYARD_KEYS", "keys")
+    vouched = subprocess.run([*BASH, vouch + restore], check=False, capture_output=True, text=True, input="y\n")
 
+    assert vouched.returncode == 0, vouched.stderr
+    assert "+ r1" in vouched.stdout
     assert done.returncode == 0, done.stderr
     assert "UNSIGNED" not in done.stdout
     reported = read_reported(open_store(url), "r1")
@@ -64,5 +69,5 @@ def test_its_table_of_keys_is_the_programs() -> None:
     rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
 
     assert {role: days for role, _, days, _ in rows} == {
-        role: f"{lifetime.days} days" for role, lifetime in LIFETIMES.items()
+        role: f"{lifetime.days} day{'s' * (lifetime.days > 1)}" for role, lifetime in LIFETIMES.items()
     }

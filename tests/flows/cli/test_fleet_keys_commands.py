@@ -6,13 +6,27 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from flows.cli.shell import app
-from specs.errors import DocumentError
+from specs.arn import arn
+from specs.errors import DocumentError, TrustRefused
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.trust.signer import open_signer
+from tasks.deploy.trust.vouched_fleets import VouchedFleets
 from tasks.storage.base.store import Store
+from tasks.storage.store_url import store_id
 
 
 def _keys(store: Store, *arguments: str, **environment: str) -> Result:
     argv = ["fleet", "keys", *arguments, "--store", store.url]
     return CliRunner().invoke(app, argv, catch_exceptions=False, env=environment)
+
+
+def _fleet(store: Store, *arguments: str, typed: str = "", **environment: str) -> Result:
+    argv = ["fleet", *arguments, "--store", store.url]
+    return CliRunner().invoke(app, argv, input=typed, catch_exceptions=False, env=environment)
+
+
+def _vouched(store: Store, folder: Path) -> VouchedFleets:
+    return open_signer(store, folder).fleets()
 
 
 def _shown(store: Store, folder: Path) -> dict[str, tuple[str, str]]:
@@ -65,3 +79,94 @@ def test_keys_that_are_kept_elsewhere_are_shown_so(file_store: Store, tmp_path: 
         path.unlink()
 
     assert _shown(file_store, folder)["root"][1] == "not here"
+
+
+def test_robots_are_signed_into_and_out_of_their_fleet(file_store: Store, tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    _keys(file_store, "init", "--keys", str(folder))
+    create_fleet(file_store, "couriers")
+    for robot in ("r1", "r2", "r3"):
+        told = _fleet(file_store, "register", "couriers", robot, SIMYARD_KEYS=str(folder))
+        assert told.output == arn("robot", store_id(file_store), robot) + "\n"
+    assert _vouched(file_store, folder).robots == dict.fromkeys(("r1", "r2", "r3"), "couriers")
+
+    _fleet(file_store, "deregister", "r1", "--keys", str(folder))
+    _fleet(file_store, "delete-robot", "r2", "--keys", str(folder))
+    assert _vouched(file_store, folder).robots == {"r3": "couriers"}
+    _fleet(file_store, "delete", "couriers", "--keys", str(folder))
+    assert _vouched(file_store, folder).robots == {}
+
+
+def test_robots_that_were_registered_without_keys_are_signed_for_after_a_question(
+    file_store: Store, tmp_path: Path
+) -> None:
+    folder = tmp_path / "keys"
+    _keys(file_store, "init", "--keys", str(folder))
+    create_fleet(file_store, "couriers")
+    for robot in ("r1", "r2"):
+        assert f"simyard fleet vouch couriers {robot}" in _fleet(file_store, "register", "couriers", robot).stderr
+
+    assert _fleet(file_store, "vouch", "couriers", "--keys", str(folder), typed="n\n").exit_code == 1
+    assert _vouched(file_store, folder).robots == {}
+    told = _fleet(file_store, "vouch", "couriers", "--keys", str(folder), typed="y\n").output
+    assert "+ r1\n+ r2\n" in told
+    assert "2 robots of couriers are vouched for" in told
+    assert "still vouch" in _fleet(file_store, "deregister", "r2").stderr
+    assert "- r2" in _fleet(file_store, "vouch", "couriers", "--keys", str(folder), "--yes").output
+    assert _vouched(file_store, folder).robots == {"r1": "couriers"}
+
+
+def test_a_robot_that_is_named_is_signed_for_alone_and_must_be_in_the_fleet(file_store: Store, tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    _keys(file_store, "init", "--keys", str(folder))
+    create_fleet(file_store, "couriers")
+    for robot in ("r1", "r2"):
+        _fleet(file_store, "register", "couriers", robot)
+
+    _fleet(file_store, "vouch", "couriers", "r2", "--keys", str(folder))
+
+    assert _vouched(file_store, folder).robots == {"r2": "couriers"}
+    with pytest.raises(DocumentError, match="a robot of couriers"):
+        _fleet(file_store, "vouch", "couriers", "r3", "--keys", str(folder))
+
+
+def test_what_is_in_force_and_what_may_still_be_accepted_is_shown(file_store: Store, tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    _keys(file_store, "init", "--keys", str(folder))
+    signer = open_signer(file_store, folder)
+    signer.vouch(lambda fleets: fleets.enlisted("couriers", ["r1"]).begun("couriers", "dep-1", ["a" * 64]))
+    assert "couriers: 1 robots; in force: dep-1\n" in _keys(file_store, "show", "--keys", str(folder)).output
+    signer.withdraw("dep-1")
+
+    shown = _keys(file_store, "show", "--keys", str(folder)).output
+
+    assert "couriers: 1 robots; in force: nothing\n" in shown
+    assert "couriers: dep-1 is withdrawn; a robot that has seen nothing newer may accept it" in shown
+
+
+def test_timestamps_are_signed_for_as_long_as_one_says(file_store: Store, tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    _keys(file_store, "init", "--keys", str(folder))
+    before = _keys(file_store, "show", "--keys", str(folder)).output
+
+    _keys(file_store, "renew", "--keys", str(folder), "--timestamp-hours", "6")
+
+    assert _keys(file_store, "show", "--keys", str(folder)).output != before
+    notes = open_signer(file_store, folder).root_of_trust.with_name("signer.json").read_text()
+    assert '"lifetime_h":6' in notes
+
+
+def test_metadata_that_went_back_is_written_back(file_store: Store, tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    _keys(file_store, "init", "--keys", str(folder))
+    (key,) = [key for key in file_store.keys("trust") if key.endswith("timestamp.json")]
+    older = file_store.get(key).body
+    _keys(file_store, "renew", "--keys", str(folder))
+    file_store.put(key, older)
+    with pytest.raises(TrustRefused, match="simyard fleet keys restore"):
+        _keys(file_store, "renew", "--keys", str(folder))
+
+    told = _keys(file_store, "restore", "--keys", str(folder)).output
+
+    assert told == f"version 2 is in {file_store.url} again\n"
+    assert _keys(file_store, "renew", "--keys", str(folder)).output == "renewed\n"

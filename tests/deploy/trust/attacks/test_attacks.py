@@ -104,7 +104,8 @@ def test_a_bundle_that_is_not_on_the_signed_list_is_refused(
     older = yard.publish(OLDER)
     signer = owner.signer
 
-    refused(careful, installed, careful.look(signer.sign(desired(older, 2))), "not on the deployer's signed list")
+    wanted = signer.sign(desired(older, 2, deployment="good"))
+    refused(careful, installed, careful.look(wanted), "not on the deployer's signed list")
 
 
 def test_a_condition_that_was_changed_after_the_signature_is_refused(
@@ -127,7 +128,7 @@ def test_a_desired_state_that_expired_is_refused(
     yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
     newer = yard.publish(NEWER)
-    owner.signer.admit(newer.digest)
+    owner.admit(newer)
     owner.clock.days = -31
     wanted = owner.signer.sign(desired(newer, 2))
 
@@ -139,7 +140,7 @@ def test_other_keys_are_not_these_keys(
 ) -> None:
     thief = Owner(yard.store, tmp_path / "others")
     newer = yard.publish(NEWER)
-    owner.signer.admit(newer.digest)
+    owner.admit(newer)
 
     refused(careful, installed, careful.look(thief.signed(newer, 2)), "deploy again with the keys that this robot")
 
@@ -149,7 +150,7 @@ def test_a_stolen_deployers_key_is_worth_nothing_once_it_was_replaced(
 ) -> None:
     newer = yard.publish(NEWER)
     stolen = owner.signer
-    stolen.admit(newer.digest)
+    owner.admit(newer)
     evil = stolen.sign(desired(newer, 2))
     list_of_the_thief = owner.metadata()
 
@@ -164,12 +165,12 @@ def test_what_a_thief_put_on_the_list_is_gone_with_the_stolen_key(
     yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
     evil = yard.publish(NEWER)
-    owner.signer.admit(evil.digest)
+    owner.admit(evil)
 
     owner.rotate("deployer")
 
     wanted = owner.signer.sign(desired(evil, 2))
-    refused(careful, installed, careful.look(wanted), "not on the deployer's signed list")
+    refused(careful, installed, careful.look(wanted), "in no fleet that a key vouches for")
 
 
 @pytest.mark.parametrize("attack", ["delete", "put back"])
