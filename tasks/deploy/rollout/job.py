@@ -1,13 +1,14 @@
 """A deployment job from its request to its end; run again with the same token, it continues where it was."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 from specs.base import Fault
 from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
+from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
@@ -53,6 +54,7 @@ def run_deployment_job(
     pace: ControllerPace | None = None,
     robots: Callable[[], AbstractContextManager[object]] | None = None,
     signer: Signer | None = None,
+    builds: Mapping[Architecture, str] | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record, Succeeded, Failed or Canceled; an ended job is returned as it ended.
 
@@ -67,6 +69,7 @@ def run_deployment_job(
         robots: Makes the fleet's members, which answer inside its ``with`` block; entered only while the fleet is
             this job's, so that a job which is refused touches no robot. None: the fleet has its members already.
         signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, and the record says so.
+        builds: Digest of the bundle for each architecture; the version must have these and no others. None for any.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
@@ -78,8 +81,8 @@ def run_deployment_job(
     """
     work = _Work(
         request,
-        plan=lambda: plan_deployment(store, request, digest, rules),
-        check=lambda: check_request(store, request, digest),
+        plan=lambda: plan_deployment(store, request, digest, rules, builds),
+        check=lambda: check_request(store, request, digest, builds),
     )
     return _run(store, work, token, progress, pace=pace or ControllerPace(), robots=robots, signer=signer)
 

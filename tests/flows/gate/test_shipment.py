@@ -41,7 +41,7 @@ class Shop:
     def key(self, url: str) -> str:
         return str(self.batch.detail[url]).removeprefix(self.store.url + "/")
 
-    def _ship(self, _section: object, _store: str, tested: dict[str, str], *_: object) -> JobRecord:
+    def _ship(self, _section: object, _store: str, tested: dict[str, str], *_: object, **__: object) -> JobRecord:
         self.shipped.append(tested)
         return submit(self.store, "deployment-job", {}, "shipped")
 
