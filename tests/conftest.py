@@ -76,7 +76,7 @@ def store(request: pytest.FixtureRequest) -> Store:
 
 
 # What starts a Prefect server or runs a whole document, and the promises of fleets: each has a quicker test elsewhere.
-_LONG_FOLDERS = (ROOT / "tests/integration", ROOT / "tests/deploy/promises")
+_LONG_FOLDERS = (ROOT / "tests/integration", ROOT / "tests/deploy/promises", ROOT / "tests/attacks")
 
 
 @pytest.hookimpl(tryfirst=True)
