@@ -5,16 +5,19 @@ from math import ceil
 
 from specs.pipeline.section_requests import deployment_request, fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet
+from tasks.deploy.fleet import launch_environment
 from tasks.deploy.fleet.fleets import fleet_name
 from tasks.deploy.fleet.robots import members
 from tasks.deploy.rollout.resolved_request import bounds_for, timeout_s
+from tasks.results.gate.shipped_builds import Shipment, shipment_lines
+from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 
 
 def deployment_lines(
-    section: Deployment, store: Store, find: FindVersion, digest: str, *, tested: bool
+    section: Deployment, store: Store, find: FindVersion, ships: Shipment, batch: BatchPlan | None, *, judged: bool
 ) -> Iterator[str]:
     """Yields what a deployment does, without the name of its section.
 
@@ -22,17 +25,30 @@ def deployment_lines(
         section: The document's section.
         store: Where the fleet is.
         find: Finds versions.
-        digest: Of the bundle that robots get.
-        tested: Whether a batch of the same document decides which version is deployed.
+        ships: What robots get.
+        batch: The batch of the same document, which decides which version is deployed; None if there is none.
+        judged: Whether a gate asks what the batch drove.
     """
     use, fleet = section.deploymentApplicationConfigs[0], section.fleet
     number = find("robot-application", use.application, use.applicationVersion).number
-    newest = "version tested" if tested else f"newest version, {number}"
+    newest = "version tested" if batch else f"newest version, {number}"
     version = newest if use.applicationVersion is None else f"version {use.applicationVersion}"
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
     local = f" with {agents} agents on this machine" if isinstance(fleet, LocalFleet) else ""
-    yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {digest[:12]}"
+    yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {ships.digest[:12]}"
+    yield from (line for line in shipment_lines(ships, judged=judged) if ships.digest[:12] not in line or ships.builds)
+    yield from _launch_lines(section, batch)
     yield from _rules(section, store, str(number), agents or len(members(store, fleet_name(fleet_reference(section)))))
+
+
+def _launch_lines(section: Deployment, batch: BatchPlan | None) -> Iterator[str]:
+    launch = section.deploymentApplicationConfigs[0].launchConfig
+    if batch:
+        driven = dict.fromkeys(f"{each.robot.package}/{each.robot.launch_file}" for each in batch.templates)
+        yield f"robots launch {launch.packageName}/{launch.launchFile}; episodes drive {', '.join(driven)}"
+    if section.tags:
+        names = ", ".join(f"{launch_environment.TAG_PREFIX}{key}" for key in section.tags)
+        yield f"robots get tags as variables, which no episode has: {names}, and those of the robots' own tags"
 
 
 def _rules(section: Deployment, store: Store, version: str, robots: int) -> Iterator[str]:
