@@ -30,7 +30,9 @@ def builds(file_store: Store, tmp_path: Path) -> dict[str, str]:
     return {**publish_bundle(file_store, "robot-application", "mine", by_architecture).digests}
 
 
-def _request(architecture: str | None = None, scenarios: dict[str, str] | None = None, **variables: str) -> Any:
+def _request(
+    architecture: str | None = None, scenarios: dict[str, str] | None = None, **variables: str
+) -> dict[str, Any]:
     own: dict[str, Any] = {"architecture": architecture} if architecture else {}
     launch = {"packageName": "courier", "launchFile": "go_to_goal", "environmentVariables": variables}
     scenario = {"packageName": "delivery", "launchFile": "rooms", "environmentVariables": scenarios or {}}
@@ -42,7 +44,7 @@ def _request(architecture: str | None = None, scenarios: dict[str, str] | None =
 
 
 def _document(
-    *requests: Any, variables: dict[str, str] | None = None, gated: bool = True, **deployment: Any
+    *requests: dict[str, Any], variables: dict[str, str] | None = None, gated: bool = True, **deployment: object
 ) -> PipelineSpec:
     launch = {"packageName": "courier", "launchFile": "run.sh", "environmentVariables": variables or {}}
     return PipelineSpec.model_validate(

@@ -51,7 +51,7 @@ def test_what_is_turned_off_is_said(lines: Tell):
 
 
 def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
-    told = lines(matrix={"seeds": 10_000}, engine="mujoco")
+    told = lines(matrix={"seeds": 10_000, "environmentVariables": {"MAX_SPEED": ["0.6"]}}, engine="mujoco")
     assert "80,000 episodes" in told
     assert re.search(r"about \S+ to \S+ h and", told)
     assert "417 chunks of 192 lanes" in told

@@ -1,4 +1,4 @@
-"""Each build of what ships was driven, or the document names it by its digest and says which was driven in its place."""
+"""Each build that ships was driven, or the document names its digest and the build that was driven in its place."""
 
 import pytest
 
