@@ -141,7 +141,7 @@ def deploy(
     settled = ships or shipment_of(section, version)
     builds = settled.digests() if spec.gate else None
     changed = [*version_changes(settled, version)] if spec.gate else []
-    found, seconds = _measure(lambda: [*changed, *evidence_changes(version.digest, store, run, ships)])
+    found, seconds = _measure(lambda: [*changed, *evidence_changes(version.digest, store, run, ships=ships)])
     if found:
         withdraw_deployment(store, section.clientRequestToken or token)
         return (refusal_report(found, seconds),)

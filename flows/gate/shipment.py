@@ -23,7 +23,7 @@ def shippable(batch: JobRecord, store: Store, run: JobRecord) -> dict[str, str]:
     return tested_bundles(plan_of(batch), other.digest if other else "")
 
 
-def evidence_changes(shipped: str, store: Store, run: JobRecord, ships: Shipment | None = None) -> list[str]:
+def evidence_changes(shipped: str, store: Store, run: JobRecord, *, ships: Shipment | None = None) -> list[str]:
     """Returns what is not as the gate of a run saw it, one line each; nothing if all is, or if nobody judged.
 
     Args:
