@@ -1,6 +1,6 @@
 """`simyard plan` for a deployment: which version goes to which fleet, in which waves, and what stops it."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from math import ceil
 
 from specs.pipeline.section_requests import deployment_request, fleet_reference
@@ -38,7 +38,9 @@ def deployment_lines(
     yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {ships.digest[:12]}"
     yield from (line for line in shipment_lines(ships, judged=judged) if ships.digest[:12] not in line or ships.builds)
     yield from _launch_lines(section, batch)
-    yield from _rules(section, store, str(number), agents or len(members(store, fleet_name(fleet_reference(section)))))
+    robots = [] if agents else members(store, fleet_name(fleet_reference(section)))
+    yield from _tag_lines({*(section.tags or {}), *(key for robot in robots for key in robot.tags)})
+    yield from _rules(section, store, str(number), agents or len(robots))
 
 
 def _launch_lines(section: Deployment, batch: BatchPlan | None) -> Iterator[str]:
@@ -46,9 +48,12 @@ def _launch_lines(section: Deployment, batch: BatchPlan | None) -> Iterator[str]
     if batch:
         driven = dict.fromkeys(f"{each.robot.package}/{each.robot.launch_file}" for each in batch.templates)
         yield f"robots launch {launch.packageName}/{launch.launchFile}; episodes drive {', '.join(driven)}"
-    if section.tags:
-        names = ", ".join(f"{launch_environment.TAG_PREFIX}{key}" for key in section.tags)
-        yield f"robots get tags as variables, which no episode has: {names}, and those of the robots' own tags"
+
+
+def _tag_lines(keys: Collection[str]) -> Iterator[str]:
+    if keys:
+        names = ", ".join(f"{launch_environment.TAG_PREFIX}{key}" for key in sorted(keys))
+        yield f"robots get tags as variables, which no episode has: {names}"
 
 
 def _rules(section: Deployment, store: Store, version: str, robots: int) -> Iterator[str]:
