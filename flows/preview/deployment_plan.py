@@ -3,13 +3,14 @@
 from collections.abc import Collection, Iterator
 from math import ceil
 
+from flows.document.shipped_parts import unjudged_parts
 from specs.pipeline.section_requests import deployment_request, fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet
 from tasks.deploy.fleet import launch_environment
 from tasks.deploy.fleet.fleets import fleet_name
 from tasks.deploy.fleet.robots import members
 from tasks.deploy.rollout.resolved_request import bounds_for, timeout_s
-from tasks.results.gate.shipped_builds import Shipment, shipment_lines
+from tasks.results.gate.shipped_builds import Shipment, shipment_lines, unjudged_lines
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion
 from tasks.storage.base.store import Store
@@ -36,11 +37,20 @@ def deployment_lines(
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
     local = f" with {agents} agents on this machine" if isinstance(fleet, LocalFleet) else ""
     yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {ships.digest[:12]}"
-    yield from (line for line in shipment_lines(ships, judged=judged) if ships.digest[:12] not in line or ships.builds)
+    yield from _shipped_lines(section, ships, batch, judged=judged)
     yield from _launch_lines(section, batch)
     robots = [] if agents else members(store, fleet_name(fleet_reference(section)))
     yield from _tag_lines({*(section.tags or {}), *(key for robot in robots for key in robot.tags)})
     yield from _rules(section, store, str(number), agents or len(robots))
+
+
+def _shipped_lines(section: Deployment, ships: Shipment, batch: BatchPlan | None, *, judged: bool) -> Iterator[str]:
+    if judged:
+        yield from (line for line in shipment_lines(ships) if ships.builds or ships.digest[:12] not in line)
+    elif batch:
+        yield from unjudged_parts(section, ships, batch)
+    else:
+        yield from unjudged_lines(ships, ())
 
 
 def _launch_lines(section: Deployment, batch: BatchPlan | None) -> Iterator[str]:

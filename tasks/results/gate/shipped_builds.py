@@ -161,13 +161,8 @@ def version_changes(ships: Shipment, version: Version) -> Iterator[str]:
             yield f"{what} is {now.get(each, 'gone')} now; when the run began it was {then.get(each, 'not there')}"
 
 
-def shipment_lines(ships: Shipment, *, judged: bool = True) -> Iterator[str]:
-    """Yields which builds are shipped, and what of them no episode drives, for a person.
-
-    Args:
-        ships: What is shipped.
-        judged: Whether a gate asks what was driven.
-    """
+def shipment_lines(ships: Shipment) -> Iterator[str]:
+    """Yields what is shipped under a gate, and what of it no episode drives, for a person."""
     what = f"{ships.application} version {ships.version}"
     if not ships.builds:
         yield f"{what}, one bundle for all architectures, {ships.digest[:12]}"
@@ -176,8 +171,20 @@ def shipment_lines(ships: Shipment, *, judged: bool = True) -> Iterator[str]:
         if build.tested_as:
             yield f"{line}: NOT SIMULATED; the document says that the build for {build.tested_as} stands for it"
         else:
-            yield f"{line}: simulated" if judged else line
+            yield f"{line}: simulated"
     if ships.variables:
         yield f"variables as simulated: {', '.join(f'{name}={value}' for name, value in ships.variables.items())}"
     for name, reason in ships.untested.items():
         yield f"variable {name}: NOT AS SIMULATED; the document says why: {reason}"
+
+
+def unjudged_lines(ships: Shipment, driven: Collection[str]) -> Iterator[str]:
+    """Yields which builds are shipped without a gate, for a person.
+
+    Args:
+        ships: What is shipped.
+        driven: SHA-256 of each robot application that the document's batch drives.
+    """
+    for build in ships.builds:
+        simulated = "simulated" if build.digest in driven else "not simulated, and no gate asks"
+        yield f"{ships.application} version {ships.version} for {build.architecture}, {build.digest[:12]}: {simulated}"

@@ -29,7 +29,7 @@ def difference_faults(
         driven: What the episodes of each build that is deployed had.
         named: Why a variable differs, by name, as the document says.
     """
-    nearest = [min(each, key=lambda had: len(_differing(given, had) ^ named.keys())) for each in driven if each]
+    nearest = _nearest(given, driven, named)
     differing = {name for had in nearest for name in _differing(given, had)} if nearest else set(named)
     unnamed = {name: [value for had in nearest for value in had.get(name, ())] for name in differing - named.keys()}
     return [
@@ -40,6 +40,16 @@ def difference_faults(
             if name not in differing
         ),
     ]
+
+
+def differing_names(given: Mapping[str, str], driven: Iterable[Sequence[Driven]]) -> list[str]:
+    """Returns the variables that differ from what episodes had; arguments as there."""
+    return sorted({name for had in _nearest(given, driven, ()) for name in _differing(given, had)})
+
+
+def _nearest(given: Mapping[str, str], driven: Iterable[Sequence[Driven]], named: Iterable[str]) -> list[Driven]:
+    expected = set(named)
+    return [min(each, key=lambda had: len(_differing(given, had) ^ expected)) for each in driven if each]
 
 
 def _differing(given: Mapping[str, str], had: Driven) -> set[str]:

@@ -96,11 +96,13 @@ def test_a_build_that_is_named_with_what_stands_for_it_ships_and_is_told(file_st
     assert "robots launch courier/run.sh; episodes drive courier/go_to_goal" in told
 
 
-def test_without_a_gate_the_builds_ship_and_the_plan_names_them(file_store: Store, builds: dict[str, str]):
+def test_without_a_gate_all_ships_and_the_plan_names_what_no_episode_drives(file_store: Store, builds: dict[str, str]):
     spec = _document(gated=False, variables={"MAX_SPEED": "9"})
     assert _ships(spec, file_store).digests() == builds
     told = "\n".join(plan_lines(spec, BASE, file_store))
-    assert f"mine version 1 for ARM64, {builds['ARM64'][:12]}\n" in told
+    assert f"mine version 1 for X86_64, {builds['X86_64'][:12]}: simulated\n" in told
+    assert f"mine version 1 for ARM64, {builds['ARM64'][:12]}: not simulated, and no gate asks\n" in told
+    assert "variable MAX_SPEED: not as simulated, and no gate asks\n" in told
 
 
 def test_an_architecture_of_a_version_with_one_bundle_is_a_fault(file_store: Store):

@@ -12,6 +12,7 @@ from tasks.results.gate.shipped_builds import (
     shipment_changes,
     shipment_lines,
     shipment_of,
+    unjudged_lines,
     version_changes,
 )
 from tests.results.gate.test_evidence import evidence
@@ -111,11 +112,10 @@ def test_a_shipment_tells_each_build_each_variable_and_what_of_them_was_not_driv
     ]
 
 
-def test_without_a_gate_nothing_is_called_simulated():
-    ships = shipment_of(section(), version(X86, ARM))
-    assert list(shipment_lines(ships, judged=False))[:2] == [
-        "courier version 3 for X86_64, aaaaaaaaaaaa",
-        "courier version 3 for ARM64, bbbbbbbbbbbb",
+def test_without_a_gate_each_build_is_told_with_whether_it_is_simulated():
+    assert list(unjudged_lines(shipment_of(section(), version(X86, ARM)), [X86])) == [
+        "courier version 3 for X86_64, aaaaaaaaaaaa: simulated",
+        "courier version 3 for ARM64, bbbbbbbbbbbb: not simulated, and no gate asks",
     ]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from tasks.results.gate.shipped_variables import difference_faults
+from tasks.results.gate.shipped_variables import difference_faults, differing_names
 
 HALF = {"SPEED": ("0.5",)}
 PATH = "deployment.deploymentApplicationConfigs[0].launchConfig.environmentVariables"
@@ -56,6 +56,13 @@ def test_values_that_no_episode_had_together_are_a_difference():
 def test_each_build_that_ships_had_the_value():
     assert faults({"SPEED": "0.5"}, [[HALF], [{"SPEED": ("0.4",)}]]) == [("SPEED", "'0.5'")]
     assert faults({"SPEED": "0.5"}, [[HALF], [{"SPEED": ("0.4",)}]], SPEED="why") == []
+
+
+def test_differences_are_found_without_a_gate_too():
+    assert differing_names({"SPEED": "9", "SAME": "1"}, [[{**HALF, "SAME": ("1",), "GONE": ("2",)}]]) == [
+        "GONE",
+        "SPEED",
+    ]
 
 
 def test_of_a_thousand_values_a_few_are_told():
