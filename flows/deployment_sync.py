@@ -12,6 +12,7 @@ from flows.document.references import deployed_version, numbered_finder
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.stage_run import run_name, run_stage
 from specs.digest import canonical_document
+from specs.field_types import Architecture
 from specs.pipeline.section_requests import deployment_request
 from specs.pipeline.simulation_section import Deployment, LocalFleet
 from tasks.deploy.fleet.fleets import create_fleet
@@ -31,6 +32,8 @@ def deployment_sync(
     tested: dict[str, str] | None = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
+    *,
+    builds: dict[Architecture, str] | None = None,
 ) -> JobRecord:
     """Returns the deployment job, ended: Succeeded, Failed or Canceled.
 
@@ -40,6 +43,7 @@ def deployment_sync(
         tested: Digest of each robot application that a batch tested, by name; another digest is refused.
         versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
         token: Given by the pipeline; None makes this a run of its own.
+        builds: Digest of the version's bundle for each architecture, as the pipeline settled them; others are refused.
 
     Raises:
         DocumentError: The fleet, application or version does not exist, or is not what was tested; or there are no
@@ -56,6 +60,7 @@ def deployment_sync(
             opened.url,
             request,
             digest=version.digest,
+            builds=version.digests if builds is None else builds,
             token=request.clientRequestToken,
             rules=spec.rollOut,
             robots=robots,

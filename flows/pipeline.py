@@ -9,7 +9,7 @@ from pydantic import JsonValue
 
 from flows.batch.batch_artifacts import show_batch_report
 from flows.batch.batch_report import MissingReport, WrittenReport, write_report, write_report_of_run
-from flows.document.references import Numbers, pins
+from flows.document.references import Numbers, pinned_shipment, pins
 from flows.resource.cancel import require_not_canceled
 from flows.resource.withdrawal import renew_metadata_here
 from flows.run.cancellation import cancel_with_flow_run, cancelable_run, canceled_state
@@ -24,6 +24,7 @@ from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.failure_codes import JobFailureCode
+from tasks.results.gate.shipped_builds import Shipment
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
 from tasks.storage.jobs.runs import begin_run
@@ -51,11 +52,14 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     found, own = pins(spec, opened, Path(base))
     if spec.deployment and spec.deployment.trust == "signed":
         renew_metadata_here(opened)  # also on a night when the gate lets nothing pass
-    versions = {key: str(version.number) for key, version in own.items()}
+    versions, ships = {key: str(version.number) for key, version in own.items()}, pinned_shipment(found)
     identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
     try:
         with announce_changes(), begin_run(opened, identity, waiting_display(opened)) as run:
-            report = recorded_report(run) if is_terminal(run) else _run_to_end(spec, opened, base, versions, run)
+            if is_terminal(run):
+                report = recorded_report(run)
+            else:
+                report = _run_to_end(spec, opened, base, versions, run, ships=ships)
     except StageFailed as exc:
         return cast("PipelineReport", canceled_state(exc))  # which Prefect takes for the flow run's
     _show(report)
@@ -64,11 +68,13 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     return report
 
 
-def _run_to_end(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
+def _run_to_end(
+    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
+) -> PipelineReport:
     """Returns the report of the run, which is in its terminal state then; a crash leaves it open to be continued."""
     try:
         with cancelable_run(store, run):
-            report = _stages(spec, store, base, versions, run)
+            report = _stages(spec, store, base, versions, run, ships=ships)
             if report.shipped is False:
                 require_not_canceled(store, run)
     except ConcurrentDeployment:
@@ -86,24 +92,28 @@ def _run_to_end(spec: PipelineSpec, store: Store, base: str, versions: Numbers, 
     return run_with_alarm(report, written.alarm()) if isinstance(written, MissingReport) else report
 
 
-def _stages(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
+def _stages(
+    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
+) -> PipelineReport:
     with tags(run.id):  # so that Prefect's pages find all of a run's flows and tasks by its id
-        return _report(spec, store, base, versions, run)
+        return _report(spec, store, base, versions, run, ships=ships)
 
 
-def _report(spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord) -> PipelineReport:
+def _report(
+    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
+) -> PipelineReport:
     worlds, generation = generate(spec, store, base, run)
     require_not_canceled(store, run)
     exported = export(spec, worlds, store, run)
     require_not_canceled(store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
-    judged = judge_batch_stage(spec, batch, store, run)
+    judged = judge_batch_stage(spec, batch, store, run, ships)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
         judged = _show_verdict(judged, store, batch)
     require_not_canceled(store, run)
     verdict = judged[0].status if judged else None
     passed = verdict in (None, "PASS")
-    deployed = deploy(spec, batch, store, versions, run) if passed else skip_deployment(spec)
+    deployed = deploy(spec, batch, store, versions, run, ships=ships) if passed else skip_deployment(spec)
     return PipelineReport.model_validate(
         {
             "run": run.id,

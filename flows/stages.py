@@ -24,6 +24,7 @@ from specs.data.run_report import StageReport
 from specs.errors import ResourceNotFound
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import stops_early
+from tasks.results.gate.shipped_builds import Shipment, shipment_of, version_changes
 from tasks.simulate.batch.job import KIND
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, job_id, read
@@ -88,7 +89,9 @@ def simulate(
     return record, (batch_report(record, seconds),)
 
 
-def judge_batch_stage(spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
+def judge_batch_stage(
+    spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord, ships: Shipment | None = None
+) -> Reports:
     """Returns the report of the gate.
 
     Args:
@@ -96,18 +99,27 @@ def judge_batch_stage(spec: PipelineSpec, batch: JobRecord | None, store: Store,
         batch: The batch's record, or None.
         store: The run's store.
         run: The run's record.
+        ships: What the run ships if the gate passes, as it was settled before anything ran.
     """
     gate = spec.gate
     if gate is None or batch is None:
         return ()
     said_before = read_gate_answer(store, run)
-    answer, seconds = _measure(lambda: gate_answer(gate, batch, store, run))
+    answer, seconds = _measure(lambda: gate_answer(gate, batch, store, run, ships))
     if said_before is None:
         announce_verdict(answer, run, batch)
     return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
 
 
-def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: Numbers, run: JobRecord) -> Reports:
+def deploy(
+    spec: PipelineSpec,
+    batch: JobRecord | None,
+    store: Store,
+    versions: Numbers,
+    run: JobRecord,
+    *,
+    ships: Shipment | None = None,
+) -> Reports:
     """Returns the report of the roll-out of the application that the batch tested.
 
     Right before, all that the gate saw is compared with its evidence; if anything has changed, nothing is shipped.
@@ -118,6 +130,7 @@ def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: 
         store: The run's store.
         versions: Numbers of the applications that the document brings, by ``<kind>/<name>``.
         run: The run's record.
+        ships: What is shipped, as it was settled before anything ran; None for what the store has now.
     """
     section = spec.deployment
     if section is None:
@@ -125,11 +138,14 @@ def deploy(spec: PipelineSpec, batch: JobRecord | None, store: Store, versions: 
     token = stage_token(run, "deployment")
     tested = shippable(batch, store, run) if batch else None
     version = deployed_version(section, store, numbered_finder(store, versions), tested)
-    found, seconds = _measure(lambda: evidence_changes(version.digest, store, run))
+    settled = ships or shipment_of(section, version)
+    builds = settled.digests() if spec.gate else None
+    changed = [*version_changes(settled, version)] if spec.gate else []
+    found, seconds = _measure(lambda: [*changed, *evidence_changes(version.digest, store, run, ships=ships)])
     if found:
         withdraw_deployment(store, section.clientRequestToken or token)
         return (refusal_report(found, seconds),)
-    record, seconds = _measure(lambda: deployment_sync(section, store.url, tested, versions, token))
+    record, seconds = _measure(lambda: deployment_sync(section, store.url, tested, versions, token, builds=builds))
     return (deployment_report(record, seconds),)
 
 

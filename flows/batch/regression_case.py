@@ -78,4 +78,5 @@ def _use(launch: ApplicationLaunch, variables: Mapping[str, str]) -> _Document:
     config: _Document = {"packageName": launch.package, "launchFile": launch.launch_file}
     if variables:
         config["environmentVariables"] = dict(variables)
-    return {"application": launch.name, "launchConfig": config}
+    other: _Document = {"architecture": launch.architecture} if launch.architecture not in {None, "X86_64"} else {}
+    return {"application": launch.name, **other, "launchConfig": config}

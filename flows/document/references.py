@@ -8,7 +8,15 @@ from typing import TypeVar
 from pydantic import JsonValue
 
 from flows.document.robot_files import check_robot_files
-from flows.document.tested_batch import batch_plan, compared_digest, launch_faults, tested_bundles, world_digests
+from flows.document.shipped_parts import judged_shipment
+from flows.document.tested_batch import (
+    batch_plan,
+    candidates,
+    compared_digest,
+    launch_faults,
+    tested_bundles,
+    world_digests,
+)
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError
@@ -24,6 +32,7 @@ from tasks.deploy.trust.trust_choice import trust_faults
 from tasks.deploy.trust.trust_record import Signer
 from tasks.documents.template_source import find_template
 from tasks.export.format.formats import require_writable
+from tasks.results.gate.shipped_builds import Shipment, shipment_of
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion, output_location
 from tasks.storage.base.store import Store
@@ -32,6 +41,7 @@ from tasks.storage.buckets import open_bucket, source_faults
 T = TypeVar("T")
 Pins = dict[str, JsonValue]
 Numbers = dict[str, str]
+_SHIPS = "ships"
 _TESTED = "the bundle that simulationBatch tests; leave applicationVersion out to deploy it:"
 
 
@@ -70,12 +80,21 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
         found |= {"batch": _batch_pins(plan)} if plan else {}
         _keep(faults, lambda: found.update(_compared_pin(spec.gate, batch, find)))
     if spec.deployment and not faults:
-        deployment = spec.deployment
-        tested = tested_bundles(plan, str(found.get("comparedWith", ""))) if plan else None
-        _keep(faults, lambda: found.update(deployment=_deployment_pin(deployment, tested, store, find)))
+        deployment, other = spec.deployment, str(found.get("comparedWith", ""))
+        tested = tested_bundles(plan, other) if plan else None
+        version = _keep(faults, lambda: _deployable_version(deployment, tested, store, find))
+        if version:
+            judged = plan if spec.gate else None
+            ships = _keep(faults, lambda: _shipment(deployment, version, judged, other))
+            found |= {"deployment": version.digest, **({_SHIPS: ships.model_dump(mode="json")} if ships else {})}
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
     return found, own
+
+
+def pinned_shipment(found: Pins) -> Shipment | None:
+    """Returns what the document ships, of what `pins` found; None where it deploys nothing."""
+    return Shipment.model_validate(found[_SHIPS]) if _SHIPS in found else None
 
 
 def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
@@ -166,7 +185,11 @@ def _compared_pin(gate: Gate | None, batch: SimulationBatch, find: FindVersion) 
     return {"comparedWith": digest} if digest else {}
 
 
-def _deployment_pin(section: Deployment, tested: dict[str, str] | None, store: Store, find: FindVersion) -> str:
+def _shipment(section: Deployment, version: Version, plan: BatchPlan | None, other: str) -> Shipment:
+    return judged_shipment(section, version, plan, candidates(plan, other)) if plan else shipment_of(section, version)
+
+
+def _deployable_version(section: Deployment, tested: dict[str, str] | None, store: Store, find: FindVersion) -> Version:
     version = deployed_version(section, store, find, tested)
     fleet = section.fleet
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
@@ -183,7 +206,7 @@ def _deployment_pin(section: Deployment, tested: dict[str, str] | None, store: S
     )
     if faults:
         raise DocumentError(faults)
-    return version.digest
+    return version
 
 
 def _signer(section: Deployment, store: Store) -> Signer | None:

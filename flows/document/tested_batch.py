@@ -10,6 +10,7 @@ from specs.data.episode import ApplicationLaunch
 from specs.errors import ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.simulation_section import SimulationBatch
+from specs.robomaker.bundle import ARCHITECTURES
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import PinnedSource
@@ -118,8 +119,12 @@ def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:
 
 
 def tested_bundles(plan: BatchPlan, other: str) -> dict[str, str]:
-    """Returns the digest of each robot application that a batch tests, by name, but for what it is compared with."""
+    """Returns the digest of each robot application that a batch tests, by name, but for what it is compared with.
+
+    Of several builds of a version it is that for X86_64, by whose digest the version is known.
+    """
     launches: list[ApplicationLaunch] = [template.robot for template in plan.templates]
+    launches.sort(key=lambda each: ARCHITECTURES.index(each.architecture or "X86_64"), reverse=True)
     meant = candidates(plan, other)
     return {launch.name: launch.digest for launch in launches if launch.digest in meant}
 

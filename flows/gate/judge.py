@@ -19,6 +19,7 @@ from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Baseline, TestedBatch, tested_batch
 from tasks.results.gate.gate import columns_needed, count_rows
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
+from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.statistics.pairs import PairCounts, count_pairs
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.results.tables.result_files import RESULTS_FILE
@@ -49,7 +50,9 @@ class GateAnswer(Spec):
     evidence: str
 
 
-def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> GateAnswer:
+def gate_answer(
+    gate: Gate, batch: JobRecord, store: Store, run: JobRecord, ships: Shipment | None = None
+) -> GateAnswer:
     """Returns the answer on a batch: the one that the run's record has, or a new one, which it has then.
 
     A run that was killed after its gate is not judged again: its evidence stands, and is held against what it speaks of
@@ -60,6 +63,7 @@ def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> G
         batch: An ended batch.
         store: Where both records are.
         run: The run, in whose record the answer is pinned.
+        ships: What the document ships, if it deploys.
 
     Raises:
         StageFailed: The results are not what the batch wrote.
@@ -78,6 +82,7 @@ def gate_answer(gate: Gate, batch: JobRecord, store: Store, run: JobRecord) -> G
         material=partial(gate_material, gate, batch, store, other),
         tested=tested_facts(plan_of(batch), batch),
         baseline=baseline,
+        ships=ships,
     )
     answer = GateAnswer(
         batch=batch.id, verdict=verdict.verdict, sentence=verdict.sentence, evidence_url=url, evidence=digest

@@ -8,6 +8,7 @@ from specs.data.run_report import StageReport
 from specs.errors import ResourceNotFound
 from tasks.deploy.rollout.operator_commands import steer
 from tasks.results.gate.evidence_check import evidence_faults
+from tasks.results.gate.shipped_builds import Shipment
 from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
@@ -22,13 +23,14 @@ def shippable(batch: JobRecord, store: Store, run: JobRecord) -> dict[str, str]:
     return tested_bundles(plan_of(batch), other.digest if other else "")
 
 
-def evidence_changes(shipped: str, store: Store, run: JobRecord) -> list[str]:
+def evidence_changes(shipped: str, store: Store, run: JobRecord, *, ships: Shipment | None = None) -> list[str]:
     """Returns what is not as the gate of a run saw it, one line each; nothing if all is, or if nobody judged.
 
     Args:
         shipped: SHA-256 of the bundle that is to be shipped.
         store: Where everything is.
         run: The pipeline's run, with its gate's answer.
+        ships: What is to be shipped, build by build.
     """
     answer = read_gate_answer(store, run)
     if answer is None:
@@ -39,6 +41,7 @@ def evidence_changes(shipped: str, store: Store, run: JobRecord) -> list[str]:
         answer.evidence,
         shipped,
         lambda batch: recorded_location(read(store, KIND, batch)),
+        ships=ships,
     )
 
 

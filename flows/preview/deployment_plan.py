@@ -1,20 +1,24 @@
 """`simyard plan` for a deployment: which version goes to which fleet, in which waves, and what stops it."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from math import ceil
 
+from flows.document.shipped_parts import unjudged_parts
 from specs.pipeline.section_requests import deployment_request, fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet
+from tasks.deploy.fleet import launch_environment
 from tasks.deploy.fleet.fleets import fleet_name
 from tasks.deploy.fleet.robots import members
 from tasks.deploy.rollout.resolved_request import bounds_for, timeout_s
+from tasks.results.gate.shipped_builds import Shipment, shipment_lines, unjudged_lines
+from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 
 
 def deployment_lines(
-    section: Deployment, store: Store, find: FindVersion, digest: str, *, tested: bool
+    section: Deployment, store: Store, find: FindVersion, ships: Shipment, batch: BatchPlan | None, *, judged: bool
 ) -> Iterator[str]:
     """Yields what a deployment does, without the name of its section.
 
@@ -22,17 +26,44 @@ def deployment_lines(
         section: The document's section.
         store: Where the fleet is.
         find: Finds versions.
-        digest: Of the bundle that robots get.
-        tested: Whether a batch of the same document decides which version is deployed.
+        ships: What robots get.
+        batch: The batch of the same document, which decides which version is deployed; None if there is none.
+        judged: Whether a gate asks what the batch drove.
     """
     use, fleet = section.deploymentApplicationConfigs[0], section.fleet
     number = find("robot-application", use.application, use.applicationVersion).number
-    newest = "version tested" if tested else f"newest version, {number}"
+    newest = "version tested" if batch else f"newest version, {number}"
     version = newest if use.applicationVersion is None else f"version {use.applicationVersion}"
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
     local = f" with {agents} agents on this machine" if isinstance(fleet, LocalFleet) else ""
-    yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {digest[:12]}"
-    yield from _rules(section, store, str(number), agents or len(members(store, fleet_name(fleet_reference(section)))))
+    yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {ships.digest[:12]}"
+    yield from _shipped_lines(section, ships, batch, judged=judged)
+    yield from _launch_lines(section, batch)
+    robots = [] if agents else members(store, fleet_name(fleet_reference(section)))
+    yield from _tag_lines({*(section.tags or {}), *(key for robot in robots for key in robot.tags)})
+    yield from _rules(section, store, str(number), agents or len(robots))
+
+
+def _shipped_lines(section: Deployment, ships: Shipment, batch: BatchPlan | None, *, judged: bool) -> Iterator[str]:
+    if judged:
+        yield from (line for line in shipment_lines(ships) if ships.builds or ships.digest[:12] not in line)
+    elif batch:
+        yield from unjudged_parts(section, ships, batch)
+    else:
+        yield from unjudged_lines(ships, ())
+
+
+def _launch_lines(section: Deployment, batch: BatchPlan | None) -> Iterator[str]:
+    launch = section.deploymentApplicationConfigs[0].launchConfig
+    if batch:
+        driven = dict.fromkeys(f"{each.robot.package}/{each.robot.launch_file}" for each in batch.templates)
+        yield f"robots launch {launch.packageName}/{launch.launchFile}; episodes drive {', '.join(driven)}"
+
+
+def _tag_lines(keys: Collection[str]) -> Iterator[str]:
+    if keys:
+        names = ", ".join(f"{launch_environment.TAG_PREFIX}{key}" for key in sorted(keys))
+        yield f"robots get tags as variables, which no episode has: {names}"
 
 
 def _rules(section: Deployment, store: Store, version: str, robots: int) -> Iterator[str]:

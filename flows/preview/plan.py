@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from flows.document.references import finder, pins
+from flows.document.references import finder, pinned_shipment, pins
 from flows.document.tested_batch import compared_digest, failing_sources
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
@@ -45,7 +45,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
-    judged, audited, programs = GateBasis(0, 0), 0, 1
+    judged, audited, programs, batch = GateBasis(0, 0), 0, 1, None
     if spec.simulationBatch:
         section, find = spec.simulationBatch, finder(trial, own)
         batch = _batch(section, worlds, find)
@@ -58,9 +58,10 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
             yield f"jobs will fail    {reason}"
     if spec.gate:
         yield from gate_lines(spec.gate, judged, audited, programs)
-    if spec.deployment:
-        tested, digest = spec.simulationBatch is not None, str(found["deployment"])
-        lines = deployment_lines(spec.deployment, trial, finder(trial, own), digest, tested=tested)
+    ships = pinned_shipment(found)
+    if spec.deployment and ships:
+        find = finder(trial, own)
+        lines = deployment_lines(spec.deployment, trial, find, ships, batch, judged=spec.gate is not None)
         yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(lines))
     for field in inert_fields(spec):
         yield f"no effect         {field}"

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.data.outcome_reasons import OutcomeReason
+from specs.field_types import Architecture
 from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 
 # How often sensors are read and controls decided, and how often physics is stepped between them unless a robot.xml asks
@@ -42,6 +43,7 @@ class ApplicationLaunch(Spec):
         digest: SHA-256 of the bundle, lower-case hex.
         package: The launch configuration's packageName.
         launch_file: The launch configuration's launchFile, without ``.py``.
+        architecture: Which of the version's builds that bundle is; None where one is for all of them.
     """
 
     name: str
@@ -49,6 +51,7 @@ class ApplicationLaunch(Spec):
     digest: str
     package: str
     launch_file: str
+    architecture: Architecture | None = None
 
 
 class EpisodeRequest(Spec):

@@ -11,6 +11,7 @@ from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
 from specs.pipeline.gate_section import Gate, unaudited
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
+from specs.pipeline.untested_parts import unjudged
 from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
 from specs.rules import Finding, Location, Ruled, items, part
 from specs.settings import max_worlds_of_job
@@ -77,6 +78,7 @@ class PipelineSpec(Ruled):
         if part(data, "gate") is not None and part(data, "simulationBatch") is None:
             yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
         yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
+        yield from unjudged(part(data, "deployment"), part(data, "gate"))
         if part(data, "worldGeneration") is None:
             yield from _worlds_from_nowhere(data)
         yield from _too_many_to_export(data)

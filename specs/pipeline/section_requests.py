@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pydantic import JsonValue
 
 from specs.arn import ResourceKind, arn
+from specs.base import Spec
 from specs.digest import canonical_document
 from specs.pipeline.simulation_section import (
     Deployment,
@@ -113,7 +114,7 @@ def _job_document(request: PipelineJobRequest, section: SimulationBatch, store_i
     if section.outputLocation is not None:
         document = {"outputLocation": canonical_document(section.outputLocation), **document}
     robots: list[JsonValue] = [
-        {**canonical_document(use), "application": reference_arn("robot-application", use.application, store_id)}
+        {**_without(use, "architecture"), "application": reference_arn("robot-application", use.application, store_id)}
         for use in request.robotApplications or ()
     ]
     scenarios: list[JsonValue] = [_scenario(use, store_id) for use in request.simulationApplications or ()]
@@ -129,7 +130,8 @@ def deployment_request(section: Deployment, *, store_id: str, version: str, toke
         version: Number of the version that is deployed where the section does not say.
         token: Used where the section has no token of its own.
     """
-    document = _without(section, "fleet", "rollOut", "trust", "deploymentApplicationConfigs")
+    beyond = ("fleet", "rollOut", "trust", "untestedBuilds", "untestedVariables", "deploymentApplicationConfigs")
+    document = _without(section, *beyond)
     applications = [
         {
             "applicationVersion": version,
@@ -153,7 +155,5 @@ def _scenario(use: PipelineSimulationApplication, store_id: str) -> dict[str, Js
     return document
 
 
-def _without(
-    section: WorldGeneration | WorldExport | SimulationBatch | PipelineJobRequest | Deployment, *names: str
-) -> dict[str, JsonValue]:
+def _without(section: Spec, *names: str) -> dict[str, JsonValue]:
     return {key: value for key, value in canonical_document(section).items() if key not in names}

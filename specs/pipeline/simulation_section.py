@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
 from specs.field_types import (
+    Architecture,
     ClientRequestToken,
     EnvironmentVariableKey,
     EnvironmentVariableValue,
@@ -22,6 +23,7 @@ from specs.field_types import (
     TagMap,
     WorldReference,
 )
+from specs.pipeline.untested_parts import UntestedBuilds, UntestedVariables
 from specs.pipeline.world_sections import Destination, Seed, WorldChoice
 from specs.robomaker.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
 from specs.robomaker.launch import ApplicationUse
@@ -121,6 +123,11 @@ class PipelineRobotApplication(ApplicationUse):
     """The robot application that is tested."""
 
     application: Reference = Field(title="Robot application", description="Name or ARN.")
+    architecture: Architecture | None = Field(
+        default=None,
+        title="Architecture",
+        description="Whose build is simulated, of a version with several; that for X86_64, if left out.",
+    )
 
 
 class PipelineSimulationApplication(ApplicationUse):
@@ -235,6 +242,8 @@ class Deployment(Spec):
         deploymentConfig: How many robots at once, and what stops it.
         rollOut: Canaries, and when the failure threshold begins to count.
         deploymentApplicationConfigs: The application, exactly one.
+        untestedBuilds: By architecture, each build that ships although no episode drives it, and which stands for it.
+        untestedVariables: By name, each variable that robots get otherwise than every episode, and why.
         tags: At most 50 keys and values; robots see them as variables.
         clientRequestToken: Makes the request only once, however often it is sent; left out, the run has its own.
     """
@@ -248,6 +257,9 @@ class Deployment(Spec):
     deploymentApplicationConfigs: Annotated[
         tuple[PipelineDeployedApplication, ...], Field(min_length=1, max_length=1)
     ] = Field(title="Application")
+    # None, not empty: documents without them keep the digest that they had before there were such fields.
+    untestedBuilds: UntestedBuilds | None = Field(default=None, title="Builds that are not simulated")
+    untestedVariables: UntestedVariables | None = Field(default=None, title="Variables that differ from the simulation")
     trust: Literal["signed", "unsigned"] = Field(
         default="signed",
         title="Trust",

@@ -1,6 +1,6 @@
 """The Prefect task that rolls a version out."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager
 
 from prefect import task
@@ -8,6 +8,7 @@ from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
 from specs.artifact_text import escape_markdown, table_rows
+from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.answers.describe import describe_deployment_job
@@ -25,6 +26,7 @@ def roll_out(
     request: CreateDeploymentJobRequest,
     *,
     digest: str,
+    builds: Mapping[Architecture, str],
     token: str,
     rules: RollOutRules | None = None,
     robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None = None,
@@ -36,6 +38,7 @@ def roll_out(
         store_url: Where fleet, robots and versions are.
         request: What to deploy where.
         digest: Of the bundle that was tested; the version must be that one.
+        builds: Of the bundle for each architecture; the version must have these and no others.
         token: The client request token.
         rules: What RoboMaker's request has no words for.
         robots: Makes the fleet's members, which answer inside its ``with`` block; None if the fleet has its members.
@@ -47,6 +50,7 @@ def roll_out(
             store,
             request,
             digest=digest,
+            builds=builds,
             token=token,
             progress=progress,
             rules=rules,

@@ -15,6 +15,7 @@ from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Baseline, TestedBatch, evidence_digest, gather, write_evidence
 from tasks.results.gate.gate import GateVerdict, judge
 from tasks.results.gate.rules.rule import GateMaterial
+from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.statistics.summary import summary_rows
 from tasks.results.tables.result_files import EpisodePart, Variables
 from tasks.results.tables.table_record import write_batch_tables
@@ -65,6 +66,7 @@ def judge_batch(
     material: Callable[[], GateMaterial],
     tested: TestedBatch,
     baseline: Baseline | None = None,
+    ships: Shipment | None = None,
 ) -> tuple[GateVerdict, str, str]:
     """Returns the gate's verdict, and the URL and the SHA-256 of its evidence.
 
@@ -75,10 +77,12 @@ def judge_batch(
         material: Gives what the gate judges by; Prefect would look into the rows themselves.
         tested: What was tested, and with what.
         baseline: The version that ``noWorseThan`` compares with.
+        ships: What the document ships, if it deploys.
     """
     found = material()
     verdict = judge(rule, found)
-    evidence = gather(batch, rule, verdict, tested, left_out=found.lacks.left_out, baseline=baseline)
+    left_out = found.lacks.left_out
+    evidence = gather(batch, rule, verdict, tested, left_out=left_out, baseline=baseline, ships=ships)
     url = write_evidence(open_store(store_url), evidence)
     mark, body = (
         _MARKS[verdict.verdict],

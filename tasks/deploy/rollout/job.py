@@ -1,7 +1,7 @@
 """A deployment job from its request to its end; run again with the same token, it continues where it was."""
 
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -9,6 +9,7 @@ from functools import partial
 from specs.base import Fault
 from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound, TrustRefused
+from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
@@ -56,6 +57,7 @@ def run_deployment_job(
     pace: ControllerPace | None = None,
     robots: Callable[[], AbstractContextManager[Collection[str] | None]] | None = None,
     signer: Signer | None = None,
+    builds: Mapping[Architecture, str] | None = None,
 ) -> JobRecord:
     """Returns the deployment job's record, Succeeded, Failed or Canceled; an ended job is returned as it ended.
 
@@ -70,6 +72,7 @@ def run_deployment_job(
         robots: Makes the fleet's members and yields their names; they answer inside its ``with`` block, entered only
             while the fleet is this job's: a job that is refused touches no robot. None: the fleet has its members.
         signer: Signs for the bundle and for what is asked of each robot; None asks unsigned, and the record says so.
+        builds: Digest of the bundle for each architecture; the version must have these and no others. None for any.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
@@ -81,8 +84,8 @@ def run_deployment_job(
     """
     work = _Work(
         request,
-        plan=lambda: plan_deployment(store, request, digest, rules),
-        check=lambda: check_request(store, request, digest),
+        plan=lambda: plan_deployment(store, request, digest, rules, builds),
+        check=lambda: check_request(store, request, digest, builds),
     )
     return _run(store, work, token, progress, pace=pace or ControllerPace(), robots=robots, signer=signer)
 

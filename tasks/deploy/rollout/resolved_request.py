@@ -38,7 +38,11 @@ _THRESHOLD_PERCENT = 40
 
 
 def plan_deployment(
-    store: Store, request: CreateDeploymentJobRequest, digest: str, extra: RollOutRules | None = None
+    store: Store,
+    request: CreateDeploymentJobRequest,
+    digest: str,
+    extra: RollOutRules | None = None,
+    builds: Mapping[Architecture, str] | None = None,
 ) -> RolloutPlan:
     """Returns what the request comes to now.
 
@@ -47,6 +51,7 @@ def plan_deployment(
         request: What to deploy where.
         digest: Of the bundle that was tested; the version must be that one.
         extra: Rules that RoboMaker's requests have no words for.
+        builds: Digest of the bundle for each architecture; the version must have these and no others. None for any.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
@@ -54,7 +59,7 @@ def plan_deployment(
     """
     fleet, _ = read_fleet(store, request.fleet)
     robots = members(store, fleet.name)
-    version = _checked_version(store, request, digest, _fleet_faults(fleet.name, robots, "fleet"))
+    version = _checked_version(store, request, digest, builds, _fleet_faults(fleet.name, robots, "fleet"))
     config = request.deploymentApplicationConfigs[0]
     rules = request.deploymentConfig or DeploymentConfig()
     bounds = bounds_for(len(robots), request)
@@ -193,23 +198,29 @@ def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path
         yield Fault(path=place, value=repr(getattr(launch, field)), allowed=f"an executable file; {name} {wrong}")
 
 
-def check_request(store: Store, request: CreateDeploymentJobRequest, digest: str) -> None:
-    """Does nothing for a request that can be planned as soon as its fleet has members.
+def check_request(
+    store: Store, request: CreateDeploymentJobRequest, digest: str, builds: Mapping[Architecture, str] | None = None
+) -> None:
+    """Does nothing for a request that can be planned as soon as its fleet has members; arguments as there.
 
     Raises:
         ResourceNotFound: No such fleet, application or version.
         DocumentError: The version is another than was tested, or a variable or file is not allowed.
     """
     read_fleet(store, request.fleet)
-    _checked_version(store, request, digest, ())
+    _checked_version(store, request, digest, builds, ())
 
 
 def _checked_version(
-    store: Store, request: CreateDeploymentJobRequest, digest: str, fleet_faults: Iterable[Fault]
+    store: Store,
+    request: CreateDeploymentJobRequest,
+    digest: str,
+    builds: Mapping[Architecture, str] | None,
+    fleet_faults: Iterable[Fault],
 ) -> Version:
     config = request.deploymentApplicationConfigs[0]
     version = _version(store, config)
-    faults = [*_faults(config, version, digest), *fleet_faults]
+    faults = [*_faults(config, version, digest), *_other_builds(version, builds), *fleet_faults]
     faults += source_faults(store, version, f"{_PATH}.applicationVersion")
     if faults:
         raise DocumentError(faults, source="deployment")
@@ -247,6 +258,16 @@ def _faults(config: DeploymentApplicationConfig, version: Version, digest: str) 
     yield from outside_package(config.launchConfig, f"{_PATH}.launchConfig")
     names = config.launchConfig.environmentVariables or {}
     yield from launch_environment.variable_faults(names, f"{_PATH}.launchConfig.environmentVariables")
+
+
+def _other_builds(version: Version, builds: Mapping[Architecture, str] | None) -> Iterator[Fault]:
+    if builds is not None and version.digests != builds:
+        value, allowed = _builds_text(version.digests), f"the version as it was tested, with {_builds_text(builds)}"
+        yield Fault(path=f"{_PATH}.applicationVersion", value=f"{version.number}, with {value}", allowed=allowed)
+
+
+def _builds_text(builds: Mapping[Architecture, str]) -> str:
+    return ", ".join(f"{digest} for {each}" for each, digest in builds.items()) or "one bundle for all architectures"
 
 
 def launch_files(launch: DeploymentLaunchConfig) -> dict[str, str]:

@@ -11,24 +11,31 @@ from specs.base import Spec
 from specs.data.episode import ApplicationLaunch
 from specs.data.run_report import Verdict
 from specs.digest import canonical_document, canonical_json
+from specs.field_types import Architecture
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate import GateVerdict
 from tasks.results.gate.rules.rule import RuleVerdict
+from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 
 EVIDENCE_FILE = "evidence.json"
-EVIDENCE_VERSION = "3"
+EVIDENCE_VERSION = "4"
 _RAN_ON = frozenset({"engine", "device", "lanes"})
 
 
 class ApplicationEvidence(Spec):
-    """An application that took part: its name, the version asked for, and the SHA-256 of what really ran."""
+    """An application that took part: its name, the version asked for, and the SHA-256 of what really ran.
+
+    Attributes:
+        architecture: Which of the version's builds that is; None where one is for all of them.
+    """
 
     name: str
     version: str
     digest: str
+    architecture: Architecture | None = None
 
 
 class TestedBatch(Spec):
@@ -88,9 +95,10 @@ class Evidence(TestedBatch):
         left_out: Episodes that were not needed any more, because the gate was certain.
         baseline: The version that ``noWorseThan`` compared with; it is in ``robots`` too if the batch drove it, and the
             verdict is not about it.
+        ships: What the document ships; None where it deploys nothing.
     """
 
-    version: Literal["3"] = EVIDENCE_VERSION
+    version: Literal["4"] = EVIDENCE_VERSION
     batch: str
     verdict: Verdict
     sentence: str
@@ -99,6 +107,7 @@ class Evidence(TestedBatch):
     rules: tuple[RuleVerdict, ...]
     left_out: int = 0
     baseline: Baseline | None = None
+    ships: Shipment | None = None
 
     def judged_robots(self) -> tuple[ApplicationEvidence, ...]:
         """Returns the robot applications that the verdict is about."""
@@ -152,6 +161,7 @@ def gather(
     *,
     left_out: int = 0,
     baseline: Baseline | None = None,
+    ships: Shipment | None = None,
 ) -> Evidence:
     """Returns the evidence for a verdict.
 
@@ -162,6 +172,7 @@ def gather(
         facts: What was tested.
         left_out: Episodes that were not needed any more.
         baseline: What the gate compared with, if it did.
+        ships: What the document ships, if it deploys.
     """
     return Evidence(
         **facts.model_dump(),
@@ -173,6 +184,7 @@ def gather(
         rules=verdict.rules,
         left_out=left_out,
         baseline=baseline,
+        ships=ships,
     )
 
 
@@ -204,7 +216,10 @@ def read_evidence(store: Store, batch_id: str) -> Evidence:
 
 
 def _applications(launches: Iterable[ApplicationLaunch]) -> tuple[ApplicationEvidence, ...]:
-    found = {(launch.name, launch.version, launch.digest) for launch in launches}
+    found = {(launch.name, launch.version, launch.digest, launch.architecture or "") for launch in launches}
     return tuple(
-        ApplicationEvidence(name=name, version=version, digest=digest) for name, version, digest in sorted(found)
+        ApplicationEvidence.model_validate(
+            {"name": name, "version": version, "digest": digest, "architecture": architecture or None}
+        )
+        for name, version, digest, architecture in sorted(found)
     )

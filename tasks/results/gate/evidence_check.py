@@ -8,6 +8,7 @@ from pathlib import Path
 from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.results.gate.evidence import EVIDENCE_FILE, Evidence
+from tasks.results.gate.shipped_builds import Shipment, shipment_changes
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.storage.base.keys import bundle_key, output_key, result_key
 from tasks.storage.base.store import Store
@@ -17,7 +18,9 @@ from tasks.storage.worlds import reference_key
 Locate = Callable[[str], OutputLocation]
 
 
-def evidence_faults(store: Store, batch: str, pinned: str, shipped: str, locate: Locate) -> list[str]:
+def evidence_faults(
+    store: Store, batch: str, pinned: str, shipped: str, locate: Locate, *, ships: Shipment | None = None
+) -> list[str]:
     """Returns what is not as it was when the gate passed, one line each, naming the object; nothing if all is.
 
     Hashed again are the evidence itself, the bundles of all applications that took part, each world's document, the
@@ -30,6 +33,7 @@ def evidence_faults(store: Store, batch: str, pinned: str, shipped: str, locate:
         pinned: SHA-256 of the evidence, as the run's record has it.
         shipped: SHA-256 of the bundle that is to be shipped.
         locate: Gives a batch's output location.
+        ships: What is to be shipped, build by build.
     """
     key = result_key(batch, EVIDENCE_FILE)
     try:
@@ -40,7 +44,11 @@ def evidence_faults(store: Store, batch: str, pinned: str, shipped: str, locate:
     if found != pinned:
         return [_change_text(key, found, pinned)]
     evidence = Evidence.model_validate_json(body)
-    return [*_robot_faults(evidence, shipped), *_file_faults(store, evidence, locate)]
+    return [
+        *_robot_faults(evidence, shipped),
+        *shipment_changes(evidence, ships),
+        *_file_faults(store, evidence, locate),
+    ]
 
 
 def _robot_faults(evidence: Evidence, shipped: str) -> Iterator[str]:

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 NOT_SET = "(not set)"
 PASSED, FAILED, CANCELED = 1, 0, -1
 _COUNTED = ("world", "success", "environment", "final_x_m", "final_y_m")
+_DIGEST, _DIGITS = "robot_digest", 12
 _LAUNCHED = (
     *("robot_application", "robot_version", "robot_launch_file"),
     *("simulation_application", "simulation_version", "simulation_launch_file"),
@@ -105,7 +106,7 @@ def read_episodes(path: Path, variables: Sequence[str]) -> Episodes:
         path: The file.
         variables: Environment variables whose values are wanted.
     """
-    table = pq.read_table(path, columns=[*_COUNTED, *_LAUNCHED])
+    table = pq.read_table(path, columns=[*_COUNTED, *_LAUNCHED, _DIGEST])
     success = table.column("success").cast(pa.int8()).fill_null(CANCELED)
     return Episodes(
         outcome=success.to_numpy().astype(np.int64),
@@ -150,12 +151,25 @@ def _ways(
 
 
 def _applications(table: pa.Table) -> Labels:
-    """Returns each episode's applications, such as ``courier 1 go_to_goal in delivery 1 rooms``."""
+    """Returns each episode's applications, such as ``courier 1 go_to_goal in delivery 1 rooms``.
+
+    Builds of one version are told apart by the beginning of their digests.
+    """
     robot, scenario = (
-        pc.call_function("binary_join_element_wise", [*(table.column(name).cast(pa.string()) for name in names), " "])
+        _joined([table.column(name).cast(pa.string()) for name in names], " ")
         for names in (_LAUNCHED[:3], _LAUNCHED[3:])
     )
-    return _labels(pc.call_function("binary_join_element_wise", [robot, scenario, " in "]))
+    cut = pc.SliceOptions(0, _DIGITS)
+    bundle = _joined(
+        [robot, pc.call_function("utf8_slice_codeunits", [table.column(_DIGEST).cast(pa.string())], cut)], " "
+    )
+    if len(bundle.unique()) > len(robot.unique()):
+        robot = bundle
+    return _labels(_joined([robot, scenario], " in "))
+
+
+def _joined(columns: Sequence[pa.ChunkedArray], between: str) -> pa.ChunkedArray:
+    return pc.call_function("binary_join_element_wise", [*columns, between])
 
 
 def _variable_values(words: pa.ChunkedArray, name: str) -> pa.ChunkedArray:

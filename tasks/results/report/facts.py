@@ -27,6 +27,7 @@ class Judgement(Spec):
         method: What that is: ``Wilson``, or ``confidence sequence`` for a batch that may end early.
         rules: Each rule by itself, where there are several.
         alone: The version that was judged, where the batch drove the one that it was compared with, too; else empty.
+        ships: What the document ships, and what of it no episode drove, a line each.
     """
 
     verdict: Verdict
@@ -38,6 +39,7 @@ class Judgement(Spec):
     method: str = ""
     rules: tuple[RuleAnswer, ...] = ()
     alone: str = ""
+    ships: tuple[str, ...] = ()
 
 
 class StageTime(Spec):

@@ -5,6 +5,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from specs.data.run_report import Verdict
 from specs.errors import ObjectNotFound
 from tasks.results.gate.evidence import EVIDENCE_FILE, Evidence, read_evidence
+from tasks.results.gate.shipped_builds import shipment_lines
 from tasks.results.report.facts import Judgement, RuleAnswer
 from tasks.results.statistics.intervals import Interval
 from tasks.storage.base.keys import result_key
@@ -55,6 +56,7 @@ def judgement_of(evidence: Evidence) -> Judgement:
         method=answer.method if answer else "",
         rules=tuple(RuleAnswer(name=each.title, verdict=each.verdict, sentence=each.sentence) for each in rules),
         alone=_judged_version(evidence),
+        ships=tuple(shipment_lines(evidence.ships)) if evidence.ships else (),
     )
 
 

@@ -6,7 +6,7 @@ from specs.arn import parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError
-from specs.field_types import OutputLocation
+from specs.field_types import Architecture, OutputLocation
 from specs.pipeline.simulation_section import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline.simulation_section import PipelineSimulationApplication as ScenarioUse
 from specs.robomaker.bundle import ApplicationKind, Version
@@ -132,27 +132,35 @@ def _launch(
 ) -> ApplicationLaunch:
     try:
         version = find_version(kind, use.application, use.applicationVersion)
-        _require_simulated_build(version)
+        asked = use.architecture if isinstance(use, PipelineRobotApplication) else None
+        architecture = _simulated_architecture(version, asked)
     except DocumentError as exc:
         placed = [fault.model_copy(update={"path": f"{where}.{fault.path}"}) for fault in exc.faults]
         raise type(exc)(placed, exc.source) from exc
     return ApplicationLaunch(
         name=version.name,
         version=str(version.number),
-        digest=version.digest,
+        digest=version.digests[architecture] if architecture else version.digest,
         package=use.launchConfig.packageName or "",
         launch_file=(use.launchConfig.launchFile or "").removesuffix(".py").removesuffix(".launch"),
+        architecture=architecture,
     )
 
 
-def _require_simulated_build(version: Version) -> None:
-    """Does nothing for a version that can be simulated: what is simulated is the build for X86_64.
+def _simulated_architecture(version: Version, asked: Architecture | None) -> Architecture | None:
+    """Returns which of a version's builds is simulated: that for X86_64 if nobody asks; None where there is but one.
 
     See docs/reference/robomaker.md, section 3.
     """
-    if version.builds and "X86_64" not in version.digests:
-        value = f"{version.name} version {version.number}, for {', '.join(version.digests)}"
+    if not version.builds and asked:
+        allowed = f"nothing: version {version.number} of {version.name} has one bundle for all architectures"
+        raise DocumentError([Fault(path="architecture", value=asked, allowed=allowed)])
+    if not version.builds or (asked or "X86_64") in version.digests:
+        return (asked or "X86_64") if version.builds else None
+    value = f"{version.name} version {version.number}, for {', '.join(version.digests)}"
+    if asked is None:
         raise DocumentError([Fault(path="applicationVersion", value=value, allowed="a version with an X86_64 source")])
+    raise DocumentError([Fault(path="architecture", value=asked, allowed=f"an architecture of {value}")])
 
 
 def _own_worlds(request: PipelineJobRequest) -> list[str]:

@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from specs.base import Fault
+from specs.errors import DocumentError
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
-from tasks.deploy.rollout.resolved_request import preflight
+from tasks.deploy.rollout.resolved_request import check_request, plan_deployment, preflight
 from tasks.storage.base.keys import bundle_key
 from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
@@ -116,3 +117,18 @@ def test_robots_that_no_key_vouches_for_are_told_before_anything_runs(yard: Yard
     assert "simyard fleet vouch couriers" in fault.allowed
     assert told(signer=owner.signer) == []
     assert told() == []
+
+
+def test_a_version_whose_builds_are_not_those_that_were_tested_is_refused(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    create_robot(yard.store, "r1")
+    register_robot(yard.store, FLEET, "r1")
+    request = yard.request(version, "one")
+
+    assert plan_deployment(yard.store, request, version.digest, builds={}).builds == {}
+    with pytest.raises(
+        DocumentError, match=f"1, with one bundle for all .*: the version as it was .*{'f' * 64} for ARM64"
+    ):
+        plan_deployment(yard.store, request, version.digest, builds={"ARM64": "f" * 64})
+    with pytest.raises(DocumentError, match="the version as it was tested"):
+        check_request(yard.store, request, version.digest, {"ARM64": "f" * 64})

@@ -9,6 +9,7 @@ from benchmarks.results.gate import ALPHA, BAR, EPISODES, saving, table
 from benchmarks.tables import markdown, with_tables
 from specs.data.result_columns import MEASURES
 from specs.pipeline.gate_section import RULES, Gate
+from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
 from tasks.results.statistics.episodes_needed import episodes_needed, episodes_needed_for_quantile, pairs_needed
 from tasks.results.statistics.intervals import quantile_ranks
@@ -26,11 +27,23 @@ def first_cells(heading: str) -> list[str]:
 
 
 def test_the_document_is_one_and_has_all_rules():
-    block, _ = BLOCKS
+    block, *_ = BLOCKS
     gate = Gate.model_validate(yaml.safe_load(block)["gate"])
     assert gate.model_fields_set == set(Gate.model_fields)
     assert gate.noWorseThan
     assert gate.noWorseThan.confidence == 0.95
+
+
+def test_what_it_shows_of_builds_and_variables_is_a_document():
+    *_, batch, deployment = map(yaml.safe_load, BLOCKS)
+    requests = SimulationBatch.model_validate(batch["simulationBatch"]).createSimulationJobRequests
+    uses = [use for request in requests for use in request.robotApplications or ()]
+    assert [use.architecture for use in uses] == [None, "ARM64"]
+    section = Deployment.model_validate(deployment["deployment"])
+    assert {field for field in section.model_fields_set if field.startswith("untested")} == {
+        "untestedBuilds",
+        "untestedVariables",
+    }
 
 
 def test_every_rule_is_explained():

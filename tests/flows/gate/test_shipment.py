@@ -1,5 +1,6 @@
 """Nothing is shipped unless all that the gate saw is as it was, to the byte; what has changed is named."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import cast
@@ -10,9 +11,11 @@ from flows.gate.judge import gate_answer, read_gate_answer
 from flows.gate.shipment import evidence_changes, shippable, withdraw_deployment
 from flows.stages import deploy, judge_batch_stage
 from specs.data.run_report import StageReport
+from tasks.applications.registry import resolve
 from tasks.results.gate.evidence import read_evidence
+from tasks.results.gate.shipped_builds import shipment_of
 from tasks.simulate.batch.job import plan_of
-from tasks.storage.base.keys import bundle_key, result_key, world_key
+from tasks.storage.base.keys import application_key, bundle_key, result_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, job_id, read, submit
 from tasks.storage.jobs.runs import stage_token
@@ -41,7 +44,7 @@ class Shop:
     def key(self, url: str) -> str:
         return str(self.batch.detail[url]).removeprefix(self.store.url + "/")
 
-    def _ship(self, _section: object, _store: str, tested: dict[str, str], *_: object) -> JobRecord:
+    def _ship(self, _section: object, _store: str, tested: dict[str, str], *_: object, **__: object) -> JobRecord:
         self.shipped.append(tested)
         return submit(self.store, "deployment-job", {}, "shipped")
 
@@ -95,6 +98,20 @@ def test_what_is_gone_is_refused_by_name(shop: Shop, name: str):
     assert (report.status, shop.shipped) == ("Refused", [])
     assert name in report.summary
     assert "is gone" in report.summary
+
+
+def test_a_build_that_was_added_since_the_run_began_is_refused(shop: Shop):
+    version = resolve(shop.store, "robot-application", "courier")
+    assert PIPELINE.deployment
+    settled = shipment_of(PIPELINE.deployment, version)
+    key = application_key("robot-application", "courier")
+    added = [{"architecture": "ARM64", "digest": "f" * 64, "size_bytes": 1}]
+    application = json.loads(shop.store.get(key).body)
+    application["versions"][0]["builds"] = added
+    shop.store.put(key, json.dumps(application).encode())
+    (report,) = deploy(PIPELINE, shop.batch, shop.store, {}, shop.run, ships=settled)
+    assert (report.status, shop.shipped) == ("Refused", [])
+    assert f"courier version 1 for ARM64 is {'f' * 64} now; when the run began it was not there" in report.summary
 
 
 def test_all_that_has_changed_is_named_at_once(shop: Shop):

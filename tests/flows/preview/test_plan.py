@@ -10,6 +10,7 @@ import pytest
 from flows.preview.plan import plan_lines
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.storage.base.store import Store
 from tests.deploy.puppets import PuppetRobots
@@ -51,7 +52,7 @@ def test_what_is_turned_off_is_said(lines: Tell):
 
 
 def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
-    told = lines(matrix={"seeds": 10_000}, engine="mujoco")
+    told = lines(matrix={"seeds": 10_000, "environmentVariables": {"MAX_SPEED": ["0.6"]}}, engine="mujoco")
     assert "80,000 episodes" in told
     assert re.search(r"about \S+ to \S+ h and", told)
     assert "417 chunks of 192 lanes" in told
@@ -79,6 +80,8 @@ def test_the_gates_page_is_planned_with_the_tested_versions_episodes(file_store:
 def test_a_deployment_is_told_with_its_waves_its_threshold_and_a_robots_time(file_store: Store, tmp_path: Path):
     create_fleet(file_store, FLEET)
     PuppetRobots(file_store, 5)
+    create_robot(file_store, "tagged", tags={"site": "kitchen"})
+    register_robot(file_store, FLEET, "tagged")
     yard = Yard(file_store, tmp_path)
     for script in (STAYS_UP, f"{STAYS_UP}# better"):
         yard.publish({"run.sh": script})
@@ -96,5 +99,6 @@ deployment:
     )
     told = "\n".join(plan_lines(read_pipeline(document), tmp_path, file_store))
     assert f"courier (newest version, 2) to fleet {FLEET}, bundle" in told
-    assert "5 robots, the first 1 of them canaries, at most 2 at once: at least 3 waves" in told
+    assert "robots get tags as variables, which no episode has: AWS_ROBOMAKER_ROBOT_TAG_KEY_site\n" in told
+    assert "6 robots, the first 1 of them canaries, at most 2 at once: at least 4 waves" in told
     assert "failures that stop it: 3 once 2 have ended, one of a canary at once; a robot has 18,000 s" in told

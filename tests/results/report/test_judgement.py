@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from specs.pipeline.gate_section import CollisionRate, Gate, SuccessRate
 from tasks.results.gate.evidence import ApplicationEvidence, Baseline
+from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.report.facts import Judgement
 from tasks.results.report.judgement import judgement_of, read_judgement
 from tasks.storage.base.keys import result_key
@@ -52,6 +53,13 @@ def test_of_a_batch_with_both_versions_the_judged_one_is_named():
     assert judgement_of(both.model_copy(update={"baseline": against})).alone == "courier version 2"
     elsewhere = against.model_copy(update={"batch": "simb-0"})
     assert judgement_of(one.model_copy(update={"baseline": elsewhere})).alone == ""
+
+
+def test_what_ships_is_told_as_the_evidence_names_it():
+    ships = Shipment(application="courier", version=3, digest="a" * 64)
+    assert judgement_of(evidence()).ships == ()
+    told = judgement_of(evidence().model_copy(update={"ships": ships})).ships
+    assert told == ("courier version 3, one bundle for all architectures, aaaaaaaaaaaa",)
 
 
 def test_evidence_of_another_version_tells_its_verdict_and_its_sentence(file_store: Store):

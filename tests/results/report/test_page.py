@@ -80,7 +80,7 @@ def hostile(folder: Path) -> bytes:
         status="Failed",
         variables={EVIL: (f"0{EVIL}", None), "MAX_SPEED": ("0.3",)},
         metadata={"engine": EVIL, EVIL: EVIL},
-        judgement=Judgement(verdict="FAIL", sentence=EVIL, at_least=0.5, confidence=0.9, rules=rules),
+        judgement=Judgement(verdict="FAIL", sentence=EVIL, at_least=0.5, confidence=0.9, rules=rules, ships=(EVIL,)),
         audit={"verdict": "SUSPECT", "sentence": EVIL, "engine": EVIL},
         links=(Link(label=EVIL, href=EVIL),),
     )
@@ -162,6 +162,18 @@ def test_where_two_versions_drove_it_is_said_which_one_was_judged(tmp_path: Path
     text = "".join(elements(report_page(view(tmp_path, judgement=both))).text)
     assert "The verdict is about courier version 2 alone." in text
     assert "The verdict is about" not in report_page(view(tmp_path)).decode()
+
+
+@pytest.mark.parametrize(("verdict", "heading"), [("PASS", "What ships:"), ("FAIL", "What would have shipped:")])
+def test_what_ships_is_said_below_the_verdict_with_what_was_not_simulated(
+    verdict: Verdict, heading: str, tmp_path: Path
+):
+    lines = ("courier version 3 for X86_64: simulated", "courier version 3 for ARM64: NOT SIMULATED")
+    judged = Judgement(verdict=verdict, sentence=f"{verdict}: so", at_least=0.9, confidence=0.95, ships=lines)
+    text = "".join(elements(report_page(view(tmp_path, judgement=judged))).text)
+    assert heading in text
+    assert all(line in text for line in lines)
+    assert "ship" not in "".join(elements(report_page(view(tmp_path))).text)
 
 
 def test_the_interval_beside_the_verdict_is_the_one_that_was_judged_by(tmp_path: Path):

@@ -7,7 +7,7 @@ import pytest
 from tasks.results.report.places import BETWEEN
 from tasks.results.report.rows import RateTable
 from tasks.results.report.view import ReportView
-from tests.factories.episodes import passed, request
+from tests.factories.episodes import ROBOT, collided, passed, request
 from tests.factories.reports import WORLDS, episodes, facts, view
 
 
@@ -44,6 +44,13 @@ def test_a_variable_that_some_episodes_do_not_set_has_a_group_of_those(tmp_path:
     requests = [request(0, environment={"MODE": "fast"}), request(1)]
     found = view(tmp_path, requests, [passed(0), passed(1)], variables={"MODE": ("fast", None)})
     assert counts(tables(found)["By MODE"]) == {"fast": "1 of 1", "(not set)": "1 of 1"}
+
+
+def test_two_builds_of_a_version_have_their_own_numbers(tmp_path: Path):
+    builds = [request(0), request(1).model_copy(update={"robot": ROBOT.model_copy(update={"digest": "e" * 64})})]
+    found = counts(tables(view(tmp_path, builds, [passed(0), collided(1)]))["By application"])
+    shown = {f"courier 1 go_to_goal {digit * 12} in delivery $LATEST rooms" for digit in "ae"}
+    assert (set(found), set(found.values())) == (shown, {"1 of 1", "0 of 1"})
 
 
 @pytest.mark.parametrize(

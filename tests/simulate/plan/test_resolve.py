@@ -12,6 +12,7 @@ from tasks.simulate.plan.resolve import plan_batch
 from tasks.storage.base.store import Store
 
 WORLD = "g/w"
+BUILDS = {"X86_64": "a", "ARM64": "b"}
 
 
 def version(kind: ApplicationKind, reference: str, number: str | None) -> Version:
@@ -36,3 +37,18 @@ def test_a_malformed_arn_is_a_fault_of_the_document(file_store: Store):
     batch["createSimulationJobRequests"][0]["robotApplications"][0]["application"] = arn
     with pytest.raises(DocumentError, match="robot-applicationMine"):
         plan_batch(SimulationBatch.model_validate(batch), [WORLD], {WORLD: ""}, finder(file_store, {}))
+
+
+def builds(kind: ApplicationKind, reference: str, number: str | None) -> Version:
+    made = [{"architecture": name, "digest": digit * 64, "size_bytes": 1} for name, digit in BUILDS.items()]
+    whole = version(kind, reference, number)
+    return Version.model_validate({**whole.model_dump(), "builds": made if kind == "robot-application" else []})
+
+
+@pytest.mark.parametrize(("asked", "simulated"), [(None, "X86_64"), ("X86_64", "X86_64"), ("ARM64", "ARM64")])
+def test_of_several_builds_the_one_that_is_asked_for_is_simulated(asked: str | None, simulated: str):
+    batch = section(launchFile="rotate").model_dump(mode="json", exclude_none=True)
+    batch["createSimulationJobRequests"][0]["robotApplications"][0]["architecture"] = asked
+    (template,) = plan_batch(SimulationBatch.model_validate(batch), [WORLD], {WORLD: ""}, builds).templates
+    assert (template.robot.architecture, template.robot.digest) == (simulated, BUILDS[simulated] * 64)
+    assert (template.scenario.architecture, template.scenario.digest) == (None, "a" * 64)

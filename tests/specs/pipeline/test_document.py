@@ -3,6 +3,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from specs.digest import canonical_document
 from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields
 from specs.pipeline.world_sections import FORMATS
 
@@ -150,3 +151,35 @@ def test_the_schema_for_prefects_form_has_titles_and_lists_every_section():
 
     assert set(schema["properties"]) == set(PipelineSpec.model_fields)
     assert schema["$defs"]["WorldGeneration"]["properties"]["seed"]["title"] == "Seed"
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        {"untestedBuilds": {"ARM64": {"testedAs": "X86_64", "digest": "a" * 64}}},
+        {"untestedVariables": {"SPEED": "kilometres an hour on robots"}},
+    ],
+)
+def test_what_ships_untested_is_named_beside_a_gate_alone(named: dict[str, Any]):
+    sections = {"worldGeneration": GENERATION, "simulationBatch": BATCH, "deployment": {**DEPLOYMENT, **named}}
+    (place,) = [place for place, _ in faults(**sections)]
+    assert place == f"deployment.{next(iter(named))}"
+    spec(**sections, gate={"successRate": {"atLeast": 0.9}})
+
+
+def test_a_document_that_names_nothing_untested_keeps_its_digest():
+    assert "untested" not in str(canonical_document(spec(deployment=DEPLOYMENT)))
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        {"untestedBuilds": {"ARM": {"testedAs": "X86_64", "digest": "a" * 64}}},
+        {"untestedBuilds": {"ARM64": {"testedAs": "X86_64", "digest": "a" * 12}}},
+        {"untestedBuilds": {"ARM64": {"digest": "a" * 64}}},
+        {"untestedVariables": {"SPEED": ""}},
+    ],
+)
+def test_a_build_is_named_by_its_whole_digest_and_a_variable_with_a_reason(named: dict[str, Any]):
+    gate = {"successRate": {"atLeast": 0.9}}
+    assert faults(worldGeneration=GENERATION, simulationBatch=BATCH, gate=gate, deployment={**DEPLOYMENT, **named})

@@ -90,3 +90,23 @@ def test_every_section_of_every_pipeline_stands_for_a_request(document: dict[str
         assert len(entries) == len(spec.simulationBatch.createSimulationJobRequests)
     if spec.deployment:
         assert deployment_request(spec.deployment, store_id="s1", version="3", token=TOKEN).fleet.startswith("arn:")
+
+
+def test_what_robomaker_has_no_words_for_is_left_out_of_its_requests():
+    use = {**JOB["robotApplications"][0], "architecture": "ARM64"}
+    named = {"untestedBuilds": {"ARM64": {"testedAs": "X86_64", "digest": "a" * 64}}, "untestedVariables": {"X": "why"}}
+    spec = PipelineSpec.model_validate(
+        {
+            "name": "nightly",
+            "worldGeneration": GENERATION,
+            "simulationBatch": {"createSimulationJobRequests": [{**JOB, "robotApplications": [use]}]},
+            "gate": {"successRate": {"atLeast": 0.9}},
+            "deployment": {**DEPLOYMENT, **named},
+        }
+    )
+    assert spec.simulationBatch
+    assert spec.deployment
+    (entry,) = batch_request(spec.simulationBatch, store_id="s1", token=TOKEN).createSimulationJobRequests
+    assert entry.robotApplications
+    assert "architecture" not in entry.robotApplications[0].model_dump()
+    assert deployment_request(spec.deployment, store_id="s1", version="3", token=TOKEN).fleet

@@ -1,0 +1,190 @@
+"""What a run ships: which builds of which version, and that an episode drove each, or the document names it.
+
+A version may have a bundle for each architecture, and whoever can write to the store may add one, or say that a robot
+has another architecture. So it does not matter which robots there are: each build of the version was driven, or the
+document names its digest and the build that was driven in its place.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from specs.base import Fault, Spec
+from specs.field_types import Architecture
+from specs.pipeline.simulation_section import Deployment
+from specs.pipeline.untested_parts import UntestedBuild
+from specs.robomaker.bundle import Version
+
+if TYPE_CHECKING:
+    from tasks.results.gate.evidence import Evidence
+
+_PATH = "deployment.untestedBuilds"
+
+
+class ShippedBuild(Spec):
+    """A version's bundle for one architecture.
+
+    Attributes:
+        digest: SHA-256 of the bundle.
+        tested_as: The architecture whose build was driven in its place, as the document says; None if it was driven.
+    """
+
+    architecture: Architecture
+    digest: str
+    tested_as: Architecture | None = None
+
+
+class Shipment(Spec):
+    """What a run ships if its gate passes; settled before anything runs.
+
+    Attributes:
+        application: The robot application.
+        version: Its version's number.
+        digest: SHA-256 of the version's bundle; of several, of the one for X86_64.
+        builds: The bundle for each architecture; none where one is for all of them.
+        variables: The variables of the launch configuration that episodes had with the same value.
+        untested: Why a variable is not as in any episode, by name: the document's words.
+    """
+
+    application: str
+    version: int
+    digest: str
+    builds: tuple[ShippedBuild, ...] = ()
+    variables: dict[str, str] = Field(default_factory=dict)
+    untested: dict[str, str] = Field(default_factory=dict)
+
+    def digests(self) -> dict[Architecture, str]:
+        """Returns the digest of the bundle for each architecture; nothing where one is for all of them."""
+        return {build.architecture: build.digest for build in self.builds}
+
+
+def shipment_of(section: Deployment, version: Version) -> Shipment:
+    """Returns what a section ships of a version, as the document tells it.
+
+    Args:
+        section: The document's section.
+        version: What it deploys.
+    """
+    named, untested = section.untestedBuilds or {}, section.untestedVariables or {}
+    given = section.deploymentApplicationConfigs[0].launchConfig.environmentVariables or {}
+    return Shipment(
+        application=version.name,
+        version=version.number,
+        digest=version.digest,
+        builds=tuple(
+            ShippedBuild(architecture=each, digest=digest, tested_as=named[each].testedAs if each in named else None)
+            for each, digest in version.digests.items()
+        ),
+        variables={name: value for name, value in given.items() if name not in untested},
+        untested=dict(untested),
+    )
+
+
+def build_faults(version: Version, named: Mapping[Architecture, UntestedBuild], driven: Collection[str]) -> list[Fault]:
+    """Returns a fault for each build that nothing stands for, and for each that the document names without need.
+
+    Args:
+        version: What is deployed.
+        named: The builds that the document says no episode drives, by architecture.
+        driven: SHA-256 of each robot application that the batch tests.
+    """
+    tested = [each for each, digest in version.digests.items() if digest in driven]
+    faults = [
+        fault
+        for each, digest in version.digests.items()
+        for fault in _build_faults(version, each, digest, named.get(each), tested)
+    ]
+    what = f"{version.name} version {version.number}"
+    has = f"of {what}: {', '.join(version.digests)}" if version.builds else f"none: {what} has one bundle for all"
+    others = [each for each in named if each not in version.digests]
+    return [*faults, *(Fault(path=_PATH, value=each, allowed=f"an architecture {has}") for each in others)]
+
+
+def _build_faults(
+    version: Version, architecture: Architecture, digest: str, named: UntestedBuild | None, tested: Sequence[str]
+) -> Iterator[Fault]:
+    what, place = f"{version.name} version {version.number}", f"{_PATH}.{architecture}"
+    if architecture in tested:
+        if named:
+            yield Fault(path=place, value=named.digest, allowed="no entry: the batch drives exactly this build")
+    elif named is None:
+        value = f"the build of {what} for {architecture}, {digest}, which no episode drives"
+        allowed = (
+            f"a build that the batch drives, by a request whose robotApplications have architecture: {architecture}; "
+            f"or {_PATH}: {{{architecture}: {{testedAs: {' or '.join(tested)}, digest: ...}}}}, with the digest that "
+            "simyard app publish printed; or a version without it"
+        )
+        yield Fault(path=_PATH, value=value, allowed=allowed)
+    elif named.digest != digest:
+        allowed = f"the build of {what} for {architecture}, which is {digest} in the store; ask who published it"
+        yield Fault(path=f"{place}.digest", value=named.digest, allowed=allowed)
+    elif named.testedAs not in tested:
+        allowed = f"an architecture of {what} whose build the batch drives: {', '.join(tested) or 'none'}"
+        yield Fault(path=f"{place}.testedAs", value=named.testedAs, allowed=allowed)
+
+
+def shipment_changes(evidence: "Evidence", ships: Shipment | None) -> Iterator[str]:
+    """Yields what is to be shipped and is not what the evidence says, a line each.
+
+    Args:
+        evidence: What the gate judged.
+        ships: What is to be shipped; None where nobody settled it.
+    """
+    if ships is None:
+        return
+    if evidence.ships != ships:
+        found = "; ".join(shipment_lines(evidence.ships)) if evidence.ships else "nothing"
+        yield f"to be shipped is {'; '.join(shipment_lines(ships))}; the evidence of {evidence.batch} names {found}"
+    judged = {robot.digest for robot in evidence.judged_robots()}
+    tested = {build.architecture for build in ships.builds if build.digest in judged}
+    for build in ships.builds:
+        if build.digest not in judged and build.tested_as not in tested:
+            yield f"the build for {build.architecture}, {build.digest}, is not one that the gate judged"
+    for name, value in ships.variables.items():
+        if value not in evidence.environments.get(name, ()):
+            yield f"variable {name} is to be {value!r} on robots, which no episode of {evidence.batch} had"
+
+
+def version_changes(ships: Shipment, version: Version) -> Iterator[str]:
+    """Yields what of a version is not as it was when the run began, a line each.
+
+    Args:
+        ships: What the run ships.
+        version: The version as the store has it now.
+    """
+    now = {"": version.digest, **version.digests}
+    then = {"": ships.digest, **ships.digests()}
+    for each in dict.fromkeys([*then, *now]):
+        if now.get(each) != then.get(each):
+            what = f"{ships.application} version {ships.version}{f' for {each}' if each else ''}"
+            yield f"{what} is {now.get(each, 'gone')} now; when the run began it was {then.get(each, 'not there')}"
+
+
+def shipment_lines(ships: Shipment) -> Iterator[str]:
+    """Yields what is shipped under a gate, and what of it no episode drives, for a person."""
+    what = f"{ships.application} version {ships.version}"
+    if not ships.builds:
+        yield f"{what}, one bundle for all architectures, {ships.digest[:12]}"
+    for build in ships.builds:
+        line = f"{what} for {build.architecture}, {build.digest[:12]}"
+        if build.tested_as:
+            yield f"{line}: NOT SIMULATED; the document says that the build for {build.tested_as} stands for it"
+        else:
+            yield f"{line}: simulated"
+    if ships.variables:
+        yield f"variables as simulated: {', '.join(f'{name}={value}' for name, value in ships.variables.items())}"
+    for name, reason in ships.untested.items():
+        yield f"variable {name}: NOT AS SIMULATED; the document says why: {reason}"
+
+
+def unjudged_lines(ships: Shipment, driven: Collection[str]) -> Iterator[str]:
+    """Yields which builds are shipped without a gate, for a person.
+
+    Args:
+        ships: What is shipped.
+        driven: SHA-256 of each robot application that the document's batch drives.
+    """
+    for build in ships.builds:
+        simulated = "simulated" if build.digest in driven else "not simulated, and no gate asks"
+        yield f"{ships.application} version {ships.version} for {build.architecture}, {build.digest[:12]}: {simulated}"
