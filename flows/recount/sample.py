@@ -18,6 +18,7 @@ from tasks.simulate.replay.resimulate import resimulate
 from tasks.storage.base.keys import chunk_key
 
 _CHUNKS_KEPT = 4
+_SHOWN = 3
 # Of a batch that was ended early most episodes may have been left out.
 _DRAWS_EACH = 50
 
@@ -34,11 +35,13 @@ def sample_changes(batch: OpenBatch, bundles: Mapping[str, Path], most: int, dra
     drawn = _drawn(batch, most, draw or SystemRandom())
     runner = ChunkRunner(bundles, batch.plan.engine, lambda _: None)
     again = resimulate(batch, [batch.layout.request(row.index) for row in drawn], runner.run)
-    return [
+    changes = [
         f"{batch.store.url}/{chunk_key(batch.id, batch.layout.chunk_of(row.index))}: {change}"
         for row, computed in zip(drawn, again, strict=True)
         for change in row_changes([row], [computed])
     ]
+    more = [f"{len(changes)} of {len(drawn)} episodes came out otherwise when they were simulated again"] if changes else []
+    return [*changes[:_SHOWN], *more]
 
 
 def _drawn(batch: OpenBatch, most: int, draw: Random) -> list[EpisodeResult]:

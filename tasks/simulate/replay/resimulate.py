@@ -23,7 +23,7 @@ def resimulate(batch: OpenBatch, requests: Sequence[EpisodeRequest], simulate: S
     mounted = batch_mounts(batch)
     why_not = {each.index: missing.get(each.world) or mounted.failure(each) for each in requests}
     rows = {index: failed_result(index, failure) for index, failure in why_not.items() if failure}
-    watch = StopWatch(batch, [], inf)
+    watch = StopWatch(batch, [each.index for each in requests], inf)
 
     def part(chunk: Chunk, lanes: int) -> list[EpisodeResult]:
         asked = tuple(mounted.resolved(each) for each in chunk.requests)
