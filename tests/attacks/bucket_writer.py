@@ -51,12 +51,8 @@ def allow_writer(server: Seaweed, bucket: str) -> None:
     """Makes a bucket with a policy that lets the writer do everything in it."""
     server.make_bucket(bucket)
     here = f"arn:aws:s3:::{bucket}"
-    statement = {
-        "Effect": "Allow",
-        "Principal": {"AWS": [f"arn:aws:iam:::user/{ATTACKER}", ATTACKER]},
-        "Action": "s3:*",
-    }
-    policy = {"Version": "2012-10-17", "Statement": [{**statement, "Resource": [here, f"{here}/*"]}]}
+    may = {"Effect": "Allow", "Principal": {"AWS": [_WRITER]}, "Action": ["s3:*"], "Resource": [here, f"{here}/*"]}
+    policy = {"Version": "2012-10-17", "Statement": [may]}
     owner = server.environment()
     client = _client(server, owner["AWS_ACCESS_KEY_ID"], owner["AWS_SECRET_ACCESS_KEY"])
     client.put_bucket_policy(Bucket=bucket, Policy=json.dumps(policy))

@@ -1,4 +1,4 @@
-"""What the attacks stand on."""
+"""What the attacks stand on: a writer who reaches the whole store, and nothing else."""
 
 import pytest
 from botocore.exceptions import ClientError
