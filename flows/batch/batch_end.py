@@ -44,10 +44,10 @@ def close_if_stopped(store: Store, batch: str) -> JobRecord:
         return close_with_tables(work)
 
 
-def close_with_tables(batch: OpenBatch) -> JobRecord:
+def close_with_tables(batch: OpenBatch, audit: Callable[[], Mapping[str, JsonValue]] = dict) -> JobRecord:
     """Returns a batch in its terminal state, its tables being written; every chunk that was begun is committed."""
     record = batch.record()
-    return end_batch(batch, record, recorded_location(record), write_tables=_write_tables).record
+    return end_batch(batch, record, recorded_location(record), write_tables=_write_tables, audit=audit).record
 
 
 class BatchEnd(NamedTuple):

@@ -19,7 +19,7 @@ from specs.errors import StageFailed
 from specs.pipeline.gate_section import Gate, stops_early
 from tasks.results.tables.recordings import write_recordings
 from tasks.results.tables.table_record import recounted_facts
-from tasks.simulate.audit.audit_run import audit_again
+from tasks.simulate.audit.audit_run import AUDIT_FILE, audit_again
 from tasks.simulate.batch.chunk_runner import ChunkRunner
 from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import KIND, OpenBatch, load_batch, require_plan
@@ -131,16 +131,11 @@ def _audit(
     batch: OpenBatch, folders: Mapping[str, Path], record: JobRecord, *, sealed: bool
 ) -> Mapping[str, JsonValue]:
     """Returns what the record has to say of the audit: it is made anew where the owner does not vouch for it."""
-    if min(batch.plan.audit, batch.layout.episodes) == 0:
-        return {}
     if not sealed:
-        return audit_again(batch, folders)
-    tables = ("results.parquet", "failures.parquet")
+        return audit_again(batch, folders) if min(batch.plan.audit, batch.layout.episodes) else {}
     digests = cast("dict[str, JsonValue]", record.detail["sha256s"])
-    return {
-        "audit": record.detail["audit"],
-        "sha256s": {name: digest for name, digest in digests.items() if name not in tables},
-    }
+    audited: dict[str, JsonValue] = {name: digests[name] for name in (AUDIT_FILE,) if name in digests}
+    return {"audit": record.detail["audit"], "sha256s": audited} if audited else {}
 
 
 def _changes(key: str, said: Mapping[str, JsonValue], facts: Mapping[str, JsonValue]) -> Iterator[str]:

@@ -40,7 +40,11 @@ def sample_changes(batch: OpenBatch, bundles: Mapping[str, Path], most: int, dra
         for row, computed in zip(drawn, again, strict=True)
         for change in row_changes([row], [computed])
     ]
-    more = [f"{len(changes)} of {len(drawn)} episodes came out otherwise when they were simulated again"] if changes else []
+    more = (
+        [f"{len(changes)} of {len(drawn)} episodes came out otherwise when they were simulated again"]
+        if changes
+        else []
+    )
     return [*changes[:_SHOWN], *more]
 
 
