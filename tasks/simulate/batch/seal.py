@@ -13,7 +13,7 @@ from specs.digest import canonical_json
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.jobs.records import JobRecord
-from tasks.storage.jobs.voucher import Voucher
+from tasks.storage.jobs.voucher import Voucher, has_owner_key
 
 SEALED = ("sha256s", "counts", "metadata", "audit", "stopped_early")
 _SEAL = "seal"
@@ -34,6 +34,15 @@ def is_sealed(record: JobRecord, voucher: Voucher) -> bool:
     """Returns whether the owner vouches for a record's facts, and for its plan, which the voucher is made of."""
     mac = record.detail.get(_SEAL)
     return record.status == "Completed" and isinstance(mac, str) and voucher.vouches(mac, _WHAT, _body(record.detail))
+
+
+def unvouched_notice(batch: OpenBatch) -> str:
+    """Returns what to tell a person who is shown results that nobody here vouches for; empty for others."""
+    record = batch.record()
+    if record.status != "Completed" or (has_owner_key() and is_sealed(record, batch.voucher)):
+        return ""
+    why = "another machine or an older version wrote them, or somebody changed them"
+    return f"{batch.id}: this machine's key does not vouch for these results: {why}"
 
 
 def with_facts(record: JobRecord, plan: BatchPlan, facts: Mapping[str, JsonValue]) -> JobRecord:

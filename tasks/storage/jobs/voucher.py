@@ -67,6 +67,11 @@ def owner_voucher(job: str, plan: str) -> Voucher:
     return Voucher(owner_key(), job, plan)
 
 
+def has_owner_key() -> bool:
+    """Returns whether there is a key; who only looks at results makes none."""
+    return _key_file().is_file()
+
+
 def owner_key() -> bytes:
     """Returns the owner's key, which is made if there is none.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from flows.batch.report_files import write_report_page
 from flows.recount.batch_recount import count_batch, vouched_record
 from flows.recount.sample import sample_changes
 from specs.errors import StageFailed
@@ -78,6 +79,17 @@ def test_without_the_key_a_forged_row_is_named(closed: OpenBatch, monkeypatch: p
     closed.store.put(chunk_key(closed.id, 1), body)
     with pytest.raises(StageFailed, match=f"episode {rows[0].index} says path_length_m"):
         vouched_record(closed.record(), closed.store, GATE, lambda: closed.plan)
+
+
+def test_people_are_told_of_results_that_nobody_here_vouches_for(
+    closed: OpenBatch, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    arn, page = closed.record().arn, tmp_path / "report.html"
+    assert write_report_page(closed.store, arn, page).notice == ""
+    elsewhere(monkeypatch, tmp_path)
+    told = write_report_page(closed.store, arn, page).notice
+    assert told.startswith(f"{closed.id}: this machine's key does not vouch for these results: ")
+    assert not (tmp_path / "elsewhere").exists()
 
 
 @pytest.mark.parametrize("name", ["counts", "sha256s", "metadata", "audit"])
