@@ -16,6 +16,7 @@ from flows.batch.batch_end import with_audit
 from flows.batch.early_end import EarlyEnd
 from flows.batch.replay_episode import bundles
 from specs.errors import StageFailed
+from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate, stops_early
 from tasks.results.tables.recordings import write_recordings
 from tasks.results.tables.table_record import recounted_facts
@@ -27,7 +28,6 @@ from tasks.simulate.batch.provenance import batch_metadata
 from tasks.simulate.batch.result_stream import result_parts
 from tasks.simulate.batch.seal import SEALED, facts_of, is_sealed, with_facts
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -52,7 +52,14 @@ class BatchRecount(NamedTuple):
     bundles: Mapping[str, Path]
 
 
-def vouched_record(record: JobRecord, store: Store, gate: Gate, plan: Callable[[], BatchPlan]) -> JobRecord:
+class Planned(NamedTuple):
+    """What the document asks for now: the batch's plan, and where its files go."""
+
+    plan: BatchPlan
+    location: OutputLocation
+
+
+def vouched_record(record: JobRecord, store: Store, gate: Gate, planned: Callable[[], Planned]) -> JobRecord:
     """Returns the record of a batch that Completed, with nothing in it to be judged by but what its owner vouches for.
 
     If the owner does not vouch for the record, because another machine wrote it or because somebody changed it, the
@@ -62,7 +69,7 @@ def vouched_record(record: JobRecord, store: Store, gate: Gate, plan: Callable[[
         record: As it was read from the store.
         store: Where the batch is.
         gate: The document's gate.
-        plan: Gives the plan that the document asks for now.
+        planned: Gives what the document asks for now.
 
     Raises:
         StageFailed: The batch is not what its record says.
@@ -70,13 +77,13 @@ def vouched_record(record: JobRecord, store: Store, gate: Gate, plan: Callable[[
     batch = load_batch(store, record.id)
     if is_sealed(record, batch.voucher):
         return with_facts(record, batch.plan, facts_of(record.detail))
-    found = count_batch(record, store, gate, plan())
+    found = count_batch(record, store, gate, planned())
     if found.changes:
         raise StageFailed("MismatchedEtag", "; ".join(found.changes), record.arn)
     return found.record
 
 
-def count_batch(record: JobRecord, store: Store, gate: Gate, plan: BatchPlan) -> BatchRecount:
+def count_batch(record: JobRecord, store: Store, gate: Gate, planned: Planned) -> BatchRecount:
     """Returns a batch that Completed, counted again from its chunks.
 
     A chunk that its owner does not vouch for is simulated anew, and is vouched for from then on if nothing differs.
@@ -85,14 +92,17 @@ def count_batch(record: JobRecord, store: Store, gate: Gate, plan: BatchPlan) ->
         record: As it was read from the store.
         store: Where the batch is.
         gate: The document's gate.
-        plan: What the document asks for.
+        planned: What the document asks for.
 
     Raises:
         StageFailed: The record says another plan, or a chunk is not what the simulation gives.
     """
+    plan = planned.plan
     batch = require_plan(store, record.id, plan)
     folders, sealed = bundles(batch), is_sealed(record, batch.voucher)
-    early = _commit_vouched(batch, folders, gate, record)
+    early = _commit_vouched(batch, folders, gate, planned.location)
+    if sealed:  # by the gate of the run that drove it, which may not be this one
+        early = {name: fact for name, fact in record.detail.items() if name == "stopped_early"}
     facts = recounted_facts(
         batch.id,
         result_parts(batch, record.status),
@@ -105,10 +115,10 @@ def count_batch(record: JobRecord, store: Store, gate: Gate, plan: BatchPlan) ->
 
 
 def _commit_vouched(
-    batch: OpenBatch, folders: Mapping[str, Path], gate: Gate, record: JobRecord
+    batch: OpenBatch, folders: Mapping[str, Path], gate: Gate, location: OutputLocation
 ) -> dict[str, JsonValue]:
     """Lets each chunk be one that is vouched for; returns why the batch ended early, if its gate is sure of it."""
-    recordings = partial(write_recordings, batch.store.url, recorded_location(record), batch.id)
+    recordings = partial(write_recordings, batch.store.url, location, batch.id)
     runner = ChunkRunner(folders, batch.plan.engine, lambda _: None)
     early, lanes = EarlyEnd(batch, gate if stops_early(gate) else None), batch.plan.lanes
     for number in range(batch.layout.chunks):

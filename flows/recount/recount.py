@@ -7,7 +7,7 @@ from flows.document.references import Numbers, numbered_finder
 from flows.document.tested_batch import batch_plan, compared_digest
 from flows.gate.baselines import NoBaseline
 from flows.gate.judge import GateAnswer, gate_material, read_baseline, read_gate_answer, tested_facts
-from flows.recount.batch_recount import BatchRecount, count_batch
+from flows.recount.batch_recount import BatchRecount, Planned, count_batch
 from flows.recount.sample import sample_changes
 from specs.arn import arn
 from specs.errors import DocumentError, StageFailed
@@ -22,6 +22,7 @@ from tasks.results.gate.evidence import Baseline, evidence_digest, gather
 from tasks.results.gate.gate import judge
 from tasks.simulate.batch.job import KIND
 from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.resolve import output_location
 from tasks.storage.base.keys import job_key, result_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, job_id, read
@@ -48,14 +49,15 @@ class Asked(NamedTuple):
     worlds: list[str]
 
 
-def asked_plan(asked: Asked, section: SimulationBatch, store: Store) -> BatchPlan:
-    """Returns the plan that the document asks for now.
+def asked_plan(asked: Asked, section: SimulationBatch, store: Store) -> Planned:
+    """Returns what the document asks for now.
 
     Raises:
         DocumentError: What it refers to is gone.
     """
     gate = asked.spec.gate if stops_early(asked.spec.gate) else None
-    return batch_plan(section, asked.worlds, store, numbered_finder(store, asked.versions), gate)
+    plan = batch_plan(section, asked.worlds, store, numbered_finder(store, asked.versions), gate)
+    return Planned(plan, output_location(section))
 
 
 def recount_changes(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) -> list[str]:
@@ -73,11 +75,11 @@ def recount_changes(asked: Asked, batch: JobRecord | None, store: Store, run: Jo
     if spec.simulationBatch is None or batch is None:
         return ["there is no batch that the gate could have judged"]
     try:
-        plan = asked_plan(asked, spec.simulationBatch, store)
-        changes = _world_changes(asked, plan, store, run)
+        planned = asked_plan(asked, spec.simulationBatch, store)
+        changes = _world_changes(asked, planned.plan, store, run)
         if changes:
             return changes
-        found = count_batch(read(store, KIND, batch.id), store, spec.gate, plan)
+        found = count_batch(read(store, KIND, batch.id), store, spec.gate, planned)
         changes = found.changes or _verdict_changes(asked, spec.gate, found, store, run)
         return changes or sample_changes(found.batch, found.bundles, recount_episodes())
     except (DocumentError, StageFailed) as exc:

@@ -8,11 +8,13 @@ from typing import Any
 import pytest
 
 from flows.gate.judge import gate_answer, read_baseline, read_gate_answer
+from flows.recount.batch_recount import Planned
 from flows.recount.recount import Asked, recount_changes
 from flows.stages import deploy, judge_batch_stage, vouch
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -29,7 +31,7 @@ class Run:
     def __init__(self, store: Store, batch: JobRecord, spec: PipelineSpec, monkeypatch: pytest.MonkeyPatch) -> None:
         without_prefect(monkeypatch)
         for module in ("flows.recount.recount", "flows.stages"):
-            monkeypatch.setattr(f"{module}.asked_plan", lambda *_: plan_of(batch))
+            monkeypatch.setattr(f"{module}.asked_plan", lambda *_: Planned(plan_of(batch), recorded_location(batch)))
         monkeypatch.setattr("flows.recount.recount.sample_changes", lambda *_: [])
         self.store, self.batch, self.spec, self.record = store, batch, spec, run_of(store)
         judge_batch_stage(spec, batch, store, self.record)
