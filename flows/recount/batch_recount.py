@@ -119,7 +119,7 @@ def _commit_vouched(
 ) -> dict[str, JsonValue]:
     """Lets each chunk be one that is vouched for; returns why the batch ended early, if its gate is sure of it."""
     recordings = partial(write_recordings, batch.store.url, location, batch.id)
-    runner = ChunkRunner(folders, batch.plan.engine, lambda _: None)
+    runner = ChunkRunner(folders, batch.plan.engine, batch.plan.recordings.rateHz, lambda _: None)
     early, lanes = EarlyEnd(batch, gate if stops_early(gate) else None), batch.plan.lanes
     for number in range(batch.layout.chunks):
         if early.ends_before(number):

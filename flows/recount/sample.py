@@ -37,7 +37,7 @@ def sample_changes(batch: OpenBatch, bundles: Mapping[str, Path], most: int, dra
         draw: Draws them; unpredictable, if not given.
     """
     drawn = _drawn(batch, most, draw or SystemRandom())
-    runner = ChunkRunner(bundles, batch.plan.engine, lambda _: None)
+    runner = ChunkRunner(bundles, batch.plan.engine, batch.plan.recordings.rateHz, lambda _: None)
     again = resimulate(batch, [batch.layout.request(row.index) for row in drawn], runner.run)
     changes = [
         f"{batch.store.url}/{chunk_key(batch.id, batch.layout.chunk_of(row.index))}: {change}"

@@ -20,6 +20,7 @@ from specs.field_types import OutputLocation
 from specs.settings import Workers
 from tasks.applications.registry import unpack
 from tasks.progress.task import Progress, show_progress
+from tasks.results.tables.application_output import write_output
 from tasks.results.tables.recordings import write_recordings
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
@@ -162,6 +163,7 @@ def _simulate_numbers(
             progress=_ignore,
             record=record,
             voucher=work.voucher,
+            output=partial(write_output, store_url, location, batch),
         )
         lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
     return ChunksDone(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")

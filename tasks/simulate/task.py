@@ -17,6 +17,7 @@ from tasks.simulate.batch.job import load_batch
 from tasks.storage.jobs.voucher import Voucher
 from tasks.storage.store_url import open_store
 
+WriteOutput = Callable[[int, str], None]
 _MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
 
 
@@ -32,6 +33,7 @@ def simulate_chunk(
     spent_s: float,
     progress: Callable[[int], None],
     record: WriteRecordings | None,
+    output: WriteOutput,
     voucher: Voucher | None = None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
@@ -46,11 +48,15 @@ def simulate_chunk(
         spent_s: Wall seconds that were spent on the batch before.
         progress: Told how many of the chunk's episodes are done.
         record: Writes the chunk's recordings, for a batch that has any.
+        output: Writes what applications printed during the chunk, if they printed anything.
         voucher: Vouches for the results on a worker; None on a machine of the owner.
     """
     work = load_batch(open_store(store_url), batch, voucher)
-    runner = ChunkRunner(bundles, work.plan.engine, progress)
-    return run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    runner = ChunkRunner(bundles, work.plan.engine, work.plan.recordings.rateHz, progress)
+    ended = run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    if printed := "".join(runner.printed):
+        output(number, printed)
+    return ended
 
 
 @task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False)
