@@ -10,13 +10,14 @@ from pydantic import JsonValue
 from flows.batch.batch_artifacts import show_batch_report
 from flows.batch.batch_report import MissingReport, WrittenReport, write_report, write_report_of_run
 from flows.document.references import Numbers, pinned_shipment, pins
+from flows.recount.recount import Asked
 from flows.resource.cancel import require_not_canceled
 from flows.resource.withdrawal import renew_metadata_here
 from flows.run.cancellation import cancel_with_flow_run, cancelable_run, canceled_state
 from flows.run.events import announce_changes
 from flows.run.run_owner import waiting_display
 from flows.run.stage_summary import recorded_report, run_with_alarm, with_alarm
-from flows.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment
+from flows.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
 from flows.workers.crew import wanted_workers
 from specs.artifact_text import table_rows
 from specs.data.run_report import PipelineReport
@@ -107,13 +108,15 @@ def _report(
     exported = export(spec, worlds, store, run)
     require_not_canceled(store, run)
     batch, simulated = simulate(spec, worlds, store, versions, run)
+    batch = vouch(spec, batch, worlds, store, versions)
     judged = judge_batch_stage(spec, batch, store, run, ships)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
         judged = _show_verdict(judged, store, batch)
     require_not_canceled(store, run)
     verdict = judged[0].status if judged else None
-    passed = verdict in (None, "PASS")
-    deployed = deploy(spec, batch, store, versions, run, ships=ships) if passed else skip_deployment(spec)
+    passed = verdict == "PASS" or spec.gate is None
+    asked = Asked(spec, base, versions, worlds, ships)
+    deployed = deploy(asked, batch, store, run) if passed else skip_deployment(spec)
     return PipelineReport.model_validate(
         {
             "run": run.id,

@@ -29,7 +29,17 @@ from tasks.results.tables.application_output import write_output
 from tasks.results.tables.recordings import write_recordings
 from tasks.results.task import write_tables
 from tasks.simulate.batch.chunk_store import spent_s
-from tasks.simulate.batch.job import GOING, KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
+from tasks.simulate.batch.job import (
+    GOING,
+    KIND,
+    OpenBatch,
+    close_batch,
+    complete,
+    load_batch,
+    open_batch,
+    require_plan,
+    time_out,
+)
 from tasks.simulate.batch.metrics import BatchMeter
 from tasks.simulate.batch.provenance import batch_metadata, note_machine
 from tasks.simulate.batch.result_stream import result_parts
@@ -74,6 +84,7 @@ def simulation_batch(
     def work(given: str) -> JobRecord:
         request = simulation_request(spec, store_id=store_id(at), token=given)
         record = open_batch(at, plan, canonical_document(request), request.clientRequestToken or given)
+        require_plan(at, record.id, plan)
         if is_terminal(record):
             return require_success(record)
         return require_success(_run(at, record.id, location, gate))
@@ -168,11 +179,11 @@ def _close(
     return end.record
 
 
-def _write_tables(batch: OpenBatch, location: OutputLocation) -> dict[str, JsonValue]:
+def _write_tables(batch: OpenBatch, location: OutputLocation, status: str) -> dict[str, JsonValue]:
     return write_tables(
         batch.store.url,
         batch.id,
-        lambda: result_parts(batch),
+        lambda: result_parts(batch, status),
         variables=batch.plan.variables(),
         location=location,
         metadata=batch_metadata(batch.plan.lanes),

@@ -8,6 +8,8 @@ from flows.deployment_sync import deployment_sync
 from flows.document.references import Numbers, deployed_version, numbered_finder
 from flows.gate.judge import gate_answer, read_gate_answer
 from flows.gate.shipment import evidence_changes, refusal_report, shippable, withdraw_deployment
+from flows.recount.batch_recount import vouched_record
+from flows.recount.recount import Asked, asked_plan, recount_changes
 from flows.run.events import announce_verdict
 from flows.run.stage_summary import (
     batch_report,
@@ -89,6 +91,28 @@ def simulate(
     return record, (batch_report(record, seconds),)
 
 
+def vouch(
+    spec: PipelineSpec, batch: JobRecord | None, worlds: list[str], store: Store, versions: Numbers
+) -> JobRecord | None:
+    """Returns the batch's record as its owner vouches for it, if a gate is to judge it.
+
+    Args:
+        spec: The document.
+        batch: The batch's record, as the store has it, or None.
+        worlds: ``<generation>/<world>`` of each world of this run.
+        store: The run's store.
+        versions: Numbers of the applications that the document brings, by ``<kind>/<name>``.
+
+    Raises:
+        StageFailed: The batch is not what its record says.
+    """
+    section = spec.simulationBatch
+    if section is None or batch is None or spec.gate is None:
+        return batch
+    asked = Asked(spec, ".", versions, worlds)
+    return vouched_record(batch, store, spec.gate, lambda: asked_plan(asked, section, store))
+
+
 def judge_batch_stage(
     spec: PipelineSpec, batch: JobRecord | None, store: Store, run: JobRecord, ships: Shipment | None = None
 ) -> Reports:
@@ -111,37 +135,37 @@ def judge_batch_stage(
     return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
 
 
-def deploy(
-    spec: PipelineSpec,
-    batch: JobRecord | None,
-    store: Store,
-    versions: Numbers,
-    run: JobRecord,
-    *,
-    ships: Shipment | None = None,
-) -> Reports:
+def deploy(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:
     """Returns the report of the roll-out of the application that the batch tested.
 
-    Right before, all that the gate saw is compared with its evidence; if anything has changed, nothing is shipped.
+    Right before, all that the gate saw is compared with its evidence, and counted again; if anything has changed,
+    nothing is shipped.
 
     Args:
-        spec: The document.
+        asked: The document, and what this process knows of it.
         batch: The record of the batch that was tested, or None.
         store: The run's store.
-        versions: Numbers of the applications that the document brings, by ``<kind>/<name>``.
         run: The run's record.
-        ships: What is shipped, as it was settled before anything ran; None for what the store has now.
     """
+    spec, versions = asked.spec, asked.versions
     section = spec.deployment
     if section is None:
         return ()
     token = stage_token(run, "deployment")
     tested = shippable(batch, store, run) if batch else None
     version = deployed_version(section, store, numbered_finder(store, versions), tested)
-    settled = ships or shipment_of(section, version)
+    settled = asked.ships or shipment_of(section, version)
     builds = settled.digests() if spec.gate else None
     changed = [*version_changes(settled, version)] if spec.gate else []
-    found, seconds = _measure(lambda: [*changed, *evidence_changes(version.digest, store, run, ships=ships)])
+    found, seconds = _measure(
+        lambda: (
+            [
+                *changed,
+                *evidence_changes(version.digest, store, run, gated=spec.gate is not None, ships=asked.ships),
+            ]
+            or recount_changes(asked, batch, store, run)
+        )
+    )
     if found:
         withdraw_deployment(store, section.clientRequestToken or token)
         return (refusal_report(found, seconds),)

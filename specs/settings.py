@@ -14,6 +14,8 @@ from specs.errors import DocumentError
 MAX_WORLDS = "SIMYARD_MAX_WORLDS"
 MIN_JOB_DURATION = "SIMYARD_MIN_JOB_DURATION"
 SERVER_WAIT = "SIMYARD_SERVER_WAIT"
+RECOUNT = "SIMYARD_RECOUNT"
+OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
 _ROBOMAKERS_MAX_WORLDS = 50
@@ -49,6 +51,15 @@ def server_wait_s() -> int:
         DocumentError: SIMYARD_SERVER_WAIT is no number of seconds.
     """
     return _number(SERVER_WAIT, 90, "a number of seconds, at least 1")
+
+
+def recount_episodes() -> int:
+    """Returns how many episodes are simulated again before anything is shipped: 8, or SIMYARD_RECOUNT.
+
+    Raises:
+        DocumentError: SIMYARD_RECOUNT is no number of episodes.
+    """
+    return _number(RECOUNT, 8, "a number of episodes, at least 1")
 
 
 def import_limit_s() -> int:

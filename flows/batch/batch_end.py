@@ -15,6 +15,7 @@ from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.batch.job import KIND, STOPPING, OpenBatch, close_batch, load_batch, terminal_state
 from tasks.simulate.batch.provenance import batch_metadata
 from tasks.simulate.batch.result_stream import give_up, result_parts
+from tasks.simulate.batch.seal import seal
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
@@ -43,10 +44,10 @@ def close_if_stopped(store: Store, batch: str) -> JobRecord:
         return close_with_tables(work)
 
 
-def close_with_tables(batch: OpenBatch) -> JobRecord:
+def close_with_tables(batch: OpenBatch, audit: Callable[[], Mapping[str, JsonValue]] = dict) -> JobRecord:
     """Returns a batch in its terminal state, its tables being written; every chunk that was begun is committed."""
     record = batch.record()
-    return end_batch(batch, record, recorded_location(record), write_tables=_write_tables).record
+    return end_batch(batch, record, recorded_location(record), write_tables=_write_tables, audit=audit).record
 
 
 class BatchEnd(NamedTuple):
@@ -61,7 +62,7 @@ def end_batch(
     record: JobRecord,
     location: OutputLocation,
     *,
-    write_tables: Callable[[OpenBatch, OutputLocation], Mapping[str, JsonValue]],
+    write_tables: Callable[[OpenBatch, OutputLocation, str], Mapping[str, JsonValue]],
     audit: Callable[[], Mapping[str, JsonValue]] = dict,
     more: Mapping[str, JsonValue] | None = None,
 ) -> BatchEnd:
@@ -71,16 +72,17 @@ def end_batch(
         batch: The batch.
         record: As it stood when its last episode ended.
         location: Where tables and report go.
-        write_tables: Writes the tables; returns what the record says of them.
+        write_tables: Writes the tables of a batch with that status; returns what the record says of them.
         audit: Audits a batch that is Completed; returns what the record says of that, nothing if there is no audit.
         more: What the record says besides, such as why the batch ended early.
     """
-    detail = {**write_tables(batch, location), **(more or {})}
+    detail = {**write_tables(batch, location, record.status), **(more or {})}
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     status, why = terminal_state(record, cast("int", detail["failed_inside"]))
     if status == "Completed":
         detail = with_audit(detail, audit())
+        detail |= seal(batch, detail)
     report = write_last_report(batch.store, record, status, detail, why)
     return BatchEnd(close_batch(batch.store, batch.id, status, detail | report_fields(report), why), report)
 
@@ -96,11 +98,11 @@ def with_audit(detail: Mapping[str, JsonValue], audited: Mapping[str, JsonValue]
     return {**detail, **audited, "sha256s": {**tables, **audit}}
 
 
-def _write_tables(batch: OpenBatch, location: OutputLocation) -> dict[str, JsonValue]:
+def _write_tables(batch: OpenBatch, location: OutputLocation, status: str) -> dict[str, JsonValue]:
     return write_batch_tables(
         batch.store,
         batch.id,
-        result_parts(batch),
+        result_parts(batch, status),
         variables=batch.plan.variables(),
         location=location,
         metadata=batch_metadata(batch.plan.lanes),

@@ -4,7 +4,7 @@ from pydantic import JsonValue
 
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.early_answer import EarlyAnswer
-from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.chunk_store import counted_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.batch.stop import leave_out
 
@@ -27,7 +27,8 @@ class EarlyEnd:
         """Returns whether the gate is certain after the chunks before that one; if so, the rest is left out."""
         if self._answer is None or self._gate is None or number == 0:
             return False
-        self._answer.add(committed_chunk(self._batch.store, self._batch.id, number - 1) or ())
+        rows = counted_chunk(self._batch.store, self._batch.id, number - 1, self._batch.voucher)
+        self._answer.add(rows or ())
         answer = self._answer.answer()
         if answer is None:
             return False

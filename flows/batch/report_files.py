@@ -13,7 +13,8 @@ from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.report.page import report_page
 from tasks.results.report.report_job import REPORT_FILE, put_report
-from tasks.simulate.batch.job import KIND
+from tasks.simulate.batch.job import KIND, load_batch
+from tasks.simulate.batch.seal import unvouched_notice
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, job_id
@@ -21,10 +22,11 @@ from tasks.storage.jobs.records import JobRecord, job_id
 
 @dataclass(frozen=True)
 class ReportPage:
-    """A page that was written: where it is, and its bytes."""
+    """A page that was written: where it is, its bytes, and what to tell who reads it; empty if nothing."""
 
     url: str
     page: bytes
+    notice: str = ""
 
 
 def write_report_page(store: Store, text: str, output: Path | None) -> ReportPage:
@@ -41,11 +43,12 @@ def write_report_page(store: Store, text: str, output: Path | None) -> ReportPag
     """
     record = _reportable(store, text)
     page = report_page(report_view_of(store, record, beside_tables=output is None))
+    notice = unvouched_notice(load_batch(store, record.id))
     if output is None:
-        return ReportPage(put_report(store, recorded_location(record), record.id, page), page)
+        return ReportPage(put_report(store, recorded_location(record), record.id, page), page, notice)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(page)
-    return ReportPage(output.resolve().as_uri(), page)
+    return ReportPage(output.resolve().as_uri(), page, notice)
 
 
 def local_copy(place: ReportPage) -> Path:

@@ -66,6 +66,7 @@ def compare(
     from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
     from flows.cli.batch_text import show_comparison
     from tasks.results.compare.comparison_verdict import comparison
+    from tasks.simulate.batch.seal import unvouched_notice
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
@@ -76,6 +77,8 @@ def compare(
         echo_json(found.model_dump_json(indent=2))
     else:
         show_comparison(found, TerminalConsole())
+    for notice in filter(None, map(unvouched_notice, (first.work, second.work))):
+        echo(notice, err=True)
     if output is not None and not pairs.flips:
         echo(f"nothing was written to {output}: no episode came out differently", err=as_json)
     elif output is not None:
@@ -142,5 +145,7 @@ def report(
 
     place = write_report_page(open_existing_store(store), arn, output)
     echo(place.url)
+    if place.notice:
+        echo(place.notice, err=True)
     if show:
         typer.launch(local_copy(place).as_uri())

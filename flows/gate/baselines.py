@@ -12,10 +12,11 @@ from tasks.results.gate.evidence import Baseline
 from tasks.results.statistics.pairs import PAIRED_COLUMNS, count_pairs, outcomes
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
-from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.batch.job import KIND, load_batch, plan_of
+from tasks.simulate.batch.seal import facts_of, is_sealed, with_facts
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, records
+from tasks.storage.jobs.records import JobRecord, read, records
 
 
 class NoBaseline(NamedTuple):
@@ -46,11 +47,11 @@ def find_baseline(rule: NoWorseThan, batch: JobRecord, store: Store) -> Baseline
     for record in _may_have_driven(digest, batch, store):
         if _same_episodes(digest, batch, record, store):
             return Baseline(
-                version=rule.applicationVersion, digest=digest, batch=record.id, sha256=_results_digest(record)
+                version=rule.applicationVersion, digest=digest, batch=record.id, sha256=results_digest(record)
             )
     return NoBaseline(
         f"no batch that Completed drove version {rule.applicationVersion} of {names[0]} ({digest[:12]}) on the same "
-        "episodes; put both versions into createSimulationJobRequests"
+        "episodes, and is vouched for by this owner; put both versions into createSimulationJobRequests"
     )
 
 
@@ -66,19 +67,31 @@ def read_outcomes(store: Store, record: JobRecord, digests: Iterable[str]) -> di
         ResourceNotFound: Its results are gone.
         StageFailed: They are not what it wrote.
     """
-    place, written = recorded_location(record), _results_digest(record)
+    place, written = recorded_location(record), results_digest(record)
     rows = stored_rows(store, place, record.id, RESULTS_FILE, sha256=written, columns=PAIRED_COLUMNS)
     return outcomes(rows, world_identities(store, plan_of(record).worlds_used()), digests)
 
 
+def sealed_record(store: Store, batch: str) -> JobRecord | None:
+    """Returns the record of a batch that its owner vouches for, or None; there may be no such batch."""
+    try:
+        record = read(store, KIND, batch)
+    except ResourceNotFound:
+        return None
+    opened = load_batch(store, batch)
+    return with_facts(record, opened.plan, facts_of(record.detail)) if is_sealed(record, opened.voucher) else None
+
+
 def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[JobRecord]:
-    """Yields the batch itself if it has the version, else others that have it, newest first."""
+    """Yields the batch itself if it has the version, else others that have it and are vouched for, newest first."""
     if _drove(batch, digest):
         yield batch
         return
     for record in reversed(records(store, KIND)):
         if record.id != batch.id and record.status == "Completed" and _drove(record, digest):
-            yield record
+            vouched = sealed_record(store, record.id)
+            if vouched is not None:
+                yield vouched
 
 
 def _drove(record: JobRecord, digest: str) -> bool:
@@ -98,5 +111,6 @@ def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Stor
     return count_pairs(read_outcomes(store, batch, candidates(plan, digest)), theirs).n > 0
 
 
-def _results_digest(record: JobRecord) -> str:
+def results_digest(record: JobRecord) -> str:
+    """Returns the SHA-256 of a batch's results, as its record says."""
     return cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]

@@ -3,6 +3,7 @@
 A run that is killed and continued finds both there, and so judges the same.
 """
 
+from collections.abc import Mapping
 from functools import partial
 from typing import cast
 
@@ -11,10 +12,12 @@ import pyarrow.compute as pc
 from pydantic import JsonValue
 
 from flows.document.tested_batch import candidates
-from flows.gate.baselines import NoBaseline, find_baseline, read_outcomes
+from flows.gate.baselines import NoBaseline, find_baseline, read_outcomes, results_digest, sealed_record
 from specs.arn import parse_reference
 from specs.base import Spec
 from specs.data.run_report import Verdict
+from specs.digest import canonical_json
+from specs.errors import StageFailed
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Baseline, TestedBatch, tested_batch
 from tasks.results.gate.gate import columns_needed, count_rows
@@ -25,13 +28,15 @@ from tasks.results.statistics.success import EpisodeCounts
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.results.task import judge_batch
-from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.batch.job import plan_of
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read
+from tasks.storage.jobs.voucher import Voucher, owner_voucher
 
-_GATE, _BASELINE = "gate", "baseline"
+_GATE, _BASELINE, _SEAL = "gate", "baseline", "Seal"
 
 
 class GateAnswer(Spec):
@@ -56,7 +61,7 @@ def gate_answer(
     """Returns the answer on a batch: the one that the run's record has, or a new one, which it has then.
 
     A run that was killed after its gate is not judged again: its evidence stands, and is held against what it speaks of
-    before anything is shipped.
+    before anything is shipped. An answer that this owner does not vouch for is only compared with a new one.
 
     Args:
         gate: What the document asks for.
@@ -66,10 +71,10 @@ def gate_answer(
         ships: What the document ships, if it deploys.
 
     Raises:
-        StageFailed: The results are not what the batch wrote.
+        StageFailed: The results are not what the batch wrote, or the run's record has an answer that does not follow.
     """
     pinned = read_gate_answer(store, run)
-    if pinned is not None:
+    if pinned is not None and _is_vouched(store, run, _GATE):
         return pinned
     other = _baseline(gate, batch, store, run)
     baseline = other if isinstance(other, Baseline) else None
@@ -87,6 +92,8 @@ def gate_answer(
     answer = GateAnswer(
         batch=batch.id, verdict=verdict.verdict, sentence=verdict.sentence, evidence_url=url, evidence=digest
     )
+    if pinned not in (None, answer):
+        raise _another_answer(store, run, pinned, answer)
     _pin(store, run, _GATE, answer)
     return answer
 
@@ -98,9 +105,10 @@ def read_gate_answer(store: Store, run: JobRecord) -> GateAnswer | None:
 
 
 def read_baseline(store: Store, run: JobRecord) -> Baseline | None:
-    """Returns the version that the gate of a run compares with, once it has found one."""
-    found = read(store, "pipeline-run", run.id).detail.get(_BASELINE)
-    return Baseline.model_validate(found) if found is not None else None
+    """Returns the version that the gate of a run compares with, once it has found one that its owner vouches for."""
+    found = read(store, "pipeline-run", run.id).detail
+    vouched = _BASELINE in found and _vouches(run, _BASELINE, found)
+    return Baseline.model_validate(found[_BASELINE]) if vouched else None
 
 
 def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> GateMaterial:
@@ -166,8 +174,11 @@ def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) 
         return ""
     if isinstance(other, NoBaseline):
         return other.why
+    theirs = batch if other.batch == batch.id else sealed_record(store, other.batch)
+    if theirs is None or results_digest(theirs) != other.sha256:
+        return f"nobody vouches for the results of {other.batch!r:.80}"
     ours = read_outcomes(store, batch, candidates(plan_of(batch), other.digest))
-    return count_pairs(ours, read_outcomes(store, read(store, KIND, other.batch), [other.digest]))
+    return count_pairs(ours, read_outcomes(store, theirs, [other.digest]))
 
 
 def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:
@@ -177,5 +188,28 @@ def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:
 
 
 def _pin(store: Store, run: JobRecord, key: str, value: Spec) -> None:
-    now = read(store, "pipeline-run", run.id)
-    advance(store, "pipeline-run", run.id, now.status, detail={key: value.model_dump(mode="json")})
+    now, said = read(store, "pipeline-run", run.id), value.model_dump(mode="json")
+    mac = _voucher(run).mac(key, canonical_json(said))
+    advance(store, "pipeline-run", run.id, now.status, detail={key: said, f"{key}{_SEAL}": mac})
+
+
+def _is_vouched(store: Store, run: JobRecord, key: str) -> bool:
+    return _vouches(run, key, read(store, "pipeline-run", run.id).detail)
+
+
+def _vouches(run: JobRecord, key: str, detail: Mapping[str, JsonValue]) -> bool:
+    mac, said = detail.get(f"{key}{_SEAL}"), detail.get(key)
+    if not isinstance(mac, str) or not isinstance(said, dict):
+        return False
+    return _voucher(run).vouches(mac, key, canonical_json(said))
+
+
+def _voucher(run: JobRecord) -> Voucher:
+    return owner_voucher(run.id, "")
+
+
+def _another_answer(store: Store, run: JobRecord, said: GateAnswer | None, computed: GateAnswer) -> StageFailed:
+    key = f"{store.url}/{job_key(run.kind, run.id)}"
+    said_text = f"{said.verdict} ({said.sentence[:200]!r})" if said else ""
+    why = f"{key} says the verdict {said_text}, which this owner has not written; computed: {computed.sentence}"
+    return StageFailed("MismatchedEtag", why)

@@ -11,6 +11,7 @@ from tasks.results.gate.evidence_check import evidence_faults
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read
 
@@ -23,18 +24,22 @@ def shippable(batch: JobRecord, store: Store, run: JobRecord) -> dict[str, str]:
     return tested_bundles(plan_of(batch), other.digest if other else "")
 
 
-def evidence_changes(shipped: str, store: Store, run: JobRecord, *, ships: Shipment | None = None) -> list[str]:
-    """Returns what is not as the gate of a run saw it, one line each; nothing if all is, or if nobody judged.
+def evidence_changes(
+    shipped: str, store: Store, run: JobRecord, *, gated: bool = True, ships: Shipment | None = None
+) -> list[str]:
+    """Returns what is not as the gate of a run saw it, one line each; nothing if all is, or if there is no gate.
 
     Args:
         shipped: SHA-256 of the bundle that is to be shipped.
         store: Where everything is.
         run: The pipeline's run, with its gate's answer.
         ships: What is to be shipped, build by build.
+        gated: Whether the document has a gate, without whose answer nothing is shipped.
     """
     answer = read_gate_answer(store, run)
     if answer is None:
-        return []
+        missing = f"{store.url}/{job_key(run.kind, run.id)} says no gate's answer, and the document has a gate"
+        return [missing] if gated else []
     return evidence_faults(
         store,
         answer.batch,

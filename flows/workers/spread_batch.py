@@ -22,13 +22,14 @@ from tasks.applications.registry import unpack
 from tasks.progress.task import Progress, show_progress
 from tasks.results.tables.application_output import write_output
 from tasks.results.tables.recordings import write_recordings
-from tasks.simulate.batch.chunk_store import chunk_numbers, is_committed, spent_s
+from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
 from tasks.simulate.batch.metrics import BatchMeter, BatchMetrics, ChunkWork
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.batch.result_stream import give_up
 from tasks.simulate.task import simulate_chunk
 from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.jobs.voucher import Voucher
 from tasks.storage.store_url import open_store
 
 
@@ -72,7 +73,7 @@ class _Spread:
     """A batch that is being handed out."""
 
     def __init__(self, batch: OpenBatch, location: OutputLocation, progress: Progress, meter: BatchMeter) -> None:
-        committed = chunk_numbers(batch.store, batch.id).committed
+        committed = [number for number in chunk_numbers(batch.store, batch.id).committed if _is_vouched(batch, number)]
         self.left = [number for number in range(batch.layout.chunks) if number not in committed]
         self.done = sum(map(batch.layout.chunk_size, committed))
         self._batch, self._location, self._progress, self._meter = batch, location, progress, meter
@@ -87,6 +88,7 @@ class _Spread:
             location=self._location,
             left_s=batch.plan.timeout_s - worked_s,
             spent_s=worked_s,
+            voucher=self._batch.voucher,
         )
 
     def going(self) -> bool:
@@ -96,7 +98,7 @@ class _Spread:
         return now.status in GOING
 
     def missing(self, numbers: Numbers) -> Numbers:
-        return tuple(number for number in numbers if not is_committed(self._batch.store, self._batch.id, number))
+        return tuple(number for number in numbers if not _is_vouched(self._batch, number))
 
     def on_end(self, end: PieceOutcome) -> float:
         piece: ChunksDone = end.result
@@ -111,7 +113,14 @@ class _Spread:
 
 @task(name="simulate-chunks", task_run_name="simulate-chunks-{numbers}", cache_policy=NO_CACHE, persist_result=False)
 def simulate_chunks(
-    store_url: str, batch: str, numbers: Numbers, *, location: OutputLocation, left_s: float, spent_s: float
+    store_url: str,
+    batch: str,
+    numbers: Numbers,
+    *,
+    location: OutputLocation,
+    left_s: float,
+    spent_s: float,
+    voucher: Voucher,
 ) -> ChunksDone:
     """Returns what was done of some chunks, one after the other; runs on a worker, which may be another machine.
 
@@ -122,10 +131,11 @@ def simulate_chunks(
         location: The batch's output location.
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on the batch before.
+        voucher: Vouches for the results, under a key of the batch that the store does not have.
     """
     with announce_changes():  # a worker may be the first to see that time is up
         return _simulate_numbers(
-            load_batch(open_store(store_url), batch), numbers, location, left_s=left_s, spent_s=spent_s
+            load_batch(open_store(store_url), batch, voucher), numbers, location, left_s=left_s, spent_s=spent_s
         )
 
 
@@ -152,10 +162,16 @@ def _simulate_numbers(
             spent_s=spent_s + took_s,
             progress=_ignore,
             record=record,
+            voucher=work.voucher,
             output=partial(write_output, store_url, location, batch),
         )
         lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
     return ChunksDone(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")
+
+
+def _is_vouched(batch: OpenBatch, number: int) -> bool:
+    found = stored_chunk(batch.store, batch.id, number, batch.voucher)
+    return found is not None and found.vouched
 
 
 def _ignore(_done: int) -> None:

@@ -14,6 +14,7 @@ from tasks.simulate.audit.audit_run import write_audit as audit_opened
 from tasks.simulate.batch.chunk_runner import ChunkRunner
 from tasks.simulate.batch.commit import ChunkEnd, WriteRecordings, run_chunk
 from tasks.simulate.batch.job import load_batch
+from tasks.storage.jobs.voucher import Voucher
 from tasks.storage.store_url import open_store
 
 WriteOutput = Callable[[int, str], None]
@@ -33,6 +34,7 @@ def simulate_chunk(
     progress: Callable[[int], None],
     record: WriteRecordings | None,
     output: WriteOutput,
+    voucher: Voucher | None = None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
 
@@ -47,8 +49,9 @@ def simulate_chunk(
         progress: Told how many of the chunk's episodes are done.
         record: Writes the chunk's recordings, for a batch that has any.
         output: Writes what applications printed during the chunk, if they printed anything.
+        voucher: Vouches for the results on a worker; None on a machine of the owner.
     """
-    work = load_batch(open_store(store_url), batch)
+    work = load_batch(open_store(store_url), batch, voucher)
     runner = ChunkRunner(bundles, work.plan.engine, work.plan.recordings.rateHz, progress)
     ended = run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
     if printed := "".join(runner.printed):

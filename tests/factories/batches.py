@@ -17,6 +17,7 @@ from specs.data.world import World
 from specs.pipeline.simulation_section import Recordings
 from tasks.applications.registry import publish_bundle
 from tasks.results.tables.recordings import write_recordings
+from tasks.simulate.audit.audit_run import write_audit
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import OpenBatch, complete, load_batch, open_batch
 from tasks.simulate.batch.provenance import note_machine
@@ -91,11 +92,12 @@ def closed_batch(store: Store, plan: BatchPlan, name: str = "tok") -> OpenBatch:
     batch = load_batch(store, open_batch(store, plan, request(plan), name).id)
     note_machine(batch)
     folders = bundles(batch)
-    record = partial(write_recordings, store.url, recorded_location(batch.record()), batch.id)
+    recordings = partial(write_recordings, store.url, recorded_location(batch.record()), batch.id)
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, partial(_simulate, batch, folders), record, lanes=plan.lanes, left_s=99.0)
-    complete(batch)
-    close_with_tables(batch)
+        run_chunk(batch, number, partial(_simulate, batch, folders), recordings, lanes=plan.lanes, left_s=99.0)
+    record = complete(batch)
+    audit = partial(write_audit, batch, folders, recorded_location(record)) if plan.audit else dict
+    close_with_tables(batch, audit)
     return batch
 
 

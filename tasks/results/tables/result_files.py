@@ -58,6 +58,23 @@ def write_results(
     return {**where, "sha256s": {**digests}}, tally
 
 
+def recounted_results(
+    batch_id: str, parts: Iterable[EpisodePart], *, variables: Variables, metadata: Mapping[str, str]
+) -> tuple[dict[str, str], EpisodeTally]:
+    """Returns the SHA-256 that each table has when it is written from these episodes, and what they came to.
+
+    Nothing is kept.
+
+    Args:
+        batch_id: The batch.
+        parts: All its episodes, as ``write_results`` takes them.
+        variables: The values that each environment variable takes in the batch.
+        metadata: For the files' footers.
+    """
+    with tempfile.TemporaryDirectory(prefix="simyard-recount-") as folder:
+        return _write(Path(folder), batch_id, parts, variables, metadata)
+
+
 def _write(
     folder: Path, batch_id: str, parts: Iterable[EpisodePart], variables: Variables, metadata: Mapping[str, str]
 ) -> tuple[dict[str, str], EpisodeTally]:

@@ -6,7 +6,7 @@ from pydantic import JsonValue
 
 from specs.field_types import OutputLocation
 from tasks.results.statistics.summary import EpisodeTally
-from tasks.results.tables.result_files import EpisodePart, Variables, write_results
+from tasks.results.tables.result_files import EpisodePart, Variables, recounted_results, write_results
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
@@ -38,7 +38,7 @@ def write_batch_tables(
     ]
     detail: dict[str, JsonValue] = {
         **written,
-        "metadata": {**metadata, **tally.ran_on()},
+        "metadata": _metadata(metadata, tally),
         "episodes": counts.episodes + counts.canceled,
         "passed": counts.successes,
         "simulated_s": round(tally.simulated_s, 3),
@@ -47,3 +47,26 @@ def write_batch_tables(
         "why_not": why_not,
     }
     return detail, tally
+
+
+def recounted_facts(
+    batch: str, parts: Iterable[EpisodePart], *, variables: Variables, metadata: Mapping[str, str]
+) -> dict[str, JsonValue]:
+    """Returns what a batch's record has to say of its tables and counts; nothing is written.
+
+    Args:
+        batch: The batch's id.
+        parts: Its episodes in the order of their indices, some at a time.
+        variables: The values that each environment variable takes in the batch.
+        metadata: For the files' footers; what the rows say of engines and devices is added, over what it says of them.
+    """
+    digests, tally = recounted_results(batch, parts, variables=variables, metadata=metadata)
+    return {
+        "sha256s": {**digests},
+        "metadata": _metadata(metadata, tally),
+        "counts": tally.counts().model_dump(),
+    }
+
+
+def _metadata(metadata: Mapping[str, str], tally: EpisodeTally) -> dict[str, JsonValue]:
+    return {**metadata, **tally.ran_on()}

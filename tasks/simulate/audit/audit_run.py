@@ -18,7 +18,7 @@ from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit.audit_apart import audit_apart
 from tasks.simulate.audit.audit_report import AuditReport, not_run
 from tasks.simulate.audit.audit_sample import draw_sample
-from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.chunk_store import counted_chunk
 from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.process.simulator import SimulatorEnded
@@ -63,13 +63,29 @@ def write_audit(
     key = output_key(location.s3Prefix, f"{batch.id}/{AUDIT_FILE}")
     body = encode_document(report)
     bucket.put(key, body)
-    digests: dict[str, JsonValue] = {AUDIT_FILE: hashlib.sha256(body).hexdigest()}
-    return {"audit": report.model_dump(mode="json"), "audit_url": f"{bucket.url}/{key}", "sha256s": digests}
+    return {**_said(report), "audit_url": f"{bucket.url}/{key}"}
+
+
+def audit_again(batch: OpenBatch, bundles: Mapping[str, Path]) -> dict[str, JsonValue]:
+    """Returns what a batch's record has to say of its audit, which is made anew; nothing is written.
+
+    Args:
+        batch: All its chunks are committed.
+        bundles: Unpacked folders of the applications, by digest.
+    """
+    return _said(_audited(batch, bundles, lambda _: None))
+
+
+def _said(report: AuditReport) -> dict[str, JsonValue]:
+    digests: dict[str, JsonValue] = {AUDIT_FILE: hashlib.sha256(encode_document(report)).hexdigest()}
+    return {"audit": report.model_dump(mode="json"), "sha256s": digests}
 
 
 def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) -> AuditReport:
     found = draw_sample(
-        batch.layout, lambda number: committed_chunk(batch.store, batch.id, number) or (), batch.plan.audit
+        batch.layout,
+        lambda number: counted_chunk(batch.store, batch.id, number, batch.voucher) or (),
+        batch.plan.audit,
     )
     worlds, missing = load_worlds(batch, [each.request for each in found])
     mounted = batch_mounts(batch)

@@ -1,18 +1,27 @@
-"""The chunks of a batch in the store: when each was begun, and its committed results."""
+"""The chunks of a batch in the store: when each was begun, and its committed results.
+
+A chunk says what vouches for its results (``tasks.storage.jobs.voucher``), so that nothing is counted that somebody
+else has written there. One that this owner cannot vouch for is simulated anew and compared.
+"""
 
 import time
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from specs.base import Spec
 from specs.data.episode import EpisodeResult
-from specs.errors import ObjectExists, ObjectNotFound
+from specs.errors import ObjectExists, ObjectNotFound, StageFailed
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import chunk_key, chunk_start_key, chunks_prefix
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.voucher import MAC_LENGTH, Voucher
 
 _ROWS = TypeAdapter(list[EpisodeResult])
+# A chunk is JSON that begins and ends with these bytes, so that what is vouched for is exactly what stands between.
+_BEGIN, _MIDDLE, _END = b'{"mac":"', b'","rows":', b"}"
+_ROWS_SHOWN = 3
 
 
 class ChunkStart(Spec):
@@ -61,33 +70,109 @@ def chunk_start(store: Store, batch: str, number: int) -> ChunkStart | None:
         return None
 
 
-def commit(store: Store, batch: str, number: int, results: Sequence[EpisodeResult]) -> list[EpisodeResult]:
+class StoredChunk(NamedTuple):
+    """A chunk as it lies in the store.
+
+    Attributes:
+        rows: Its results; None if they are not results at all.
+        vouched: Whether this owner vouches for them.
+    """
+
+    rows: list[EpisodeResult] | None
+    vouched: bool
+
+
+def commit(
+    store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: Voucher
+) -> list[EpisodeResult]:
     """Returns what is committed of a chunk from now on: these results, or those of another process that was faster.
+
+    Results that lie there and that nobody vouches for are replaced by equal ones.
 
     Args:
         store: Where the batch is.
         batch: Its id.
         number: The chunk's.
         results: Of its episodes, in request order.
+        voucher: Vouches for them.
+
+    Raises:
+        StageFailed: There are other results, which nobody vouches for.
     """
+    body = _vouched_body(results, number, voucher)
     try:
-        store.create(chunk_key(batch, number), _ROWS.dump_json(list(results)))
+        store.create(chunk_key(batch, number), body)
     except ObjectExists:
-        return committed_chunk(store, batch, number) or []
+        found = stored_chunk(store, batch, number, voucher)
+        if found is not None and found.vouched:
+            return found.rows or []
+        if found is not None:
+            _require_same(store, chunk_key(batch, number), found.rows, results)
+        store.put(chunk_key(batch, number), body)
     return list(results)
 
 
-def committed_chunk(store: Store, batch: str, number: int) -> list[EpisodeResult] | None:
-    """Returns the results of a chunk that was committed, or None."""
+def commit_missing(store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: Voucher) -> None:
+    """Commits a chunk if nobody else has: for a batch that was stopped, whose results are not judged."""
     try:
-        return _ROWS.validate_json(store.get(chunk_key(batch, number)).body)
+        store.create(chunk_key(batch, number), _vouched_body(results, number, voucher))
+    except ObjectExists:
+        return
+
+
+def stored_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> StoredChunk | None:
+    """Returns a chunk that was committed, and whether its owner vouches for it; None if there is none."""
+    try:
+        body = store.get(chunk_key(batch, number)).body
+    except ObjectNotFound:
+        return None
+    mac, rows = _parts(body)
+    vouched = voucher.vouches(mac, _name(number), rows)
+    try:
+        return StoredChunk(_ROWS.validate_json(rows), vouched)
+    except ValidationError:
+        return StoredChunk(None, vouched=False)
+
+
+def counted_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> list[EpisodeResult] | None:
+    """Returns the results of a chunk to be counted, or None if it is not committed.
+
+    Raises:
+        StageFailed: Nobody vouches for what lies there.
+    """
+    found = stored_chunk(store, batch, number, voucher)
+    if found is not None and not found.vouched:
+        why = f"{store.url}/{chunk_key(batch, number)} is not what this owner's process wrote there"
+        raise StageFailed("MismatchedEtag", f"{why}. Somebody has changed it: run the document again")
+    return found.rows if found else None
+
+
+def committed_chunk(store: Store, batch: str, number: int) -> list[EpisodeResult] | None:
+    """Returns the results of a chunk that was committed, whoever wrote them, or None; to be shown, not to be judged."""
+    try:
+        return _ROWS.validate_json(_parts(store.get(chunk_key(batch, number)).body)[1])
     except ObjectNotFound:
         return None
 
 
-def is_committed(store: Store, batch: str, number: int) -> bool:
-    """Returns whether a chunk was committed."""
-    return store.exists(chunk_key(batch, number))
+def row_changes(found: Sequence[EpisodeResult] | None, computed: Sequence[EpisodeResult]) -> list[str]:
+    """Returns how results differ from those that were computed, the first three of them; nothing if they are the same.
+
+    Equal is what is written as the same bytes.
+
+    Args:
+        found: As they lie there; None if they are not results at all.
+        computed: In the order that they should have.
+    """
+    if found is None or [row.index for row in found] != [row.index for row in computed]:
+        return ["it does not hold the results of its episodes"]
+    changed = [
+        f"episode {ours.index} says {_differing(theirs, ours)}"
+        for theirs, ours in zip(found, computed, strict=True)
+        if theirs.model_dump_json() != ours.model_dump_json()
+    ]
+    more = [f"and {len(changed) - _ROWS_SHOWN} more episodes"] if len(changed) > _ROWS_SHOWN else []
+    return [*changed[:_ROWS_SHOWN], *more]
 
 
 def chunk_numbers(store: Store, batch: str) -> ChunkNumbers:
@@ -103,3 +188,45 @@ def spent_s(store: Store, batch: str) -> float:
     begun = chunk_numbers(store, batch).begun
     start = chunk_start(store, batch, max(begun)) if begun else None
     return start.spent_s if start else 0.0
+
+
+def _require_same(
+    store: Store, key: str, found: Sequence[EpisodeResult] | None, computed: Sequence[EpisodeResult]
+) -> None:
+    """Lets results that nobody vouches for pass if they are those that were computed.
+
+    They are refused, and not just replaced: either somebody has tampered with the store, or two machines of this owner
+    do not compute the same, and a person has to know of both.
+    """
+    changes = row_changes(found, computed)
+    if changes:
+        why = f"{store.url}/{key} was not written by this owner, and is not what the simulation gives: "
+        raise StageFailed("MismatchedEtag", f"{why}{'; '.join(changes)}. To simulate all anew, run the document again")
+
+
+def _differing(theirs: EpisodeResult, ours: EpisodeResult) -> str:
+    names = [name for name in EpisodeResult.model_fields if repr(getattr(theirs, name)) != repr(getattr(ours, name))]
+    shown = [f"{name} {_short(getattr(theirs, name))}, computed {_short(getattr(ours, name))}" for name in names]
+    return ", ".join(shown[:_ROWS_SHOWN])
+
+
+def _short(value: object) -> str:
+    return repr(value)[:80]
+
+
+def _vouched_body(results: Sequence[EpisodeResult], number: int, voucher: Voucher) -> bytes:
+    rows = _ROWS.dump_json(list(results))
+    return _BEGIN + voucher.mac(_name(number), rows).encode() + _MIDDLE + rows + _END
+
+
+def _parts(body: bytes) -> tuple[str, bytes]:
+    """Returns what vouches for a chunk's results, and their bytes; of older versions, nothing vouches for a chunk."""
+    start = len(_BEGIN) + MAC_LENGTH + len(_MIDDLE)
+    mac, middle = body[len(_BEGIN) : len(_BEGIN) + MAC_LENGTH], body[len(_BEGIN) + MAC_LENGTH : start]
+    if not (body.startswith(_BEGIN) and middle == _MIDDLE and body.endswith(_END)):
+        return "", body
+    return mac.decode(errors="replace"), body[start : -len(_END)]
+
+
+def _name(number: int) -> str:
+    return f"chunk {number}"

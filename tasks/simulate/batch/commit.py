@@ -9,7 +9,7 @@ from typing import NamedTuple
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
 from specs.data.world import World
 from specs.errors import ObjectNotFound, WorldChanged
-from tasks.simulate.batch.chunk_store import begin_chunk, commit, committed_chunk
+from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
 from tasks.simulate.batch.stop import StopWatch, canceled_row
@@ -76,6 +76,8 @@ def run_chunk(
 ) -> ChunkEnd:
     """Returns how a chunk ended, once its results are committed; one that was committed before is not run again.
 
+    One that was committed and that this owner does not vouch for is run again, and compared.
+
     Args:
         batch: The batch.
         number: The chunk's number.
@@ -84,10 +86,13 @@ def run_chunk(
         lanes: How many lanes fit into memory, as far as is known.
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on it before.
+
+    Raises:
+        StageFailed: It was committed with other results, which nobody vouches for.
     """
-    committed = committed_chunk(batch.store, batch.id, number)
-    if committed is not None:
-        return ChunkEnd(len(committed), lanes)
+    committed = stored_chunk(batch.store, batch.id, number, batch.voucher)
+    if committed is not None and committed.vouched:
+        return ChunkEnd(batch.layout.chunk_size(number), lanes)
     start_s, start = time.monotonic(), begin_chunk(batch.store, batch.id, number, spent_s)
     chunk = batch.layout.chunk(number)
     worlds, missing = load_worlds(batch, chunk.requests)
@@ -101,7 +106,7 @@ def run_chunk(
     if record is not None:
         by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
     ordered = [by_index.get(each.index) or failed_result(each.index, unable[each.index]) for each in chunk.requests]
-    rows = commit(batch.store, batch.id, number, ordered)
+    rows = commit(batch.store, batch.id, number, ordered, batch.voucher)
     took = work_of(timings, simulated_s=sum(row.simulated_s for row in rows), wall_s=time.monotonic() - start_s)
     return ChunkEnd(len(rows), lanes, took)
 

@@ -18,12 +18,14 @@ from typing import Literal, cast
 from pydantic import JsonValue
 
 from specs.base import Fault
-from specs.errors import ResourceNotFound
+from specs.errors import ResourceNotFound, StageFailed
 from specs.robomaker.simulation import SimulationJobBatchErrorCode
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
+from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
+from tasks.storage.jobs.voucher import Voucher, owner_voucher
 from tasks.storage.store_url import open_store
 
 KIND = "simulation-job-batch"
@@ -42,16 +44,23 @@ class OpenBatch:
         store: Where its record, worlds and chunks are.
         id: Its id.
         layout: Its episodes and chunks.
+        given: What vouches for its chunks, for a worker that was given it; None on a machine of the owner.
     """
 
     store: Store
     id: str
     layout: Layout
+    given: Voucher | None = None
 
     @property
     def plan(self) -> BatchPlan:
         """Returns what it runs."""
         return self.layout.plan
+
+    @functools.cached_property
+    def voucher(self) -> Voucher:
+        """What vouches for its chunks, as those of the plan that this process knows."""
+        return self.given or owner_voucher(self.id, self.layout.plan_digest)
 
     def record(self) -> JobRecord:
         """Returns its record as it stands now."""
@@ -74,13 +83,40 @@ def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], tok
     return advance(store, KIND, record.id, "InProgress", only_from={"Pending"})
 
 
-def load_batch(store: Store, batch: str) -> OpenBatch:
+def load_batch(store: Store, batch: str, voucher: Voucher | None = None) -> OpenBatch:
     """Returns a batch that was opened before.
+
+    Args:
+        store: Where its record is.
+        batch: Its id.
+        voucher: What a worker was given to vouch for its chunks; None on a machine of the owner.
 
     Raises:
         ResourceNotFound: No such batch.
+        StageFailed: Its record says another plan than the one that the worker shall vouch for.
     """
-    return OpenBatch(store, batch, _layout(store.url, batch))
+    found = OpenBatch(store, batch, _layout(store.url, batch), voucher)
+    if voucher and voucher.plan != found.layout.plan_digest:
+        raise _another_plan(store, batch, found.layout.plan_digest, voucher.plan)
+    return found
+
+
+def require_plan(store: Store, batch: str, plan: BatchPlan) -> OpenBatch:
+    """Returns a batch that was opened with a plan, if its record says that plan.
+
+    Raises:
+        ResourceNotFound: No such batch.
+        StageFailed: It says another one.
+    """
+    found, meant = load_batch(store, batch), Layout(plan)
+    if found.layout.plan_digest != meant.plan_digest:
+        raise _another_plan(store, batch, found.layout.plan_digest, meant.plan_digest)
+    return found
+
+
+def _another_plan(store: Store, batch: str, found: str, meant: str) -> StageFailed:
+    why = f"{store.url}/{job_key(KIND, batch)} says the plan {found}; the document's plan is {meant}"
+    return StageFailed("MismatchedEtag", f"{why}. Somebody has changed the record: run the document again")
 
 
 def plan_of(record: JobRecord) -> BatchPlan:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished_result
 from specs.errors import ObjectNotFound
-from tasks.simulate.batch.chunk_store import chunk_numbers, commit, committed_chunk
+from tasks.simulate.batch.chunk_store import chunk_numbers, commit_missing, committed_chunk, counted_chunk
 from tasks.simulate.batch.job import OpenBatch, canceled_jobs
 from tasks.simulate.batch.stop import StopCode, canceled_row
 
@@ -23,15 +23,20 @@ STOP_CODES: Mapping[str, StopCode] = {
 }
 
 
-def result_parts(batch: OpenBatch) -> Iterator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
+def result_parts(batch: OpenBatch, status: str) -> Iterator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
     """Yields a batch's episodes by index, some at a time, and a result for each.
 
     Episodes of a batch that was stopped before they began are Canceled.
 
+    Args:
+        batch: The batch.
+        status: Its status; a batch that was stopped is not judged, so that its chunks are taken as they are.
+
     Raises:
         ObjectNotFound: A chunk of a batch that was not stopped is not committed.
+        StageFailed: Nobody vouches for a chunk of a batch that was not stopped.
     """
-    code = STOP_CODES.get(batch.record().status, "")
+    code = STOP_CODES.get(status, "")
     size = SHUFFLED_PART_EPISODES if batch.plan.shuffled else PART_EPISODES
     for first in range(0, batch.layout.episodes, size):
         end = min(first + size, batch.layout.episodes)
@@ -42,11 +47,17 @@ def result_parts(batch: OpenBatch) -> Iterator[tuple[list[EpisodeRequest], list[
 def _results(batch: OpenBatch, first: int, end: int, code: StopCode) -> list[EpisodeResult]:
     found: dict[int, EpisodeResult] = {}
     for number in batch.layout.chunks_between(first, end):
-        rows = committed_chunk(batch.store, batch.id, number)
+        rows = _rows(batch, number, code)
         if rows is None and not code:
             raise ObjectNotFound(f"{batch.store.url}: chunk {number} of {batch.id} is not committed")
         found.update((row.index, row) for row in rows or () if first <= row.index < end)
     return [found.get(index) or canceled_row(index, code) for index in range(first, end)]
+
+
+def _rows(batch: OpenBatch, number: int, code: StopCode) -> list[EpisodeResult] | None:
+    if code:
+        return committed_chunk(batch.store, batch.id, number)
+    return counted_chunk(batch.store, batch.id, number, batch.voucher)
 
 
 def give_up(batch: OpenBatch) -> None:
@@ -63,7 +74,7 @@ def give_up(batch: OpenBatch) -> None:
     chunks = chunk_numbers(batch.store, batch.id)
     for number in sorted(chunks.begun - chunks.committed):
         rows = [_row(request.index, code, alone) for request in batch.layout.chunk(number).requests]
-        commit(batch.store, batch.id, number, rows)
+        commit_missing(batch.store, batch.id, number, rows, batch.voucher)
 
 
 def _row(index: int, code: StopCode, alone: frozenset[int]) -> EpisodeResult:

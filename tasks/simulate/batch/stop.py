@@ -79,7 +79,7 @@ def leave_out(batch: OpenBatch, first: int) -> int:
     for number in range(first, batch.layout.chunks):
         indices = [request.index for request in batch.layout.chunk(number).requests]
         rows = [unfinished_result(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
-        commit(batch.store, batch.id, number, rows)
+        commit(batch.store, batch.id, number, rows, batch.voucher)
         left_out += len(rows)
     return left_out
 

@@ -45,6 +45,11 @@ class Layout:
     plan: BatchPlan
 
     @cached_property
+    def plan_digest(self) -> str:
+        """SHA-256 of the plan."""
+        return digest(self.plan)
+
+    @cached_property
     def episodes(self) -> int:
         """How many episodes there are."""
         return self._offsets[-1]

@@ -9,6 +9,7 @@ import pytest
 
 from flows.gate.judge import gate_answer, read_gate_answer
 from flows.gate.shipment import evidence_changes, shippable, withdraw_deployment
+from flows.recount.recount import Asked
 from flows.stages import deploy, judge_batch_stage
 from specs.data.run_report import StageReport
 from tasks.applications.registry import resolve
@@ -31,6 +32,7 @@ class Shop:
     def __init__(self, store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         without_prefect(monkeypatch)
         monkeypatch.setattr("flows.stages.deployment_sync", self._ship)
+        monkeypatch.setattr("flows.stages.recount_changes", lambda *_: [])  # these rows were not simulated
         self.shipped: list[dict[str, str]] = []
         self.store, self.robot = store, courier(store, folder, "one")
         self.batch = ended(store, self.robot, scenario=delivery(store, folder))
@@ -38,7 +40,7 @@ class Shop:
         (self.gate,) = judge_batch_stage(PIPELINE, self.batch, store, self.run)
 
     def deploy(self) -> StageReport:
-        (report,) = deploy(PIPELINE, self.batch, self.store, {}, self.run)
+        (report,) = deploy(Asked(PIPELINE, ".", {}, []), self.batch, self.store, self.run)
         return report
 
     def key(self, url: str) -> str:
@@ -148,7 +150,13 @@ def test_evidence_that_does_not_pass_ships_nothing(file_store: Store, tmp_path: 
 
 
 def test_without_a_gate_there_is_nothing_to_hold_against(file_store: Store):
-    assert evidence_changes("0" * 64, file_store, run_of(file_store)) == []
+    assert evidence_changes("0" * 64, file_store, run_of(file_store), gated=False) == []
+
+
+def test_a_gate_that_has_not_answered_ships_nothing(file_store: Store):
+    run = run_of(file_store)
+    (line,) = evidence_changes("0" * 64, file_store, run)
+    assert line.endswith(f"{run.id}.json says no gate's answer, and the document has a gate")
 
 
 def test_the_version_that_was_compared_with_is_not_what_is_shipped(

@@ -133,7 +133,9 @@ class Batches(RuleBasedStateMachine):
             answer = describe_batch(self.batch.store, self.batch.id).model_dump()
             assert self.ended in ({}, answer)
             self.ended = answer
-            assert [row.index for _, rows in result_parts(self.batch) for row in rows] == list(range(JOBS))
+            assert [
+                row.index for _, rows in result_parts(self.batch, self.batch.record().status) for row in rows
+            ] == list(range(JOBS))
 
     @invariant()
     def every_job_is_somewhere(self) -> None:

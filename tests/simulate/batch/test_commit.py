@@ -144,7 +144,11 @@ def test_results_come_by_index_and_what_was_not_begun_is_canceled(file_store: St
         cancel_batch(file_store, batch.id)
     else:
         run_chunk(batch, 1, stops_after(0), lanes=4, left_s=-1.0)
-    found = [pair for requests, results in result_parts(batch) for pair in zip(requests, results, strict=True)]
+    found = [
+        pair
+        for requests, results in result_parts(batch, batch.record().status)
+        for pair in zip(requests, results, strict=True)
+    ]
     assert [request.index for request, _ in found] == list(range(24))
     assert [result.index for _, result in found] == list(range(24))
     done = {each.index for number in (0, 2, 4) for each in batch.layout.chunk(number).requests}
@@ -156,7 +160,7 @@ def test_a_part_holds_some_episodes_however_chunks_lie(file_store: Store, monkey
     batch = begun(file_store, plan(file_store, sweep={"MODE": ("fast", "slow")}, lanes=3))
     for number in range(batch.layout.chunks):
         run_chunk(batch, number, mixed, lanes=3, left_s=9.0)
-    sizes = [(len(requests), len(results)) for requests, results in result_parts(batch)]
+    sizes = [(len(requests), len(results)) for requests, results in result_parts(batch, batch.record().status)]
     assert sizes == [(5, 5), (5, 5), (2, 2)]
 
 

@@ -1,0 +1,1 @@
+"""What the owner computes again before a gate is believed and before anything is shipped. Flows may import it."""

@@ -1,0 +1,152 @@
+"""Counts again, right before something is shipped, all that its gate has judged by: worlds, plan, rows, verdict."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from flows.document.references import Numbers, numbered_finder
+from flows.document.tested_batch import batch_plan, compared_digest
+from flows.gate.baselines import NoBaseline
+from flows.gate.judge import GateAnswer, gate_material, read_baseline, read_gate_answer, tested_facts
+from flows.recount.batch_recount import BatchRecount, Planned, count_batch
+from flows.recount.sample import sample_changes
+from specs.arn import arn
+from specs.errors import DocumentError, StageFailed
+from specs.pipeline.document import PipelineSpec
+from specs.pipeline.gate_section import Gate, stops_early
+from specs.pipeline.section_requests import generation_request
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.settings import recount_episodes
+from specs.template.body import template_digest
+from tasks.documents.template_source import find_template
+from tasks.results.gate.evidence import Baseline, evidence_digest, gather
+from tasks.results.gate.gate import judge
+from tasks.results.gate.shipped_builds import Shipment
+from tasks.simulate.batch.job import KIND
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.resolve import output_location
+from tasks.storage.base.keys import job_key, result_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, job_id, read
+from tasks.storage.jobs.runs import stage_token
+from tasks.storage.store_url import store_id
+from tasks.worlds.job.job import KIND as GENERATION
+from tasks.worlds.job.production import Order
+from tasks.worlds.job.world_recount import world_changes
+
+
+class Asked(NamedTuple):
+    """What a run was asked for, as this process knows it.
+
+    Attributes:
+        spec: The document.
+        base: Folder that the document's relative paths start from.
+        versions: Numbers of the applications that the document brings, by ``<kind>/<name>``.
+        worlds: ``<generation>/<world>`` of each world of the run.
+        ships: What is shipped, as it was settled before anything ran; None for what the store has now.
+    """
+
+    spec: PipelineSpec
+    base: str
+    versions: Numbers
+    worlds: list[str]
+    ships: Shipment | None = None
+
+
+def asked_plan(asked: Asked, section: SimulationBatch, store: Store) -> Planned:
+    """Returns what the document asks for now.
+
+    Raises:
+        DocumentError: What it refers to is gone.
+    """
+    gate = asked.spec.gate if stops_early(asked.spec.gate) else None
+    plan = batch_plan(section, asked.worlds, store, numbered_finder(store, asked.versions), gate)
+    return Planned(plan, output_location(section))
+
+
+def recount_changes(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) -> list[str]:
+    """Returns what is not as it was judged, one line each; nothing if all is, or if the document has no gate.
+
+    Args:
+        asked: What the run was asked for.
+        batch: The record of the batch that was judged.
+        store: Where everything is.
+        run: The run, with its gate's answer.
+    """
+    spec = asked.spec
+    if spec.gate is None:
+        return []
+    if spec.simulationBatch is None or batch is None:
+        return ["there is no batch that the gate could have judged"]
+    try:
+        planned = asked_plan(asked, spec.simulationBatch, store)
+        changes = _world_changes(asked, planned.plan, store, run)
+        if changes:
+            return changes
+        found = count_batch(read(store, KIND, batch.id), store, spec.gate, planned)
+        changes = found.changes or _verdict_changes(asked, spec.gate, found, store, run)
+        return changes or sample_changes(found.batch, found.bundles, recount_episodes())
+    except (DocumentError, StageFailed) as exc:
+        return [exc.reason if isinstance(exc, StageFailed) else " ".join(str(exc).split())]
+
+
+def _world_changes(asked: Asked, plan: BatchPlan, store: Store, run: JobRecord) -> list[str]:
+    section = asked.spec.worldGeneration
+    if section is None:
+        return []
+    template = find_template(section.template, store, Path(asked.base))
+    token = stage_token(run, "worlds")
+    request = generation_request(
+        section, template=arn("world-template", store_id(store), template_digest(template)), token=token
+    )
+    order = Order(
+        template=template,
+        seed=section.seed,
+        generation=job_id(GENERATION, request.clientRequestToken or token),
+        robot_radius_m=section.robotRadius,
+    )
+    return world_changes(order, request, asked.worlds, plan.world_digests)
+
+
+def _verdict_changes(asked: Asked, gate: Gate, found: BatchRecount, store: Store, run: JobRecord) -> list[str]:
+    """Returns what the run's record says of the verdict, if it is not what comes of the recounted batch."""
+    answer = read_gate_answer(store, run)
+    key = f"{store.url}/{job_key(run.kind, run.id)}"
+    if answer is None:
+        return [f"{key} says no gate's answer"]
+    other = _baseline(asked, gate, store, run)
+    if isinstance(other, str):
+        return [other]
+    material = gate_material(gate, found.record, store, other)
+    verdict = judge(gate, material)
+    if verdict.verdict != "PASS" or answer.verdict != verdict.verdict:
+        return [f"{key} says the verdict {answer.verdict}; computed: {verdict.sentence}"]
+    evidence = gather(
+        found.batch.id,
+        gate,
+        verdict,
+        tested_facts(found.batch.plan, found.record),
+        left_out=material.lacks.left_out,
+        baseline=other if isinstance(other, Baseline) else None,
+        ships=asked.ships,
+    )
+    return _evidence_changes(store, answer, evidence_digest(evidence))
+
+
+def _evidence_changes(store: Store, answer: GateAnswer, computed: str) -> list[str]:
+    if answer.evidence == computed:
+        return []
+    key = f"{store.url}/{result_key(answer.batch, 'evidence.json')}"
+    return [f"{key} has the SHA-256 {answer.evidence}; computed: {computed}"]
+
+
+def _baseline(asked: Asked, gate: Gate, store: Store, run: JobRecord) -> Baseline | NoBaseline | str | None:
+    """Returns what the gate compares with; a text if that is not what the document asks for."""
+    if gate.noWorseThan is None or asked.spec.simulationBatch is None:
+        return None
+    other = read_baseline(store, run)
+    if other is None:
+        return NoBaseline("the run found none")
+    meant = compared_digest(gate, asked.spec.simulationBatch, numbered_finder(store, asked.versions))
+    if other.digest != meant:
+        return f"{run.id} says it compared with {other.digest!r:.80}; the document's version is {meant}"
+    return other
