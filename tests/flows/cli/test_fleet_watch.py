@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from flows.cli.fleet_watch import ABANDONED, deployment_table, fleet_notes, next_deployment, watch_deployment
 from flows.cli.shell import app
 from specs.errors import StageFailed
+from specs.robomaker.deployment import DescribeDeploymentJobResponse, RobotDeployment
 from tasks.deploy.answers.describe import describe_deployment_job
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import read_reported
@@ -38,6 +39,18 @@ def test_every_robot_has_a_row_with_its_status_and_why(file_store: Store, tmp_pa
     assert any("Succeeded: 1 Failed, 2 InSync" in line for line in lines)
     assert any("r1" in line and "Failed" in line and "PreLaunchFileFailure" in line for line in lines)
     assert sum("InSync" in line and "Finished" in line for line in lines) == 2
+
+
+def test_what_a_robot_reports_is_no_markup_and_steers_nothing() -> None:
+    reason = "no camera at [/dev/video0] [bold]\x1b[2J\u202e"
+    robot = RobotDeployment(arn="arn:simyard:robot:0123456789ab:r1", status="Failed", failureReason=reason)
+    job = DescribeDeploymentJobResponse(status="Failed", robotDeploymentSummary=(robot,))
+    shown = io.StringIO()
+
+    Console(file=shown, width=200).print(deployment_table(job))
+
+    assert "no camera at [/dev/video0] [bold][2J" in shown.getvalue()
+    assert not set(shown.getvalue()) & set("\x1b\u202e")
 
 
 def test_it_looks_again_until_the_deployment_ends(file_store: Store, tmp_path: Path) -> None:
