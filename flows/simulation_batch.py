@@ -25,6 +25,7 @@ from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
 from tasks.applications.task import unpack_application
 from tasks.progress.task import show_progress
+from tasks.results.tables.application_output import write_output
 from tasks.results.tables.recordings import write_recordings
 from tasks.results.task import write_tables
 from tasks.simulate.batch.chunk_store import spent_s
@@ -118,6 +119,7 @@ def _simulate_here(
     """Commits the chunks one after the other in this process."""
     layout, store_url = batch.layout, batch.store.url
     record = partial(write_recordings, store_url, location, batch.id) if batch.plan.records() else None
+    output = partial(write_output, store_url, location, batch.id)
     before_s, start_s = spent_s(batch.store, batch.id), time.monotonic()
     lanes, done = batch.plan.lanes, 0
     with show_progress("Episodes", "episodes-progress") as progress:
@@ -144,6 +146,7 @@ def _simulate_here(
                 spent_s=worked_s,
                 progress=tell,
                 record=record,
+                output=output,
             )
             lanes, done = ended.lanes, done + ended.episodes
             meter.add(ended.work, "")

@@ -14,6 +14,8 @@ from specs.errors import DocumentError
 MAX_WORLDS = "SIMYARD_MAX_WORLDS"
 MIN_JOB_DURATION = "SIMYARD_MIN_JOB_DURATION"
 SERVER_WAIT = "SIMYARD_SERVER_WAIT"
+IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
+STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
 _ROBOMAKERS_MAX_WORLDS = 50
 
 
@@ -47,6 +49,26 @@ def server_wait_s() -> int:
         DocumentError: SIMYARD_SERVER_WAIT is no number of seconds.
     """
     return _number(SERVER_WAIT, 90, "a number of seconds, at least 1")
+
+
+def import_limit_s() -> int:
+    """Returns how many seconds the import of an application may take: 120, or SIMYARD_IMPORT_LIMIT_S.
+
+    Raises:
+        DocumentError: SIMYARD_IMPORT_LIMIT_S is no number of seconds.
+    """
+    return _number(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
+
+
+def step_limit_s() -> int:
+    """Returns how many seconds any other call of an application may take: 300, or SIMYARD_STEP_LIMIT_S.
+
+    A slice of control steps of all lanes of a chunk is such a call, too.
+
+    Raises:
+        DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
+    """
+    return _number(STEP_LIMIT, 300, "a number of seconds, at least 1")
 
 
 def _number(name: str, default: int, allowed: str) -> int:

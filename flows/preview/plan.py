@@ -16,6 +16,7 @@ from tasks.simulate.forecast.cost import Span
 from tasks.simulate.forecast.forecast import Basis, EnginePlan, engine_plan
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion, matrix_worlds, plan_batch
+from tasks.simulate.process.confinement import confinement
 from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.store import Store
@@ -98,6 +99,7 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -
     yield f"                  {chunks} on {devices}, {_count(plan.compilations, 'compiled program')}, {steps}"
     yield f"                  about {_time(plan.wall_s)} and {_gigabytes(plan.memory_bytes)}; {_BASES[plan.known_from]}"
     yield f"                  {_recordings(section)}; {_audit(plan)}"
+    yield f"                  applications run {confinement().sentence}"
 
 
 def _count(number: int, thing: str) -> str:

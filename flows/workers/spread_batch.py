@@ -20,6 +20,7 @@ from specs.field_types import OutputLocation
 from specs.settings import Workers
 from tasks.applications.registry import unpack
 from tasks.progress.task import Progress, show_progress
+from tasks.results.tables.application_output import write_output
 from tasks.results.tables.recordings import write_recordings
 from tasks.simulate.batch.chunk_store import chunk_numbers, is_committed, spent_s
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
@@ -151,6 +152,7 @@ def _simulate_numbers(
             spent_s=spent_s + took_s,
             progress=_ignore,
             record=record,
+            output=partial(write_output, store_url, location, batch),
         )
         lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
     return ChunksDone(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")

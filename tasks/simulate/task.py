@@ -16,6 +16,7 @@ from tasks.simulate.batch.commit import ChunkEnd, WriteRecordings, run_chunk
 from tasks.simulate.batch.job import load_batch
 from tasks.storage.store_url import open_store
 
+WriteOutput = Callable[[int, str], None]
 _MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
 
 
@@ -31,6 +32,7 @@ def simulate_chunk(
     spent_s: float,
     progress: Callable[[int], None],
     record: WriteRecordings | None,
+    output: WriteOutput,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
 
@@ -44,10 +46,14 @@ def simulate_chunk(
         spent_s: Wall seconds that were spent on the batch before.
         progress: Told how many of the chunk's episodes are done.
         record: Writes the chunk's recordings, for a batch that has any.
+        output: Writes what applications printed during the chunk, if they printed anything.
     """
     work = load_batch(open_store(store_url), batch)
-    runner = ChunkRunner(bundles, work.plan.engine, progress)
-    return run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    runner = ChunkRunner(bundles, work.plan.engine, work.plan.recordings.rateHz, progress)
+    ended = run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    if printed := "".join(runner.printed):
+        output(number, printed)
+    return ended
 
 
 @task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False)

@@ -5,15 +5,17 @@ one process and neither can shadow a library. Modules of a bundle import each ot
 """
 
 import importlib
+import inspect
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Literal, ParamSpec, TypeVar
 
 from specs.data.episode import ApplicationLaunch, Failure
 from specs.errors import SimyardError
+from tasks.simulate.application.call_clock import CallKind, timed_call
 
 CrashCode = Literal["RobotApplicationCrash", "SimulationApplicationCrash"]
 _REASON_LENGTH = 1000
@@ -56,9 +58,8 @@ def load_factory(
     Raises:
         BundleCrash: The module does not import, or has no such function.
     """
-    module = call_bundle(
-        code, f"{launch.name}: importing {launch.package}/{launch.launch_file}.py", _import, folder, launch
-    )
+    doing = f"{launch.name}: importing {launch.package}/{launch.launch_file}.py"
+    module = _called("import", code, doing, lambda: _import(folder, launch))
     found = getattr(module, factory, None)
     if not callable(found):
         raise BundleCrash(
@@ -71,12 +72,72 @@ def call_bundle(code: CrashCode, doing: str, function: Callable[P, R], *args: P.
     """Returns what an application's function returns.
 
     Raises:
-        BundleCrash: The function raised.
+        BundleCrash: The function raised, whatever it was: an application that calls ``sys.exit`` has crashed.
     """
+    return _called("call", code, doing, lambda: function(*args, **kwargs))
+
+
+def crash_of(exc: BaseException, launches: Mapping[CrashCode, ApplicationLaunch]) -> BundleCrash | None:
+    """Returns the crash of the application whose code an exception passed through; None if it passed through none.
+
+    Args:
+        exc: What was raised, also out of a compiled program that calls the application back.
+        launches: The applications, by what a crash of theirs is called.
+    """
+    name, place = _bundle_frame(exc)
+    said = _text(exc)
+    for code, launch in launches.items():
+        if launch.digest in (name or said):
+            return BundleCrash(code, f"{launch.name}: {said}{place}")
+    return None
+
+
+def crash_code(text: str) -> CrashCode:
+    """Returns a failure code as that of a crash; what is none is the robot application's."""
+    return "SimulationApplicationCrash" if text == "SimulationApplicationCrash" else "RobotApplicationCrash"
+
+
+def function_place(function: object) -> str:
+    """Returns ``nav/nav.py, line 12`` of a function of an application; empty for what has no place in a file."""
     try:
-        return function(*args, **kwargs)
-    except Exception as exc:  # an application may raise anything, and it is a row, not our failure
-        raise BundleCrash(code, f"{doing}: {type(exc).__name__}: {exc}") from exc
+        whole = inspect.unwrap(function)  # pyright: ignore[reportArgumentType] - whatever it is, it is tried
+        line = inspect.getsourcelines(whole)[1]  # pyright: ignore[reportArgumentType]
+        name = getattr(whole, "__module__", "")
+    except (OSError, TypeError, ValueError):
+        return ""
+    return f"{_module_file(name)}, line {line}" if _NAMESPACE.match(name) else ""
+
+
+def _called(kind: CallKind, code: CrashCode, doing: str, function: Callable[[], R]) -> R:
+    try:
+        with timed_call(kind, code, doing):
+            return function()
+    except BundleCrash:
+        raise
+    except BaseException as exc:  # an application may raise anything, and it is a row, not our failure
+        raise BundleCrash(code, f"{doing}: {_text(exc)}{_bundle_frame(exc)[1]}") from exc
+
+
+def _bundle_frame(exc: BaseException) -> tuple[str, str]:
+    """Returns the innermost module of a bundle that an exception passed through, and its `` (file, line n)``."""
+    found, trace = ("", ""), exc.__traceback__
+    while trace is not None:
+        name = str(trace.tb_frame.f_globals.get("__name__", ""))
+        if _NAMESPACE.match(name):
+            found = name, f" ({_module_file(name)}, line {trace.tb_lineno})"
+        trace = trace.tb_next
+    return found
+
+
+def _text(exc: BaseException) -> str:
+    try:
+        return f"{type(exc).__name__}: {exc}"
+    except Exception:  # noqa: BLE001 - an application's exception may not even be able to tell what it is
+        return type(exc).__name__
+
+
+def _module_file(name: str) -> str:
+    return f"{_NAMESPACE.sub('', name).replace('.', '/')}.py"
 
 
 def _import(folder: Path, launch: ApplicationLaunch) -> ModuleType:

@@ -2,8 +2,6 @@
 
 It depends on the batch alone, so that an audit whose process died is simply made again. One that keeps killing its
 process, for want of memory, is given up: the batch would never end.
-
-This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
 """
 
 import hashlib
@@ -17,12 +15,13 @@ from specs.base import Spec
 from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.audit.audit_apart import audit_apart
 from tasks.simulate.audit.audit_report import AuditReport, not_run
 from tasks.simulate.audit.audit_sample import draw_sample
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.devices import prepare_devices
+from tasks.simulate.process.simulator import SimulatorEnded
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import output_key, result_key
 from tasks.storage.buckets import open_bucket
@@ -82,21 +81,16 @@ def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) 
     ]
     if not sample:
         return not_run(str(next(iter(missing.values()), "no episode was driven to an end")))
-    prepare_devices()
-    from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415 - JAX reads its settings when it is imported
-
     lanes = min(batch.plan.audit, batch.plan.lanes)
     try:
-        return audit(
+        return audit_apart(
             sample, worlds, bundles, lanes=lanes, engine=batch.plan.engine, drawn=len(found), progress=progress
         )
     except BundleCrash as crash:
         return not_run(str(crash))
+    except SimulatorEnded as ended:
+        return not_run(ended.reason)
     except MemoryError as exc:
-        return not_run(f"out of memory: {exc}")
-    except RuntimeError as exc:
-        if "RESOURCE_EXHAUSTED" not in str(exc):  # XLA's status for an allocation that failed
-            raise
         return not_run(f"out of memory: {exc}")
 
 

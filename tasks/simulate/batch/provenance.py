@@ -12,6 +12,7 @@ from pydantic import JsonValue
 
 from tasks.simulate.batch.job import GOING, KIND, OpenBatch
 from tasks.simulate.devices import device_count, device_kind, prepare_devices
+from tasks.simulate.process.confinement import confinement
 from tasks.storage.jobs.records import JobRecord, advance
 
 _PROCESSORS = Path("/proc/cpuinfo")
@@ -29,6 +30,7 @@ def note_machine(batch: OpenBatch) -> None:
             "name": _device_name(),
             "devices": device_count(),
             "system": f"{platform.system()} {platform.machine()}",
+            "applications": f"run {confinement().sentence}",
         }
     }
     record = batch.record()

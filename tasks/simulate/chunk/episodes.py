@@ -1,7 +1,6 @@
 """Simulates a chunk: imports its applications, stages its lanes, runs the program slice by slice, makes rows."""
 
 import functools
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +12,8 @@ from jaxtyping import Float32
 
 from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
-from tasks.simulate.application.code import BundleCrash, load_factory
+from tasks.simulate.application.call_clock import CallKind, timed_call
+from tasks.simulate.application.code import BundleCrash, CrashCode, crash_of, load_factory
 from tasks.simulate.application.contract import Placement
 from tasks.simulate.chunk.timings import ChunkWatch, remember_timing
 from tasks.simulate.devices import device_kind
@@ -22,14 +22,14 @@ from tasks.simulate.engine.engines import ENGINES
 from tasks.simulate.engine.program import Program, Run
 from tasks.simulate.lane.calls import Applications, check_robot, check_scenario
 from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
-from tasks.simulate.lane.recording import Ends, Recorder
+from tasks.simulate.lane.recording import LaneRecorder
 from tasks.simulate.lane.result_rows import finished_row, stopped_row
+from tasks.simulate.lane.samples import Ends
 from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
 from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.sensor.sensors import read_sensors
 
-logger = logging.getLogger(__name__)
 _PROGRAMS_KEPT = 8
 
 
@@ -61,7 +61,7 @@ def simulate_episodes(
     engine: str,
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
-    recorder: Recorder | None = None,
+    recorder: LaneRecorder | None = None,
     timed_as: ProgramKey | None = None,
 ) -> list[EpisodeResult]:
     """Returns a chunk's rows in request order.
@@ -91,7 +91,16 @@ def simulate_episodes(
             rows.update({row.index: row for row in run_ready(ready, should_stop, progress, recorder)})
     except BundleCrash as crash:
         rows.update({request.index: failed_result(request.index, crash.failure) for request in present})
+    except BaseException as exc:
+        passed = crash_of(exc, _launches(present[0]))
+        if passed is None:
+            raise
+        rows.update({request.index: failed_result(request.index, passed.failure) for request in present})
     return [rows[request.index] for request in chunk.requests]
+
+
+def _launches(request: EpisodeRequest) -> dict[CrashCode, ApplicationLaunch]:
+    return {"RobotApplicationCrash": request.robot, "SimulationApplicationCrash": request.scenario}
 
 
 def ready_chunk(
@@ -132,7 +141,7 @@ def ready_chunk(
 
 
 def run_ready(
-    chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None], recorder: Recorder | None
+    chunk: ReadyChunk, should_stop: Callable[[], bool], progress: Callable[[int], None], recorder: LaneRecorder | None
 ) -> list[EpisodeResult]:
     """Returns the rows of episodes that were made ready, those that cannot run first.
 
@@ -186,8 +195,6 @@ def keep_timing(chunk: ReadyChunk) -> None:
         most_slices=-(-max(last_step(request) for request in requests) // SLICE_STEPS) - 1,
     )
     if timing is not None:
-        took_s = timing.ready_s + timing.first_s + timing.slices_s
-        logger.info("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
         remember_timing(chunk.timed_as or program_key(requests[0]), timing)
 
 
@@ -265,16 +272,19 @@ def _advance_until_done(
     run: Run,
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
-    recorder: Recorder | None,
+    recorder: LaneRecorder | None,
 ) -> tuple[LaneState, list[Float32[np.ndarray, "lanes steps 3"]]]:
     """Returns the lanes' last state, without the applications' own, and the poses of each slice."""
-    state = run.begin()
+    with timed_call("compile", "", "the first control step, which is compiled before"):
+        state = run.begin()
     if recorder is not None:
         recorder.begin(len(chunk.lanes), CONTROL_S)
     poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
     while not np.all(state.done) and not should_stop():
-        state, record = run.advance(state)
-        poses.append(np.asarray(record.pose))
+        kind: CallKind = "slice" if poses else "compile"
+        with timed_call(kind, "", f"a slice of {SLICE_STEPS} control steps"):
+            state, record = run.advance(state)
+            poses.append(np.asarray(record.pose))
         chunk.watch.mark()
         if recorder is not None:
             recorder.keep(record, np.asarray(state.step))

@@ -11,7 +11,7 @@ from pathlib import Path
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.devices import prepare_devices
-from tasks.simulate.lane.recording import Recorder
+from tasks.simulate.lane.recording import LaneRecorder
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
 
 
@@ -24,7 +24,7 @@ def simulate_lanes(
     engine: str = "auto",
     should_stop: Callable[[], bool],
     progress: Callable[[int], None] = lambda _: None,
-    recorder: Recorder | None = None,
+    recorder: LaneRecorder | None = None,
     timed_as: ProgramKey | None = None,
 ) -> list[EpisodeResult]:
     """Returns the results of a chunk's episodes, in request order.

@@ -56,6 +56,7 @@ class ChunkTiming(Spec):
 
 _TIMINGS = TypeAdapter(list[ChunkTiming])
 _collecting: ContextVar[list[ChunkTiming] | None] = ContextVar("simyard_chunk_timings", default=None)
+_handed_over: ContextVar[list[tuple[ProgramKey, ChunkTiming]] | None] = ContextVar("simyard_timings_over", default=None)
 
 
 class ChunkWatch:
@@ -109,8 +110,25 @@ def collect_timings() -> Generator[list[ChunkTiming], None, None]:
         _collecting.reset(token)
 
 
+@contextmanager
+def hand_over_timings() -> Generator[list[tuple[ProgramKey, ChunkTiming]], None, None]:
+    """Yields a list that gets each timing instead of the cache folder, for a process that may not write there."""
+    timings: list[tuple[ProgramKey, ChunkTiming]] = []
+    token = _handed_over.set(timings)
+    try:
+        yield timings
+    finally:
+        _handed_over.reset(token)
+
+
 def remember_timing(program: ProgramKey, timing: ChunkTiming) -> None:
     """Adds a timing to the last ones of a program, for as long as the cache folder is kept."""
+    over = _handed_over.get()
+    if over is not None:
+        over.append((program, timing))
+        return
+    took_s = timing.ready_s + timing.first_s + timing.slices_s
+    logger.info("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
     collecting = _collecting.get()
     if collecting is not None:
         collecting.append(timing)

@@ -18,8 +18,8 @@ from tasks.simulate.application.contract import (
     Scenario,
     State,
     Truth,
-    Verdict,
 )
+from tasks.simulate.lane.answers import require_same_form, robot_answer, scenario_answer
 from tasks.simulate.sensor.lidar import Lidar
 from tasks.simulate.sensor.sensors import Sensors, blank_fields, read_sensors, require_shared, sensors_of
 
@@ -109,16 +109,15 @@ def check_robot(
     observation = _blank_observation(applications.sensors, joints)
 
     def begin() -> State:
-        return applications.controller(numbers).init(floor, goals_m)
+        return controller.init(floor, goals_m)
 
-    def advance(state: State) -> tuple[State, jax.Array]:
-        return applications.controller(numbers).step(state, observation)
+    def advance(state: State) -> object:
+        return controller.step(state, observation)
 
+    controller = call_bundle(_ROBOT, "controller(environment)", applications.controller, numbers)
     before = call_bundle(_ROBOT, "controller.init", jax.eval_shape, begin)
-    after, control = call_bundle(_ROBOT, "controller.step", jax.eval_shape, advance, before)
-    _require_same_form(_ROBOT, "controller", before, after)
-    if getattr(control, "shape", None) != (nu,):
-        raise BundleCrash(_ROBOT, f"controller.step: control of shape {getattr(control, 'shape', None)}, not ({nu},)")
+    after = robot_answer(call_bundle(_ROBOT, "controller.step", jax.eval_shape, advance, before), nu, controller.step)
+    require_same_form(_ROBOT, "controller", before, after, controller.step)
 
 
 def check_scenario(
@@ -139,14 +138,15 @@ def check_scenario(
     truth = Truth(zero, jnp.zeros(3), jnp.zeros(3), zero, zero, no)
 
     def begin() -> State:
-        return applications.scenario(numbers).init(jnp.zeros(3), goals_m, *given)
+        return scenario.init(jnp.zeros(3), goals_m, *given)
 
-    def advance(state: State) -> tuple[State, Verdict]:
-        return applications.scenario(numbers).step(state, truth)
+    def advance(state: State) -> object:
+        return scenario.step(state, truth)
 
+    scenario = call_bundle(_SCENARIO, "scenario(environment)", applications.scenario, numbers)
     before = call_bundle(_SCENARIO, "scenario.init", jax.eval_shape, begin)
-    after, _ = call_bundle(_SCENARIO, "scenario.step", jax.eval_shape, advance, before)
-    _require_same_form(_SCENARIO, "scenario", before, after)
+    answer = call_bundle(_SCENARIO, "scenario.step", jax.eval_shape, advance, before)
+    require_same_form(_SCENARIO, "scenario", before, scenario_answer(answer, scenario.step), scenario.step)
     metrics = call_bundle(_SCENARIO, "scenario.metrics", jax.eval_shape, applications.metrics, numbers, before)
     for name, value in metrics.items():
         if not _METRIC.fullmatch(name) or getattr(value, "shape", None) != ():
@@ -168,14 +168,3 @@ def _blank_observation(sensors: Sensors, joints: Joints | None) -> Observation:
         joints=joints,
         **blank_fields(sensors),
     )
-
-
-def _require_same_form(code: CrashCode, name: str, before: State, after: State) -> None:
-    def form(state: State) -> tuple[object, list[tuple[int, ...]]]:
-        return jax.tree.structure(state), [leaf.shape for leaf in jax.tree.leaves(state)]
-
-    if form(before) != form(after):
-        raise BundleCrash(
-            code,
-            f"{name}.step: returns a state of another form than init: {form(after)}, not {form(before)}",
-        )

@@ -6,71 +6,36 @@ The last sample of an episode is the state in which it ended.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float32, Int
 
 from specs.data.episode import EpisodeResult
 from tasks.simulate.lane.overflow import Kept, Overflow
+from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
 
 Columns = Mapping[str, np.ndarray]
 # Samples of a usual chunk stay in memory, whatever parts it is run in; those of long episodes lie in a file that nobody
 # sees.
 _MEMORY_BYTES = 256 << 20
 _PART_BYTES = 32 << 20
-# Of the control rate; at less, an episode of two weeks would have two samples.
-_LEAST_RATE = 1e-8
 
 
-class Steps(Protocol):
-    """What is recorded of a slice of control steps, (lanes, steps) first; as ``lane_state.StepRecord``."""
+class LaneRecorder(Protocol):
+    """Whoever is told what lanes do: a recorder, or what tells a recorder in another process."""
 
-    @property
-    def pose(self) -> object:
-        """Returns poses at the steps' ends."""
+    def begin(self, lanes: int, control_s: float) -> None:
+        """Prepares for so many lanes that hold episodes, and control steps of that length."""
         ...
 
-    @property
-    def velocity(self) -> object:
-        """Returns velocities at the steps' ends."""
+    def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
+        """Is given a slice, and how many control steps each lane has done by its end."""
         ...
 
-    @property
-    def goal_index(self) -> object:
-        """Returns goals to go to at the steps' ends."""
+    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+        """Is told how the lanes ended."""
         ...
-
-    @property
-    def control(self) -> object:
-        """Returns controls during the steps."""
-        ...
-
-    @property
-    def ranges_m(self) -> object:
-        """Returns scans at the steps' beginnings."""
-        ...
-
-    @property
-    def impulse_ns(self) -> object:
-        """Returns contact impulses during the steps."""
-        ...
-
-
-class Ends(NamedTuple):
-    """How the lanes ended, for lanes in their order.
-
-    Attributes:
-        steps: Control steps that were done.
-        crashed: Whether a step after those was begun, and went wrong.
-    """
-
-    steps: Int[np.ndarray, "lanes"]
-    crashed: Bool[np.ndarray, "lanes"]
-    start: Float[np.ndarray, "lanes 3"]
-    pose: Float[np.ndarray, "lanes 3"]
-    velocity: Float[np.ndarray, "lanes 3"]
-    goal_index: Int[np.ndarray, "lanes"]
 
 
 def sample_memory() -> Overflow:
@@ -109,7 +74,7 @@ class Recorder:
             control_s: Length of a control step.
         """
         self._lanes, self._control_s = lanes, control_s
-        self._stride = max(1, round(1.0 / max(self._rate_hz * control_s, _LEAST_RATE)))
+        self._stride, self._steps, self._last = sample_stride(self._rate_hz, control_s), 0, {}
         names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
         self._blocks = {name: [] for name in names}
 
@@ -120,21 +85,22 @@ class Recorder:
             slice_: Its control steps.
             steps: How many control steps each lane has done by its end.
         """
-        impulse = np.asarray(slice_.impulse_ns)[: self._lanes]
-        length = impulse.shape[1]
-        numbers = np.arange(self._steps, self._steps + length)
-        begun = np.flatnonzero(numbers % self._stride == 0)
-        ended = np.flatnonzero((numbers + 1) % self._stride == 0)
-        self._add("impulse_ns", impulse.astype(np.float32))
-        for name in ("pose", "velocity", "goal_index"):
-            self._add(name, np.asarray(getattr(slice_, name))[: self._lanes, ended])
-        # Where a lane came to its end, wherever in the slice: what it had decided when it crashed.
-        last = np.clip(steps[: self._lanes] - self._steps, 0, length - 1)
-        for name in ("control", "ranges_m"):
-            whole = np.asarray(getattr(slice_, name))[: self._lanes]
-            self._add(name, whole[:, begun])
-            self._note_last(name, whole[np.arange(self._lanes), last], steps)
-        self._steps += length
+        self.add(
+            slice_samples(slice_, steps, lanes=self._lanes, before=self._steps, stride=self._stride), np.asarray(steps)
+        )
+
+    def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
+        """Adds the samples of a slice.
+
+        Args:
+            samples: As ``slice_samples`` makes them with this recorder's rate.
+            steps: How many control steps each lane has done by the slice's end.
+        """
+        for name in ("impulse_ns", "pose", "velocity", "goal_index", "control", "ranges_m"):
+            self._add(name, getattr(samples, name))
+        self._note_last("control", samples.last_control, steps)
+        self._note_last("ranges_m", samples.last_ranges_m, steps)
+        self._steps += samples.steps
 
     def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
         """Says how the lanes ended.

@@ -1,13 +1,8 @@
-"""Replays an episode of a batch from nothing but the batch's record.
+"""Replays an episode of a batch from nothing but the batch's record."""
 
-This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
-"""
-
-import contextlib
-import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from specs.base import Fault
 from specs.data.episode import EpisodeRequest
@@ -15,10 +10,8 @@ from specs.data.world import World
 from specs.errors import ResourceNotFound
 from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.devices import prepare_devices
-
-if TYPE_CHECKING:
-    from tasks.simulate.replay.replay_drive import DrivenAgain
+from tasks.simulate.replay.driven_again import DrivenAgain
+from tasks.simulate.replay.replay_apart import drive_apart
 
 
 class Replay(NamedTuple):
@@ -32,7 +25,7 @@ class Replay(NamedTuple):
 
     request: EpisodeRequest
     world: World
-    driven: "DrivenAgain"
+    driven: DrivenAgain
 
 
 def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine: str = "") -> Replay:
@@ -46,7 +39,7 @@ def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine:
 
     Raises:
         ResourceNotFound: Its world or its data are gone, or not what they were.
-        JaxAlreadyImported: JAX was imported before its settings could be made.
+        SimulatorEnded: The process that simulates ended over it.
     """
     request = batch.layout.request(index)
     worlds, missing = load_worlds(batch, [request])
@@ -54,11 +47,7 @@ def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine:
     if why := missing.get(request.world) or mounted.failure(request):
         fault = Fault(path="simulation-job", value=f"{batch.id}/{index}", allowed=f"one that can be replayed: {why}")
         raise ResourceNotFound([fault], source="simyard")
-    prepare_devices()
-    with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
-        from tasks.simulate.replay.replay_drive import drive_again  # noqa: PLC0415 - JAX reads its settings when imported
-
-    driven = drive_again(
+    driven = drive_apart(
         mounted.resolved(request),
         worlds,
         bundles,

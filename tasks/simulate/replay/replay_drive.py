@@ -2,61 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int
+from jaxtyping import Int
 
 from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult, failed_result
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
-from tasks.simulate.lane.recording import Columns, Ends, Recorder, Steps
+from tasks.simulate.lane.recording import Columns, Recorder
+from tasks.simulate.lane.samples import Ends, Steps
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.replay.driven_again import DrivenAgain, Setting
 from tasks.simulate.sensor.lidar import ray_angles
 from tasks.simulate.sensor.sensors import read_sensors
 
 _EVERY_STEP_HZ = 1.0 / CONTROL_S
-
-
-class Setting(NamedTuple):
-    """What does not change while an episode runs.
-
-    Attributes:
-        goals_m: Where the robot should go, in order.
-        arrived_m: How near counts as reached; None where goals are no destinations.
-        radius_m: Of the robot's hull about its yaw axis.
-        heights_m: Where the hull begins and ends above the floor.
-        mount: Of the lidar on the robot: (x m, y m, yaw rad).
-        lidar_height_m: Of the lidar's plane.
-        range_m: What the lidar reports where nothing is nearer.
-        angles_rad: The rays' directions in the lidar's frame.
-    """
-
-    goals_m: Float64[np.ndarray, "goals 2"]
-    arrived_m: float | None
-    radius_m: float
-    heights_m: tuple[float, float]
-    mount: tuple[float, float, float]
-    lidar_height_m: float
-    range_m: float
-    angles_rad: Float32[np.ndarray, "rays"]
-
-
-class DrivenAgain(NamedTuple):
-    """An episode driven again.
-
-    Attributes:
-        row: What came of it.
-        setting: None for an episode that could not start.
-        steps: A sample for each control step, as ``tasks.simulate.lane.recording`` has them; none without a setting.
-        samples: The same at the rate of its batch's recordings.
-    """
-
-    row: EpisodeResult
-    setting: Setting | None = None
-    steps: Columns | None = None
-    samples: Columns | None = None
 
 
 class _AlsoAt(Recorder):

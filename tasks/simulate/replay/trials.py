@@ -1,7 +1,4 @@
-"""Simulates one episode in other worlds and with other seeds, all together.
-
-This module imports no JAX itself, as ``tasks.simulate.chunk.runner``.
-"""
+"""Simulates one episode in other worlds and with other seeds, all together."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,8 +8,8 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.batch.commit import batch_mounts
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
+from tasks.simulate.process.lanes import ConfinedLanes
 
 
 class Trial(NamedTuple):
@@ -35,7 +32,7 @@ def simulate_trials(
         engine: What drove it, where that is known; else what the batch asked for.
 
     Raises:
-        JaxAlreadyImported: JAX was imported before its settings could be made.
+        MemoryError: There is not enough memory for so many lanes.
     """
     asked = batch_mounts(batch).resolved(request)
     worlds = {f"trials/{number}": trial.world for number, trial in enumerate(trials)}
@@ -43,15 +40,7 @@ def simulate_trials(
         asked.model_copy(update={"index": number, "world": world, "seed": trials[number].seed})
         for number, world in enumerate(worlds)
     ]
-    return [
-        row
-        for chunk in plan_chunks(requests, batch.plan.lanes)
-        for row in simulate_lanes(
-            chunk,
-            worlds,
-            bundles,
-            lanes=batch.plan.lanes,
-            engine=engine or batch.plan.engine,
-            should_stop=lambda: False,
-        )
-    ]
+    lanes = ConfinedLanes(
+        bundles=bundles, lanes=batch.plan.lanes, engine=engine or batch.plan.engine, should_stop=lambda: False
+    )
+    return [row for chunk in plan_chunks(requests, batch.plan.lanes) for row in lanes.simulate(chunk, worlds)]

@@ -57,4 +57,4 @@ def test_a_crash_is_told_in_one_line_with_the_authors_own_module_names(tmp_path:
     (folder / "pack" / "drive.py").write_text("raise ValueError('first line\\n  ' + __name__)\n")
     with pytest.raises(BundleCrash) as crash:
         load_factory(folder, launch("7" * 64), "controller", "RobotApplicationCrash")
-    assert crash.value.reason.endswith("ValueError: first line pack.drive")
+    assert crash.value.reason.endswith("ValueError: first line pack.drive (pack/drive.py, line 1)")

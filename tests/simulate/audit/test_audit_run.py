@@ -12,7 +12,6 @@ from specs.data.world import World
 from specs.field_types import OutputLocation
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.audit import audit_drive as auditing_module
 from tasks.simulate.audit import audit_run
 from tasks.simulate.audit.audit_report import AuditReport, with_verdict
 from tasks.simulate.audit.audit_run import write_audit
@@ -21,6 +20,7 @@ from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import DATA_PREFIX
+from tasks.simulate.process.simulator import SimulatorEnded
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.planned_batches import begun, mixed, plan, template
@@ -40,7 +40,7 @@ def audited(monkeypatch: pytest.MonkeyPatch) -> Calls:
         count = len(sample)
         return with_verdict(AuditReport(verdict="NOT RUN", sentence="", sampled=drawn, lanes=count, compared=count))
 
-    monkeypatch.setattr(auditing_module, "audit", sound)
+    monkeypatch.setattr(audit_run, "audit_apart", sound)
     return calls
 
 
@@ -77,7 +77,7 @@ def test_an_audit_whose_process_died_is_made_again_and_then_given_up(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as broken:
-        broken.setattr(auditing_module, "audit", dies)
+        broken.setattr(audit_run, "audit_apart", dies)
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
                 write_audit(batch, {}, PLACE)
@@ -91,7 +91,7 @@ def test_an_audit_whose_process_died_is_made_again_and_then_given_up(
     [
         (BundleCrash("RobotApplicationCrash", "no module x"), "not run: RobotApplicationCrash: no module x"),
         (MemoryError("9 GB"), "not run: out of memory: 9 GB"),
-        (RuntimeError("RESOURCE_EXHAUSTED: 9 GB"), "not run: out of memory: RESOURCE_EXHAUSTED: 9 GB"),
+        (SimulatorEnded("the process ended with exit code 3", None, ""), "not run: the process ended with exit code 3"),
     ],
 )
 def test_what_keeps_an_audit_from_running_is_data(
@@ -100,7 +100,7 @@ def test_what_keeps_an_audit_from_running_is_data(
     def fails(*_: object, **__: object) -> AuditReport:
         raise error
 
-    monkeypatch.setattr(auditing_module, "audit", fails)
+    monkeypatch.setattr(audit_run, "audit_apart", fails)
     found = report(write_audit(batch, {}, PLACE))
     assert (found.verdict, found.sentence) == ("NOT RUN", why)
 
@@ -109,7 +109,7 @@ def test_a_defect_is_not_called_data(batch: OpenBatch, monkeypatch: pytest.Monke
     def fails(*_: object, **__: object) -> AuditReport:
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr(auditing_module, "audit", fails)
+    monkeypatch.setattr(audit_run, "audit_apart", fails)
     with pytest.raises(RuntimeError, match="a defect"):
         write_audit(batch, {}, PLACE)
 

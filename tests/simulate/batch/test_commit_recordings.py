@@ -11,7 +11,8 @@ from tasks.simulate.batch.cancel_restart import cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.lane.lane_state import StepRecord
-from tasks.simulate.lane.recording import Columns, Ends
+from tasks.simulate.lane.recording import Columns
+from tasks.simulate.lane.samples import Ends
 from tasks.storage.base.store import Store
 from tests.factories.episodes import collided
 from tests.factories.planned_batches import begun, mixed, plan, template

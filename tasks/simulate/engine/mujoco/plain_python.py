@@ -19,6 +19,8 @@ from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensor.sensors import SENSORS, Sensors, read_sensors
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
+# Floats and integers: what a person writes in Python for a number.
+_REAL_KINDS = "fiu"
 
 
 class StandIn:
@@ -83,7 +85,7 @@ class PlainControllers:
             return nothing
         try:
             control = call_bundle(_ROBOT, "controller.step", lambda: self._controllers[lane].step(observation))
-            control = call_bundle(_ROBOT, "controller.step", np.asarray, control, np.float32)
+            control = _real(call_bundle(_ROBOT, "controller.step", np.asarray, control))
             _require_shape(control, self._actuators)
         except BundleCrash as crash:
             self.crashes[lane] = crash.reason
@@ -94,6 +96,12 @@ class PlainControllers:
 def _require_same(program: Sensors, episode: Sensors) -> None:
     if program != episode:
         raise BundleCrash(_ROBOT, "the sensors of a plain Python controller must not follow from a numeric variable")
+
+
+def _real(control: np.ndarray) -> Float32[np.ndarray, "*shape"]:
+    if control.dtype.kind not in _REAL_KINDS:
+        raise BundleCrash(_ROBOT, f"controller.step: control of {control.dtype}, not of real numbers")
+    return control.astype(np.float32)
 
 
 def _require_shape(control: Float32[np.ndarray, "*shape"], actuators: int) -> None:

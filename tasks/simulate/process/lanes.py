@@ -1,0 +1,174 @@
+"""Episodes simulated in a process of their own: whatever becomes of it, each episode has its row.
+
+A process that an application ended, or that hung in one, is followed by another, and what it was simulating is
+simulated in halves: so the episodes that are to blame are found, and the rows of the others are what they would be
+without these. Where that would take too many processes, the rest fails with the last one's reason.
+"""
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from specs.data.episode import (
+    EpisodeRequest,
+    EpisodeResult,
+    Failure,
+    failed_result,
+    unfinished_result,
+)
+from specs.data.world import World
+from tasks.simulate.application.code import crash_code
+from tasks.simulate.lane.recording import Recorder
+from tasks.simulate.lane.samples import Ends, SliceSamples
+from tasks.simulate.plan.chunks import Chunk, ProgramKey
+from tasks.simulate.process.simulator import SimulatorEnded
+from tasks.simulate.process.simulators import simulator
+from tasks.simulate.process.work import (
+    Answer,
+    Crashed,
+    LanesWork,
+    NoMemory,
+    Progress,
+    RecordingBegins,
+    RecordingEnds,
+    Rows,
+    Samples,
+)
+
+logger = logging.getLogger(__name__)
+_MOST_ENDINGS = 12
+
+
+@dataclass
+class ConfinedLanes:
+    """Simulates parts of chunks in a process of their own; takes what ``chunk.runner.simulate_lanes`` takes.
+
+    Attributes:
+        bundles: Unpacked folders of the applications, by digest.
+        lanes: How many lanes every chunk of the batch is padded to.
+        engine: ``auto``, or the engine that must run them.
+        should_stop: Asked several times a second; episodes not done by then are Canceled.
+        progress: Told how many of the part's episodes are done.
+        rate_hz: Of the recorder's samples.
+        recorder: Given what the lanes do, unless a process ended over it.
+        timed_as: Program to remember the time for.
+        printed: Given what applications print.
+    """
+
+    bundles: Mapping[str, Path]
+    lanes: int
+    engine: str
+    should_stop: Callable[[], bool]
+    progress: Callable[[int], None] = lambda _: None
+    rate_hz: float = 1.0
+    recorder: Recorder | None = None
+    timed_as: ProgramKey | None = None
+    printed: Callable[[str], None] = lambda _: None
+    _endings: int = field(default=0, init=False)
+
+    def simulate(self, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
+        """Returns the rows of a part of a chunk, in request order.
+
+        Raises:
+            MemoryError: There is not enough memory for so many lanes.
+            SimulatorDefect: The process met a defect of Simyard's.
+        """
+        try:
+            return self._rows(chunk, worlds, self.recorder)
+        except SimulatorEnded as ended:
+            return self._after(ended, chunk, worlds)
+
+    def _after(self, ended: SimulatorEnded, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
+        """Returns the rows of a part whose process ended."""
+        if ended.out_of_memory:
+            raise MemoryError(ended.reason)
+        requests, self._endings = chunk.requests, self._endings + 1
+        if ended.killed == "stop" or (self._endings > 1 and self.should_stop()):
+            return [_stopped(request) for request in requests]
+        logger.warning("chunk %d: %s", chunk.number, ended.reason)
+        if len(requests) == 1 or ended.importing or self._endings >= _MOST_ENDINGS:
+            return _failed(requests, ended)
+        half = len(requests) // 2
+        return [
+            row
+            for part in (requests[:half], requests[half:])
+            for row in self._half(chunk.model_copy(update={"requests": part}), worlds, ended)
+        ]
+
+    def _half(self, chunk: Chunk, worlds: Mapping[str, World], before: SimulatorEnded) -> list[EpisodeResult]:
+        if self._endings >= _MOST_ENDINGS:
+            return _failed(chunk.requests, before)
+        try:
+            return self._rows(chunk, worlds, None)
+        except SimulatorEnded as ended:
+            return self._after(ended, chunk, worlds)
+
+    def _rows(self, chunk: Chunk, worlds: Mapping[str, World], recorder: Recorder | None) -> list[EpisodeResult]:
+        with simulator(self.bundles) as process:
+            used = dict.fromkeys(request.world for request in chunk.requests)
+            work = LanesWork(
+                chunk=chunk,
+                worlds=process.sent_worlds({name: worlds[name] for name in used if name in worlds}),
+                bundles={digest: str(folder) for digest, folder in self.bundles.items()},
+                lanes=self.lanes,
+                engine=self.engine,
+                timed_as=self.timed_as,
+                rate_hz=self.rate_hz if recorder else None,
+            )
+            hear = _Listener(self.progress, recorder)
+            try:
+                process.ask(work, on_answer=hear, should_stop=self.should_stop)
+            finally:
+                self.printed(process.output.take())
+        return _checked(chunk.requests, hear.last)
+
+
+class _Listener:
+    """Hears what a process says while it simulates."""
+
+    def __init__(self, progress: Callable[[int], None], recorder: Recorder | None) -> None:
+        self.last: Answer | None = None
+        self._progress, self._recorder = progress, recorder
+
+    def __call__(self, answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
+        self.last = answer
+        if isinstance(answer, Progress):
+            self._progress(answer.done)
+        elif self._recorder is None:
+            return
+        elif isinstance(answer, RecordingBegins):
+            self._recorder.begin(answer.lanes, answer.control_s)
+        elif isinstance(answer, Samples):
+            *samples, steps = arrays
+            self._recorder.add(SliceSamples(answer.steps, *samples), steps)
+        elif isinstance(answer, RecordingEnds):
+            self._recorder.end(Ends(*arrays), answer.rows)
+
+
+def _checked(requests: Sequence[EpisodeRequest], last: Answer | None) -> list[EpisodeResult]:
+    """Returns the rows that a process answered with, if they are those of the requests.
+
+    Raises:
+        MemoryError: It answered that there is not enough memory.
+        SimulatorEnded: It answered anything else.
+    """
+    if isinstance(last, NoMemory):
+        raise MemoryError(last.text)  # noqa: TRY004 - it is no wrong type
+    if isinstance(last, Crashed):
+        return [failed_result(request.index, Failure(last.code, last.reason)) for request in requests]
+    wanted = [request.index for request in requests]
+    if not isinstance(last, Rows) or [row.index for row in last.rows] != wanted:
+        raise SimulatorEnded("it answered with rows of other episodes", None, "", killed="limit")
+    return list(last.rows)
+
+
+def _failed(requests: Sequence[EpisodeRequest], ended: SimulatorEnded) -> list[EpisodeResult]:
+    failure = Failure(crash_code(ended.code), ended.reason)
+    return [failed_result(request.index, failure) for request in requests]
+
+
+def _stopped(request: EpisodeRequest) -> EpisodeResult:
+    return unfinished_result(request.index, "Canceled", failure_code="", failure_reason="stopped before its end")

@@ -1,0 +1,87 @@
+"""The processes that simulate for this one: each serves one set of applications, and is kept for a while."""
+
+import atexit
+import os
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from tasks.simulate.process.simulator import Simulator
+
+# A batch asks again within seconds; between batches its memory is of more use to others.
+_IDLE_S = 20.0
+_IDLE_AT_MOST = 2
+_Wanted = Callable[[int, float], bool]
+_Key = tuple[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]]
+
+
+class _Idle:
+    """Processes that nobody asks now, the one used last at the end."""
+
+    def __init__(self) -> None:
+        self._lock, self._owner = threading.Lock(), os.getpid()
+        self._kept: list[tuple[_Key, Simulator, float]] = []
+
+    def take(self, key: _Key) -> Simulator | None:
+        with self._lock:
+            if self._owner != os.getpid():  # another process's children, after a fork
+                self._owner, self._kept = os.getpid(), []
+            for entry in reversed(self._kept):
+                if entry[0] == key and entry[1].alive:
+                    self._kept.remove(entry)
+                    return entry[1]
+        return None
+
+    def keep(self, key: _Key, simulator: Simulator) -> None:
+        with self._lock:
+            self._kept.append((key, simulator, time.monotonic()))
+        self._end(lambda place, _: place < len(self._kept) - _IDLE_AT_MOST)
+        timer = threading.Timer(_IDLE_S + 1.0, self.end_unused)
+        timer.daemon = True
+        timer.start()
+
+    def end_unused(self) -> None:
+        now_s = time.monotonic()
+        self._end(lambda _, since_s: now_s - since_s >= _IDLE_S)
+
+    def end_all(self) -> None:
+        self._end(lambda _place, _since_s: True)
+
+    def _end(self, wanted: "_Wanted") -> None:
+        with self._lock:
+            ended = [entry for place, entry in enumerate(self._kept) if wanted(place, entry[2])]
+            self._kept = [entry for entry in self._kept if entry not in ended]
+        for _, simulator, _ in ended:
+            simulator.end()
+
+
+_idle = _Idle()
+atexit.register(_idle.end_all)
+
+
+@contextmanager
+def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
+    """Yields a process that simulates with these applications, for this thread alone.
+
+    Args:
+        bundles: Unpacked folders of the applications, by digest.
+    """
+    settings = sorted(
+        (name, value) for name, value in os.environ.items() if name.startswith(("SIMYARD_", "JAX_", "XLA_"))
+    )
+    key = tuple(sorted((digest, str(folder)) for digest, folder in bundles.items())), tuple(settings)
+    found = _idle.take(key) or Simulator(bundles)
+    try:
+        yield found
+    finally:
+        if found.alive:
+            _idle.keep(key, found)
+        else:
+            found.end()
+
+
+def end_simulators() -> None:
+    """Ends all processes that nobody asks now."""
+    _idle.end_all()

@@ -1,0 +1,80 @@
+"""A replay in the process that simulates: the episode goes there, its row and all its steps come back."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from specs.data.episode import EpisodeRequest, Failure, failed_result
+from specs.data.world import World
+from tasks.simulate.application.code import crash_code
+from tasks.simulate.process.simulator import SimulatorEnded
+from tasks.simulate.process.simulators import simulator
+from tasks.simulate.process.work import Again, AgainWork, Answer, Crashed, NoMemory
+from tasks.simulate.replay.driven_again import DrivenAgain, Setting
+
+
+def drive_apart(
+    request: EpisodeRequest,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str,
+    rate_hz: float,
+) -> DrivenAgain:
+    """Returns an episode driven to its end, as ``replay_drive.drive_again``, which takes the same.
+
+    Raises:
+        MemoryError: There is not enough memory for so many lanes.
+        SimulatorEnded: The process ended, but for in an application's code: such an episode has its row.
+    """
+    last: list[tuple[Answer, tuple[np.ndarray, ...]]] = []
+
+    def hear(answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
+        last[:] = [(answer, arrays)]
+
+    with simulator(bundles) as process:
+        work = AgainWork(
+            request=request,
+            worlds=process.sent_worlds({request.world: worlds[request.world]}),
+            bundles={digest: str(folder) for digest, folder in bundles.items()},
+            lanes=lanes,
+            engine=engine,
+            rate_hz=rate_hz,
+        )
+        try:
+            process.ask(work, on_answer=hear)
+        except SimulatorEnded as ended:
+            if ended.out_of_memory:
+                raise
+            return DrivenAgain(failed_result(request.index, Failure(crash_code(ended.code), ended.reason)))
+    answer, arrays = last[0]
+    match answer:
+        case Again() as again:
+            return _driven(again, arrays)
+        case Crashed() as crashed:
+            return DrivenAgain(failed_result(request.index, Failure(crashed.code, crashed.reason)))
+        case NoMemory() as lack:
+            raise MemoryError(lack.text)
+        case other:
+            raise SimulatorEnded(f"it answered {other.kind!r} to a replay", None, "", killed="limit")
+
+
+def _driven(again: Again, arrays: tuple[np.ndarray, ...]) -> DrivenAgain:
+    if not again.started:
+        return DrivenAgain(again.row)
+    goals_m, angles_rad, *columns = arrays
+    count = len(again.columns)
+    setting = Setting(
+        goals_m=goals_m,
+        arrived_m=again.arrived_m,
+        radius_m=again.radius_m,
+        heights_m=again.heights_m,
+        mount=again.mount,
+        lidar_height_m=again.lidar_height_m,
+        range_m=again.range_m,
+        angles_rad=angles_rad,
+    )
+    steps, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
+    return DrivenAgain(again.row, setting, steps, samples)

@@ -1,0 +1,236 @@
+"""The process that simulates: it alone imports applications, and what it is asked it answers.
+
+Run as ``python -m tasks.simulate.simulation_process CONNECTION CALLS``, with two file descriptors: a socket to whoever
+started it, and the memory in which it notes which call of an application is under way.
+"""
+
+import contextlib
+import ctypes
+import importlib
+import io
+import mmap
+import os
+import select
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Int
+
+from specs.base import Spec
+from specs.data.episode import EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.call_clock import CLOCK_BYTES, CallClock, use_clock
+from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.chunk.timings import hand_over_timings
+from tasks.simulate.devices import prepare_devices
+from tasks.simulate.lane.samples import Ends, Steps, sample_stride, slice_samples
+from tasks.simulate.process.wire import receive, send
+from tasks.simulate.process.work import (
+    WORK,
+    Again,
+    AgainWork,
+    Audited,
+    AuditWork,
+    Crashed,
+    Defect,
+    LanesWork,
+    NoMemory,
+    Progress,
+    Ready,
+    RecordingBegins,
+    RecordingEnds,
+    RememberedTiming,
+    Rows,
+    Samples,
+    SentWorlds,
+)
+
+if TYPE_CHECKING:
+    from tasks.simulate.replay.replay_drive import DrivenAgain
+
+_PR_SET_PDEATHSIG = 1
+_STOP_LOOK_S = 0.0
+
+
+def main(connection: socket.socket, calls: int) -> None:
+    """Answers question after question, until whoever asks is gone.
+
+    Args:
+        connection: To whoever asks.
+        calls: File descriptor of the memory for calls.
+    """
+    use_clock(CallClock(mmap.mmap(calls, CLOCK_BYTES)))
+    prepare_devices()
+    with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
+        importlib.import_module("tasks.simulate.chunk.episodes")  # which imports JAX, which reads its settings then
+    service = Service(connection)
+    service.say(Ready())
+    while True:
+        try:
+            document = receive(connection).document
+        except (EOFError, OSError):
+            return
+        if "work" in document:  # else it is told to stop what it has ended already
+            service.answer(WORK.validate_json(str(document["work"])))
+
+
+class Service:
+    """Answers questions over a connection."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        """Begins without worlds."""
+        self._connection, self._worlds = connection, dict[str, World]()
+        self._stopped = False
+
+    def say(self, answer: Spec, arrays: Sequence[np.ndarray] = ()) -> None:
+        """Sends an answer."""
+        send(self._connection, answer.model_dump(mode="json"), arrays)
+
+    def answer(self, work: LanesWork | AuditWork | AgainWork) -> None:
+        """Answers a question, whatever happens."""
+        self._stopped = False
+        self._keep(work.worlds)
+        try:
+            self._work(work)
+        except BundleCrash as crash:
+            self.say(Crashed(code=crash.code, reason=crash.reason))
+        except MemoryError as exc:
+            self.say(NoMemory(text=str(exc)))
+        except Exception as exc:  # noqa: BLE001 - whoever asks raises it
+            lack = "RESOURCE_EXHAUSTED" in str(exc)  # XLA's status for an allocation that failed
+            self.say(NoMemory(text=str(exc)) if lack else Defect(text=traceback.format_exc()))
+
+    def _work(self, work: LanesWork | AuditWork | AgainWork) -> None:
+        bundles = {digest: Path(folder) for digest, folder in work.bundles.items()}
+        match work:
+            case LanesWork():
+                self._lanes(work, bundles)
+            case AuditWork():
+                self._audit(work, bundles)
+            case AgainWork():
+                self._again(work, bundles)
+
+    def _keep(self, worlds: SentWorlds) -> None:
+        for name in worlds.gone:
+            self._worlds.pop(name, None)
+        self._worlds |= {name: World.model_validate_json(text) for name, text in worlds.new.items()}
+
+    def _lanes(self, work: LanesWork, bundles: Mapping[str, Path]) -> None:
+        from tasks.simulate.chunk.runner import simulate_lanes  # noqa: PLC0415 - after JAX's settings
+
+        with hand_over_timings() as timings:
+            rows = simulate_lanes(
+                work.chunk,
+                self._worlds,
+                bundles,
+                lanes=work.lanes,
+                engine=work.engine,
+                should_stop=self._should_stop,
+                progress=self._progress,
+                recorder=None if work.rate_hz is None else _Forward(self.say, work.rate_hz),
+                timed_as=work.timed_as,
+            )
+        self.say(Rows(rows=tuple(rows), timings=_remembered(timings)))
+
+    def _audit(self, work: AuditWork, bundles: Mapping[str, Path]) -> None:
+        from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415
+        from tasks.simulate.audit.audit_sample import SampledEpisode  # noqa: PLC0415
+
+        sample = [SampledEpisode(each.request, each.row, each.spread) for each in work.sample]
+        with hand_over_timings() as timings:
+            report = audit(
+                sample,
+                self._worlds,
+                bundles,
+                lanes=work.lanes,
+                engine=work.engine,
+                drawn=work.drawn,
+                progress=self._progress,
+            )
+        self.say(Audited(report=report.model_dump_json(), timings=_remembered(timings)))
+
+    def _again(self, work: AgainWork, bundles: Mapping[str, Path]) -> None:
+        from tasks.simulate.replay.replay_drive import drive_again  # noqa: PLC0415
+
+        with hand_over_timings():
+            again = drive_again(
+                work.request, self._worlds, bundles, lanes=work.lanes, engine=work.engine, rate_hz=work.rate_hz
+            )
+        self.say(*_told(again))
+
+    def _progress(self, done: int) -> None:
+        self.say(Progress(done=done))
+
+    def _should_stop(self) -> bool:
+        while not self._stopped and select.select([self._connection], [], [], _STOP_LOOK_S)[0]:
+            self._stopped = "stop" in receive(self._connection).document
+        return self._stopped
+
+
+class _Forward:
+    """Tells a recorder in another process what lanes do."""
+
+    def __init__(self, say: Callable[[Spec, Sequence[np.ndarray]], None], rate_hz: float) -> None:
+        self._say, self._rate_hz = say, rate_hz
+        self._lanes, self._stride, self._before = 0, 1, 0
+
+    def begin(self, lanes: int, control_s: float) -> None:
+        self._lanes, self._stride, self._before = lanes, sample_stride(self._rate_hz, control_s), 0
+        self._say(RecordingBegins(lanes=lanes, control_s=control_s), ())
+
+    def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
+        samples = slice_samples(slice_, steps, lanes=self._lanes, before=self._before, stride=self._stride)
+        self._before += samples.steps
+        self._say(Samples(steps=samples.steps), (*samples[1:], np.asarray(steps)))
+
+    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+        self._say(RecordingEnds(rows=tuple(rows)), tuple(ends))
+
+
+def _remembered(timings: "Sequence[tuple[tuple[str, ...], object]]") -> tuple[RememberedTiming, ...]:
+    return tuple(RememberedTiming.model_validate({"program": program, "timing": timing}) for program, timing in timings)
+
+
+def _told(again: "DrivenAgain") -> tuple[Again, list[np.ndarray]]:
+    """Returns what is said of an episode that was driven again, and the arrays that go with it."""
+    setting, steps, samples = again.setting, again.steps, again.samples
+    if setting is None or steps is None or samples is None:
+        return Again(row=again.row, started=False), []
+    names = tuple(steps)
+    said = Again(
+        row=again.row,
+        started=True,
+        arrived_m=setting.arrived_m,
+        radius_m=setting.radius_m,
+        heights_m=setting.heights_m,
+        mount=setting.mount,
+        lidar_height_m=setting.lidar_height_m,
+        range_m=setting.range_m,
+        columns=names,
+    )
+    columns = [np.asarray(each[name]) for each in (steps, samples) for name in names]
+    return said, [setting.goals_m, setting.angles_rad, *columns]
+
+
+def _end_with_parent(connection: socket.socket) -> None:
+    """Ends this process when whoever asks is gone, whatever its main thread is doing."""
+    poll = select.poll()
+    poll.register(connection, select.POLLHUP)
+    poll.poll()
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's interrupt is for whoever asks
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    asking = socket.socket(fileno=int(sys.argv[1]))
+    threading.Thread(target=_end_with_parent, args=(asking,), name="simyard end", daemon=True).start()
+    main(asking, int(sys.argv[2]))
