@@ -73,7 +73,8 @@ def make_home(account: Account, root: Path) -> Path:
     home.mkdir(mode=0o700, exist_ok=True)
     os.chown(home, account.uid, account.gid, follow_symlinks=False)
     if not _can_enter(account, home):
-        allowed = f"a folder that {account.name} can get to; or --user {os.geteuid()}, and programs run as this agent"
+        otherwise = f"or --user {os.geteuid()}, and programs run as this agent does"
+        allowed = f"a folder that the account {account.name!r} can get to; {otherwise}"
         raise DocumentError([Fault(path="--root", value=str(root), allowed=allowed)], source="agent")
     return home
 

@@ -19,7 +19,7 @@ from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
-from tests.deploy.reach import let_all_enter
+from tests.deploy.reach import open_folder
 from tests.deploy.yard import eventually
 from tests.repository import ROOT
 
@@ -29,6 +29,13 @@ BASH = ["bash", "-euo", "pipefail", "-c"]
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", DOCUMENT, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def tmp_path() -> Iterator[Path]:
+    """A folder for the owner and the robot, whose programs may have another account."""
+    with open_folder() as folder:
+        yield folder
 
 
 @pytest.fixture
@@ -45,7 +52,7 @@ def robots_ended(tmp_path: Path) -> Iterator[None]:
 @pytest.mark.usefixtures("robots_ended")
 def test_what_it_says_one_types_rolls_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SIMYARD_KEYS", raising=False)
-    monkeypatch.chdir(let_all_enter(tmp_path))
+    monkeypatch.chdir(tmp_path)
     url = (tmp_path / "store").as_uri()
     monkeypatch.setenv("SIMYARD_STORE", url)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")

@@ -13,7 +13,7 @@ from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.robot.processes import end_all
 from tasks.deploy.trust.metadata_writer import LIFETIMES
 from tasks.storage.store_url import open_store
-from tests.deploy.reach import let_all_enter
+from tests.deploy.reach import open_folder
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/operate/fleet-trust.md").read_text()
@@ -22,6 +22,13 @@ BASH = ["bash", "-euo", "pipefail", "-c"]
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", DOCUMENT, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def tmp_path() -> Iterator[Path]:
+    """A folder for the owner and the robot, whose programs may have another account."""
+    with open_folder() as folder:
+        yield folder
 
 
 @pytest.fixture
@@ -39,7 +46,7 @@ def test_what_it_says_one_types_gives_a_robot_that_runs_what_was_signed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("SIMYARD_KEYS", raising=False)
-    monkeypatch.chdir(let_all_enter(tmp_path))
+    monkeypatch.chdir(tmp_path)
     url = (tmp_path / "store").as_uri()
     monkeypatch.setenv("SIMYARD_STORE", url)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")

@@ -15,7 +15,7 @@ from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.store_url import open_store
 from tests.deploy.kit.robot_image import command, environment, install
-from tests.deploy.reach import let_all_enter
+from tests.deploy.reach import open_folder
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/operate/robot.md").read_text()
@@ -50,8 +50,15 @@ class Owner:
 
 
 @pytest.fixture
+def tmp_path() -> Iterator[Path]:
+    """A folder for the owner and the robot, whose programs may have another account."""
+    with open_folder() as folder:
+        yield folder
+
+
+@pytest.fixture
 def owner(tmp_path: Path) -> Iterator[Owner]:
-    yield Owner(let_all_enter(tmp_path))
+    yield Owner(tmp_path)
     if (tmp_path / STATE).is_dir():
         end_all(tmp_path / STATE)
 

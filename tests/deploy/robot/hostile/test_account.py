@@ -17,7 +17,7 @@ from tasks.deploy.robot.processes import end_all
 from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import GOOD, desired, scripted
-from tests.deploy.reach import let_all_enter
+from tests.deploy.reach import open_folder
 from tests.deploy.yard import Yard, kill, wait_for_report
 
 _NOBODY = 65534
@@ -29,10 +29,16 @@ as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives programs
 
 
 @pytest.fixture
-def agent(file_store: Store, tmp_path: Path) -> Iterator[Callable[..., Yard]]:
-    """Starts an agent with options; its folder can be entered by all."""
+def open_yard(file_store: Store) -> Iterator[Yard]:
+    with open_folder() as folder:
+        yield Yard(file_store, folder)
+
+
+@pytest.fixture
+def agent(open_yard: Yard) -> Iterator[Callable[..., Yard]]:
+    """Starts an agent with options."""
     started: list[subprocess.Popen[bytes]] = []
-    yard = Yard(file_store, let_all_enter(tmp_path))
+    yard = open_yard
 
     def start(*options: str) -> Yard:
         root = yard.root("r1")
@@ -121,7 +127,7 @@ def test_an_account_that_cannot_get_to_the_robots_folder_is_told_at_the_start() 
         account = chosen_account("nobody")
         assert account is not None
 
-        with pytest.raises(DocumentError, match="a folder that nobody can get to"):
+        with pytest.raises(DocumentError, match="a folder that the account 'nobody' can get to"):
             make_home(account, Path(folder) / "robot")
 
 

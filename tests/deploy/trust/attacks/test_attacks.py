@@ -23,7 +23,7 @@ CHANGES: dict[str, dict[str, object]] = {
     "a higher sequence": {"sequence": 99},
     "a later expiry": {"expires_at_s": 9e9},
     "a condition": {"condition": {"bucket": "evil", "key": "script"}},
-    "no timeout": {"timeout_s": float("inf")},
+    "a longer timeout": {"timeout_s": 604_800.0},
 }
 
 
