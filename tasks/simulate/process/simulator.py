@@ -225,8 +225,12 @@ class Simulator:
         return SimulatorEnded(why, call or running_call(self._calls), self.output.last_lines(), killed=killed)
 
 
-class SimulatorDefect(SimyardError):  # noqa: N818 - a state
-    """The process met an exception that no application caused; carries its traceback."""
+class SimulatorDefect(RuntimeError):
+    """The process met an exception that no application caused: a defect of Simyard's, with its traceback as a note."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text.strip().rpartition("\n")[2])
+        self.add_note(text)
 
 
 def _started(bundles: Mapping[str, Path], connection: socket.socket, calls: IO[bytes]) -> subprocess.Popen[bytes]:
