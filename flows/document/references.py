@@ -19,7 +19,7 @@ from flows.document.tested_batch import (
 )
 from specs.arn import parse_reference
 from specs.base import Fault
-from specs.errors import DocumentError
+from specs.errors import DocumentError, ObjectNotFound
 from specs.pipeline.document import ApplicationSource, PipelineSpec
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import fleet_reference
@@ -28,7 +28,7 @@ from specs.robomaker.bundle import LATEST, ApplicationKind, Version
 from specs.template.body import template_digest
 from tasks.applications.registry import find_by_digest, publish_bundle, resolve
 from tasks.deploy.rollout.resolved_request import preflight
-from tasks.deploy.trust.trust_choice import trust_faults
+from tasks.deploy.trust.trust_choice import condition_fault, trust_faults
 from tasks.deploy.trust.trust_record import Signer
 from tasks.documents.template_source import find_template
 from tasks.export.format.formats import require_writable
@@ -196,6 +196,7 @@ def _deployable_version(section: Deployment, tested: dict[str, str] | None, stor
     launch = section.deploymentApplicationConfigs[0].launchConfig
     faults = trust_faults(trust=section.trust, local=agents > 0)
     signer = None if agents or faults else _signer(section, store)
+    faults += _condition_faults(section, store)
     faults += preflight(
         store,
         fleet=fleet_reference(section),
@@ -207,6 +208,21 @@ def _deployable_version(section: Deployment, tested: dict[str, str] | None, stor
     if faults:
         raise DocumentError(faults)
     return version
+
+
+def _condition_faults(section: Deployment, store: Store) -> list[Fault]:
+    """Returns why the script that robots run before a download cannot be signed for; nothing where there is none."""
+    condition = section.deploymentConfig.downloadConditionFile if section.deploymentConfig else None
+    if condition is None or section.trust == "unsigned":
+        return []
+    path = "deployment.deploymentConfig.downloadConditionFile"
+    try:
+        etag = open_bucket(store, condition.bucket).get(condition.key).etag
+    except ObjectNotFound:
+        value = f"{condition.bucket}/{condition.key}"
+        return [Fault(path=f"{path}.key", value=repr(value), allowed="an object of the bucket; there is none")]
+    fault = condition_fault(condition, etag)
+    return [fault.model_copy(update={"path": f"deployment.{fault.path}"})] if fault else []
 
 
 def _signer(section: Deployment, store: Store) -> Signer | None:

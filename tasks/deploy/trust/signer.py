@@ -27,7 +27,7 @@ from tasks.deploy.trust.repository import (
     utc_now,
 )
 from tasks.deploy.trust.signature import sign_desired, verify
-from tasks.deploy.trust.trust_choice import chosen_keys, trust_faults
+from tasks.deploy.trust.trust_choice import chosen_keys, condition_fault, trust_faults
 from tasks.deploy.trust.trust_record import Admission
 from tasks.deploy.trust.tuf_names import CryptoSigner, RawSignature
 from tasks.deploy.trust.vouched_fleets import VouchedFleets, read_fleets, write_fleets
@@ -200,10 +200,17 @@ class DeploymentSigner:
         return self._key
 
     def _condition_sha256(self, condition: S3Object) -> str:
+        """Returns the SHA-256 of the script that the document names by its ETag.
+
+        Raises:
+            TrustRefused: It names none, or another one lies there: whoever writes to the bucket would have it signed.
+        """
         known = (condition.bucket, condition.key)
         if known not in self._conditions:
-            body = open_bucket(self._store, condition.bucket).get(condition.key, MOST_CONDITION_BYTES).body
-            self._conditions[known] = hashlib.sha256(body).hexdigest()
+            found = open_bucket(self._store, condition.bucket).get(condition.key, MOST_CONDITION_BYTES)
+            if fault := condition_fault(condition, found.etag):
+                raise TrustRefused(str(fault))
+            self._conditions[known] = hashlib.sha256(found.body).hexdigest()
         return self._conditions[known]
 
 

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from specs.base import Fault
+from specs.field_types import S3Object
 
 KEYS_VARIABLE = "SIMYARD_KEYS"
 UNSIGNED_ALARM = (
@@ -34,3 +35,18 @@ def trust_faults(*, trust: str, local: bool) -> list[Fault]:
         allowed = "a folder that simyard fleet keys init --keys DIR made"
         return [Fault(path=KEYS_VARIABLE, value=str(keys), allowed=allowed)]
     return []
+
+
+def condition_fault(condition: S3Object, etag: str) -> Fault | None:
+    """Returns why keys do not vouch for a download condition: a script that robots run, and no gate has seen.
+
+    Args:
+        condition: As the document names it.
+        etag: What lies there now.
+    """
+    named = (condition.etag or "").strip('"')
+    if named == etag.strip('"'):
+        return None
+    what = f"{condition.bucket}/{condition.key}"
+    allowed = f"the ETag of the script that you mean, since robots run it; {what} has {etag.strip(chr(34))!r} now"
+    return Fault(path="deploymentConfig.downloadConditionFile.etag", value=repr(condition.etag), allowed=allowed)

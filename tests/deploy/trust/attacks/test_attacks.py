@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from specs.errors import TrustRefused
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.robots import read_desired
@@ -111,8 +112,8 @@ def test_a_bundle_that_is_not_on_the_signed_list_is_refused(
 def test_a_condition_that_was_changed_after_the_signature_is_refused(
     yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
-    condition = {"bucket": "mine", "key": "condition.sh"}
-    yard.store.put("buckets/mine/condition.sh", b"#!/bin/sh\nexit 0\n")
+    etag = yard.store.put("buckets/mine/condition.sh", b"#!/bin/sh\nexit 0\n")
+    condition = {"bucket": "mine", "key": "condition.sh", "etag": etag}
     newer = yard.publish(NEWER)
     wanted = owner.signed(newer, 2, condition=condition)
     yard.store.put("buckets/mine/condition.sh", b"#!/bin/sh\ntouch $HOME/evil\n")
@@ -122,6 +123,17 @@ def test_a_condition_that_was_changed_after_the_signature_is_refused(
     assert (reported.failure_code, reported.step) == ("EtagMismatch", "ExecutingDownloadCondition")
     assert not (careful.folder / "evil").exists()
     assert careful.runs == (installed.digest, 1)
+
+
+@pytest.mark.parametrize("named", [None, "0" * 32])
+def test_a_condition_that_the_document_does_not_name_by_its_content_is_not_signed(
+    yard: Yard, owner: Owner, named: str | None
+) -> None:
+    etag = yard.store.put("buckets/mine/condition.sh", b"#!/bin/sh\ntouch $HOME/evil\n")
+    condition = {"bucket": "mine", "key": "condition.sh", "etag": named}
+
+    with pytest.raises(TrustRefused, match=f"downloadConditionFile.etag.*{etag}"):
+        owner.signed(yard.publish(NEWER), 2, condition=condition)
 
 
 def test_a_desired_state_that_expired_is_refused(
