@@ -41,13 +41,3 @@ def test_what_a_stranger_wrote_does_not_steer_the_terminal(owner: Owner, records
     told = [owner.simyard(*command).stdout for command in commands]
     assert [text for text in told if terminal_text(text) != text] == []
     assert "/dev/video0" in "".join(told)
-
-
-def test_a_record_that_cannot_be_read_does_not_steer_it_either(owner: Owner, writer: Writer, records: list[str]):
-    """The attacker writes a record that is none: the message quotes it without control characters."""
-    for kind in KINDS:
-        for key in writer.keys(f"jobs/{kind}/"):
-            writer.put(key, json.dumps({HOSTILE: HOSTILE}, ensure_ascii=False).encode())
-    told = [owner.simyard("describe", arn).stdout for arn in records]
-    told += [owner.simyard("run", "worlds.yaml").stdout]
-    assert [text for text in told if terminal_text(text) != text] == []
