@@ -1,6 +1,8 @@
 """What child processes do in the races of the storage tests."""
 
 import multiprocessing
+import random
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing.synchronize import Barrier
@@ -43,6 +45,20 @@ def create_in_rounds(url: str, racer: int, threads: int, rounds: int) -> list[tu
 
     with ThreadPoolExecutor(threads) as pool:
         return [win for wins in pool.map(run, range(threads)) for win in wins]
+
+
+def missed_names(url: str, keys: list[str], writes: bool, seconds: float) -> int:  # noqa: FBT001 - sent to a process
+    """Returns how many keys listings left out; or writes over all of them again and again, for others that list."""
+    store = open_store(url)
+    _wait()
+    end_s, missed = time.monotonic() + seconds, 0
+    while time.monotonic() < end_s:
+        if not writes:
+            missed += len(set(keys) - set(store.keys("k")))
+            continue
+        for key in random.sample(keys, 50):
+            store.put(key, b"1")
+    return missed
 
 
 def submit_together(url: str, token: str) -> str:
