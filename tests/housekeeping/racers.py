@@ -4,11 +4,13 @@ import random
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from specs.robomaker.bundle import Version
+from tasks.housekeeping.cache_garbage import remove_entry, unused_entries
 from tasks.housekeeping.job import Ages
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
@@ -70,6 +72,7 @@ class _Life:
         self.yard, self.notes = Yard(open_store(url)), YardNotes()
         self._chance, self._me, self._grace_s = random.Random(me), me, grace_s  # noqa: S311 - no secret depends on it
         self._batches: list[tuple[JobRecord, str, str]] = []
+        self._made_s: dict[str, float] = {}
         self._jobs: list[JobRecord] = []
         self._published: dict[str, Version] = {}
         self._lost: list[str] = []
@@ -90,13 +93,12 @@ class _Life:
         named = step(f"{self._me}-{self.notes.operations}")
         self.notes.operations += 1
         new = ({named} if named else set[str]()) | (set(self.yard.needs) - before)
+        self.notes.late -= {named}
         if time.monotonic() - begun_s > self._grace_s / 2:
             self.notes.late |= new
-        else:
-            self.notes.late -= {named}
 
     def _publish(self, _name: str) -> str:
-        name, body = f"{self._me}-app{self._chance.randrange(2)}", f"bundle {self._chance.randrange(4)}".encode()
+        name, body = f"{self._me}-app{self._chance.randrange(2)}", f"bundle {self._chance.randrange(12)}".encode()
         self._published[name] = self.yard.publish(name, body)
         return f"applications/robot-application/{name}.json"
 
@@ -115,12 +117,16 @@ class _Life:
             batch = self.yard.batch(f"{name}-batch", generation.id, digest)
             self._jobs += [generation, batch]
             self._batches.append((batch, generation.id, digest))
+            self._made_s[batch.id] = time.monotonic()
         return ""
 
     def _judge(self, _name: str) -> str:
+        """Judges the newest batch, as the run does that made it and names it; none so old that it may be forgotten."""
         if not self._batches:
             return ""
         batch, generation, digest = self._batches.pop()
+        if time.monotonic() - self._made_s[batch.id] > self._grace_s:
+            return ""
         return self.yard.judge(batch.id, generation, digest)
 
     def _deploy(self, name: str) -> str:
@@ -142,3 +148,42 @@ class _Life:
         if self._lost:
             self._jobs.append(self.yard.generation(self._lost.pop(0)))
         return ""
+
+
+def race_cache(cache: str, role: str, seconds: float) -> Counter[str]:
+    """Clears a cache again and again, or fills it; returns how many entries were made, or went, or stayed.
+
+    What a filler has made goes whole or not at all, and a file that it writes over is never what it was before.
+    """
+    wait_for_all()
+    end_s, done = time.monotonic() + seconds, Counter[str]()
+    while time.monotonic() < end_s:
+        if role == "gc":
+            done.update("went" if remove_entry(entry) else "stayed" for entry in unused_entries(Path(cache), 0.0))
+            continue
+        done["made"] += 1
+        _fill(Path(cache, "bundles"), f"{role}-{done['made']}")
+        _write_over(Path(cache, "timings", role), done)
+    return done
+
+
+def _fill(folder: Path, name: str) -> None:
+    """Makes a folder of folders, read-only as those of data are, which appears whole."""
+    new = folder / f".{name}.tmp"
+    with suppress(FileNotFoundError):  # a gc takes what is being made for what a killed process left
+        for number in range(5):
+            (new / str(number)).mkdir(parents=True)
+            (new / str(number) / "file").write_bytes(b"1")
+            (new / str(number)).chmod(0o555)
+        new.rename(folder / name)
+
+
+def _write_over(path: Path, done: Counter[str]) -> None:
+    """Writes a number over the one before; what is read afterwards is that one, or nothing."""
+    new = path.with_name(f".{path.name}.new")
+    with suppress(FileNotFoundError):
+        new.write_text(str(done["made"]))
+        new.replace(path)
+        found = path.read_text()
+        if found != str(done["made"]):
+            done["older"] += 1
