@@ -13,7 +13,7 @@ from specs.errors import BundleRefused, DocumentError, ObjectNotFound
 from specs.field_types import S3Object
 from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import ARCHITECTURES, Application, ApplicationKind, Build, Version
-from tasks.applications.registry import add_version
+from tasks.applications.registry import add_version, missing_bundles
 from tasks.applications.versions import (
     application_name,
     change,
@@ -102,7 +102,12 @@ def create_version(store: Store, kind: ApplicationKind, reference: str, current_
     if not found.sources:
         raise not_found("sources", found.name, "an application with sources; publish a folder, or name some by update")
     bundles = [_taken(store, source) for source in found.sources]
-    return add_version(store, kind, found.name, bundles, whole=False, current_revision=found.revision)
+    made = add_version(store, kind, found.name, bundles, whole=False, current_revision=found.revision)
+    missing = missing_bundles(store, bundles)
+    for source in found.sources:
+        if source.architecture in missing:
+            _taken(store, source)
+    return made
 
 
 def delete_application(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Application:

@@ -39,7 +39,16 @@ def _names(home: Path) -> list[str]:
     return [path.name for path in home.iterdir() if path.is_dir()] if home.is_dir() else []
 
 
-__all__ = ["add_version", "applications", "find_by_digest", "pack", "publish_bundle", "resolve", "unpack"]
+__all__ = [
+    "add_version",
+    "applications",
+    "find_by_digest",
+    "missing_bundles",
+    "pack",
+    "publish_bundle",
+    "resolve",
+    "unpack",
+]
 
 
 def publish_bundle(
@@ -69,9 +78,21 @@ def publish_bundle(
     """
     folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
     bundles = [_pack(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
-    return add_version(
+    made = add_version(
         store, kind, name, bundles, whole=isinstance(source, Path), shipped=shipped, current_revision=current_revision
     )
+    for each in missing_bundles(store, bundles):
+        _pack(store, each, folders[each])
+    return made
+
+
+def missing_bundles(store: Store, bundles: Sequence[Build]) -> list[Architecture]:
+    """Returns those of a version's bundles, by architecture, that a gc removed before the version named them.
+
+    Where a store cannot remove and compare in one step, a gc may remove what was written again at that moment. It looks
+    for names afterwards, as this looks for bundles after they were named: one of the two sees the other.
+    """
+    return [each.architecture for each in bundles if not store.exists(bundle_key(each.digest))]
 
 
 def add_version(

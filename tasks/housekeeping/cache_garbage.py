@@ -9,6 +9,7 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
@@ -74,9 +75,13 @@ def remove_entry(entry: CacheEntry) -> bool:
 
 def _put_back(aside: Path, path: Path) -> None:
     try:
-        aside.rename(path)
+        if aside.is_dir():
+            aside.rename(path)
+            return
+        path.hardlink_to(aside)  # a rename would write over a newer one
     except OSError:  # made again meanwhile
-        _remove(aside)
+        pass
+    _remove(aside)
 
 
 def _cached(cache: Path) -> Iterator[CacheEntry]:
@@ -110,10 +115,16 @@ def _stat(path: Path) -> os.stat_result | None:
 
 
 def _remove(path: Path) -> None:
-    """Removes a file, or a folder whose own folders may be read-only."""
+    """Removes a file, or a folder whose own folders may be read-only; another gc may remove it too, or move it."""
     if not path.is_dir():
         path.unlink(missing_ok=True)
         return
     for base, _, _ in os.walk(path):
-        Path(base).chmod(0o755)
-    shutil.rmtree(path)
+        with suppress(FileNotFoundError):
+            Path(base).chmod(0o755)
+    shutil.rmtree(path, onerror=_raise_unless_gone)
+
+
+def _raise_unless_gone(_function: object, _path: str, found: tuple[object, BaseException, object]) -> None:
+    if not isinstance(found[1], FileNotFoundError):
+        raise found[1]

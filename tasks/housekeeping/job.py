@@ -105,7 +105,7 @@ class _Marked:
 
     def look_again(self) -> NamedByRecords:
         """Returns what the records name now; those that are as they were are not read again."""
-        self._records = read_records(self._store, record_entries(self._store), self._records)
+        self._records = read_records(self._store, record_entries(self._store, self._records), self._records)
         return names_in(self._records, self._ended_before_s)
 
 

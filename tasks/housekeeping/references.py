@@ -79,10 +79,23 @@ class NamingRecord:
 Records = Mapping[str, NamingRecord]
 
 
-def record_entries(store: Store) -> list[Entry]:
-    """Returns the records of a store as a listing shows them now."""
-    found = (entry for folder in RECORD_FOLDERS for entry in store.entries(folder))
-    return [entry for entry in found if is_record(entry.key)]
+def record_entries(store: Store, known: Records) -> list[Entry]:
+    """Returns the records of a store as a listing shows them now, and those that it left out though they are there.
+
+    Args:
+        store: Whose.
+        known: Those of the last time: each that is not listed is looked for by its key.
+    """
+    listed = [entry for folder in RECORD_FOLDERS for entry in store.entries(folder) if is_record(entry.key)]
+    left_out = (_entry(store, key) for key in sorted(known.keys() - {entry.key for entry in listed}))
+    return [*listed, *(entry for entry in left_out if entry)]
+
+
+def _entry(store: Store, key: str) -> Entry | None:
+    try:
+        return store.entry(key)
+    except ObjectNotFound:
+        return None
 
 
 def read_records(store: Store, entries: list[Entry], known: Records) -> dict[str, NamingRecord]:

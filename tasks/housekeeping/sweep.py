@@ -84,7 +84,7 @@ def _sweep_leftover(store: Store, leftover: Leftover, look_again: LookAgain, swe
         for item in leftover.ends:
             if item.what == TOKENS:
                 swept.note(item, is_gone=_remove_token(store, job, item))
-    _drop_claim(store, key)
+    _drop_claim(store, key, claim.epoch)
     for item in leftover.ends:
         if item.what != TOKENS:
             swept.note(item, is_gone=True)
@@ -137,14 +137,14 @@ def _remove_token(store: Store, job: Job, item: Item) -> bool:
     return False
 
 
-def _drop_claim(store: Store, key: str) -> None:
-    """Removes a claim that nobody has."""
+def _drop_claim(store: Store, key: str, epoch: int) -> None:
+    """Removes a claim that nobody has taken since; who comes with an older epoch than a record's may not write it."""
     try:
         entry = store.entry(key)
-        released = decode_document(ClaimRecord, store.get(key), store, key).released
+        found = decode_document(ClaimRecord, store.get(key), store, key)
     except ObjectNotFound:
         return
-    if released:  # if somebody took it after this look, it has changed, and stays
+    if found.released and found.epoch == epoch:  # if somebody took it after this look, it has changed, and stays
         store.delete_unchanged(entry)
 
 

@@ -22,7 +22,8 @@ from specs.errors import BundleRefused
 from tasks.storage.archives import digest_of, extract, list_members, safe_parts
 from tasks.storage.base.atomic_file import settle_names
 
-_ARCHIVE, _FILES = "bundle.tar", "files"
+FILES_FOLDER = "files"
+_ARCHIVE = "bundle.tar"
 _FILE, _SCRIPT, _FOLDER = 0o444, 0o555, 0o555
 _BLOCK_BYTES = 1 << 20
 # None for a folder, else whether the file can be executed.
@@ -38,7 +39,7 @@ def sealed_files(entry: Path, digest: str) -> Path | None:
         entry: What ``seal`` made.
         digest: SHA-256 of the bundle.
     """
-    return entry / _FILES if _is_intact(entry, digest) else None
+    return entry / FILES_FOLDER if _is_intact(entry, digest) else None
 
 
 def changed_bundle(files: Path) -> bool:
@@ -68,14 +69,14 @@ def seal(archive: Path, entry: Path, digest: str) -> Path:
     staged.mkdir(parents=True)
     try:
         archive.rename(staged / _ARCHIVE)
-        extract(staged / _ARCHIVE, staged / _FILES)
+        extract(staged / _ARCHIVE, staged / FILES_FOLDER)
         _close(staged)
         if not _is_intact(staged, digest):
             raise BundleRefused(f"the bundle {digest} was changed while it was unpacked")
         _install(staged, entry, digest)
     finally:
         discard(staged)
-    return entry / _FILES
+    return entry / FILES_FOLDER
 
 
 def stored_archive(entry: Path, digest: str) -> Path | None:
@@ -133,9 +134,9 @@ def _is_intact(entry: Path, digest: str) -> bool:
         with (entry / _ARCHIVE).open("rb") as file:
             reader = _DigestReader(file)
             with tarfile.open(fileobj=reader, mode="r|") as tar:
-                expected = _same_entries(tar, entry / _FILES)
+                expected = _same_entries(tar, entry / FILES_FOLDER)
             reader.drain()
-        return expected is not None and reader.digest() == digest and _entries(entry / _FILES) == expected
+        return expected is not None and reader.digest() == digest and _entries(entry / FILES_FOLDER) == expected
     except (OSError, tarfile.TarError, BundleRefused):
         return False
 

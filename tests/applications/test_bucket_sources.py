@@ -3,6 +3,7 @@
 import io
 import tarfile
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -13,9 +14,10 @@ from tasks.applications.bucket_sources import create_application, create_version
 from tasks.applications.describe import describe_robot_application, list_robot_applications
 from tasks.applications.pack import pack
 from tasks.applications.registry import publish_bundle, resolve
-from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.keys import application_key, bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket, source_faults
+from tests.housekeeping.yard import Meddled
 
 ROBOT = "robot-application"
 BUCKET = "builds"
@@ -50,6 +52,19 @@ def test_a_version_has_the_bytes_that_lie_at_each_source(made: Version, file_sto
     assert bodies == [pack(_bundle(tmp_path, "amd")), pack(_bundle(tmp_path, "arm"))]
     assert made.digest == made.builds[0].digest
     assert create_version(file_store, ROBOT, "courier") == made
+
+
+def test_a_bundle_that_a_gc_removed_before_its_version_was_written_is_taken_again(
+    file_store: Store, tmp_path: Path
+) -> None:
+    body = _build(file_store, tmp_path, "amd")
+    create_application(file_store, ROBOT, "courier", [AMD])
+    between, key = Meddled(file_store), application_key(ROBOT, "courier")
+    between.before("replace", key, lambda: [file_store.delete(each) for each in file_store.keys("bundles")])
+
+    made = create_version(cast("Store", between), ROBOT, "courier")
+
+    assert file_store.get(bundle_key(made.digest)).body == body
 
 
 def test_sources_are_described_with_the_etags_they_had(made: Version, file_store: Store) -> None:

@@ -1,14 +1,17 @@
+import hashlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import cast
 
 import pytest
 
 from specs.errors import BundleRefused, DocumentError, LimitExceeded, ResourceNotFound
 from tasks.applications import registry
 from tasks.applications.registry import applications, publish_bundle, resolve, unpack
-from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.keys import application_key, bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
+from tests.housekeeping.yard import Meddled
 
 ROBOT = "robot-application"
 
@@ -47,6 +50,19 @@ def test_processes_that_publish_at_once_share_numbers_only_for_the_same_content(
 
     assert {version.number for version in versions} == {1, 2, 3, 4, 5, 6}
     assert len({(version.number, version.digest) for version in versions}) == 6
+
+
+def test_a_bundle_that_a_gc_removed_before_its_version_was_written_is_written_again(
+    store: Store, tmp_path: Path
+) -> None:
+    between = Meddled(store)
+    between.before(
+        "create", application_key(ROBOT, "courier"), lambda: [store.delete(k) for k in store.keys("bundles")]
+    )
+
+    made = publish_bundle(cast("Store", between), ROBOT, "courier", _bundle(tmp_path, "first"))
+
+    assert hashlib.sha256(store.get(bundle_key(made.digest)).body).hexdigest() == made.digest
 
 
 def test_a_41st_version_is_refused_and_old_ones_can_still_be_published(store: Store, tmp_path: Path) -> None:

@@ -1,10 +1,12 @@
 """What goes of this machine's cache."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
+from tasks.housekeeping import cache_garbage
 from tasks.housekeeping.cache_garbage import CacheEntry, remove_entry, unused_entries
 
 _DAY_S = 86400.0
@@ -86,3 +88,35 @@ def test_what_another_gc_has_removed_is_gone(tmp_path: Path) -> None:
 
 def test_no_cache_has_nothing_to_spare(tmp_path: Path) -> None:
     assert unused_entries(tmp_path / "none", 0.0) == []
+
+
+def test_a_file_that_is_written_anew_before_the_old_one_is_put_back_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = cached(tmp_path, "timings/machine", days=31)
+    (entry,) = unused_entries(tmp_path, 30 * _DAY_S)
+    os.utime(path)
+    seen = cache_garbage.CacheEntry(path, entry.what, 5, entry.used_s + 1.0)
+
+    def written_anew(_aside: Path, _what: str) -> CacheEntry:
+        path.write_bytes(b"newer")
+        return seen
+
+    monkeypatch.setattr(cache_garbage, "_seen", written_anew)
+    assert not remove_entry(entry)
+    assert path.read_bytes() == b"newer"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_folder_that_another_gc_takes_away_meanwhile_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cached(tmp_path, "bundles/digest/file", days=31)
+    (entry,) = unused_entries(tmp_path, 30 * _DAY_S)
+    real = shutil.rmtree
+
+    def taken_away(path: Path, **options: object) -> None:
+        path.rename(path.with_name(".gc-another"))
+        real(path, **options)  # pyright: ignore[reportArgumentType, reportCallIssue] - passed on as it came
+
+    monkeypatch.setattr(cache_garbage.shutil, "rmtree", taken_away)
+    assert remove_entry(entry)
+    assert not entry.path.exists()

@@ -101,6 +101,33 @@ def test_who_asks_for_a_job_while_its_token_goes_gets_the_token_back(yard: Yard,
     assert yard.store.get(token).body == before
 
 
+def test_who_asks_for_a_job_after_a_gc_looked_for_its_record_writes_its_token_again(yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(yard)
+    token = token_key(lost.kind, lost.token)
+    before = yard.store.get(token).body
+    between, _ = meddled(yard)
+    between.before("create", job_key(lost.kind, lost.id), lambda: yard.gc(tmp_path))
+    submit(cast("Store", between), lost.kind, lost.request, lost.token)
+    assert yard.store.get(token).body == before
+
+
+def test_a_claim_that_was_taken_and_left_since_a_gc_released_it_stays(yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(yard)
+    key = claim_key(lost.kind, lost.id)
+    between, gc = meddled(yard)
+    epochs: list[int] = []
+
+    def taken_and_left() -> None:
+        submit(yard.store, lost.kind, lost.request, lost.token)
+        with hold_claim(yard.store, key) as claim:
+            epochs.append(claim.epoch)
+
+    between.before("entry", key, taken_and_left)
+    gc.gc(tmp_path)
+    with hold_claim(yard.store, key) as claim:
+        assert [claim.epoch - 1] == epochs
+
+
 def test_what_a_live_process_works_on_stays_though_its_record_is_gone(yard: Yard, tmp_path: Path) -> None:
     lost = lost_generation(yard)
     with hold_claim(yard.store, claim_key(lost.kind, lost.id), ttl_s=3.0):

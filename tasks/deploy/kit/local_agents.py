@@ -17,6 +17,7 @@ from tasks.deploy.robot.disk import lock_folder
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.base.store import Store
 
+_NOT_FOR_AGENTS = ("SIMYARD_KEYS", "SIMYARD_OWNER_KEY", "PREFECT_")
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 10.0
 _ARCHITECTURES: Mapping[str, Architecture] = {
@@ -103,12 +104,17 @@ def _start(store: Store, name: str, root: Path, grace_s: float, trust: Path | No
     with (root / "agent.log").open("ab") as log:
         return subprocess.Popen(  # noqa: S603 - this very package, with arguments made here
             [sys.executable, "-m", "tasks.deploy.robot.agent", *argv],
-            env={**os.environ, "PYTHONPATH": path},
+            env={**_agent_environment(), "PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
             start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone, which then ends its agents
         )
+
+
+def _agent_environment() -> dict[str, str]:
+    """Returns what an agent needs of this process's environment: not the keys, and no way to Prefect's server."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(_NOT_FOR_AGENTS)}
 
 
 def _sweep(root: Path) -> None:

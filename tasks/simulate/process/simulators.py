@@ -8,7 +8,9 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from specs.errors import BundleRefused
 from tasks.simulate.process.simulator import Simulator
+from tasks.storage.sealed_bundle import FILES_FOLDER, changed_bundle
 
 # A batch asks again within seconds; between batches its memory is of more use to others.
 _IDLE_S = 20.0
@@ -72,7 +74,7 @@ def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
         (name, value) for name, value in os.environ.items() if name.startswith(("SIMYARD_", "JAX_", "XLA_"))
     )
     key = tuple(sorted((digest, str(folder)) for digest, folder in bundles.items())), tuple(settings)
-    found = _idle.take(key) or Simulator(bundles)
+    found = _idle.take(key) or _started(bundles)
     try:
         yield found
     finally:
@@ -82,6 +84,13 @@ def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
             found.end()
 
 
-def end_simulators() -> None:
-    """Ends all processes that nobody asks now."""
-    _idle.end_all()
+def _started(bundles: Mapping[str, Path]) -> Simulator:
+    """Returns a new process, if the bundles are what their digests say; a bundle that is no sealed one is a test's own.
+
+    Raises:
+        BundleRefused: A folder has been changed since it was unpacked.
+    """
+    for digest, folder in bundles.items():
+        if folder.name == FILES_FOLDER and changed_bundle(folder):
+            raise BundleRefused(f"{folder} is not the bundle {digest} any more; run it again, and it is unpacked anew")
+    return Simulator(bundles)

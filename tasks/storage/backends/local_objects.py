@@ -4,6 +4,7 @@ import errno
 import hashlib
 import os
 import stat
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -14,6 +15,7 @@ from tasks.storage.base.disk_space import NO_ROOM, full_disk_message
 from tasks.storage.base.store import Entry
 
 NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
+_SCANS_AT_MOST, _TICK_NS = 5, 20_000_000
 _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
 # Whoever can write to the folder may leave a named pipe, a device or a link there: nobody waits for the one, reads from
 # the other without end, or is led out of the folder by the third.
@@ -114,11 +116,33 @@ def disk_now_s(folder: Path) -> float:
 
 
 def _walked(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    for folder, folders, files in os.walk(top, onerror=_raise_unless_missing):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        yield Path(folder), files
+    """Yields each folder, hidden ones left out, with the names of its files."""
+    left = [top]
+    while left:
+        folder = left.pop()
+        found = _scanned(folder)
+        left += [folder / name for name, is_folder in found.items() if is_folder and not name.startswith(".")]
+        yield folder, [name for name, is_folder in found.items() if not is_folder]
 
 
-def _raise_unless_missing(exc: OSError) -> None:
-    if exc.errno not in NOTHING_THERE:
-        raise exc
+def _scanned(folder: Path) -> dict[str, bool]:
+    """Returns the names in a folder, and whether each is a folder's.
+
+    A name that is given to another file meanwhile may be left out, though it is there all along: so it is read again
+    until nobody has changed it, and all that was found counts (docs/reference/store.md, section 11).
+    """
+    found: dict[str, bool] = {}
+    try:
+        for _ in range(_SCANS_AT_MOST):
+            before_ns = folder.stat().st_mtime_ns
+            with os.scandir(folder) as names:
+                entries = list(names)  # at once: what takes time between two of them lets more be missed
+            found |= {each.name: each.is_dir() for each in entries if not (each.is_symlink() and each.is_dir())}
+            after_ns = folder.stat().st_mtime_ns
+            # A change within a tick of the disk's clock may leave no trace.
+            if after_ns == before_ns and abs(time.time_ns() - after_ns) > _TICK_NS:
+                break
+    except OSError as exc:
+        if exc.errno not in NOTHING_THERE:
+            raise
+    return found

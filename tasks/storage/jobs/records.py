@@ -117,7 +117,10 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
     try:
         store.create(job_key(kind, new.id), encode_document(record))
     except ObjectExists:
-        return read(store, kind, new.id)
+        return _as_requested(read(store, kind, new.id), new)
+    # Housekeeping removes the token of a job without a record, then looks whether there is a record: one of us sees it.
+    if not store.exists(token_key(kind, token)):
+        _record_token(store, kind, new)
     return record
 
 
@@ -233,6 +236,14 @@ def _epoch(record: JobRecord) -> int:
 def _one_line(reason: str) -> str:
     # RoboMaker's reasons are one line of at most 1024 characters; ours may be a document's many faults.
     return " ".join(reason.split())[:_LONGEST_REASON]
+
+
+def _as_requested(record: JobRecord, new: _Token) -> JobRecord:
+    """Returns the record of a job whose token was missing for a moment, if it was made for this very request."""
+    if record.request_digest != new.request_digest:
+        old = _Token(token=record.token, request_digest=record.request_digest, id=record.id)
+        raise _mismatch(record.kind, old, new)
+    return record
 
 
 def _record_token(store: Store, kind: JobKind, new: _Token) -> None:

@@ -7,8 +7,10 @@ import stat
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Thread
 
 import pytest
@@ -18,8 +20,10 @@ from tasks.storage.backends import local
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
+from tests.servers.racers import in_processes, missed_names
 
 _NOBODY = 65534
+_MEMORY = Path("/dev/shm")  # noqa: S108 - the folder in it has a random name
 
 
 @pytest.fixture
@@ -41,6 +45,51 @@ def test_what_a_dead_writer_left_is_never_listed(folder: LocalStore) -> None:
     folder.create("a/1", b"1")
     (folder.root / "a" / ".tmp-0123").write_bytes(b"half")
     assert folder.keys("") == ["a/1"]
+
+
+def test_a_name_that_one_reading_of_a_changing_folder_leaves_out_is_listed(
+    folder: LocalStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("1", "2"):
+        folder.create(f"a/{name}", b"1")
+    real, readings = os.scandir, list[int]()
+
+    @contextmanager
+    def first_without_the_name(path: Path) -> Generator[list[os.DirEntry[str]]]:
+        readings.append(len(readings))
+        with real(path) as names:
+            found = list(names)
+        if readings == [0]:
+            folder.put("a/2", b"2")
+            found = [entry for entry in found if entry.name != "2"]
+        yield found
+
+    monkeypatch.setattr("tasks.storage.backends.local_objects.os.scandir", first_without_the_name)
+    assert folder.keys("a") == ["a/1", "a/2"]
+    assert len(readings) > 1
+
+
+def test_a_folder_that_nobody_changes_is_read_once(folder: LocalStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder.create("a/1", b"1")
+    os.utime(folder.root / "a", (1.0, 1.0))
+    real, readings = os.scandir, list[Path]()
+    monkeypatch.setattr(
+        "tasks.storage.backends.local_objects.os.scandir", lambda path: [readings.append(path), real(path)][1]
+    )
+    assert folder.keys("a") == ["a/1"]
+    assert readings == [folder.root / "a"]
+
+
+@pytest.mark.skipif(not _MEMORY.is_dir(), reason="no disk in memory")
+@pytest.mark.parametrize("seconds", [1.0, pytest.param(15.0, marks=pytest.mark.long)])
+def test_a_listing_has_every_name_though_others_write_over_them(seconds: float) -> None:
+    with TemporaryDirectory(dir=_MEMORY) as path:
+        store = open_store(Path(path).as_uri())
+        keys = [f"k/{number:04}" for number in range(2000)]
+        for key in keys:
+            store.put(key, b"0")
+        racers = [(store.url, keys, writes, seconds) for writes in (False, True, True, True)]
+        assert sum(in_processes(missed_names, racers)) == 0
 
 
 def test_an_upload_that_is_killed_leaves_nothing_under_the_key(file_store: Store, tmp_path: Path) -> None:

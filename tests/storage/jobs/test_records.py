@@ -114,6 +114,13 @@ def test_an_advance_sets_the_status_and_merges_the_detail(store: Store) -> None:
     assert read(store, _KIND, job) == after
 
 
+def test_a_job_whose_token_is_gone_is_nobody_elses(store: Store) -> None:
+    submit(store, "world-generation-job", {"template": "rooms"}, "mine")
+    store.delete(token_key("world-generation-job", "mine"))
+    with pytest.raises(IdempotentParameterMismatch, match="another token"):
+        submit(store, "world-generation-job", {"template": "halls"}, "mine")
+
+
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """A store for properties, whose examples use jobs of their own."""
