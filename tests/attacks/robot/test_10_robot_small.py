@@ -4,7 +4,7 @@ import pytest
 
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tests.attacks.conftest import Owner, Writer
-from tests.attacks.trusting_robot import KEEP, trusting_robot
+from tests.attacks.robot.trusting_robot import KEEP, trusting_robot
 
 
 @pytest.mark.parametrize("name", ["_JAVA_OPTIONS", "PERLLIB", "LUA_INIT", "PHPRC", "OPENSSL_CONF", "GIT_SSH_COMMAND"])

@@ -15,8 +15,8 @@ import pytest
 
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tests.attacks.conftest import Owner, Writer
-from tests.attacks.trusting_robot import KEEP, trusting_robot
-from tests.attacks.verifying_robot import eventually
+from tests.attacks.robot.trusting_robot import KEEP, trusting_robot
+from tests.attacks.robot.verifying_robot import eventually
 from tests.deploy.yard import command_line
 from tests.storage.base.test_tar_headers import MALFORMED
 

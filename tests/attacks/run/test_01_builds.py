@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.attacks.conftest import Owner, Writer
-from tests.attacks.small_robots import FLEET, ROBOT, bundle, call_robot, document, done, forge_build, publish
+from tests.attacks.run.small_robots import FLEET, ROBOT, bundle, call_robot, document, done, forge_build, publish
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 _REFUSED, _NOT_SHIPPED = 2, 1

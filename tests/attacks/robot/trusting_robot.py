@@ -16,7 +16,7 @@ from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.base.encoding import encode_document
 from tests.attacks.conftest import Owner, Writer
-from tests.attacks.verifying_robot import STAYS_UP, eventually, start_agent
+from tests.attacks.robot.verifying_robot import STAYS_UP, eventually, start_agent
 from tests.deploy.yard import marked_by
 
 KEEP = Callable[[subprocess.Popen[str]], subprocess.Popen[str]]

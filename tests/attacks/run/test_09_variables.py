@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.attacks.conftest import Owner
-from tests.attacks.small_robots import bundle, document, publish
+from tests.attacks.run.small_robots import bundle, document, publish
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 _REFUSED = 2

@@ -14,7 +14,7 @@ import pytest
 
 from tasks.deploy.robot.processes import end_all
 from tests.attacks.conftest import Owner, Writer
-from tests.attacks.verifying_robot import STAYS_UP, VerifyingRobot, eventually, set_up, start_agent
+from tests.attacks.robot.verifying_robot import STAYS_UP, VerifyingRobot, eventually, set_up, start_agent
 
 DESIRED, REPORTED = "robots/r1/desired.json", "robots/r1/reported.json"
 KEEP = Callable[[subprocess.Popen[str]], subprocess.Popen[str]]
