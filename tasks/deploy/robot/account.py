@@ -79,6 +79,12 @@ def make_home(account: Account, root: Path) -> Path:
     return home
 
 
+def let_add_files(account: Account, folder: Path) -> None:
+    """Makes the account able to add files to a folder, but not to change, rename or remove what is there."""
+    os.chown(folder, -1, account.gid)
+    folder.chmod(0o1775)
+
+
 def hide_memory() -> None:
     """Makes this process's environment and memory unreadable to others of its account; not to root."""
     if Path("/proc").is_dir():

@@ -9,7 +9,7 @@ from specs.errors import BundleRefused
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, variable_faults
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.robot.account import Account
+from tasks.deploy.robot.account import Account, let_add_files
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import StepFailed
 from tasks.deploy.robot.processes import RunningProgram, start, wait
@@ -184,6 +184,8 @@ def _start(place: LaunchPlace, desired: Desired, program: Path, step: str) -> Ru
     folder = place.disk.version(desired.digest)
     cwd = folder if folder.is_dir() else place.home or place.disk.root  # a condition runs before there is a bundle
     try:
+        if place.account and cwd == folder:
+            let_add_files(place.account, folder)
         return start([str(program)], cwd, variables, place.disk.root, _log(place, desired, step), account=place.account)
     except (OSError, ValueError) as exc:
         raise StepFailed("BadPermissionError", f"{program.name} cannot be started: {exc}") from exc

@@ -79,6 +79,20 @@ def test_a_program_of_roots_agent_runs_as_nobody_and_reads_nothing_of_it(agent: 
 
 @as_root
 @pytest.mark.integration
+def test_a_program_adds_files_where_it_works_and_changes_nothing_that_is_installed(agent: Callable[..., Yard]) -> None:
+    yard = agent("--user=nobody")
+    spoil = "#!/bin/sh\necho beat > heartbeat\necho x >> courier/run.sh\nmv courier other\nrm -r courier\nexit 0\n"
+    version = yard.publish({**GOOD, "spoil.sh": spoil})
+    ask_robot(yard.store, desired(version, 1, launch=scripted(preLaunchFile="spoil.sh"), timeout_s=60.0))
+    wait_for_report(yard, "r1", lambda told: told.status == "InSync")
+
+    installed = yard.root("r1") / "current"
+    assert (installed / "heartbeat").read_text() == "beat\n"
+    assert (installed / "courier" / "run.sh").read_text() == GOOD["run.sh"]
+
+
+@as_root
+@pytest.mark.integration
 def test_a_program_that_runs_as_root_reads_its_agents_environment_and_the_log_warns_of_it(
     agent: Callable[..., Yard],
 ) -> None:
