@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import random
 import time
 from collections import Counter
@@ -18,6 +17,7 @@ from specs.robomaker.bundle import Application, Build
 from tasks.applications.versions import change, with_version
 from tasks.storage.base.store import Entry, Store
 from tasks.storage.jobs.claim import hold_claim
+from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, this_process
 from tasks.storage.jobs.records import advance
 from tasks.storage.store_url import open_store
 from tests.servers.racers import wait_for_all
@@ -245,9 +245,9 @@ def _shown(folder: str, key: str, epoch: int) -> Generator[None]:
         yield
         return
     mine = Path(folder, key.replace("/", "-"))
-    if mine.exists() and (other := mine.read_text()) and Path(f"/proc/{other}").exists():
-        _note(f"{folder}/wrong", f"{key}: process {other} is there too")
-    mine.write_text(str(os.getpid()))
+    if mine.exists() and (other := mine.read_text()) and not is_known_dead(ProcessIdentity.model_validate_json(other)):
+        _note(f"{folder}/wrong", f"{key}: {other} is there too")
+    mine.write_text(this_process().model_dump_json())
     _note(f"{folder}/epochs", f"{key} {epoch}")
     yield
     mine.write_text("")
