@@ -120,6 +120,10 @@ class RobotUpdater:
             return False
         except StoreError as exc:
             _LOG.warning("goes on with %s unasked: %s", desired.deployment, exc)
+        except StopRequested:
+            raise
+        except Exception as exc:  # noqa: BLE001 - metadata is anybody's: else the agent would end at each start
+            _LOG.warning("goes on with %s unasked: %s", desired.deployment, one_line(f"{type(exc).__name__}: {exc}"))
         return True
 
     def _try_accept(self, desired: Desired) -> bool:

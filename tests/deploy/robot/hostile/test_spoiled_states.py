@@ -189,3 +189,23 @@ def test_whatever_an_accepted_state_holds_the_agent_reports_how_it_went(
     outcome = one.robot._disk.load().outcome
     assert outcome is not None
     assert outcome.sequence == sequence
+
+
+def test_a_check_that_fails_in_any_way_ends_no_agent_at_its_start(
+    yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
+) -> None:
+    state = careful.disk.load()
+    careful.disk.save(state.model_copy(update={"target": owner.signed(installed, 2), "sequence": 2}))
+    careful.robot.end()
+    careful = CarefulRobot(yard, owner.root)
+    careful.robot._check = _fails
+
+    careful.robot.recover()
+
+    runs = careful.runs
+    careful.robot.end()
+    assert runs == (installed.digest, 1)
+
+
+def _fails(_desired: Desired) -> int:
+    raise RecursionError("too deep")
