@@ -21,6 +21,7 @@ from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.resolved_request import preflight
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.sync import latest_deployment, plan_sync
+from tasks.deploy.trust.trust_record import Admission
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import JobRecord
@@ -212,11 +213,16 @@ def test_a_version_whose_source_was_changed_is_not_deployed(yard: Yard, robots: 
 
 def test_the_bundles_of_all_architectures_are_vouched_for(yard: Yard, robots: PuppetRobots, tmp_path: Path) -> None:
     owner, version = Owner(yard.store, tmp_path / "keys"), _version(yard)
+    owner.vouch(*robots.names)
     admitted: list[str] = []
 
     class Noting:
         def __getattr__(self, name: str) -> object:
-            return admitted.append if name == "admit" else getattr(owner.signer, name)
+            return getattr(owner.signer, name)
+
+        def admit(self, wanted: Admission) -> None:
+            admitted.extend(wanted.digests)
+            owner.signer.admit(wanted)
 
     record = _run_signed(yard, robots, version, Noting())
 
