@@ -56,7 +56,6 @@ if TYPE_CHECKING:
     from tasks.simulate.replay.replay_drive import DrivenAgain
 
 _PR_SET_PDEATHSIG = 1
-_STOP_LOOK_S = 0.0
 
 
 def main(connection: socket.socket, calls: int) -> None:
@@ -87,7 +86,8 @@ class Service:
     def __init__(self, connection: socket.socket) -> None:
         """Begins without worlds."""
         self._connection, self._worlds = connection, dict[str, World]()
-        self._stopped = False
+        self._stopped, self._poll = False, select.poll()
+        self._poll.register(connection, select.POLLIN)
 
     def say(self, answer: Spec, arrays: Sequence[np.ndarray] = ()) -> None:
         """Sends an answer."""
@@ -169,7 +169,7 @@ class Service:
         self.say(Progress(done=done))
 
     def _should_stop(self) -> bool:
-        while not self._stopped and select.select([self._connection], [], [], _STOP_LOOK_S)[0]:
+        while not self._stopped and self._poll.poll(0):
             self._stopped = "stop" in receive(self._connection).document
         return self._stopped
 

@@ -104,6 +104,8 @@ class Simulator:
             with theirs:
                 self._process = _starter.submit(_started, self.bundles, theirs, file).result()
         self._connection.settimeout(_MESSAGE_S)
+        self._poll = select.poll()
+        self._poll.register(self._connection, select.POLLIN)
         assert self._process.stdout is not None  # noqa: S101 - asked for
         self.output = CapturedOutput(self._process.stdout)
         self._ready = False
@@ -191,8 +193,7 @@ class Simulator:
 
     def _next_answer(self, until_s: float) -> tuple[Answer | None, Message]:
         """Returns the next answer, or None if there is none until then."""
-        readable, _, _ = select.select([self._connection], [], [], max(0.0, until_s - time.monotonic()))
-        if not readable:
+        if not self._poll.poll(1000.0 * max(0.0, until_s - time.monotonic())):
             return None, Message({})
         try:
             message = receive(self._connection)
