@@ -133,10 +133,10 @@ class CarefulRobot:
         return self.yard.current(NAME), len(programs_of(self.folder))
 
 
-def asked(owner: Owner, version: Version, deployment: str) -> Desired:
+def asked(owner: Owner, version: Version, deployment: str, **changes: object) -> Desired:
     """Returns what the owner's controller wrote for the robot."""
     owner.admit(version, deployment)
-    return ask_robot(owner.store, desired(version, 1, deployment=deployment), owner.signer.sign)
+    return ask_robot(owner.store, desired(version, 1, deployment=deployment, **changes), owner.signer.sign)
 
 
 def refused(careful: CarefulRobot, installed: Version, reported: Reported, says: str) -> None:

@@ -1,5 +1,6 @@
 """What somebody tries who can write to the store, with none of the keys or a stolen one: the robot runs what it ran."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -196,5 +197,5 @@ def test_a_desired_state_that_is_taken_away_does_not_make_the_robot_deaf(
     if attack == "put back":
         yard.store.put(desired_key(NAME), first)
 
-    assert careful.look(asked(owner, older, "third")).status == "InSync"
+    assert careful.look(asked(owner, older, "third", issued_at_s=time.time())).status == "InSync"
     assert careful.runs == (older.digest, 1)
