@@ -142,4 +142,5 @@ def _show(report: PipelineReport) -> None:
         {"stage": s.name, "status": s.status, "what came of it": s.summary, "seconds": round(s.seconds, 1)}
         for s in report.stages
     ]
-    create_table_artifact(table=table_rows(rows), key="pipeline-report", description=f"{report.name}: {report.run}")
+    shown = table_rows(rows)
+    create_table_artifact(table=shown, key="pipeline-report", description=f"{report.name}: {report.run}")

@@ -28,7 +28,8 @@ def show_metrics(record: JobRecord) -> None:
 def show_batch_report(reported: WrittenReport) -> None:
     """Leaves a report, in short, as the artifacts ``batch-report`` and ``batch-picture`` of the run of the flow."""
     view, batch = reported.view, reported.view.facts.batch
-    create_markdown_artifact(report_markdown(view, reported.url), key="batch-report", description=f"Report of {batch}")
+    text = report_markdown(view, reported.url)
+    create_markdown_artifact(text, key="batch-report", description=f"Report of {batch}")
     picture = base64.b64encode(report_picture(view)).decode()
     create_image_artifact(
         f"data:image/svg+xml;base64,{picture}", key="batch-picture", description=f"Rate and failures of {batch}"

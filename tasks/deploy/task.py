@@ -59,5 +59,6 @@ def roll_out(
         )
     job = describe_deployment_job(store, record.id)
     said = escape_markdown(deployment_sentence(job, record))
-    create_table_artifact(table_rows(robot_rows(job)), key="deployment-robots", description=said)
+    rows = table_rows(robot_rows(job))
+    create_table_artifact(rows, key="deployment-robots", description=said)
     return record

@@ -53,7 +53,8 @@ def write_tables(
     rows: list[dict[str, Any]] = [
         dict(zip(_HEADINGS, row, strict=True)) for row in summary_rows(tally.summary())[:_ROWS_SHOWN]
     ]
-    create_table_artifact(table=table_rows(rows), key="batch-results", description=f"Results of {batch}")
+    shown = table_rows(rows)
+    create_table_artifact(table=shown, key="batch-results", description=f"Results of {batch}")
     return detail
 
 

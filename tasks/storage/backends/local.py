@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import os
 import shutil
+import stat
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -239,7 +240,11 @@ class LocalStore:
             raise
 
     def _taken(self, path: Path, key: str) -> StoreError:
-        if path.is_file() and not path.is_symlink():
+        try:
+            regular = stat.S_ISREG(path.lstat().st_mode)
+        except FileNotFoundError:
+            regular = True  # it was there a moment ago, and somebody has removed it since
+        if regular:
             return ObjectExists(f"{self.url}: {key} exists already")
         return StoreError(f"{self.url}: {key} is no regular file, and where an object belongs; remove it")
 

@@ -4,9 +4,12 @@ The windows that remain, and every order of writes, are tried in tests/deploy/tr
 """
 
 import json
+import shutil
 import subprocess
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -30,6 +33,7 @@ class Signed:
 
     def __init__(self, owner: Owner, writer: Writer, stop_later: StopLater) -> None:
         self.owner, self.writer, self.stop_later = owner, writer, stop_later
+        self.folders: dict[str, Path] = {}
         self("fleet", "keys", "init")
 
     def __call__(self, *arguments: str) -> str:
@@ -68,7 +72,7 @@ class Signed:
 
     def wake(self, robot: str) -> str:
         """Returns what a robot reports that was off until now, and verifies what it is asked."""
-        root = self.owner.folder / robot
+        root = self._folder(robot)
         options = [
             "--robot",
             robot,
@@ -83,8 +87,15 @@ class Signed:
         _wait(lambda: self._status(robot) in {"InSync", "Failed"} or agent.poll() is not None)
         return self._status(robot)
 
+    def _folder(self, robot: str) -> Path:
+        """Returns the folder of a robot, which the account that its programs run under can get to."""
+        if robot not in self.folders:
+            self.folders[robot] = Path(tempfile.mkdtemp(prefix="simyard-open-"))
+            self.folders[robot].chmod(0o755)
+        return self.folders[robot] / robot
+
     def installed(self, robot: str) -> bool:
-        return (self.owner.folder / robot / "current").is_symlink()
+        return (self._folder(robot) / "current").is_symlink()
 
     def _status(self, robot: str) -> str:
         report = _get(self.writer, _REPORTED.format(robot))
@@ -92,8 +103,11 @@ class Signed:
 
 
 @pytest.fixture
-def signed(owner: Owner, writer: Writer, stop_later: StopLater) -> Signed:
-    return Signed(owner, writer, stop_later)
+def signed(owner: Owner, writer: Writer, stop_later: StopLater) -> Iterator[Signed]:
+    made = Signed(owner, writer, stop_later)
+    yield made
+    for folder in made.folders.values():
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @pytest.fixture

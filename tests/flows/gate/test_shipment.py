@@ -111,7 +111,7 @@ def test_a_build_that_was_added_since_the_run_began_is_refused(shop: Shop):
     application = json.loads(shop.store.get(key).body)
     application["versions"][0]["builds"] = added
     shop.store.put(key, json.dumps(application).encode())
-    (report,) = deploy(PIPELINE, shop.batch, shop.store, {}, shop.run, ships=settled)
+    (report,) = deploy(Asked(PIPELINE, ".", {}, [], settled), shop.batch, shop.store, shop.run)
     assert (report.status, shop.shipped) == ("Refused", [])
     assert f"courier version 1 for ARM64 is {'f' * 64} now; when the run began it was not there" in report.summary
 

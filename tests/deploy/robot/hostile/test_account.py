@@ -20,6 +20,8 @@ from tests.deploy.one_robot import GOOD, desired, scripted
 from tests.deploy.reach import open_folder
 from tests.deploy.yard import Yard, kill, wait_for_report
 
+# Other tests of this process may have imported JAX, which has threads; no agent has.
+pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 _NOBODY = 65534
 _STEAL = (
     "#!/bin/sh\nid -u\nhead -c 100 /proc/$PPID/environ && echo read-environment\n"
