@@ -98,10 +98,11 @@ def confined_environment(own: Mapping[str, str], programs: Path) -> dict[str, st
     kept = {name: value for name, value in own.items() if name in _KEPT or name.startswith(_KEPT_BEGINNINGS)}
     settings = {name: own[name] for name in _OWN_SETTINGS if name in own}
     return {
-        "JAX_COMPILATION_CACHE_DIR": str(programs),
         "TF_CPP_MIN_LOG_LEVEL": "3",
         **kept,
         **settings,
+        # Also where the run's environment names another folder: no application writes what another one loads.
+        "JAX_COMPILATION_CACHE_DIR": str(programs),
         "HOME": "/tmp",  # noqa: S108 - of the process alone in bubblewrap; else nothing is looked for there
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
         "PYTHONDONTWRITEBYTECODE": "1",
