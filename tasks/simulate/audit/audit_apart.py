@@ -32,10 +32,8 @@ def audit_apart(
         SimulatorEnded: The process ended over it.
         ValidationError: It answered with no report.
     """
-    last: list[Answer] = []
 
     def hear(answer: Answer, _: tuple[np.ndarray, ...]) -> None:
-        last[:] = [answer]
         if isinstance(answer, Progress):
             progress(answer.done)
 
@@ -50,8 +48,8 @@ def audit_apart(
             engine=engine,
             drawn=drawn,
         )
-        process.ask(work, on_answer=hear)
-    match last[0]:
+        last, _ = process.ask(work, on_answer=hear)
+    match last:
         case Audited() as audited:
             return AuditReport.model_validate_json(audited.report)
         case Crashed() as crashed:

@@ -120,21 +120,19 @@ class ConfinedLanes:
             )
             hear = _Listener(self.progress, recorder)
             try:
-                process.ask(work, on_answer=hear, should_stop=self.should_stop)
+                last, _ = process.ask(work, on_answer=hear, should_stop=self.should_stop)
             finally:
                 self.printed(process.output.take())
-        return _checked(chunk.requests, hear.last)
+        return _checked(chunk.requests, last)
 
 
 class _Listener:
     """Hears what a process says while it simulates."""
 
     def __init__(self, progress: Callable[[int], None], recorder: Recorder | None) -> None:
-        self.last: Answer | None = None
         self._progress, self._recorder = progress, recorder
 
     def __call__(self, answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
-        self.last = answer
         if isinstance(answer, Progress):
             self._progress(answer.done)
         elif self._recorder is None:
@@ -148,7 +146,7 @@ class _Listener:
             self._recorder.end(Ends(*arrays), answer.rows)
 
 
-def _checked(requests: Sequence[EpisodeRequest], last: Answer | None) -> list[EpisodeResult]:
+def _checked(requests: Sequence[EpisodeRequest], last: Answer) -> list[EpisodeResult]:
     """Returns the rows that a process answered with, if they are those of the requests.
 
     Raises:

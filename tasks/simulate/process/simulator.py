@@ -50,6 +50,7 @@ _GRACE_S = 10.0
 _MESSAGE_S = 120.0
 _WORLDS_KEPT = 256
 _MODULE = "tasks.simulate.simulation_process"
+Told = tuple[Answer, tuple[np.ndarray, ...]]
 OnAnswer = Callable[[Answer, tuple[np.ndarray, ...]], None]
 Killed = Literal["", "limit", "stop"]
 _BETWEEN = (Progress, RecordingBegins, Samples, RecordingEnds)
@@ -121,12 +122,12 @@ class Simulator:
         *,
         on_answer: OnAnswer = _ignore,
         should_stop: Callable[[], bool] = lambda: False,
-    ) -> Message:
-        """Returns the last answer to a question.
+    ) -> Told:
+        """Returns the last answer to a question, and its arrays.
 
         Args:
             work: The question.
-            on_answer: Given each answer, those before the last, too.
+            on_answer: Given each answer before the last.
             should_stop: Asked several times a second; lanes that are not done when it says so are Canceled.
 
         Raises:
@@ -160,7 +161,7 @@ class Simulator:
 
     def _asked(
         self, work: LanesWork | AuditWork | AgainWork, on_answer: OnAnswer, should_stop: Callable[[], bool]
-    ) -> Message:
+    ) -> Told:
         if not self._ready:
             self._await_ready()
         try:
@@ -171,9 +172,9 @@ class Simulator:
         while True:
             answer, message = self._next_answer(time.monotonic() + _LOOK_S)
             if answer is not None:
-                on_answer(answer, message.arrays)
                 if not isinstance(answer, _BETWEEN):
-                    return message
+                    return answer, message.arrays
+                on_answer(answer, message.arrays)
             if stop_s is None and should_stop():
                 stop_s = time.monotonic()
                 with suppress(OSError):

@@ -51,7 +51,7 @@ class _Idle:
     def end_all(self) -> None:
         self._end(lambda _place, _since_s: True)
 
-    def _end(self, wanted: "_Wanted") -> None:
+    def _end(self, wanted: _Wanted) -> None:
         with self._lock:
             ended = [entry for place, entry in enumerate(self._kept) if wanted(place, entry[2])]
             self._kept = [entry for entry in self._kept if entry not in ended]

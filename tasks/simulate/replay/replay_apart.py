@@ -10,7 +10,7 @@ from specs.data.world import World
 from tasks.simulate.application.code import crash_code
 from tasks.simulate.process.simulator import SimulatorEnded
 from tasks.simulate.process.simulators import simulator
-from tasks.simulate.process.work import Again, AgainWork, Answer, Crashed, NoMemory
+from tasks.simulate.process.work import Again, AgainWork, Crashed, NoMemory
 from tasks.simulate.replay.driven_again import DrivenAgain, Setting
 
 
@@ -29,11 +29,6 @@ def drive_apart(
         MemoryError: There is not enough memory for so many lanes.
         SimulatorEnded: The process ended, but for in an application's code: such an episode has its row.
     """
-    last: list[tuple[Answer, tuple[np.ndarray, ...]]] = []
-
-    def hear(answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
-        last[:] = [(answer, arrays)]
-
     with simulator(bundles) as process:
         work = AgainWork(
             request=request,
@@ -44,12 +39,11 @@ def drive_apart(
             rate_hz=rate_hz,
         )
         try:
-            process.ask(work, on_answer=hear)
+            answer, arrays = process.ask(work)
         except SimulatorEnded as ended:
             if ended.out_of_memory:
                 raise
             return DrivenAgain(failed_result(request.index, Failure(crash_code(ended.code), ended.reason)))
-    answer, arrays = last[0]
     match answer:
         case Again() as again:
             return _driven(again, arrays)

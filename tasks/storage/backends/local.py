@@ -10,7 +10,6 @@ import fcntl
 import hashlib
 import os
 import shutil
-import stat
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -19,11 +18,9 @@ from typing import BinaryIO
 
 from specs.errors import (
     ObjectConflict,
-    ObjectExists,
     ObjectNotFound,
     ObjectTooBig,
     StoreDamaged,
-    StoreError,
     StoreUnreachable,
     StoreUnsafe,
 )
@@ -37,6 +34,7 @@ from tasks.storage.backends.local_objects import (
     file_mark,
     open_object,
     shown_files,
+    taken_error,
     unfinished_files,
 )
 from tasks.storage.base.atomic_file import HIDDEN, flush_to_disk, hidden_file, make_folder, settle_names, whole_file
@@ -61,7 +59,7 @@ class LocalStore:
         path = self._path(key)
         with self._explained(key):
             if os.path.lexists(path):  # spares the loser the writing; the link decides
-                raise self._taken(path, key)
+                raise taken_error(path, self.url, key)
             with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
                 flush_to_disk(file)
@@ -233,20 +231,11 @@ class LocalStore:
         try:
             path.hardlink_to(hidden)
         except FileExistsError as exc:
-            raise self._taken(path, key) from exc
+            raise taken_error(path, self.url, key) from exc
         except OSError as exc:
             if exc.errno in _NO_LINKS:
                 raise StoreUnsafe(f"{self.url}: its disk has no hard links; use a folder on another disk") from exc
             raise
-
-    def _taken(self, path: Path, key: str) -> StoreError:
-        try:
-            regular = stat.S_ISREG(path.lstat().st_mode)
-        except FileNotFoundError:
-            regular = True  # it was there a moment ago, and somebody has removed it since
-        if regular:
-            return ObjectExists(f"{self.url}: {key} exists already")
-        return StoreError(f"{self.url}: {key} is no regular file, and where an object belongs; remove it")
 
     def _compare(self, path: Path, key: str, etag: str) -> None:
         try:

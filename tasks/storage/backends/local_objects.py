@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from specs.errors import StoreAccessDenied, StoreError, StoreFull, StoreUnreachable
+from specs.errors import ObjectExists, StoreAccessDenied, StoreError, StoreFull, StoreUnreachable
 from tasks.storage.base.atomic_file import HIDDEN, flush_to_disk, hidden_file
 from tasks.storage.base.disk_space import NO_ROOM, full_disk_message
 from tasks.storage.base.store import Entry
@@ -39,6 +39,17 @@ def disk_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
     if exc.errno in NO_ROOM:
         return StoreFull(f"{url}: {key}: {full_disk_message(exc, root)}")
     return StoreError(f"{url}: {key}: {exc.strerror}")
+
+
+def taken_error(path: Path, url: str, key: str) -> StoreError:
+    """Returns what is said of a name that is taken where an object was to be made."""
+    try:
+        regular = stat.S_ISREG(path.lstat().st_mode)
+    except FileNotFoundError:
+        regular = True  # it was there a moment ago, and somebody has removed it since
+    if regular:
+        return ObjectExists(f"{url}: {key} exists already")
+    return StoreError(f"{url}: {key} is no regular file, and where an object belongs; remove it")
 
 
 def open_object(path: Path) -> BinaryIO:
