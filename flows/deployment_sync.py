@@ -9,12 +9,16 @@ from urllib.parse import unquote
 from prefect import flow
 
 from flows.document.references import deployed_version, numbered_finder
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.stage_run import run_name, run_stage
 from specs.digest import canonical_document
 from specs.field_types import Architecture
 from specs.pipeline.section_requests import deployment_request
 from specs.pipeline.simulation_section import Deployment, LocalFleet
+from specs.store_reference import StoreReference
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.task import roll_out
@@ -25,10 +29,17 @@ from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store, store_id
 
 
-@flow(name="deployment-sync", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="deployment-sync",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def deployment_sync(
     spec: Deployment,
-    store: str | None = None,
+    store: StoreReference = None,
     tested: dict[str, str] | None = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
@@ -68,7 +79,7 @@ def deployment_sync(
         )
 
     identity = {"spec": canonical_document(spec), "digest": version.digest}
-    return run_stage(opened, "deployment-sync", identity, token, work)
+    return completed_job(run_stage(opened, "deployment-sync", identity, token, work))
 
 
 def agents_folder(store: Store) -> Path:

@@ -10,6 +10,9 @@ from pydantic import JsonValue
 from flows.batch.batch_artifacts import show_batch_report
 from flows.batch.batch_report import MissingReport, WrittenReport, write_report, write_report_of_run
 from flows.document.references import Numbers, pinned_shipment, pins
+from flows.entry.flow_state import completed_run
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.recount.recount import Asked
 from flows.resource.cancel import require_not_canceled
 from flows.resource.withdrawal import renew_metadata_here
@@ -25,6 +28,7 @@ from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.failure_codes import JobFailureCode
+from specs.store_reference import StoreReference
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
@@ -32,8 +36,15 @@ from tasks.storage.jobs.runs import begin_run
 from tasks.storage.store_url import open_store
 
 
-@flow(name="pipeline", flow_run_name="{spec.name}", persist_result=False, on_cancellation=[cancel_with_flow_run])
-def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
+@guarded
+@flow(
+    name="pipeline",
+    flow_run_name="{spec.name}",
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
+def pipeline(spec: PipelineSpec, store: StoreReference = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
     A run that was killed is continued; one that another live process works on is waited for.
@@ -66,7 +77,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     _show(report)
     if not report.passed:
         raise PipelineNotPassed(report)
-    return report
+    return completed_run(report)
 
 
 def _run_to_end(

@@ -13,6 +13,9 @@ from flows.batch.batch_report import WrittenReport
 from flows.batch.early_end import EarlyEnd
 from flows.document.references import numbered_finder
 from flows.document.tested_batch import batch_plan
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.stage_run import require_success, run_name, run_stage
 from flows.workers.crew import wanted_workers
@@ -23,6 +26,7 @@ from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
+from specs.store_reference import StoreReference
 from tasks.applications.task import unpack_application
 from tasks.progress.task import show_progress
 from tasks.results.tables.application_output import write_output
@@ -52,11 +56,18 @@ from tasks.storage.jobs.records import JobRecord, is_terminal
 from tasks.storage.store_url import open_store, store_id
 
 
-@flow(name="simulation-batch", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="simulation-batch",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def simulation_batch(
     spec: SimulationBatch,
     worlds: list[str] | None = None,
-    store: str | None = None,
+    store: StoreReference = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
     *,
@@ -90,7 +101,7 @@ def simulation_batch(
         return require_success(_run(at, record.id, location, gate))
 
     identity = {"spec": canonical_document(spec), "plan": plan.model_dump(mode="json")}
-    return run_stage(at, "simulation-batch", identity, token, work)
+    return completed_job(run_stage(at, "simulation-batch", identity, token, work))
 
 
 def _run(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:

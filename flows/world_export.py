@@ -3,20 +3,31 @@
 from prefect import flow
 from pydantic import JsonValue
 
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.stage_run import require_success, run_name, run_stage
 from flows.workers.spread_worlds import world_writers
 from specs.digest import canonical_document
 from specs.pipeline.section_requests import export_request, reference_arn
 from specs.pipeline.world_sections import WorldExport
+from specs.store_reference import StoreReference
 from tasks.export.task import export_worlds
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store, store_id
 
 
-@flow(name="world-export", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="world-export",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def world_export(
-    spec: WorldExport, worlds: list[str] | None = None, store: str | None = None, token: str | None = None
+    spec: WorldExport, worlds: list[str] | None = None, store: StoreReference = None, token: str | None = None
 ) -> JobRecord:
     """Returns the export job, whose ``detail["zip"]`` says where the worlds lie.
 
@@ -42,4 +53,4 @@ def world_export(
         return require_success(write(opened.url, request, formats=spec.formats, token=job_token, elsewhere=writers))
 
     identity: dict[str, JsonValue] = {"spec": canonical_document(spec), "worlds": [*chosen]}
-    return run_stage(opened, "world-export", identity, token, work)
+    return completed_job(run_stage(opened, "world-export", identity, token, work))

@@ -4,6 +4,9 @@ from pathlib import Path
 
 from prefect import flow
 
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.stage_run import require_success, run_name, run_stage
 from flows.workers.spread_worlds import world_makers
@@ -11,6 +14,7 @@ from specs.arn import arn
 from specs.digest import canonical_document
 from specs.pipeline.section_requests import generation_request
 from specs.pipeline.world_sections import WorldGeneration
+from specs.store_reference import StoreReference
 from specs.template.body import template_digest
 from tasks.documents.template_source import find_template
 from tasks.export.task import show_worlds
@@ -19,9 +23,16 @@ from tasks.storage.store_url import open_store, store_id
 from tasks.worlds.task import generate_worlds
 
 
-@flow(name="world-generation", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="world-generation",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def world_generation(
-    spec: WorldGeneration, store: str | None = None, base: str = ".", token: str | None = None
+    spec: WorldGeneration, store: StoreReference = None, base: str = ".", token: str | None = None
 ) -> JobRecord:
     """Returns the generation job, whose ``detail["worlds"]`` names the worlds.
 
@@ -59,4 +70,4 @@ def world_generation(
         return record
 
     identity = {"spec": canonical_document(spec), "template": digest}
-    return run_stage(opened, "world-generation", identity, token, work)
+    return completed_job(run_stage(opened, "world-generation", identity, token, work))
