@@ -2,18 +2,29 @@
 
 from prefect import flow
 
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import deployment_stage
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment
+from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
-@flow(name="deployment-sync", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="deployment-sync",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def deployment_sync(
     spec: Deployment,
-    store: str | None = None,
+    store: StoreReference = None,
     tested: dict[str, str] | None = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
@@ -35,6 +46,8 @@ def deployment_sync(
             keys to sign with.
     """
     with under_prefect():
-        return flow_result(
-            lambda: deployment_stage.deployment_sync(spec, store, tested, versions, token, builds=builds), token
+        return completed_job(
+            flow_result(
+                lambda: deployment_stage.deployment_sync(spec, store, tested, versions, token, builds=builds), token
+            )
         )

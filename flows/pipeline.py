@@ -3,6 +3,9 @@
 from prefect import flow
 
 from flows.deployment_sync import deployment_sync
+from flows.entry.flow_state import completed_run
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.prefect_orchestrator import Steps, flow_result, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.simulation_batch import simulation_batch
@@ -11,6 +14,7 @@ from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.data.run_report import PipelineReport
 from specs.pipeline.document import PipelineSpec
+from specs.store_reference import StoreReference
 
 _STAGES: Steps = {
     generation_stage.world_generation: world_generation,
@@ -20,8 +24,15 @@ _STAGES: Steps = {
 }
 
 
-@flow(name="pipeline", flow_run_name="{spec.name}", persist_result=False, on_cancellation=[cancel_with_flow_run])
-def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
+@guarded
+@flow(
+    name="pipeline",
+    flow_run_name="{spec.name}",
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
+def pipeline(spec: PipelineSpec, store: StoreReference = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
     A run that was killed is continued; one that another live process works on is waited for.
@@ -37,4 +48,4 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
     """
     with under_prefect(_STAGES):
-        return flow_result(lambda: pipeline_run.pipeline(spec, store, base))
+        return completed_run(flow_result(lambda: pipeline_run.pipeline(spec, store, base)))

@@ -2,19 +2,30 @@
 
 from prefect import flow
 
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import batch_stage
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.simulation_section import SimulationBatch
+from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
-@flow(name="simulation-batch", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="simulation-batch",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def simulation_batch(
     spec: SimulationBatch,
     worlds: list[str] | None = None,
-    store: str | None = None,
+    store: StoreReference = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
     *,
@@ -35,4 +46,6 @@ def simulation_batch(
         StageFailed: The batch timed out, was cancelled, or failed for a reason of Simyard's own.
     """
     with under_prefect():
-        return flow_result(lambda: batch_stage.simulation_batch(spec, worlds, store, versions, token, gate=gate), token)
+        return completed_job(
+            flow_result(lambda: batch_stage.simulation_batch(spec, worlds, store, versions, token, gate=gate), token)
+        )

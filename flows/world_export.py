@@ -2,16 +2,27 @@
 
 from prefect import flow
 
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import export_stage
 from specs.pipeline.world_sections import WorldExport
+from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
-@flow(name="world-export", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="world-export",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def world_export(
-    spec: WorldExport, worlds: list[str] | None = None, store: str | None = None, token: str | None = None
+    spec: WorldExport, worlds: list[str] | None = None, store: StoreReference = None, token: str | None = None
 ) -> JobRecord:
     """Returns the export job, whose ``detail["zip"]`` says where the worlds lie.
 
@@ -25,4 +36,4 @@ def world_export(
         StageFailed: The worlds could not be read or written; carries RoboMaker's code.
     """
     with under_prefect():
-        return flow_result(lambda: export_stage.world_export(spec, worlds, store, token), token)
+        return completed_job(flow_result(lambda: export_stage.world_export(spec, worlds, store, token), token))

@@ -2,16 +2,27 @@
 
 from prefect import flow
 
+from flows.entry.flow_state import completed_job
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import generation_stage
 from specs.pipeline.world_sections import WorldGeneration
+from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
-@flow(name="world-generation", flow_run_name=run_name, persist_result=False, on_cancellation=[cancel_with_flow_run])
+@guarded
+@flow(
+    name="world-generation",
+    flow_run_name=run_name,
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
 def world_generation(
-    spec: WorldGeneration, store: str | None = None, base: str = ".", token: str | None = None
+    spec: WorldGeneration, store: StoreReference = None, base: str = ".", token: str | None = None
 ) -> JobRecord:
     """Returns the generation job, whose ``detail["worlds"]`` names the worlds.
 
@@ -26,4 +37,4 @@ def world_generation(
         DocumentError: The template is missing or none.
     """
     with under_prefect():
-        return flow_result(lambda: generation_stage.world_generation(spec, store, base, token), token)
+        return completed_job(flow_result(lambda: generation_stage.world_generation(spec, store, base, token), token))
