@@ -61,7 +61,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     pins(spec, OverlayStore(store), base)  # a document with faults is refused before a server starts
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
-        prefect_server(lambda: _import_engine(spec)) as server,
+        prefect_server(lambda: _prepare_engine(spec)) as server,
         _bars(console) as listener,
         listen_to_progress(listener),
         _guard_server(server, console) as watch,
@@ -182,7 +182,7 @@ def prefect_home() -> Path:
     return cache_folder() / "prefect"
 
 
-def _import_engine(spec: PipelineSpec) -> None:
+def _prepare_engine(spec: PipelineSpec) -> None:
     """Imports Prefect, and JAX and MJX if the document simulates: seconds that pass while the server starts."""
     simulation = ("tasks.simulate.chunk.episodes",) if spec.simulationBatch else ()
     if simulation:
@@ -190,6 +190,7 @@ def _import_engine(spec: PipelineSpec) -> None:
     with pause_collector():
         for module in (*simulation, "flows.pipeline", *_LATE_IMPORTS):
             import_module(module)
+        import_module("flows.run.heartbeats").leave_heartbeats()
 
 
 def flush_prefect() -> None:
