@@ -12,7 +12,7 @@ from prefect.client.schemas.objects import State
 from prefect.states import Completed
 
 from flows.resource.abandoned_jobs import ReapedJob
-from flows.run.stage_summary import job_summary
+from flows.stage.stage_summary import job_summary
 from specs.data.run_report import PipelineReport
 from tasks.storage.jobs.records import JobRecord
 
