@@ -18,7 +18,8 @@ EXAMPLES = Path(__file__).resolve().parents[1]
 WORLDS = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}}
 
 
-@task(task_run_name="worlds of seed {seed}", persist_result=True)  # processes and workers give no other result
+# A process gives its result back through the storage of results.
+@task(task_run_name="worlds of seed {seed}", persist_result=True)
 def worlds_of_seed(seed: int) -> str:
     """Returns the ARN of the generation job of one seed."""
     return world_generation(WorldGeneration.model_validate({**WORLDS, "seed": seed}), base=str(EXAMPLES)).arn

@@ -18,6 +18,7 @@ WORLDS = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount
 BATCH = {
     "matrix": {"worlds": "all", "seeds": 4},
     "outputLocation": {"s3Bucket": "results"},
+    "audit": {"lanes": 0},
     "createSimulationJobRequests": [
         {
             "maxJobDurationInSeconds": 60,
