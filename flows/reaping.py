@@ -8,13 +8,13 @@ from prefect.artifacts import create_table_artifact
 from flows.entry.flow_state import completed_reaping
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.resource.withdrawal import renew_metadata_here
 from flows.run.events import announce_changes
 from flows.run.store_block import store_at
 from specs.artifact_text import table_rows
-from specs.store_reference import StoreReference
 from tasks.storage.store_url import open_store
 
 _LOG = logging.getLogger(__name__)
@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 
 @guarded
 @flow(name="reaping", persist_result=True, result_serializer=result_serializer())
-def reaping(store: StoreReference = None) -> list[ReapedJob]:
+def reaping(store: StoreParameter = None) -> list[ReapedJob]:
     """Returns the abandoned jobs that were found, and leaves a table of them; see `simyard reap`.
 
     What the keys in SIMYARD_KEYS have signed is signed anew in the second half of its time.

@@ -5,8 +5,8 @@ from uuid import uuid4
 
 import pytest
 
+from tests.integration.prefect_features.team import Team
 from tests.repository import ROOT
-from tests.servers.prefect_team import Team
 from tests.servers.seaweed import ACCESS_KEY, SECRET_KEY, Seaweed
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
@@ -27,7 +27,7 @@ import sys
 try:
     from prefect_aws import AwsCredentials, S3Bucket
 except ImportError:
-    from tests.servers.aws_blocks import AwsCredentials, S3Bucket
+    from tests.integration.prefect_features.aws_blocks import AwsCredentials, S3Bucket
 key, secret, endpoint, bucket, folder = sys.argv[1:]
 reach = {"endpoint_url": endpoint}
 credentials = AwsCredentials(aws_access_key_id=key, aws_secret_access_key=secret, aws_client_parameters=reach)

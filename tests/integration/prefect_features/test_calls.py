@@ -6,9 +6,9 @@ from importlib.util import find_spec
 
 import pytest
 
+from tests.integration.prefect_features.team import Team
 from tests.repository import ROOT
 from tests.servers.eventually import eventually
-from tests.servers.prefect_team import Team
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 WORLDS = re.compile(r"^arn:simyard:world-generation-job:\S+$", re.MULTILINE)
