@@ -73,6 +73,7 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
     assert [row["status"] for row in _robots_table(prefect_server)] == ["InSync"] * 5
     run = _scheduled_run(prefect_server, timeout_s=120.0)
     assert run["state_type"] == "COMPLETED"
+    assert run["state"]["message"].startswith("1 world: arn:simyard:world-generation-job:")
     assert 99 in [job.detail["seed"] for job in records(open_store(store_url), "world-generation-job")]
 
 
