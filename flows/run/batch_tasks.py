@@ -19,6 +19,7 @@ from specs.artifact_text import escape_markdown, table_rows
 from specs.data.run_report import Verdict
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import show_progress
 from tasks.results.gate.evidence import Baseline
 from tasks.results.gate.shipped_builds import Shipment
@@ -33,7 +34,13 @@ _AUDIT_MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "N
 _ROWS_SHOWN = 200
 
 
-@task(name="simulate-chunk", task_run_name="simulate-chunk-{number}", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="simulate-chunk",
+    task_run_name="simulate-chunk-{number}",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def simulate_chunk(
     store_url: str,
     batch: str,
@@ -60,7 +67,7 @@ def simulate_chunk(
     )
 
 
-@task(name="write-results", cache_policy=NO_CACHE, persist_result=False)
+@task(name="write-results", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def write_tables(store_url: str, batch: str, status: str, location: OutputLocation) -> BatchTables:
     """Returns what `flows.batch.batch_steps.write_tables` does, and shows the tables' summary."""
     tables = batch_steps.write_tables(store_url, batch, status, location)
@@ -70,7 +77,7 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
     return tables
 
 
-@task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False)
+@task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:
     """Returns what `flows.batch.batch_steps.audit_batch` does, and shows the audit's sentence."""
     with show_progress(batch_steps.AUDIT, "audit-progress"):
@@ -82,7 +89,7 @@ def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[st
     return detail
 
 
-@task(name="judge", cache_policy=NO_CACHE, persist_result=False)
+@task(name="judge", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def judge_batch(
     store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
 ) -> BatchJudgement:

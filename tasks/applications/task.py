@@ -6,9 +6,10 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from tasks.applications import step
+from tasks.progress.step_retry import STORE_RETRY
 
 
-@task(name="unpack-application", cache_policy=NO_CACHE, persist_result=False)
+@task(name="unpack-application", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def unpack_application(store_url: str, digest: str) -> Path:
     """Returns what `tasks.applications.step.unpack_application` does."""
     return step.unpack_application(store_url, digest)

@@ -13,12 +13,13 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy import step
 from tasks.deploy.answers.describe import describe_deployment_job
 from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 
 
-@task(name="roll-out", cache_policy=NO_CACHE, persist_result=False)
+@task(name="roll-out", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def roll_out(
     store_url: str,
     request: CreateDeploymentJobRequest,

@@ -9,11 +9,12 @@ from prefect.cache_policies import NO_CACHE
 from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export import step
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import show_progress
 from tasks.storage.jobs.records import JobRecord
 
 
-@task(name="export-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(name="export-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def export_worlds(
     store_url: str, request: CreateWorldExportJobRequest, *, formats: tuple[WorldFormat, ...], token: str
 ) -> JobRecord:
@@ -22,7 +23,7 @@ def export_worlds(
         return step.export_worlds(store_url, request, formats=formats, token=token)
 
 
-@task(name="show-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(name="show-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def draw_worlds(store_url: str, generation: JobRecord) -> str:
     """Returns what `tasks.export.step.draw_worlds` does, and leaves it on the flow run's page."""
     page = step.draw_worlds(store_url, generation)

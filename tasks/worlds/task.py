@@ -5,13 +5,14 @@ from prefect.cache_policies import NO_CACHE
 
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.worlds import step
 
 
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
-@task(name="generate-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(name="generate-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def generate_worlds(
     store_url: str,
     request: CreateWorldGenerationJobRequest,
