@@ -3,6 +3,7 @@
 The server starts while JAX and Prefect are imported, so most of its start costs no time.
 """
 
+import logging
 import os
 import sys
 from collections.abc import Generator
@@ -40,6 +41,7 @@ from tasks.storage.store_url import open_store
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
 _OWN_WAIT_S = 20
+logger = logging.getLogger(__name__)
 
 
 def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
@@ -103,6 +105,20 @@ def prefect_server() -> Generator[ServerChoice, None, None]:
         _import_engine()
         process.wait_until_healthy(server, child)
         yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
+
+
+@contextmanager
+def known_server() -> Generator[str, None, None]:
+    """Yields the URL of the server that the user chose, or of the kept one; empty if none of them answers."""
+    home = prefect_home()
+    try:
+        given = _chosen(home) or _kept(home)
+    except StageFailed as exc:
+        logger.warning("%s", exc)
+        given = {}
+    url = given.get("PREFECT_API_URL", "")
+    with _environment(**given, **_proxy_setting(url)):
+        yield url
 
 
 def _chosen(home: Path) -> dict[str, str]:

@@ -21,6 +21,7 @@ from prefect.runtime import flow_run as this_flow_run
 from prefect.states import Cancelled
 
 from flows.resource.cancel import REASON, cancel_jobs, cancel_run, end_canceled, require_not_canceled
+from flows.run.abandoned_flow_runs import end_flow_run_before
 from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.settings import chosen_workers
 from tasks.simulate.batch.cancel_restart import cancel_batch
@@ -28,11 +29,9 @@ from tasks.simulate.batch.chunk_store import chunk_numbers
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, records
-from tasks.storage.jobs.runs import KIND, jobs_of
+from tasks.storage.jobs.runs import FLOW_RUN, KIND, jobs_of
 from tasks.storage.store_url import open_store
 
-FLOW_RUN = "flow_run"
-"""Where a run's detail says which of Prefect's flow runs works on it."""
 _CANCELED = "Canceled"
 _LOOK_S = 1.0
 _LOOKS_A_QUESTION = 3  # to Prefect's server, which has more to do than a store
@@ -53,6 +52,7 @@ def cancelable_run(store: Store, run: JobRecord) -> Generator[None, None, None]:
         StageFailed: It was cancelled.
     """
     own = str(this_flow_run.id or "")
+    end_flow_run_before(run, own)
     advance(store, KIND, run.id, "Running", detail={FLOW_RUN: own} if own else {}, only_from={"Pending", "Running"})
     try:
         with _watch_run(store, run, own):
