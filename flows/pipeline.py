@@ -15,7 +15,7 @@ from flows.resource.cancel import require_not_canceled
 from flows.resource.withdrawal import renew_metadata_here
 from flows.run.cancellation import cancel_with_flow_run, cancelable_run, canceled_state
 from flows.run.events import announce_changes
-from flows.run.run_owner import waiting_display
+from flows.run.run_owner import begin_run_in_turn
 from flows.run.stage_summary import recorded_report, run_with_alarm, with_alarm
 from flows.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
 from flows.workers.crew import wanted_workers
@@ -28,7 +28,6 @@ from specs.robomaker.failure_codes import JobFailureCode
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
-from tasks.storage.jobs.runs import begin_run
 from tasks.storage.store_url import open_store
 
 
@@ -56,7 +55,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
     versions, ships = {key: str(version.number) for key, version in own.items()}, pinned_shipment(found)
     identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
     try:
-        with announce_changes(), begin_run(opened, identity, waiting_display(opened)) as run:
+        with announce_changes(), begin_run_in_turn(opened, identity) as run:
             if is_terminal(run):
                 report = recorded_report(run)
             else:

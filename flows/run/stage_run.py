@@ -9,11 +9,11 @@ from pydantic import JsonValue
 from flows.resource.cancel import REASON
 from flows.run.cancellation import cancelable_run, canceled_state
 from flows.run.events import announce_changes
-from flows.run.run_owner import waiting_display
+from flows.run.run_owner import begin_run_in_turn
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
-from tasks.storage.jobs.runs import begin_run, stage_token
+from tasks.storage.jobs.runs import stage_token
 
 _FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
 
@@ -35,7 +35,7 @@ def run_stage(
     if token is not None:
         return work(token)
     try:
-        with announce_changes(), begin_run(store, {"flow": stage, **identity}, waiting_display(store)) as run:
+        with announce_changes(), begin_run_in_turn(store, {"flow": stage, **identity}) as run:
             return _work_in_run(store, stage, run, work)
     except StageFailed as exc:
         return cast("JobRecord", canceled_state(exc))  # which Prefect takes for the flow run's
