@@ -10,14 +10,13 @@ import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from uuid import UUID
 
-from prefect.client.orchestration import get_client
 from prefect.events.clients import get_events_subscriber
 from prefect.events.filters import EventFilter, EventNameFilter, EventResourceFilter
 
+from flows.run.cancellation import is_cancelling
+
 QUESTION_S = 10.0
-_PATIENCE_S = 5.0
 _RECONNECTIONS = 3
 _NEXT_TRY_S = 60.0
 _EVENTS = ["prefect.flow-run.Cancelling", "prefect.flow-run.Cancelled"]
@@ -49,19 +48,6 @@ def watch_cancellation(
 
     with _listening(flow_run, told):
         yield is_canceled
-
-
-def is_cancelling(flow_run: str) -> bool:
-    """Returns whether Prefect's server says that a flow run is being cancelled, or was; asks it now."""
-    if not flow_run:
-        return False
-    try:
-        with get_client(httpx_settings={"timeout": _PATIENCE_S}, sync_client=True) as client:
-            state = client.read_flow_run(UUID(flow_run)).state
-    except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the job goes on
-        logger.info("Prefect did not say whether %s is canceled: %s", flow_run, exc)
-        return False
-    return state is not None and (state.is_cancelling() or state.is_cancelled())
 
 
 @contextmanager

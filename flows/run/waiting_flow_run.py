@@ -45,6 +45,7 @@ def leave_place(sentence: str) -> None:
     state = Scheduled(name=AWAITING, scheduled_time=again, message=f"{sentence}; looks again in {pause_s} s")
     accepted = _set_state(flow_run, state)
     if accepted and accepted.is_scheduled():
+        _forget_process(flow_run)
         logger.info("%s; this process ends, and the flow run begins again in %d s", sentence, pause_s)
         raise Pause(state=accepted)
 
@@ -81,3 +82,14 @@ def _set_state(flow_run: FlowRun, state: State[Any]) -> State[Any] | None:
     except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the run is waited for
         logger.info("Prefect was not told that %s: %s", state.message, exc)
         return None
+
+
+def _forget_process(flow_run: FlowRun) -> None:
+    # Who cancels a scheduled flow run that had a process leaves it Cancelling for ever: nobody looks after it any more.
+    # The client's own method cannot empty the field.
+    try:
+        with get_client(httpx_settings={"timeout": _PATIENCE_S}, sync_client=True) as client:
+            path = {"id": flow_run.id}
+            client.request("PATCH", "/flow_runs/{id}", path_params=path, json={"infrastructure_pid": None})
+    except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the run is waited for
+        logger.info("Prefect was not told that the process of %s ends: %s", flow_run.id, exc)

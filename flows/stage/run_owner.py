@@ -5,12 +5,11 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 
-from prefect.runtime import flow_run
 from pydantic import JsonValue
 
+from flows.resource.cancel import CANCELED
 from flows.resource.kinds import KINDS, StageProgress
-from flows.run.cancellation_events import watch_cancellation
-from flows.run.waiting_flow_run import leave_place, show_wait, show_work
+from flows.stage.orchestrator import orchestrator
 from specs.errors import ResourceNotFound, StageFailed
 from tasks.progress.listener import report_progress
 from tasks.storage.base.store import Store
@@ -50,13 +49,13 @@ def begin_run_in_turn(
             if found.released:
                 return
             if waiting is None:
-                waiting = _waiting(store, wait.enter_context(watch_cancellation(str(flow_run.id or ""))), clock)
+                waiting = _waiting(store, wait.enter_context(orchestrator().watch_cancellation()), clock)
             waiting(run, found)
 
         with begin_run(store, identity, wait_visibly) as run:
             wait.close()
             if waiting and not is_terminal(run):
-                show_work()
+                orchestrator().show_work()
             yield run
 
 
@@ -72,11 +71,11 @@ def _waiting(store: Store, is_canceled: Callable[[], bool], clock: Callable[[], 
         if found.owner != holder:
             holder, beat = found.owner, found.beat
             logger.info(sentence)
-            show_wait(sentence)
+            orchestrator().show_wait(sentence)
         elif found.beat > beat:  # it lives; nobody has to watch it die
-            leave_place(sentence)
+            orchestrator().leave_place(sentence)
         if is_canceled():
-            raise StageFailed("Canceled", f"canceled while it waited for {holder_name(found)}, which goes on", run.arn)
+            raise StageFailed(CANCELED, f"canceled while it waited for {holder_name(found)}, which goes on", run.arn)
         stage, done, total = run_progress(store, run)
         report_progress(f"waiting for {holder_name(found)}: {stage}", done, total)
         next_s = clock() + max(_PAUSE_S, (clock() - began_s) / _LOOKING_SHARE)
