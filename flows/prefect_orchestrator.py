@@ -12,7 +12,10 @@ from flows.batch.batch_report import WrittenReport
 from flows.gate import judge
 from flows.gate.judge import GateAnswer
 from flows.run import batch_artifacts, batch_tasks, events, run_artifacts
+from flows.run.abandoned_flow_runs import end_flow_run_before
 from flows.run.cancellation import canceled_state, is_cancelling
+from flows.run.cancellation_events import watch_cancellation
+from flows.run.waiting_flow_run import leave_place, show_wait, show_work
 from flows.stage.orchestrator import orchestrated_by
 from flows.workers.crew import wanted_workers
 from flows.workers.spread_batch import spread_batch
@@ -78,6 +81,26 @@ class PrefectOrchestrator:
     def is_cancelling(self, flow_run_id: str) -> bool:
         """Returns whether Prefect's server says that somebody cancels a flow run."""
         return is_cancelling(flow_run_id)
+
+    def watch_cancellation(self) -> AbstractContextManager[Callable[[], bool]]:
+        """Yields what says whether Prefect cancels the flow run: by an event at once, else within 10 s."""
+        return watch_cancellation(self.flow_run_id)
+
+    def end_flow_run_before(self, run: JobRecord) -> None:
+        """Makes the flow run of the dead process Crashed."""
+        end_flow_run_before(run, self.flow_run_id)
+
+    def show_wait(self, sentence: str) -> None:
+        """Makes the flow run's state Running (Waiting)."""
+        show_wait(sentence)
+
+    def leave_place(self, sentence: str) -> None:
+        """Schedules a deployment's flow run anew, and ends its process."""
+        leave_place(sentence)
+
+    def show_work(self) -> None:
+        """Makes the flow run's state Running."""
+        show_work()
 
     def tag_run(self, run: JobRecord) -> AbstractContextManager[object]:
         """Tags the flow runs and task runs of the block, so that Prefect's pages find them by the run's id."""

@@ -12,10 +12,10 @@ from prefect.states import Cancelled
 
 from flows.resource.cancel import CANCELED, cancel_run
 from flows.run.store_block import store_at
-from flows.stage.cancellation import FLOW_RUN, PATIENCE_S
+from flows.stage.cancellation import PATIENCE_S
 from specs.errors import StageFailed
 from tasks.storage.jobs.records import is_terminal, records
-from tasks.storage.jobs.runs import KIND
+from tasks.storage.jobs.runs import FLOW_RUN, KIND
 from tasks.storage.store_url import open_store
 
 logger = logging.getLogger(__name__)
