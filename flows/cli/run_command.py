@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from flows.cli.progress_bars import progress_bars
 from flows.document.references import pins
 from specs.data.run_report import PipelineReport
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.settings import server_wait_s
 from specs.terminal_text import terminal_text
-from tasks.progress.listener import Listener, listen_to_progress
+from tasks.progress.listener import listen_to_progress
 from tasks.server import process
 from tasks.server.collector_pause import pause_collector
 from tasks.server.health import (
@@ -62,7 +62,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
         prefect_server(lambda: _prepare_engine(spec)) as server,
-        _bars(console) as listener,
+        progress_bars(console) as listener,
         listen_to_progress(listener),
         _guard_server(server, console) as watch,
     ):
@@ -214,23 +214,3 @@ def _environment(**values: str) -> Generator[None, None, None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _bars(console: Console) -> Generator[Listener, None, None]:
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description:<20}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console) as progress:
-        bars: dict[str, TaskID] = {}
-
-        def listen(stage: str, done: int, total: int) -> None:
-            if stage not in bars:
-                bars[stage] = progress.add_task(stage, total=total)
-            progress.update(bars[stage], completed=done, total=total)
-
-        yield listen
