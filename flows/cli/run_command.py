@@ -199,12 +199,13 @@ def prefect_home() -> Path:
 
 
 def _prepare_engine(spec: PipelineSpec) -> None:
-    """Imports Prefect, and JAX and MJX if the document simulates: seconds that pass while the server starts."""
-    simulation = ("tasks.simulate.chunk.episodes",) if spec.simulationBatch else ()
-    if simulation:
+    """Imports Prefect, and what the document's sections compute with: seconds that pass while the server starts."""
+    computes = ["scipy.ndimage"] if spec.worldGeneration else []
+    if spec.simulationBatch:
         prepare_devices()
+        computes.append("tasks.simulate.chunk.episodes")  # with JAX and MJX
     with pause_collector():
-        for module in (*simulation, "flows.pipeline", *_LATE_IMPORTS):
+        for module in (*computes, "flows.pipeline", *_LATE_IMPORTS):
             import_module(module)
         import_module("flows.run.heartbeats").leave_heartbeats()
 
