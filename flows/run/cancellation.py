@@ -169,7 +169,7 @@ def _is_cancelling(own: str) -> bool:
         with get_client(httpx_settings={"timeout": _PATIENCE_S}, sync_client=True) as client:
             state = client.read_flow_run(UUID(own)).state
     except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the job goes on
-        logger.info("Prefect did not say whether %s is canceled: %s", own, exc)
+        logger.debug("Prefect did not say whether %s is canceled: %s", own, exc)
         return False
     return state is not None and (state.is_cancelling() or state.is_cancelled())
 
