@@ -1,39 +1,38 @@
 """The flow `pipeline`: runs a whole document from worlds to deployment, and reports on it."""
 
-from pathlib import Path
-from typing import cast
+from prefect import flow
 
-from prefect import flow, tags
-from prefect.artifacts import create_table_artifact
-from pydantic import JsonValue
-
-from flows.batch.batch_artifacts import show_batch_report
-from flows.batch.batch_report import MissingReport, WrittenReport, write_report, write_report_of_run
-from flows.document.references import Numbers, pinned_shipment, pins
-from flows.recount.recount import Asked
-from flows.resource.cancel import require_not_canceled
-from flows.resource.withdrawal import renew_metadata_here
-from flows.run.cancellation import cancel_with_flow_run, cancelable_run, canceled_state
-from flows.run.events import announce_changes
-from flows.run.run_owner import waiting_display
-from flows.run.stage_summary import recorded_report, run_with_alarm, with_alarm
-from flows.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
-from flows.workers.crew import wanted_workers
-from specs.artifact_text import table_rows
+from flows.deployment_sync import deployment_sync
+from flows.entry.flow_state import completed_run
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
+from flows.prefect_orchestrator import Steps, flow_result, under_prefect
+from flows.run.cancellation import cancel_with_flow_run
+from flows.simulation_batch import simulation_batch
+from flows.stage import batch_stage, deployment_stage, export_stage, generation_stage, pipeline_run
+from flows.world_export import world_export
+from flows.world_generation import world_generation
 from specs.data.run_report import PipelineReport
-from specs.digest import canonical_document
-from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline.document import PipelineSpec
-from specs.robomaker.failure_codes import JobFailureCode
-from tasks.results.gate.shipped_builds import Shipment
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, advance, is_terminal
-from tasks.storage.jobs.runs import begin_run
-from tasks.storage.store_url import open_store
+from specs.store_reference import StoreReference
+
+_STAGES: Steps = {
+    generation_stage.world_generation: world_generation,
+    export_stage.world_export: world_export,
+    batch_stage.simulation_batch: simulation_batch,
+    deployment_stage.deployment_sync: deployment_sync,
+}
 
 
-@flow(name="pipeline", flow_run_name="{spec.name}", persist_result=False, on_cancellation=[cancel_with_flow_run])
-def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
+@guarded
+@flow(
+    name="pipeline",
+    flow_run_name="{spec.name}",
+    persist_result=True,
+    result_serializer=result_serializer(),
+    on_cancellation=[cancel_with_flow_run],
+)
+def pipeline(spec: PipelineSpec, store: StoreReference = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
     A run that was killed is continued; one that another live process works on is waited for.
@@ -48,99 +47,5 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         StageFailed: A stage ended Failed.
         PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
     """
-    wanted_workers()  # refuses workers that are not installed, before anything runs
-    opened = open_store(store)
-    found, own = pins(spec, opened, Path(base))
-    if spec.deployment and spec.deployment.trust == "signed":
-        renew_metadata_here(opened)  # also on a night when the gate lets nothing pass
-    versions, ships = {key: str(version.number) for key, version in own.items()}, pinned_shipment(found)
-    identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
-    try:
-        with announce_changes(), begin_run(opened, identity, waiting_display(opened)) as run:
-            if is_terminal(run):
-                report = recorded_report(run)
-            else:
-                report = _run_to_end(spec, opened, base, versions, run, ships=ships)
-    except StageFailed as exc:
-        return cast("PipelineReport", canceled_state(exc))  # which Prefect takes for the flow run's
-    _show(report)
-    if not report.passed:
-        raise PipelineNotPassed(report)
-    return report
-
-
-def _run_to_end(
-    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
-) -> PipelineReport:
-    """Returns the report of the run, which is in its terminal state then; a crash leaves it open to be continued."""
-    try:
-        with cancelable_run(store, run):
-            report = _stages(spec, store, base, versions, run, ships=ships)
-            if report.shipped is False:
-                require_not_canceled(store, run)
-    except ConcurrentDeployment:
-        raise  # it passes: the same document continues this run when the fleet is free
-    except (DocumentError, StageFailed) as exc:
-        code = cast(
-            "JobFailureCode", exc.code if isinstance(exc, StageFailed) else "InvalidInput"
-        )  # as the stage has it
-        refused = {"refused": isinstance(exc, DocumentError)}
-        advance(store, "pipeline-run", run.id, "Failed", failure_code=code, failure_reason=str(exc), detail=refused)
-        raise
-    status = "Completed" if report.passed else "Failed"
-    advance(store, "pipeline-run", run.id, status, detail={"report": report.model_dump(mode="json")})
-    written = write_report_of_run(store, run)  # with what the stages took
-    return run_with_alarm(report, written.alarm()) if isinstance(written, MissingReport) else report
-
-
-def _stages(
-    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
-) -> PipelineReport:
-    with tags(run.id):  # so that Prefect's pages find all of a run's flows and tasks by its id
-        return _report(spec, store, base, versions, run, ships=ships)
-
-
-def _report(
-    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
-) -> PipelineReport:
-    worlds, generation = generate(spec, store, base, run)
-    require_not_canceled(store, run)
-    exported = export(spec, worlds, store, run)
-    require_not_canceled(store, run)
-    batch, simulated = simulate(spec, worlds, store, versions, run)
-    batch = vouch(spec, batch, worlds, store, versions)
-    judged = judge_batch_stage(spec, batch, store, run, ships)
-    if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
-        judged = _show_verdict(judged, store, batch)
-    require_not_canceled(store, run)
-    verdict = judged[0].status if judged else None
-    passed = verdict == "PASS" or spec.gate is None
-    asked = Asked(spec, base, versions, worlds, ships)
-    deployed = deploy(asked, batch, store, run) if passed else skip_deployment(spec)
-    return PipelineReport.model_validate(
-        {
-            "run": run.id,
-            "name": spec.name,
-            "stages": (*generation, *exported, *simulated, *judged, *deployed),
-            "verdict": verdict,
-            "shipped": deployed[0].status == "Succeeded" if deployed and passed else None,
-        }
-    )
-
-
-def _show_verdict(judged: Reports, store: Store, batch: JobRecord) -> Reports:
-    """Returns the gate's report, the batch's page being written; with an alarm where it could not be."""
-    written = write_report(store, batch)
-    if isinstance(written, WrittenReport):
-        show_batch_report(written)
-        return judged
-    return tuple(with_alarm(stage, written.alarm()) for stage in judged)
-
-
-def _show(report: PipelineReport) -> None:
-    rows = [
-        {"stage": s.name, "status": s.status, "what came of it": s.summary, "seconds": round(s.seconds, 1)}
-        for s in report.stages
-    ]
-    shown = table_rows(rows)
-    create_table_artifact(table=shown, key="pipeline-report", description=f"{report.name}: {report.run}")
+    with under_prefect(_STAGES):
+        return completed_run(flow_result(lambda: pipeline_run.pipeline(spec, store, base)))

@@ -5,18 +5,23 @@ import logging
 from prefect import flow
 from prefect.artifacts import create_table_artifact
 
+from flows.entry.flow_state import completed_reaping
+from flows.entry.result_json import result_serializer
+from flows.entry.secret_guard import guarded
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.resource.withdrawal import renew_metadata_here
 from flows.run.events import announce_changes
 from specs.artifact_text import table_rows
+from specs.store_reference import StoreReference
 from tasks.storage.store_url import open_store
 
 _LOG = logging.getLogger(__name__)
 
 
-@flow(name="reaping", persist_result=False)
-def reaping(store: str | None = None) -> list[ReapedJob]:
+@guarded
+@flow(name="reaping", persist_result=True, result_serializer=result_serializer())
+def reaping(store: StoreReference = None) -> list[ReapedJob]:
     """Returns the abandoned jobs that were found, and leaves a table of them; see `simyard reap`.
 
     What the keys in SIMYARD_KEYS have signed is signed anew in the second half of its time.
@@ -35,4 +40,4 @@ def reaping(store: str | None = None) -> list[ReapedJob]:
         create_table_artifact(rows, key="reaped", description=f"{len(found)} jobs that nobody worked on")
     for line in renew_metadata_here(opened):
         _LOG.warning("%s: simyard fleet keys renew, with its key", line)
-    return found
+    return completed_reaping(found)

@@ -90,8 +90,11 @@ class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
 
     def __init__(self, report: PipelineReport) -> None:
         self.report = report
-        gate = f"the gate says {report.verdict}" if report.verdict not in (None, "PASS") else "the deployment failed"
-        super().__init__(f"{report.name}: {gate} ({report.run})")
+        refused = report.verdict not in (None, "PASS")
+        answer = f"the gate says {report.verdict}" if refused else "the deployment failed"
+        stage = "gate" if refused else "deployment"
+        why = "".join(f": {each.summary}" for each in report.stages if each.name == stage)
+        super().__init__(f"{report.name}: {answer}{why} ({report.run})")
 
 
 class TrustRefused(SimyardError):  # noqa: N818 - a state

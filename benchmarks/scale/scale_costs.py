@@ -29,7 +29,7 @@ from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import Workers
 from tasks.documents.template_source import find_template
-from tasks.results.task import write_tables
+from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.job import OpenBatch, load_batch, open_batch
 from tasks.simulate.plan.resolve import output_location
@@ -120,7 +120,9 @@ def _opened(folder: Path) -> OpenBatch:
 
 def _simulated(batch: OpenBatch, numbers: tuple[int, ...]) -> None:
     location = output_location(SimulationBatch.model_validate(section(2048)))
-    simulate_chunks.fn(batch.store.url, batch.id, numbers, location=location, left_s=3600.0, spent_s=0.0)
+    simulate_chunks.fn(
+        batch.store.url, batch.id, numbers, location=location, left_s=3600.0, spent_s=0.0, voucher=batch.voucher
+    )
 
 
 @contextmanager
@@ -153,10 +155,7 @@ def _tables(batch: OpenBatch) -> tuple[float, float]:
 
     location = output_location(SimulationBatch.model_validate(section(2048)))
     start_s = time.perf_counter()
-    with patch("tasks.results.task.create_table_artifact"):
-        write_tables.fn(
-            batch.store.url, batch.id, parts, variables=batch.plan.variables(), location=location, metadata={}
-        )
+    write_batch_tables(batch.store, batch.id, parts(), variables=batch.plan.variables(), location=location, metadata={})
     took_s = time.perf_counter() - start_s
     written = Path(batch.store.url.removeprefix("file://")).glob("buckets/results/**/*.parquet")
     rows = len(chunks) * batch.plan.lanes

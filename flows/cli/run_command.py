@@ -1,27 +1,28 @@
 """`simyard run`: finds or starts a Prefect server, and runs the pipeline with progress bars.
 
-The server starts while JAX and Prefect are imported, so most of its start costs no time.
+The server starts while Prefect, and what the document needs, are imported, so much of its start costs no time.
 """
 
 import os
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from flows.cli.progress_bars import progress_bars
 from flows.document.references import pins
 from specs.data.run_report import PipelineReport
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.settings import server_wait_s
 from specs.terminal_text import terminal_text
-from tasks.progress.listener import Listener, listen_to_progress
+from tasks.progress.listener import listen_to_progress
 from tasks.server import process
+from tasks.server.collector_pause import pause_collector
 from tasks.server.health import (
     is_answering,
     is_listening,
@@ -40,6 +41,8 @@ from tasks.storage.store_url import open_store
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
 _OWN_WAIT_S = 20
+# What Prefect imports when the first flow begins, which the user waits for.
+_LATE_IMPORTS = ("prefect.flow_engine", "prefect.task_engine", "fastapi")
 
 
 def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
@@ -58,12 +61,12 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     pins(spec, OverlayStore(store), base)  # a document with faults is refused before a server starts
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
-        prefect_server() as server,
-        _bars(console) as listener,
+        prefect_server(lambda: _prepare_engine(spec)) as server,
+        progress_bars(console) as listener,
         listen_to_progress(listener),
         _guard_server(server, console) as watch,
     ):
-        from prefect.exceptions import CancelledRun  # noqa: PLC0415 - JAX and Prefect load while the server starts
+        from prefect.exceptions import CancelledRun  # noqa: PLC0415 - Prefect loads while the server starts
 
         from flows.pipeline import pipeline  # noqa: PLC0415 - same
 
@@ -84,8 +87,11 @@ class ServerChoice(NamedTuple):
 
 
 @contextmanager
-def prefect_server() -> Generator[ServerChoice, None, None]:
+def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[ServerChoice, None, None]:
     """Yields the server to use: the user's, the kept one, or a new one for this block, which nobody starts again.
+
+    Args:
+        prepare: Imports what the block needs; called when the server is chosen, while a new one starts.
 
     Raises:
         StageFailed: The server that the user chose, or the kept one, does not answer; or a new one does not come up.
@@ -94,13 +100,14 @@ def prefect_server() -> Generator[ServerChoice, None, None]:
     if given := _chosen(home) or _kept(home):
         url = given["PREFECT_API_URL"]
         with _environment(**given, **_proxy_setting(url), **_retry_setting(wait_s)):
+            prepare()
             yield ServerChoice(url, wait_s)
         return
     with (
         process.run_server(home) as (server, child),
         _environment(**server.environment(), PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
-        _import_engine()
+        prepare()
         process.wait_until_healthy(server, child)
         yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
 
@@ -175,11 +182,15 @@ def prefect_home() -> Path:
     return cache_folder() / "prefect"
 
 
-def _import_engine() -> None:
-    """Imports Prefect, JAX and MJX: seconds that pass while the server starts."""
-    prepare_devices()
-    import_module("tasks.simulate.chunk.episodes")
-    import_module("flows.pipeline")
+def _prepare_engine(spec: PipelineSpec) -> None:
+    """Imports Prefect, and JAX and MJX if the document simulates: seconds that pass while the server starts."""
+    simulation = ("tasks.simulate.chunk.episodes",) if spec.simulationBatch else ()
+    if simulation:
+        prepare_devices()
+    with pause_collector():
+        for module in (*simulation, "flows.pipeline", *_LATE_IMPORTS):
+            import_module(module)
+        import_module("flows.run.heartbeats").leave_heartbeats()
 
 
 def flush_prefect() -> None:
@@ -203,23 +214,3 @@ def _environment(**values: str) -> Generator[None, None, None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _bars(console: Console) -> Generator[Listener, None, None]:
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description:<20}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console) as progress:
-        bars: dict[str, TaskID] = {}
-
-        def listen(stage: str, done: int, total: int) -> None:
-            if stage not in bars:
-                bars[stage] = progress.add_task(stage, total=total)
-            progress.update(bars[stage], completed=done, total=total)
-
-        yield listen

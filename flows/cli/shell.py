@@ -17,7 +17,7 @@ from pydantic import JsonValue
 from flows.cli.app_commands import app_app
 from flows.cli.batch_commands import compare, replay, report, shrink
 from flows.cli.exit_codes import run_and_end_process
-from flows.cli.fleet_commands import fleet_app
+from flows.cli.fleet.fleet_commands import fleet_app
 from flows.cli.output import TerminalConsole, echo, echo_json, json_lines, page_rows, show_report, show_rows
 from flows.cli.store_commands import gc, reap
 from flows.cli.world_commands import world_app
@@ -61,14 +61,24 @@ def _run_app() -> None:
 
 
 @app.command()
-def run(file: Document, store: StoreUrl = None) -> None:
+def run(
+    file: Document,
+    *,
+    store: StoreUrl = None,
+    direct: Annotated[
+        bool, typer.Option("--direct", help="Without a Prefect server: no pages, artifacts, events, or other workers.")
+    ] = False,
+) -> None:
     """Run a document from its first section to its last; continues a run that was killed."""
-    from flows.cli.run_command import run_document
     from tasks.documents.pipeline_file import read_pipeline
 
     console, spec = TerminalConsole(), read_pipeline(file)
     try:
         with _name_file(file):
+            if direct:
+                from flows.cli.direct_command import run_directly as run_document
+            else:
+                from flows.cli.run_command import run_document
             report = run_document(spec, file.resolve().parent, store, console)
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
@@ -119,7 +129,7 @@ def describe(
     for line in metric_lines(opened, arns[0]) if len(arns) == 1 else ():
         echo(line, err=True)
     if len(arns) == 1 and resource_kind(arns[0]) == "deployment-job":
-        from flows.cli.fleet_watch import wish_notes
+        from flows.cli.fleet.fleet_watch import wish_notes
 
         for line in wish_notes(opened, resource_name(arns[0])):  # what RoboMaker's shapes have no field for
             echo(line, err=True)

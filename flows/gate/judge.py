@@ -3,9 +3,8 @@
 A run that is killed and continued finds both there, and so judges the same.
 """
 
-from collections.abc import Mapping
-from functools import partial
-from typing import cast
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -19,22 +18,29 @@ from specs.data.run_report import Verdict
 from specs.digest import canonical_json
 from specs.errors import StageFailed
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.evidence import Baseline, TestedBatch, tested_batch
-from tasks.results.gate.gate import columns_needed, count_rows
+from tasks.results.gate.evidence import (
+    Baseline,
+    TestedBatch,
+    evidence_digest,
+    gather,
+    tested_batch,
+    write_evidence,
+)
+from tasks.results.gate.gate import GateVerdict, columns_needed, count_rows, judge
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.statistics.pairs import PairCounts, count_pairs
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
-from tasks.results.task import judge_batch
-from tasks.simulate.batch.job import plan_of
+from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read
 from tasks.storage.jobs.voucher import Voucher, owner_voucher
+from tasks.storage.store_url import open_store
 
 _GATE, _BASELINE, _SEAL = "gate", "baseline", "Seal"
 
@@ -55,8 +61,44 @@ class GateAnswer(Spec):
     evidence: str
 
 
+class BatchJudgement(NamedTuple):
+    """A gate's verdict, and where its evidence is, with its SHA-256."""
+
+    verdict: GateVerdict
+    url: str
+    digest: str
+
+
+def judge_batch(
+    store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
+) -> BatchJudgement:
+    """Returns the gate's verdict on a batch, whose evidence is written; a step: a plain function of data.
+
+    Args:
+        store_url: Where the batch is, and evidence is kept.
+        batch: The batch's id.
+        rule: What the document asks for.
+        other: The version that ``noWorseThan`` compares with, or why there is none; None if nobody asks.
+        ships: What the document ships, if it deploys.
+    """
+    store = open_store(store_url)
+    record = read(store, KIND, batch)
+    found = gate_material(rule, record, store, other)
+    verdict = judge(rule, found)
+    baseline = other if isinstance(other, Baseline) else None
+    tested, left_out = tested_facts(plan_of(record), record), found.lacks.left_out
+    evidence = gather(batch, rule, verdict, tested, left_out=left_out, baseline=baseline, ships=ships)
+    return BatchJudgement(verdict, write_evidence(store, evidence), evidence_digest(evidence))
+
+
 def gate_answer(
-    gate: Gate, batch: JobRecord, store: Store, run: JobRecord, ships: Shipment | None = None
+    gate: Gate,
+    batch: JobRecord,
+    store: Store,
+    run: JobRecord,
+    ships: Shipment | None = None,
+    *,
+    judged: Callable[..., BatchJudgement] = judge_batch,
 ) -> GateAnswer:
     """Returns the answer on a batch: the one that the run's record has, or a new one, which it has then.
 
@@ -69,6 +111,7 @@ def gate_answer(
         store: Where both records are.
         run: The run, in whose record the answer is pinned.
         ships: What the document ships, if it deploys.
+        judged: Judges, as `judge_batch` does.
 
     Raises:
         StageFailed: The results are not what the batch wrote, or the run's record has an answer that does not follow.
@@ -76,19 +119,10 @@ def gate_answer(
     pinned = read_gate_answer(store, run)
     if pinned is not None and _is_vouched(store, run, _GATE):
         return pinned
-    other = _baseline(gate, batch, store, run)
-    baseline = other if isinstance(other, Baseline) else None
-    verdict, url, digest = judge_batch(
-        store.url,
-        # A string of its own: by the record's, Prefect would know the batch's flow run as this task's input, and where
-        # one has such an input, the page of a run shows no task runs at all (3.8.8).
-        parse_reference(batch.arn).path,
-        rule=gate,
-        material=partial(gate_material, gate, batch, store, other),
-        tested=tested_facts(plan_of(batch), batch),
-        baseline=baseline,
-        ships=ships,
-    )
+    # The id is a string of its own: by the record's, Prefect would know the batch's flow run as the task's input, and
+    # where one has such an input, the page of a run shows no task runs at all (3.8.8).
+    name = parse_reference(batch.arn).path
+    verdict, url, digest = judged(store.url, name, gate, other=_baseline(gate, batch, store, run), ships=ships)
     answer = GateAnswer(
         batch=batch.id, verdict=verdict.verdict, sentence=verdict.sentence, evidence_url=url, evidence=digest
     )

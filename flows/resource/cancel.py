@@ -15,6 +15,7 @@ from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import jobs_of
 
 REASON = "canceled on request"
+CANCELED = "Canceled"
 _GOING = frozenset({"Pending", "Running", "Canceling"})
 
 

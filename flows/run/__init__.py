@@ -1,1 +1,1 @@
-"""A run of a document: references, events, cancellation, end. Flows and the shell may import it."""
+"""What Prefect is told and asked while a flow runs: tasks, events, artifacts, cancellation. Flows may import it."""

@@ -6,29 +6,25 @@ Chunks are the same as on one machine, and whoever simulates one commits it, so 
 import os
 import platform
 import time
-from functools import partial
 from typing import Any, NamedTuple
 
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
+from flows.batch.batch_steps import EPISODES, simulate_chunk
 from flows.run.events import announce_changes
 from flows.workers.crew import Width, on_workers
 from flows.workers.spread import Numbers, PieceOutcome, spread
 from specs.field_types import OutputLocation
 from specs.settings import Workers
-from tasks.applications.registry import unpack
-from tasks.progress.task import Progress, show_progress
-from tasks.results.tables.application_output import write_output
-from tasks.results.tables.recordings import write_recordings
+from tasks.progress.listener import Progress
+from tasks.progress.task import show_progress
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
 from tasks.simulate.batch.metrics import BatchMeter, BatchMetrics, ChunkWork
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.batch.result_stream import give_up
-from tasks.simulate.task import simulate_chunk
-from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.jobs.voucher import Voucher
 from tasks.storage.store_url import open_store
 
@@ -51,7 +47,7 @@ def spread_batch(batch: OpenBatch, location: OutputLocation, workers: Workers) -
     meter = BatchMeter()
 
     def episodes(width: Width) -> None:
-        with show_progress("Episodes", "episodes-progress") as progress:
+        with show_progress(EPISODES, "episodes-progress") as progress:
             work = _Spread(batch, location, progress, meter)
             spread(
                 work.left,
@@ -145,25 +141,20 @@ def _simulate_numbers(
     store_url, batch = work.store.url, work.id
     start_s, episodes, done = time.monotonic(), 0, ChunkWork()
     note_machine(work)
-    folders = {digest: unpack(work.store, digest, cache_folder() / "bundles") for digest in work.plan.digests()}
-    record = partial(write_recordings, store_url, location, batch) if work.plan.records() else None
     lanes = work.plan.lanes
     for number in numbers:
         if work.record().status not in GOING:
             break
         took_s = time.monotonic() - start_s
-        ended = simulate_chunk.fn(
+        ended = simulate_chunk(
             store_url,
             batch,
             number,
-            bundles=folders,
+            location=location,
             lanes=lanes,
             left_s=left_s - took_s,
             spent_s=spent_s + took_s,
-            progress=_ignore,
-            record=record,
             voucher=work.voucher,
-            output=partial(write_output, store_url, location, batch),
         )
         lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
     return ChunksDone(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")
@@ -172,7 +163,3 @@ def _simulate_numbers(
 def _is_vouched(batch: OpenBatch, number: int) -> bool:
     found = stored_chunk(batch.store, batch.id, number, batch.voucher)
     return found is not None and found.vouched
-
-
-def _ignore(_done: int) -> None:
-    """Ignores progress inside a chunk: the driver counts whole chunks."""

@@ -1,10 +1,13 @@
 """The listener that hears how far a stage is: a context variable, so that no flow needs a parameter for it."""
 
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
 Listener = Callable[[str, int, int], None]
+Progress = Callable[[int, int], None]
+_INTERVAL_S = 1.0
 
 
 def _nobody(stage: str, done: int, total: int) -> None:
@@ -28,6 +31,28 @@ def listen_to_progress(listener: Listener) -> Generator[None, None, None]:
         _listener.reset(token)
 
 
+def current_listener() -> Listener:
+    """Returns the listener of this context."""
+    return _listener.get()
+
+
 def report_progress(stage: str, done: int, total: int) -> None:
     """Tells the listener of this context how far a stage is."""
     _listener.get()(stage, done, total)
+
+
+def stage_progress(stage: str) -> Progress:
+    """Returns a function that tells how far a stage is: units done and in all, once a second at most, and the end.
+
+    Args:
+        stage: What a person calls it, such as ``Worlds``.
+    """
+    told_s = -_INTERVAL_S
+
+    def progress(done: int, total: int) -> None:
+        nonlocal told_s
+        if done >= total or time.monotonic() - told_s >= _INTERVAL_S:
+            told_s = time.monotonic()
+            report_progress(stage, done, total)
+
+    return progress

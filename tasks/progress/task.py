@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import cast
 from uuid import UUID
@@ -12,9 +12,8 @@ from prefect.artifacts import create_progress_artifact, update_progress_artifact
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 
-from tasks.progress.listener import report_progress
+from tasks.progress.listener import Progress, current_listener, listen_to_progress, stage_progress
 
-Progress = Callable[[int, int], None]
 _LOG = logging.getLogger(__name__)
 # `--watch` prints every update, and each is a request to the server.
 _INTERVAL_S = 1.0
@@ -23,25 +22,22 @@ _INTERVAL_AWAY_S = 10.0
 
 @contextmanager
 def show_progress(stage: str, key: str) -> Generator[Progress, None, None]:
-    """Yields a function that tells the terminal and Prefect how far a stage is.
+    """Shows Prefect how far a stage is, whoever tells it inside the block; yields a function that tells it.
 
     Args:
         stage: What a person calls it, such as ``Worlds``.
         key: The artifact's key: lower-case letters, digits and dashes.
     """
-    bar = _Bar(stage, key)
+    bar, terminal = _Bar(stage, key), current_listener()
     bar.show(0.0)
-    told_s = -_INTERVAL_S
 
-    def progress(done: int, total: int) -> None:
-        nonlocal told_s
-        if done >= total or time.monotonic() - told_s >= _INTERVAL_S:
-            told_s = time.monotonic()
-            report_progress(stage, done, total)
-        if bar.is_due():
+    def hear(told: str, done: int, total: int) -> None:
+        terminal(told, done, total)
+        if told == stage and bar.is_due():
             bar.show(100.0 * done / max(total, 1))
 
-    yield progress
+    with listen_to_progress(hear):
+        yield stage_progress(stage)
     bar.show(100.0)
 
 

@@ -7,11 +7,13 @@ PREFECT_SERVER_API_AUTH_STRING, where no other account of the machine sees it.
 
 import sys
 
-import uvicorn
-from prefect.server.api.server import create_app
-from prefect.settings import get_current_settings
-
+from tasks.server.collector_pause import pause_collector
 from tasks.server.own_origin import OwnOrigin
+
+with pause_collector():
+    import uvicorn
+    from prefect.server.api.server import create_app
+    from prefect.settings import get_current_settings
 
 _HERE = ("127.0.0.1", "localhost")
 
@@ -20,8 +22,10 @@ def main(arguments: list[str]) -> None:
     """Serves on a port of 127.0.0.1 until a signal ends it."""
     port = int(arguments[0])
     settings = get_current_settings().server
+    with pause_collector():
+        application = create_app(final=True)
     uvicorn.run(
-        OwnOrigin(create_app(final=True), [f"{name}:{port}" for name in _HERE]),  # pyright: ignore[reportArgumentType]
+        OwnOrigin(application, [f"{name}:{port}" for name in _HERE]),  # pyright: ignore[reportArgumentType]
         host=_HERE[0],
         port=port,
         timeout_keep_alive=settings.api.keepalive_timeout,

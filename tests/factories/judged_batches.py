@@ -3,14 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import pytest
-
 from flows.batch.batch_end import close_with_tables
 from specs.data.episode import ApplicationLaunch
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.bundle import Version
 from tasks.applications.registry import publish_bundle
-from tasks.results.task import judge_batch
 from tasks.simulate.batch.commit import Simulate, run_chunk
 from tasks.simulate.batch.job import complete
 from tasks.storage.base.store import Store
@@ -70,12 +67,6 @@ def run_of(store: Store, name: str = "run") -> JobRecord:
     """Returns a pipeline's run that is under way."""
     run = submit(store, "pipeline-run", {"name": name}, name)
     return advance(store, "pipeline-run", run.id, "Running")
-
-
-def without_prefect(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets the gate be judged as a plain function."""
-    monkeypatch.setattr("flows.gate.judge.judge_batch", judge_batch.fn)
-    monkeypatch.setattr("tasks.results.task.create_markdown_artifact", lambda *_, **__: None)
 
 
 def _published(store: Store, folder: Path, name: str, text: str) -> Version:

@@ -12,8 +12,8 @@ from pydantic import JsonValue
 from flows.batch.batch_end import close_if_stopped, with_audit
 from flows.resource.answers import describe_resource, list_resources
 from flows.resource.cancel import cancel_resource
-from flows.run.stage_summary import batch_report
-from flows.simulation_batch import _run
+from flows.stage.batch_stage import run_batch
+from flows.stage.stage_summary import batch_report
 from specs.data.episode import EpisodeResult
 from specs.errors import BucketNotFound, DocumentError, StageFailed
 from specs.field_types import OutputLocation
@@ -146,7 +146,7 @@ def test_of_many_that_ask_at_once_one_closes_it_and_all_see_the_same_end(left: O
 def test_a_process_that_waited_for_a_batch_that_was_closed_meanwhile_does_nothing(left: OpenBatch):
     cancel_resource(left.store, left.record().arn)
     before = left.record()
-    assert _run(left.store, left.id, OutputLocation(s3Bucket="results")) == before
+    assert run_batch(left.store, left.id, OutputLocation(s3Bucket="results")) == before
     assert committed_chunk(left.store, left.id, 2) is None
 
 

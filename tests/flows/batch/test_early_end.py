@@ -9,7 +9,7 @@ from flows.batch.batch_end import close_with_tables
 from flows.batch.early_end import EarlyEnd
 from flows.document.tested_batch import shuffle_if_endable
 from flows.gate.judge import gate_material
-from flows.run.stage_summary import batch_report
+from flows.stage.stage_summary import batch_report
 from specs.data.episode import EpisodeResult
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate import judge

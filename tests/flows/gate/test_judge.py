@@ -8,7 +8,7 @@ import pytest
 
 from flows.document.tested_batch import candidates
 from flows.gate.baselines import NoBaseline, find_baseline
-from flows.gate.judge import gate_answer, gate_material, read_baseline, tested_facts
+from flows.gate.judge import BatchJudgement, gate_answer, gate_material, read_baseline, tested_facts
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.errors import ResourceNotFound, StageFailed
 from specs.pipeline.gate_section import Gate, NoWorseThan
@@ -23,18 +23,13 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tasks.worlds.job.job import run_generation_job
 from tests.factories.episodes import collided, passed
-from tests.factories.judged_batches import courier, delivery, ended, run_of, without_prefect
+from tests.factories.judged_batches import courier, delivery, ended, run_of
 from tests.factories.planned_batches import mixed
 from tests.repository import ROOT
 
 RULE = NoWorseThan(applicationVersion="1", margin=0.06)
 GATE = Gate(noWorseThan=RULE)
 EXAMPLES = ROOT / "examples"
-
-
-@pytest.fixture(autouse=True)
-def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    without_prefect(monkeypatch)
 
 
 class Shelf:
@@ -156,19 +151,15 @@ def test_three_versions_in_one_batch_leave_open_which_is_meant(file_store: Store
     assert "several versions of courier besides version 1" in found.why
 
 
-def test_a_run_that_goes_on_compares_with_what_it_compared_with(
-    file_store: Store, shelf: Shelf, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_run_that_goes_on_compares_with_what_it_compared_with(file_store: Store, shelf: Shelf):
     before = ended(file_store, shelf.old, scenario=shelf.scenario, name="before")
     batch, run = ended(file_store, shelf.new, scenario=shelf.scenario, name="now"), run_of(file_store)
 
-    def dies(*_: object, **__: object) -> None:
+    def dies(*_: object, **__: object) -> BatchJudgement:
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as killed:
-        killed.setattr("flows.gate.judge.judge_batch", dies)
-        with pytest.raises(KeyboardInterrupt):
-            gate_answer(GATE, batch, file_store, run)
+    with pytest.raises(KeyboardInterrupt):
+        gate_answer(GATE, batch, file_store, run, judged=dies)
     ended(file_store, shelf.old, scenario=shelf.scenario, name="newer", simulate=mixed)
     gate_answer(GATE, batch, file_store, run)
     baseline = read_evidence(file_store, batch.id).baseline

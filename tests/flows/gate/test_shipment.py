@@ -10,7 +10,7 @@ import pytest
 from flows.gate.judge import gate_answer, read_gate_answer
 from flows.gate.shipment import evidence_changes, shippable, withdraw_deployment
 from flows.recount.recount import Asked
-from flows.stages import deploy, judge_batch_stage
+from flows.stage.stages import deploy, judge_batch_stage
 from specs.data.run_report import StageReport
 from tasks.applications.registry import resolve
 from tasks.results.gate.evidence import read_evidence
@@ -20,7 +20,7 @@ from tasks.storage.base.keys import application_key, bundle_key, result_key, wor
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, job_id, read, submit
 from tasks.storage.jobs.runs import stage_token
-from tests.factories.judged_batches import courier, delivery, document, ended, run_of, without_prefect
+from tests.factories.judged_batches import courier, delivery, document, ended, run_of
 from tests.factories.planned_batches import mixed
 
 PIPELINE = document({"successRate": {"atLeast": 0.9}, "collisionRate": {"atMost": 0.1}})
@@ -30,9 +30,8 @@ class Shop:
     """A run whose gate has passed, and a deployment that only notes that it was asked for."""
 
     def __init__(self, store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        without_prefect(monkeypatch)
-        monkeypatch.setattr("flows.stages.deployment_sync", self._ship)
-        monkeypatch.setattr("flows.stages.recount_changes", lambda *_: [])  # these rows were not simulated
+        monkeypatch.setattr("flows.stage.stages.deployment_sync", self._ship)
+        monkeypatch.setattr("flows.stage.stages.recount_changes", lambda *_: [])  # these rows were not simulated
         self.shipped: list[dict[str, str]] = []
         self.store, self.robot = store, courier(store, folder, "one")
         self.batch = ended(store, self.robot, scenario=delivery(store, folder))
@@ -141,8 +140,7 @@ def test_evidence_is_about_one_bundle_and_no_other(shop: Shop, tmp_path: Path):
     assert f"courier version 1 ({shop.robot.digest})" in line
 
 
-def test_evidence_that_does_not_pass_ships_nothing(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    without_prefect(monkeypatch)
+def test_evidence_that_does_not_pass_ships_nothing(file_store: Store, tmp_path: Path):
     robot, run = courier(file_store, tmp_path, "one"), run_of(file_store)
     batch = ended(file_store, robot, scenario=delivery(file_store, tmp_path), simulate=mixed)
     assert judge_batch_stage(PIPELINE, batch, file_store, run)[0].status == "FAIL"
@@ -159,10 +157,7 @@ def test_a_gate_that_has_not_answered_ships_nothing(file_store: Store):
     assert line.endswith(f"{run.id}.json says no gate's answer, and the document has a gate")
 
 
-def test_the_version_that_was_compared_with_is_not_what_is_shipped(
-    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    without_prefect(monkeypatch)
+def test_the_version_that_was_compared_with_is_not_what_is_shipped(file_store: Store, tmp_path: Path):
     old, new = (courier(file_store, tmp_path, text) for text in ("old", "new"))
     batch = ended(file_store, new, old, scenario=delivery(file_store, tmp_path))
     run, gate = run_of(file_store), document({"noWorseThan": {"applicationVersion": "1", "margin": 0.06}})
@@ -172,10 +167,7 @@ def test_the_version_that_was_compared_with_is_not_what_is_shipped(
     assert "the evidence of" in evidence_changes(old.digest, file_store, run)[0]
 
 
-def test_the_results_that_were_compared_with_are_held_against_the_evidence_too(
-    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    without_prefect(monkeypatch)
+def test_the_results_that_were_compared_with_are_held_against_the_evidence_too(file_store: Store, tmp_path: Path):
     scenario = delivery(file_store, tmp_path)
     old, new = (courier(file_store, tmp_path, text) for text in ("old", "new"))
     before = ended(file_store, old, scenario=scenario, name="before")

@@ -10,7 +10,7 @@ import pytest
 from flows.gate.judge import gate_answer, read_baseline, read_gate_answer
 from flows.recount.batch_recount import Planned
 from flows.recount.recount import Asked, recount_changes
-from flows.stages import deploy, judge_batch_stage, vouch
+from flows.stage.stages import deploy, judge_batch_stage, vouch
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from tasks.simulate.batch.job import KIND, plan_of
@@ -18,7 +18,7 @@ from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
-from tests.factories.judged_batches import courier, delivery, document, ended, run_of, without_prefect
+from tests.factories.judged_batches import courier, delivery, document, ended, run_of
 from tests.factories.planned_batches import mixed
 
 PIPELINE = document({"successRate": {"atLeast": 0.9}, "collisionRate": {"atMost": 0.1}})
@@ -29,8 +29,7 @@ class Run:
     """A run whose batch was judged; its rows were never simulated, so that none is drawn to be simulated again."""
 
     def __init__(self, store: Store, batch: JobRecord, spec: PipelineSpec, monkeypatch: pytest.MonkeyPatch) -> None:
-        without_prefect(monkeypatch)
-        for module in ("flows.recount.recount", "flows.stages"):
+        for module in ("flows.recount.recount", "flows.stage.stages"):
             monkeypatch.setattr(f"{module}.asked_plan", lambda *_: Planned(plan_of(batch), recorded_location(batch)))
         monkeypatch.setattr("flows.recount.recount.sample_changes", lambda *_: [])
         self.store, self.batch, self.spec, self.record = store, batch, spec, run_of(store)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.run.stage_run import require_success
+from flows.stage.stage_run import require_success
 from specs.errors import StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, submit

@@ -8,7 +8,7 @@ from pydantic import JsonValue
 from rich.console import Console
 
 from flows.cli.output import show_report
-from flows.run.stage_summary import (
+from flows.stage.stage_summary import (
     batch_report,
     deployment_report,
     gate_report,

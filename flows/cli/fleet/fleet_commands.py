@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from flows.cli.fleet_keys_commands import keys_app, vouch
+from flows.cli.fleet.fleet_keys_commands import keys_app, vouch
 from flows.cli.output import TerminalConsole, echo, echo_json
 from specs.terminal_text import terminal_line
 
@@ -117,7 +117,7 @@ def register(
 @fleet_app.command("show")
 def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
     """Print a fleet, its robots and its last deployment, as JSON; on stderr, what each robot runs."""
-    from flows.cli.fleet_watch import fleet_notes
+    from flows.cli.fleet.fleet_watch import fleet_notes
     from tasks.deploy.answers.describe import describe_fleet
     from tasks.storage.store_url import open_store
 
@@ -187,7 +187,7 @@ def watch(
     wait: Annotated[bool, typer.Option("--wait", help="If none is under way, wait for the next one.")] = False,  # noqa: FBT002 - a switch
 ) -> None:
     """Show a fleet's last deployment, robot by robot, until it ends; exits with 1 unless it succeeded."""
-    from flows.cli.fleet_watch import next_deployment, watch_deployment
+    from flows.cli.fleet.fleet_watch import next_deployment, watch_deployment
     from tasks.deploy.fleet.fleets import read_fleet
     from tasks.storage.store_url import open_existing_store
 

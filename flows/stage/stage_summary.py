@@ -36,11 +36,8 @@ def recorded_report(run: JobRecord) -> PipelineReport:
 
 def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:
     """Returns what a generation job made."""
-    worlds = texts(record.detail, "worlds")
-    failed = sum(cast("int", failure["count"]) for failure in _mappings(record.detail, "failures").values())
-    summary = f"{_number(len(worlds), 'world')}" + (f", {failed} failed" if failed else "")
     folder = Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")
-    return _stage("worldGeneration", record, summary, seconds, (folder,))
+    return _stage("worldGeneration", record, _generation_summary(record), seconds, (folder,))
 
 
 def export_report(record: JobRecord, seconds: float) -> StageReport:
@@ -48,8 +45,7 @@ def export_report(record: JobRecord, seconds: float) -> StageReport:
     plans = texts(record.detail, "svg")
     artefacts = [Artefact(label="worlds, zipped", url=str(record.detail["zip"]))]
     artefacts += [Artefact(label="floor plan", url=url) for url in plans[:1]]
-    more = f", {_number(len(plans), 'floor plan')}" if plans else ""
-    return _stage("worldExport", record, f"1 zip{more}", seconds, tuple(artefacts))
+    return _stage("worldExport", record, _export_summary(record), seconds, tuple(artefacts))
 
 
 def batch_report(record: JobRecord, seconds: float) -> StageReport:
@@ -100,6 +96,31 @@ def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     if not is_unsigned(record):
         return stage
     return stage.model_copy(update={"summary": f"{summary}; UNSIGNED", "facts": {**facts, "alarm": UNSIGNED_ALARM}})
+
+
+def job_summary(record: JobRecord) -> str:
+    """Returns how a stage's job ended, in one line: what its report says first.
+
+    Args:
+        record: The job that a flow of one stage returned.
+    """
+    if record.kind == "world-generation-job":
+        return _generation_summary(record)
+    if record.kind == "world-export-job":
+        return _export_summary(record)
+    report = deployment_report if record.kind == "deployment-job" else batch_report
+    return report(record, 0.0).summary
+
+
+def _generation_summary(record: JobRecord) -> str:
+    worlds = texts(record.detail, "worlds")
+    failed = sum(cast("int", failure["count"]) for failure in _mappings(record.detail, "failures").values())
+    return f"{_number(len(worlds), 'world')}" + (f", {failed} failed" if failed else "")
+
+
+def _export_summary(record: JobRecord) -> str:
+    plans = texts(record.detail, "svg")
+    return "1 zip" + (f", {_number(len(plans), 'floor plan')}" if plans else "")
 
 
 def with_alarm(stage: StageReport, alarm: str) -> StageReport:

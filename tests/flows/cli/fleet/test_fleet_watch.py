@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from flows.cli.fleet_watch import ABANDONED, deployment_table, fleet_notes, next_deployment, watch_deployment
+from flows.cli.fleet.fleet_watch import ABANDONED, deployment_table, fleet_notes, next_deployment, watch_deployment
 from flows.cli.shell import app
 from specs.errors import StageFailed
 from specs.robomaker.deployment import DescribeDeploymentJobResponse, RobotDeployment

@@ -3,18 +3,12 @@
 import base64
 
 from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
-from pydantic import JsonValue
 
 from flows.batch.batch_report import WrittenReport
 from specs.artifact_text import table_rows
 from tasks.results.report.page import report_markdown, report_picture
-from tasks.simulate.batch.metrics import METRICS, BatchMetrics, metric_rows, recorded_metrics
+from tasks.simulate.batch.metrics import metric_rows, recorded_metrics
 from tasks.storage.jobs.records import JobRecord
-
-
-def metric_fields(metrics: BatchMetrics | None) -> dict[str, JsonValue]:
-    """Returns what a batch's record says of its speed; nothing if nothing was simulated."""
-    return {METRICS: metrics.model_dump(mode="json")} if metrics else {}
 
 
 def show_metrics(record: JobRecord) -> None:

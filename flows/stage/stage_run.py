@@ -1,15 +1,13 @@
 """The run of a single stage: a run of its own, or a part of the pipeline's run."""
 
 from collections.abc import Callable, Mapping
-from typing import cast
 
-from prefect.runtime import flow_run
 from pydantic import JsonValue
 
 from flows.resource.cancel import REASON
-from flows.run.cancellation import cancelable_run, canceled_state
-from flows.run.events import announce_changes
-from flows.run.run_owner import waiting_display
+from flows.stage.cancellation import cancelable_run
+from flows.stage.orchestrator import orchestrator
+from flows.stage.run_owner import waiting_display
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
@@ -34,11 +32,11 @@ def run_stage(
     """
     if token is not None:
         return work(token)
-    try:
-        with announce_changes(), begin_run(store, {"flow": stage, **identity}, waiting_display(store)) as run:
-            return _work_in_run(store, stage, run, work)
-    except StageFailed as exc:
-        return cast("JobRecord", canceled_state(exc))  # which Prefect takes for the flow run's
+    with (
+        orchestrator().announce_changes(),
+        begin_run(store, {"flow": stage, **identity}, waiting_display(store)) as run,
+    ):
+        return _work_in_run(store, stage, run, work)
 
 
 def _work_in_run(store: Store, stage: str, run: JobRecord, work: Callable[[str], JobRecord]) -> JobRecord:
@@ -52,12 +50,6 @@ def _work_in_run(store: Store, stage: str, run: JobRecord, work: Callable[[str],
         raise
     advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
     return record
-
-
-def run_name() -> str:
-    """Returns what Prefect's pages call a stage: the pipeline's token for it, or the flow's name when it runs alone."""
-    token = flow_run.parameters.get("token")
-    return str(token or flow_run.flow_name)
 
 
 def require_success(record: JobRecord) -> JobRecord:

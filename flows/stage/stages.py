@@ -1,17 +1,24 @@
-"""The pipeline's stages: each runs its section, if the document has it, and returns a report."""
+"""The pipeline's stages: each runs its section, if the document has it, and returns a report.
+
+Under Prefect each is a flow run of its own; see `flows.stage.orchestrator`.
+"""
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TypeVar
 
-from flows.deployment_sync import deployment_sync
 from flows.document.references import Numbers, deployed_version, numbered_finder
-from flows.gate.judge import gate_answer, read_gate_answer
+from flows.gate.judge import gate_answer, judge_batch, read_gate_answer
 from flows.gate.shipment import evidence_changes, refusal_report, shippable, withdraw_deployment
 from flows.recount.batch_recount import vouched_record
 from flows.recount.recount import Asked, asked_plan, recount_changes
-from flows.run.events import announce_verdict
-from flows.run.stage_summary import (
+from flows.stage.batch_stage import simulation_batch
+from flows.stage.deployment_stage import deployment_sync
+from flows.stage.export_stage import world_export
+from flows.stage.generation_stage import world_generation
+from flows.stage.orchestrator import orchestrator, run_step
+from flows.stage.stage_summary import (
     batch_report,
     deployment_report,
     export_report,
@@ -19,9 +26,6 @@ from flows.run.stage_summary import (
     generation_report,
     texts,
 )
-from flows.simulation_batch import simulation_batch
-from flows.world_export import world_export
-from flows.world_generation import world_generation
 from specs.data.run_report import StageReport
 from specs.errors import ResourceNotFound
 from specs.pipeline.document import PipelineSpec
@@ -48,7 +52,7 @@ def generate(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> tup
     section = spec.worldGeneration
     if section is None:
         return [], ()
-    record, seconds = _measure(lambda: world_generation(section, store.url, base, stage_token(run, "worlds")))
+    record, seconds = _measure(lambda: run_step(world_generation, section, store.url, base, stage_token(run, "worlds")))
     return texts(record.detail, "worlds"), (generation_report(record, store, seconds),)
 
 
@@ -64,7 +68,7 @@ def export(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) 
     section = spec.worldExport
     if section is None:
         return ()
-    record, seconds = _measure(lambda: world_export(section, worlds, store.url, stage_token(run, "export")))
+    record, seconds = _measure(lambda: run_step(world_export, section, worlds, store.url, stage_token(run, "export")))
     return (export_report(record, seconds),)
 
 
@@ -87,7 +91,9 @@ def simulate(
     if ended is not None:
         return ended, (batch_report(ended, 0.0),)
     gate, token = spec.gate if stops_early(spec.gate) else None, stage_token(run, "batch")
-    record, seconds = _measure(lambda: simulation_batch(section, worlds, store.url, versions, token, gate=gate))
+    record, seconds = _measure(
+        lambda: run_step(simulation_batch, section, worlds, store.url, versions, token, gate=gate)
+    )
     return record, (batch_report(record, seconds),)
 
 
@@ -129,9 +135,11 @@ def judge_batch_stage(
     if gate is None or batch is None:
         return ()
     said_before = read_gate_answer(store, run)
-    answer, seconds = _measure(lambda: gate_answer(gate, batch, store, run, ships))
+    answer, seconds = _measure(
+        lambda: gate_answer(gate, batch, store, run, ships, judged=partial(run_step, judge_batch))
+    )
     if said_before is None:
-        announce_verdict(answer, run, batch)
+        orchestrator().announce_verdict(answer, run, batch)
     return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
 
 
@@ -169,7 +177,9 @@ def deploy(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) 
     if found:
         withdraw_deployment(store, section.clientRequestToken or token)
         return (refusal_report(found, seconds),)
-    record, seconds = _measure(lambda: deployment_sync(section, store.url, tested, versions, token, builds=builds))
+    record, seconds = _measure(
+        lambda: run_step(deployment_sync, section, store.url, tested, versions, token, builds=builds)
+    )
     return (deployment_report(record, seconds),)
 
 

@@ -1,0 +1,118 @@
+"""The steps of a batch: plain functions of data, each of which may run in another process, on another machine.
+
+They join what simulates to what keeps results, so that they belong to no single capability. What a step needs of the
+store it reads there; what it makes is in the store when it returns.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import JsonValue
+
+from specs.field_types import OutputLocation
+from tasks.applications.step import unpack_application
+from tasks.progress.listener import report_progress, stage_progress
+from tasks.results.statistics.summary import summary_rows
+from tasks.results.tables.application_output import write_output
+from tasks.results.tables.recordings import write_recordings
+from tasks.results.tables.table_record import write_batch_tables
+from tasks.simulate.audit.audit_run import write_audit
+from tasks.simulate.batch.chunk_runner import ChunkRunner
+from tasks.simulate.batch.commit import ChunkEnd, run_chunk
+from tasks.simulate.batch.job import OpenBatch, load_batch
+from tasks.simulate.batch.provenance import batch_metadata
+from tasks.simulate.batch.result_stream import result_parts
+from tasks.storage.jobs.voucher import Voucher
+from tasks.storage.store_url import open_store
+
+EPISODES, AUDIT = "Episodes", "Audit (driven twice)"
+
+
+class BatchTables(NamedTuple):
+    """What a batch's tables say.
+
+    Attributes:
+        detail: Where they lie and what they add up to, for the batch's record.
+        rows: Their summary, a row a line, as `tasks.results.statistics.summary.summary_rows` has it.
+    """
+
+    detail: dict[str, JsonValue]
+    rows: list[tuple[str, ...]]
+
+
+def simulate_chunk(
+    store_url: str,
+    batch: str,
+    number: int,
+    *,
+    location: OutputLocation,
+    lanes: int,
+    left_s: float,
+    spent_s: float,
+    done: int = 0,
+    voucher: Voucher | None = None,
+) -> ChunkEnd:
+    """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
+
+    Args:
+        store_url: Where the batch's record, worlds, bundles and chunks are.
+        batch: The batch's id.
+        number: The chunk's.
+        location: The batch's output location.
+        lanes: How many lanes fit into memory, as far as is known.
+        left_s: Wall seconds that the batch has left; lanes that need longer are cancelled.
+        spent_s: Wall seconds that were spent on the batch before.
+        done: Episodes of the chunks before, for whoever listens to progress.
+        voucher: Vouches for the results on a worker; None on a machine of the owner.
+    """
+    work = load_batch(open_store(store_url), batch, voucher)
+    record = partial(write_recordings, store_url, location, batch) if work.plan.records() else None
+
+    def progress(finished: int) -> None:
+        report_progress(EPISODES, done + finished, work.layout.episodes)
+
+    runner = ChunkRunner(_folders(work), work.plan.engine, work.plan.recordings.rateHz, progress)
+    ended = run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    if printed := "".join(runner.printed):
+        write_output(store_url, location, batch, number, printed)
+    return ended
+
+
+def write_tables(store_url: str, batch: str, status: str, location: OutputLocation) -> BatchTables:
+    """Returns what a batch's tables say, which are written over what may be there.
+
+    Args:
+        store_url: The store that the output location's bucket belongs to.
+        batch: The batch's id; every chunk that was begun is committed.
+        status: That it ends in.
+        location: Where the tables go.
+    """
+    work = load_batch(open_store(store_url), batch)
+    detail, tally = write_batch_tables(
+        work.store,
+        batch,
+        result_parts(work, status),
+        variables=work.plan.variables(),
+        location=location,
+        metadata=batch_metadata(work.plan.lanes),
+    )
+    return BatchTables(detail, summary_rows(tally.summary()))
+
+
+def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:
+    """Returns what the batch's record says of its audit.
+
+    Args:
+        store_url: Where the batch's record, worlds and chunks are.
+        batch: The batch's id; all its chunks are committed.
+        location: The batch's output location.
+    """
+    work, progress = load_batch(open_store(store_url), batch), stage_progress(AUDIT)
+    lanes = min(work.plan.audit, work.layout.episodes)
+    return write_audit(work, _folders(work), location, lambda done: progress(done, 2 * lanes))
+
+
+def _folders(batch: OpenBatch) -> dict[str, Path]:
+    """Returns the unpacked folder of each application, by digest; unpacked once on a machine."""
+    return {digest: unpack_application(batch.store.url, digest) for digest in batch.plan.digests()}

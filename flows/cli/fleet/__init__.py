@@ -1,0 +1,1 @@
+"""The commands of `simyard fleet`. Only the shell imports it."""

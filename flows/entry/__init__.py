@@ -1,0 +1,1 @@
+"""What flows take from Prefect and give back: parameters without secrets, states, results. Flows may import it."""

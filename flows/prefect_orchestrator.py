@@ -1,0 +1,159 @@
+"""Prefect as what runs the steps of a stage: task runs, sub-flow runs, artifacts, events, workers."""
+
+from collections.abc import Callable, Generator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, ParamSpec, TypeVar, cast
+
+from prefect import tags
+from prefect.runtime import flow_run
+
+from flows.batch import batch_steps
+from flows.batch.batch_report import WrittenReport
+from flows.gate import judge
+from flows.gate.judge import GateAnswer
+from flows.run import batch_artifacts, batch_tasks, events, run_artifacts
+from flows.run.cancellation import canceled_state, is_cancelling
+from flows.stage.orchestrator import orchestrated_by
+from flows.workers.crew import wanted_workers
+from flows.workers.spread_batch import spread_batch
+from flows.workers.spread_worlds import world_makers, world_writers
+from specs.data.run_report import PipelineReport
+from specs.errors import StageFailed
+from specs.field_types import OutputLocation
+from specs.settings import Workers
+from tasks.applications import step as application_step
+from tasks.applications import task as application_task
+from tasks.deploy import step as deploy_step
+from tasks.deploy import task as deploy_task
+from tasks.export import step as export_step
+from tasks.export import task as export_task
+from tasks.export.job.job import ExportWorkers
+from tasks.progress.listener import Progress
+from tasks.progress.task import show_progress
+from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.metrics import BatchMetrics
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+from tasks.worlds import step as world_step
+from tasks.worlds import task as world_task
+from tasks.worlds.job.job import RemoteWorldMaker
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Steps = Mapping[Callable[..., Any], Callable[..., Any]]
+
+TASKS: Steps = {
+    world_step.generate_worlds: world_task.generate_worlds,
+    export_step.export_worlds: export_task.export_worlds,
+    export_step.draw_worlds: export_task.draw_worlds,
+    application_step.unpack_application: application_task.unpack_application,
+    batch_steps.simulate_chunk: batch_tasks.simulate_chunk,
+    batch_steps.write_tables: batch_tasks.write_tables,
+    batch_steps.audit_batch: batch_tasks.audit_batch,
+    judge.judge_batch: batch_tasks.judge_batch,
+    deploy_step.roll_out: deploy_task.roll_out,
+}
+"""The Prefect task of each step."""
+
+
+class PrefectOrchestrator:
+    """Runs each step as the task that belongs to it, and each stage of a pipeline as a flow.
+
+    Args:
+        stages: The flow of each stage, for a flow that has stages.
+    """
+
+    def __init__(self, stages: Steps | None = None) -> None:
+        self._runs = {**TASKS, **(stages or {})}
+
+    @property
+    def flow_run_id(self) -> str:
+        """The flow run that this is in."""
+        return str(flow_run.id or "")
+
+    def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Returns what the step's task, or the stage's flow, returns."""
+        return cast("R", self._runs[step](*args, **kwargs))
+
+    def is_cancelling(self, flow_run_id: str) -> bool:
+        """Returns whether Prefect's server says that somebody cancels a flow run."""
+        return is_cancelling(flow_run_id)
+
+    def tag_run(self, run: JobRecord) -> AbstractContextManager[object]:
+        """Tags the flow runs and task runs of the block, so that Prefect's pages find them by the run's id."""
+        return tags(run.id)
+
+    def announce_changes(self) -> AbstractContextManager[None]:
+        """Sends an event for each change of a job's status in the block."""
+        return events.announce_changes()
+
+    def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
+        """Sends the event of a gate's verdict."""
+        events.announce_verdict(answer, run, batch)
+
+    def progress(self, stage: str, key: str) -> AbstractContextManager[Progress]:
+        """Yields a function that tells the terminal and Prefect."""
+        return show_progress(stage, key)
+
+    def show_metrics(self, batch: JobRecord) -> None:
+        """Leaves an artifact."""
+        batch_artifacts.show_metrics(batch)
+
+    def show_batch_report(self, report: WrittenReport) -> None:
+        """Leaves two artifacts."""
+        batch_artifacts.show_batch_report(report)
+
+    def show_run_report(self, report: PipelineReport) -> None:
+        """Leaves an artifact."""
+        run_artifacts.show_run_report(report)
+
+    def wanted_workers(self) -> Workers | None:
+        """Returns what SIMYARD_WORKERS asks for."""
+        return wanted_workers()
+
+    def world_makers(self, store: Store) -> RemoteWorldMaker | None:
+        """Returns what hands worlds to the workers that SIMYARD_WORKERS names."""
+        return world_makers(store)
+
+    def world_writers(self, store: Store) -> ExportWorkers | None:
+        """Returns what hands exported worlds to the workers that SIMYARD_WORKERS names."""
+        return world_writers(store)
+
+    def spread_batch(self, batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:
+        """Commits the chunks of a batch on workers."""
+        return spread_batch(batch, location, workers)
+
+
+@contextmanager
+def under_prefect(stages: Steps | None = None) -> Generator[None, None, None]:
+    """Makes Prefect the orchestrator of the block, which is a flow's body.
+
+    Args:
+        stages: The flow of each stage, for a flow that has stages.
+    """
+    with orchestrated_by(PrefectOrchestrator(stages)):
+        yield
+
+
+def flow_result(work: Callable[[], R], token: str | None = None) -> R:
+    """Returns what a flow returns: what its work did, or the state of a flow run that was cancelled.
+
+    Args:
+        work: The stage.
+        token: The pipeline's for it: then its failure is the pipeline's to explain.
+
+    Raises:
+        StageFailed: It failed, and was not cancelled.
+    """
+    try:
+        return work()
+    except StageFailed as exc:
+        if token is not None:
+            raise
+        return cast("R", canceled_state(exc))  # which Prefect takes for the flow run's
+
+
+def run_name() -> str:
+    """Returns what Prefect's pages call a stage: the pipeline's token for it, or the flow's name when it runs alone."""
+    token = flow_run.parameters.get("token")
+    return str(token or flow_run.flow_name)

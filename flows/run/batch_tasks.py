@@ -1,0 +1,94 @@
+"""The steps of a batch, and its gate, as Prefect tasks with their artifacts.
+
+They are here and not in a capability's `task.py`, because each joins several capabilities (`flows.batch.batch_steps`).
+"""
+
+from collections.abc import Mapping
+
+from prefect import task
+from prefect.artifacts import create_markdown_artifact, create_table_artifact
+from prefect.cache_policies import NO_CACHE
+from pydantic import JsonValue
+
+from flows.batch import batch_steps
+from flows.batch.batch_steps import BatchTables
+from flows.gate import judge
+from flows.gate.baselines import NoBaseline
+from flows.gate.judge import BatchJudgement
+from specs.artifact_text import escape_markdown, table_rows
+from specs.data.run_report import Verdict
+from specs.field_types import OutputLocation
+from specs.pipeline.gate_section import Gate
+from tasks.progress.task import show_progress
+from tasks.results.gate.evidence import Baseline
+from tasks.results.gate.shipped_builds import Shipment
+from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict
+from tasks.simulate.batch.commit import ChunkEnd
+from tasks.storage.jobs.voucher import Voucher
+
+_HEADINGS = ("episodes", "passed", "rate", "interval", "why not")
+_VERDICT_MARKS: Mapping[Verdict, str] = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}
+_AUDIT_MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "NOT COMPARED": "❔", "NOT RUN": "❔"}
+# A page with more lines is read by nobody; the tables have them all.
+_ROWS_SHOWN = 200
+
+
+@task(name="simulate-chunk", task_run_name="simulate-chunk-{number}", cache_policy=NO_CACHE, persist_result=False)
+def simulate_chunk(
+    store_url: str,
+    batch: str,
+    number: int,
+    *,
+    location: OutputLocation,
+    lanes: int,
+    left_s: float,
+    spent_s: float,
+    done: int = 0,
+    voucher: Voucher | None = None,
+) -> ChunkEnd:
+    """Returns what `flows.batch.batch_steps.simulate_chunk` does."""
+    return batch_steps.simulate_chunk(
+        store_url,
+        batch,
+        number,
+        location=location,
+        lanes=lanes,
+        left_s=left_s,
+        spent_s=spent_s,
+        done=done,
+        voucher=voucher,
+    )
+
+
+@task(name="write-results", cache_policy=NO_CACHE, persist_result=False)
+def write_tables(store_url: str, batch: str, status: str, location: OutputLocation) -> BatchTables:
+    """Returns what `flows.batch.batch_steps.write_tables` does, and shows the tables' summary."""
+    tables = batch_steps.write_tables(store_url, batch, status, location)
+    rows: list[dict[str, JsonValue]] = [dict(zip(_HEADINGS, row, strict=True)) for row in tables.rows[:_ROWS_SHOWN]]
+    shown = table_rows(rows)
+    create_table_artifact(table=shown, key="batch-results", description=f"Results of {batch}")
+    return tables
+
+
+@task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False)
+def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:
+    """Returns what `flows.batch.batch_steps.audit_batch` does, and shows the audit's sentence."""
+    with show_progress(batch_steps.AUDIT, "audit-progress"):
+        detail = batch_steps.audit_batch(store_url, batch, location)
+    report = AuditReport.model_validate(detail["audit"])
+    said = escape_markdown(report.sentence)
+    body = f"# {_AUDIT_MARKS[report.verdict]} {report.verdict}\n\n{said}\n\nReport: `{detail['audit_url']}`"
+    create_markdown_artifact(body, key="parity-audit")
+    return detail
+
+
+@task(name="judge", cache_policy=NO_CACHE, persist_result=False)
+def judge_batch(
+    store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
+) -> BatchJudgement:
+    """Returns what `flows.gate.judge.judge_batch` does, and shows the verdict with the sentence of each rule."""
+    judged = judge.judge_batch(store_url, batch, rule, other=other, ships=ships)
+    verdict, mark = judged.verdict, _VERDICT_MARKS[judged.verdict.verdict]
+    body = "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules)
+    create_markdown_artifact(f"# {mark} {verdict.verdict}\n\n{body}\n\nEvidence: `{judged.url}`", key="gate")
+    return judged

@@ -1,0 +1,136 @@
+"""Cancellation of a run while this process works on it: by `simyard cancel`, or by Prefect's button or command.
+
+Prefect cancels a flow run by marking it, and sends SIGTERM to its process if a worker started it. A machine that goes
+down sends SIGTERM, too. So this module asks the orchestrator whether a run was cancelled, or only interrupted and may
+continue.
+"""
+
+import contextvars
+import logging
+import threading
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+
+from flows.resource.cancel import CANCELED, REASON, cancel_jobs, end_canceled, require_not_canceled
+from flows.stage.orchestrator import orchestrator
+from specs.errors import DocumentError, SimyardError, StageFailed
+from specs.settings import chosen_workers
+from tasks.simulate.batch.cancel_restart import cancel_batch
+from tasks.simulate.batch.chunk_store import chunk_numbers
+from tasks.simulate.batch.job import KIND as BATCH
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance, read
+from tasks.storage.jobs.runs import KIND, jobs_of
+
+FLOW_RUN = "flow_run"
+"""Where a run's detail says which of Prefect's flow runs works on it."""
+_LOOK_S = 1.0
+_LOOKS_A_QUESTION = 3  # to Prefect's server, which has more to do than a store
+PATIENCE_S = 5.0
+_CHUNK_S = 10.0
+logger = logging.getLogger(__name__)
+
+
+@contextmanager
+def cancelable_run(store: Store, run: JobRecord) -> Generator[None, None, None]:
+    """Watches a run inside the ``with`` block: if it is cancelled, its job under way is too, and the run ends Canceled.
+
+    Args:
+        store: Where the run is.
+        run: Its claim is held; it has not ended.
+
+    Raises:
+        StageFailed: It was cancelled.
+    """
+    own = orchestrator().flow_run_id
+    advance(store, KIND, run.id, "Running", detail={FLOW_RUN: own} if own else {}, only_from={"Pending", "Running"})
+    try:
+        with _watch_run(store, run, own):
+            require_not_canceled(store, run)
+            yield
+    except BaseException as exc:
+        if not _is_cancellation(exc, store, run, own):
+            raise
+        _end(store, run, exc)
+        if isinstance(exc, Exception) and not _is_canceled_failure(exc):
+            raise StageFailed(CANCELED, REASON, run.arn) from exc
+        raise
+
+
+def _is_canceled_failure(exc: BaseException) -> bool:
+    return isinstance(exc, StageFailed) and exc.code == CANCELED
+
+
+def _is_cancellation(exc: BaseException, store: Store, run: JobRecord, own: str) -> bool:
+    """Returns whether a run that ends with an exception was cancelled, and not only interrupted, or failed."""
+    if _is_canceled_failure(exc):
+        return True
+    try:
+        if read(store, KIND, run.id).status == "Canceling":
+            return True
+    except SimyardError as unread:
+        logger.warning("whether %s is canceled could not be read: %s", run.id, unread)
+    return not isinstance(exc, Exception) and _answer_within(PATIENCE_S, lambda: orchestrator().is_cancelling(own))
+
+
+def _end(store: Store, run: JobRecord, exc: BaseException) -> None:
+    try:
+        _let_workers_end(store, run)
+        end_canceled(store, run)
+    except SimyardError as failure:
+        logger.warning("%s was canceled (%s), and could not be ended: %s", run.id, exc, failure)
+
+
+def _let_workers_end(store: Store, run: JobRecord) -> None:
+    """Gives workers of a cluster, which outlive this process, the time to commit what is done of their chunks."""
+    workers = chosen_workers()
+    batches = [job for kind, job in jobs_of(run) if kind == BATCH] if workers and workers.address else []
+    for batch in batches:
+        with suppress(DocumentError):  # not begun, or ended
+            cancel_batch(store, batch)
+            end_s = time.monotonic() + _CHUNK_S
+            while (chunks := chunk_numbers(store, batch)).begun != chunks.committed and time.monotonic() < end_s:
+                time.sleep(_LOOK_S)
+
+
+@contextmanager
+def _watch_run(store: Store, run: JobRecord, own: str) -> Generator[None, None, None]:
+    """Inside the block, cancels the jobs of the run, each once, as soon as somebody cancels the run."""
+    left = threading.Event()
+
+    def watch() -> None:
+        looks, known = 0, frozenset[str]()
+        while not left.wait(_LOOK_S):
+            asks = looks % _LOOKS_A_QUESTION == 0
+            looks += 1
+            try:
+                if _is_canceled(store, run, own if asks else ""):
+                    known |= cancel_jobs(store, run, known)
+            except SimyardError as exc:  # the store may come back; nothing is lost by looking again
+                logger.warning("%s could not be looked at: %s", run.id, exc)
+
+    watching = contextvars.copy_context()  # so that it asks the same server, and its events have the same flow run
+    threading.Thread(target=watching.run, args=(watch,), name=f"cancellation of {run.id}", daemon=True).start()
+    try:
+        yield
+    finally:
+        left.set()
+
+
+def _is_canceled(store: Store, run: JobRecord, own: str) -> bool:
+    """Returns whether a run is cancelled; its record says so from then on, also when it was Prefect that was asked."""
+    status = read(store, KIND, run.id).status
+    if status == "Running" and own and orchestrator().is_cancelling(own):
+        status = advance(store, KIND, run.id, "Canceling", only_from={"Running"}).status
+    return status == "Canceling"
+
+
+def _answer_within(seconds: float, question: Callable[[], bool]) -> bool:
+    """Returns the answer; False if there is none in time."""
+    answers: list[bool] = []
+    asking = contextvars.copy_context()
+    thread = threading.Thread(target=lambda: answers.append(asking.run(question)), daemon=True)
+    thread.start()
+    thread.join(seconds)
+    return any(answers)

@@ -1,0 +1,115 @@
+"""A run of a whole document, from worlds to deployment, and its report."""
+
+from pathlib import Path
+from typing import cast
+
+from pydantic import JsonValue
+
+from flows.batch.batch_report import MissingReport, WrittenReport, write_report, write_report_of_run
+from flows.document.references import Numbers, pinned_shipment, pins
+from flows.recount.recount import Asked
+from flows.resource.cancel import require_not_canceled
+from flows.resource.withdrawal import renew_metadata_here
+from flows.stage.cancellation import cancelable_run
+from flows.stage.orchestrator import orchestrator
+from flows.stage.run_owner import waiting_display
+from flows.stage.stage_summary import recorded_report, run_with_alarm, with_alarm
+from flows.stage.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
+from specs.data.run_report import PipelineReport
+from specs.digest import canonical_document
+from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
+from specs.pipeline.document import PipelineSpec
+from specs.robomaker.failure_codes import JobFailureCode
+from tasks.results.gate.shipped_builds import Shipment
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal
+from tasks.storage.jobs.runs import begin_run
+from tasks.storage.store_url import open_store
+
+
+def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
+    """Returns the report of a run in which everything passed; see the flow `flows.pipeline.pipeline`."""
+    orchestrator().wanted_workers()  # refuses workers that are not installed, before anything runs
+    opened = open_store(store)
+    found, own = pins(spec, opened, Path(base))
+    if spec.deployment and spec.deployment.trust == "signed":
+        renew_metadata_here(opened)  # also on a night when the gate lets nothing pass
+    versions, ships = {key: str(version.number) for key, version in own.items()}, pinned_shipment(found)
+    identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
+    with orchestrator().announce_changes(), begin_run(opened, identity, waiting_display(opened)) as run:
+        if is_terminal(run):
+            report = recorded_report(run)
+        else:
+            report = _run_to_end(spec, opened, base, versions, run, ships=ships)
+    orchestrator().show_run_report(report)
+    if not report.passed:
+        raise PipelineNotPassed(report)
+    return report
+
+
+def _run_to_end(
+    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
+) -> PipelineReport:
+    """Returns the report of the run, which is in its terminal state then; a crash leaves it open to be continued."""
+    try:
+        with cancelable_run(store, run):
+            report = _stages(spec, store, base, versions, run, ships=ships)
+            if report.shipped is False:
+                require_not_canceled(store, run)
+    except ConcurrentDeployment:
+        raise  # it passes: the same document continues this run when the fleet is free
+    except (DocumentError, StageFailed) as exc:
+        code = cast(
+            "JobFailureCode", exc.code if isinstance(exc, StageFailed) else "InvalidInput"
+        )  # as the stage has it
+        refused = {"refused": isinstance(exc, DocumentError)}
+        advance(store, "pipeline-run", run.id, "Failed", failure_code=code, failure_reason=str(exc), detail=refused)
+        raise
+    status = "Completed" if report.passed else "Failed"
+    advance(store, "pipeline-run", run.id, status, detail={"report": report.model_dump(mode="json")})
+    written = write_report_of_run(store, run)  # with what the stages took
+    return run_with_alarm(report, written.alarm()) if isinstance(written, MissingReport) else report
+
+
+def _stages(
+    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
+) -> PipelineReport:
+    with orchestrator().tag_run(run):
+        return _report(spec, store, base, versions, run, ships=ships)
+
+
+def _report(
+    spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
+) -> PipelineReport:
+    worlds, generation = generate(spec, store, base, run)
+    require_not_canceled(store, run)
+    exported = export(spec, worlds, store, run)
+    require_not_canceled(store, run)
+    batch, simulated = simulate(spec, worlds, store, versions, run)
+    batch = vouch(spec, batch, worlds, store, versions)
+    judged = judge_batch_stage(spec, batch, store, run, ships)
+    if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
+        judged = _show_verdict(judged, store, batch)
+    require_not_canceled(store, run)
+    verdict = judged[0].status if judged else None
+    passed = verdict == "PASS" or spec.gate is None
+    asked = Asked(spec, base, versions, worlds, ships)
+    deployed = deploy(asked, batch, store, run) if passed else skip_deployment(spec)
+    return PipelineReport.model_validate(
+        {
+            "run": run.id,
+            "name": spec.name,
+            "stages": (*generation, *exported, *simulated, *judged, *deployed),
+            "verdict": verdict,
+            "shipped": deployed[0].status == "Succeeded" if deployed and passed else None,
+        }
+    )
+
+
+def _show_verdict(judged: Reports, store: Store, batch: JobRecord) -> Reports:
+    """Returns the gate's report, the batch's page being written; with an alarm where it could not be."""
+    written = write_report(store, batch)
+    if isinstance(written, WrittenReport):
+        orchestrator().show_batch_report(written)
+        return judged
+    return tuple(with_alarm(stage, written.alarm()) for stage in judged)

@@ -1,0 +1,85 @@
+"""A roll-out as a step: a plain function of data, which a process calls or Prefect runs as a task."""
+
+from collections.abc import Callable, Collection, Mapping
+from contextlib import AbstractContextManager
+from functools import partial
+from pathlib import Path
+from urllib.parse import unquote
+
+from specs.field_types import Architecture
+from specs.pipeline.simulation_section import Deployment, LocalFleet
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.kit.local_agents import local_agents
+from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer
+from tasks.progress.listener import stage_progress
+from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.store_url import open_store, store_id
+
+STAGE = "Deployment"
+
+
+def roll_out(
+    store_url: str,
+    request: CreateDeploymentJobRequest,
+    section: Deployment,
+    *,
+    digest: str,
+    builds: Mapping[Architecture, str],
+    token: str,
+) -> JobRecord:
+    """Returns the ended deployment job of the token; see `run_deployment_job`.
+
+    Args:
+        store_url: Where fleet, robots and versions are.
+        request: What to deploy where.
+        section: What RoboMaker's request has no words for: rules, trust, and the robots of a demonstration.
+        digest: Of the bundle that was tested; the version must be that one.
+        builds: Of the bundle for each architecture; the version must have these and no others.
+        token: The client request token.
+    """
+    store = open_store(store_url)
+    signer = section_signer(store, section)
+    return run_deployment_job(
+        store,
+        request,
+        digest=digest,
+        builds=builds,
+        token=token,
+        progress=stage_progress(STAGE),
+        rules=section.rollOut,
+        robots=_robots(section, store, signer.root_of_trust if signer else None),
+        signer=signer,
+    )
+
+
+def section_signer(store: Store, section: Deployment) -> DeploymentSigner | None:
+    """Returns what signs a deployment with the keys of this machine; None for an unsigned one.
+
+    Raises:
+        DocumentError: There are no keys, and the document asks for them.
+    """
+    fleet = section.fleet
+    return chosen_signer(store, section.trust, local=isinstance(fleet, LocalFleet) and fleet.localAgents > 0)
+
+
+def agents_folder(store: Store) -> Path:
+    """Returns where robots on this machine keep their versions: with a store in a folder, else in the cache."""
+    if store.url.startswith("file://"):
+        return Path(unquote(store.url.removeprefix("file://"))) / "agents"
+    return cache_folder() / "agents" / store_id(store)
+
+
+def _robots(
+    section: Deployment, store: Store, root_of_trust: Path | None
+) -> Callable[[], AbstractContextManager[Collection[str] | None]] | None:
+    """Returns what starts the robots of a demonstration once its fleet, made here, is taken; None for real ones."""
+    fleet = section.fleet
+    if not isinstance(fleet, LocalFleet) or not fleet.localAgents:
+        return None
+    create_fleet(store, fleet.name)
+    folder = agents_folder(store)
+    return partial(local_agents, store, fleet.name, fleet.localAgents, folder, root_of_trust=root_of_trust)
