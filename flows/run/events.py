@@ -35,7 +35,6 @@ def announce_changes() -> Generator[None, None, None]:
 def announce_verdict(answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
     """Sends the event of a gate's verdict, such as ``simyard.gate.FAIL``, once the run's record has it."""
     facts = {"sentence": answer.sentence, "evidence": answer.evidence_url, "batch": batch.arn}
-    logger.info("the gate of %s says %s", run.arn, answer.sentence, extra={"fields": facts})
     _send(f"simyard.gate.{answer.verdict}", run.arn, facts)
 
 
