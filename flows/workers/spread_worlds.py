@@ -53,7 +53,9 @@ def world_makers(store: Store) -> generating.RemoteWorldMaker | None:
         order_json = order.model_dump_json(exclude_unset=True)  # a template does not survive being pickled
 
         def hand_out(numbers: Numbers) -> PrefectFuture[Any]:
-            return make_worlds.submit(store.url, order_json, [indices[number] for number in numbers])
+            return make_worlds.with_options(task_run_name=_piece("worlds", numbers)).submit(
+                store.url, order_json, [indices[number] for number in numbers]
+            )
 
         def missing(numbers: Numbers) -> Numbers:
             absent = set(missing_worlds(store, order.generation, [indices[number] for number in numbers]))
@@ -96,7 +98,9 @@ def world_writers(store: Store) -> exporting.ExportWorkers | None:
             return
 
         def hand_out(numbers: Numbers) -> PrefectFuture[Any]:
-            return write_worlds.submit(store.url, job, [wanted[number] for number in numbers], tuple(formats))
+            return write_worlds.with_options(task_run_name=_piece("export worlds", numbers)).submit(
+                store.url, job, [wanted[number] for number in numbers], tuple(formats)
+            )
 
         def missing(numbers: Numbers) -> Numbers:
             there = kept_parts(store, job)
@@ -143,6 +147,11 @@ def write_worlds(store_url: str, job: str, references: list[str], formats: tuple
     start_s, store = time.monotonic(), open_store(store_url)
     make_parts(store, job, references, formats, _going_check(store, exporting.KIND, job))
     return WorldsDone([], time.monotonic() - start_s)
+
+
+def _piece(what: str, numbers: Numbers) -> str:
+    """Returns what Prefect's pages call the task run of a piece, such as ``worlds 1-8``."""
+    return f"{what} {numbers[0] + 1}-{numbers[-1] + 1}"
 
 
 def _going_check(store: Store, kind: JobKind, job: str) -> Callable[[], bool]:
