@@ -12,10 +12,13 @@ from flows.batch.batch_report import WrittenReport
 from flows.gate import judge
 from flows.gate.judge import GateAnswer
 from flows.run import batch_artifacts, batch_tasks, events, run_artifacts
+from flows.run.abandoned_flow_runs import end_flow_run_before
 from flows.run.asset_events import announce_asset
 from flows.run.cancellation import canceled_state, is_cancelling
+from flows.run.cancellation_events import watch_cancellation
 from flows.run.flow_run_tag import tag_flow_run
 from flows.run.log_page import log_on_page
+from flows.run.waiting_flow_run import leave_place, show_wait, show_work
 from flows.stage.assets import MadeAsset
 from flows.stage.orchestrator import orchestrated_by
 from flows.workers.crew import wanted_workers
@@ -84,6 +87,26 @@ class PrefectOrchestrator:
     def is_cancelling(self, flow_run_id: str) -> bool:
         """Returns whether Prefect's server says that somebody cancels a flow run."""
         return is_cancelling(flow_run_id)
+
+    def watch_cancellation(self) -> AbstractContextManager[Callable[[], bool]]:
+        """Yields what says whether Prefect cancels the flow run: by an event at once, else within 10 s."""
+        return watch_cancellation(self.flow_run_id)
+
+    def end_flow_run_before(self, run: JobRecord) -> None:
+        """Makes the flow run of the dead process Crashed."""
+        end_flow_run_before(run, self.flow_run_id)
+
+    def show_wait(self, sentence: str) -> None:
+        """Makes the flow run's state Running (Waiting)."""
+        show_wait(sentence)
+
+    def leave_place(self, sentence: str) -> None:
+        """Schedules a deployment's flow run anew, and ends its process."""
+        leave_place(sentence)
+
+    def show_work(self) -> None:
+        """Makes the flow run's state Running."""
+        show_work()
 
     @contextmanager
     def tag_run(self, run: JobRecord) -> Generator[None, None, None]:

@@ -22,6 +22,7 @@ from specs.data.run_report import Verdict
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 from tasks.progress.document import artifact_key
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
 from tasks.results.gate.evidence import Baseline
 from tasks.results.gate.shipped_builds import Shipment
@@ -48,7 +49,13 @@ def _chunks(store_url: str, batch: str) -> int:
     return load_batch(open_store(store_url), batch).layout.chunks
 
 
-@task(name="simulate-chunk", task_run_name=named_by(chunk_name), cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="simulate-chunk",
+    task_run_name=named_by(chunk_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def simulate_chunk(
     store_url: str,
     batch: str,
@@ -75,7 +82,13 @@ def simulate_chunk(
     )
 
 
-@task(name="write-results", task_run_name="tables", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="write-results",
+    task_run_name="tables",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def write_tables(store_url: str, batch: str, status: str, location: OutputLocation) -> BatchTables:
     """Returns what `flows.batch.batch_steps.write_tables` does, and shows the tables' summary."""
     tables = batch_steps.write_tables(store_url, batch, status, location)
@@ -85,7 +98,13 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
     return tables
 
 
-@task(name="audit-batch", task_run_name="audit", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="audit-batch",
+    task_run_name="audit",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:
     """Returns what `flows.batch.batch_steps.audit_batch` does, and shows the audit's sentence."""
     with show_progress(batch_steps.AUDIT, "audit-progress"):
@@ -97,7 +116,13 @@ def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[st
     return detail
 
 
-@task(name="judge", task_run_name="judge", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="judge",
+    task_run_name="judge",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def judge_batch(
     store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
 ) -> BatchJudgement:

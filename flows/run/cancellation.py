@@ -11,10 +11,11 @@ from prefect.client.schemas.objects import FlowRun, State
 from prefect.states import Cancelled
 
 from flows.resource.cancel import CANCELED, cancel_run
-from flows.stage.cancellation import FLOW_RUN, PATIENCE_S
+from flows.run.store_block import store_at
+from flows.stage.cancellation import PATIENCE_S
 from specs.errors import StageFailed
 from tasks.storage.jobs.records import is_terminal, records
-from tasks.storage.jobs.runs import KIND
+from tasks.storage.jobs.runs import FLOW_RUN, KIND
 from tasks.storage.store_url import open_store
 
 logger = logging.getLogger(__name__)
@@ -54,7 +55,7 @@ def cancel_with_flow_run(flow: Flow[..., Any], flow_run: FlowRun, state: State[A
     if not url:  # a pool of containers does not show its environment, and the worker's folder is not their store
         logger.warning("flow run %s was canceled, and its worker has no SIMYARD_STORE: cancel its job", flow_run.id)
         return
-    store = open_store(url)
+    store = open_store(store_at(url))
     for run in records(store, KIND):
         if run.detail.get(FLOW_RUN) == str(flow_run.id) and not is_terminal(run):
             cancel_run(store, run.id)

@@ -8,11 +8,11 @@ from flows.resource.cancel import REASON
 from flows.stage.assets import made_by
 from flows.stage.cancellation import cancelable_run
 from flows.stage.orchestrator import orchestrator
-from flows.stage.run_owner import waiting_display
+from flows.stage.run_owner import begin_run_in_turn
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
-from tasks.storage.jobs.runs import begin_run, stage_token
+from tasks.storage.jobs.runs import stage_token
 
 _FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
 
@@ -35,7 +35,7 @@ def run_stage(
         return _announced(store, work(token), token)
     with (
         orchestrator().announce_changes(),
-        begin_run(store, {"flow": stage, **identity}, waiting_display(store)) as run,
+        begin_run_in_turn(store, {"flow": stage, **identity}) as run,
     ):
         return _work_in_run(store, stage, run, work)
 

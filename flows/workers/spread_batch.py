@@ -20,6 +20,7 @@ from flows.workers.spread import Numbers, PieceOutcome, spread
 from specs.field_types import OutputLocation
 from specs.settings import Workers
 from tasks.progress.listener import Progress
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
@@ -114,7 +115,13 @@ def chunks_name(parameters: Mapping[str, Any]) -> str:
     return f"chunk {first}" if first == last else f"chunks {first}-{last}"
 
 
-@task(name="simulate-chunks", task_run_name=named_by(chunks_name), cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="simulate-chunks",
+    task_run_name=named_by(chunks_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def simulate_chunks(
     store_url: str,
     batch: str,

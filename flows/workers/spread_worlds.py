@@ -14,6 +14,7 @@ from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
 from tasks.export.job import job as exporting
 from tasks.export.job.world_files import kept_parts, make_parts
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
@@ -119,7 +120,7 @@ def world_writers(store: Store) -> exporting.ExportWorkers | None:
     return write if workers else None
 
 
-@task(name="make-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(name="make-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def make_worlds(store_url: str, order_json: str, indices: list[Indices]) -> WorldsDone:
     """Returns the worlds of a piece that cannot be, having kept the others; runs on a worker, maybe another machine.
 
@@ -133,7 +134,7 @@ def make_worlds(store_url: str, order_json: str, indices: list[Indices]) -> Worl
     return WorldsDone(rejected, time.monotonic() - start_s)
 
 
-@task(name="write-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(name="write-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def write_worlds(store_url: str, job: str, references: list[str], formats: tuple[WorldFormat, ...]) -> WorldsDone:
     """Returns how long it took to keep what the worlds of a piece become; runs on a worker, maybe another machine.
 

@@ -8,6 +8,7 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from tasks.applications import step
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by
 
 
@@ -16,7 +17,13 @@ def unpack_name(parameters: Mapping[str, Any]) -> str:
     return f"unpack {parameters['name'] or parameters['digest'][:12]}"
 
 
-@task(name="unpack-application", task_run_name=named_by(unpack_name), cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="unpack-application",
+    task_run_name=named_by(unpack_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def unpack_application(store_url: str, digest: str, name: str = "") -> Path:
     """Returns what `tasks.applications.step.unpack_application` does."""
     return step.unpack_application(store_url, digest, name)

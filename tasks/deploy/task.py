@@ -16,6 +16,7 @@ from tasks.deploy import step
 from tasks.deploy.answers.describe import describe_deployment_job
 from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
 from tasks.progress.document import artifact_key
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
@@ -27,7 +28,13 @@ def roll_out_name(parameters: Mapping[str, Any]) -> str:
     return f"roll out to {resource_name(request.fleet)}"
 
 
-@task(name="roll-out", task_run_name=named_by(roll_out_name), cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="roll-out",
+    task_run_name=named_by(roll_out_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def roll_out(
     store_url: str,
     request: CreateDeploymentJobRequest,

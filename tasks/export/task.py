@@ -11,6 +11,7 @@ from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export import step
 from tasks.progress.document import artifact_key
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 
@@ -21,7 +22,13 @@ def export_name(parameters: Mapping[str, Any]) -> str:
     return f"export {len(request.worlds)} world{'' if len(request.worlds) == 1 else 's'}"
 
 
-@task(name="export-worlds", task_run_name=named_by(export_name), cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="export-worlds",
+    task_run_name=named_by(export_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def export_worlds(
     store_url: str, request: CreateWorldExportJobRequest, *, formats: tuple[WorldFormat, ...], token: str
 ) -> JobRecord:
@@ -30,7 +37,13 @@ def export_worlds(
         return step.export_worlds(store_url, request, formats=formats, token=token)
 
 
-@task(name="show-worlds", task_run_name="contact sheet", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="show-worlds",
+    task_run_name="contact sheet",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def draw_worlds(store_url: str, generation: JobRecord) -> str:
     """Returns what `tasks.export.step.draw_worlds` does, and leaves it on the flow run's page."""
     page = step.draw_worlds(store_url, generation)

@@ -8,6 +8,7 @@ from prefect.cache_policies import NO_CACHE
 
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.worlds import step
@@ -21,7 +22,13 @@ def worlds_name(parameters: Mapping[str, Any]) -> str:
 
 
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
-@task(name="generate-worlds", task_run_name=named_by(worlds_name), cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="generate-worlds",
+    task_run_name=named_by(worlds_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def generate_worlds(
     store_url: str,
     request: CreateWorldGenerationJobRequest,

@@ -18,6 +18,8 @@ from tasks.storage.jobs.claim import ClaimRecord, hold_claim
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, request_digest, submit
 
 KIND: JobKind = "pipeline-run"
+FLOW_RUN = "flow_run"
+"""Where a run's detail says which of Prefect's flow runs works on it."""
 _STAGE_TOKEN = re.compile(r"(run-[0-9a-f]{16})-.+")
 Waiting = Callable[[JobRecord, ClaimRecord], None]
 
