@@ -12,6 +12,7 @@ from flows.entry.store_parameter import StoreParameter
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.resource.withdrawal import renew_metadata_here
+from flows.run.abandoned_flow_runs import end_abandoned_flow_runs
 from flows.run.events import announce_changes
 from flows.run.store_block import store_at
 from specs.artifact_text import table_rows
@@ -25,7 +26,8 @@ _LOG = logging.getLogger(__name__)
 def reaping(store: StoreParameter = None) -> list[ReapedJob]:
     """Returns the abandoned jobs that were found, and leaves a table of them; see `simyard reap`.
 
-    What the keys in SIMYARD_KEYS have signed is signed anew in the second half of its time.
+    The flow runs that worked on abandoned runs become Crashed. What the keys in SIMYARD_KEYS have signed is signed
+    anew in the second half of its time.
 
     Args:
         store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
@@ -36,6 +38,7 @@ def reaping(store: StoreParameter = None) -> list[ReapedJob]:
     opened = open_store(store_at(store))
     with announce_changes():
         found = reap_store(opened)
+    end_abandoned_flow_runs(opened)
     if found:
         rows = table_rows(each.model_dump(mode="json") for each in found)
         create_table_artifact(rows, key="reaped", description=f"{len(found)} jobs that nobody worked on")

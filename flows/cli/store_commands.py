@@ -13,6 +13,7 @@ from flows.cli.output import TerminalConsole, echo, echo_json
 
 if TYPE_CHECKING:
     from tasks.housekeeping.findings import FindingRow, GcReport
+    from tasks.storage.base.store import Store
 
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 _UNITS = ("B", "KiB", "MiB", "GiB", "TiB")
@@ -124,7 +125,8 @@ def reap(
 ) -> None:
     """Tell which jobs nobody works on; end those that were being stopped, and ready the others to be run on.
 
-    With keys (SIMYARD_KEYS), also keeps what they have signed from expiring.
+    Flow runs whose process died become Crashed on the Prefect server of PREFECT_API_URL, else of simyard up, if one
+    answers. With keys (SIMYARD_KEYS), also keeps what they have signed from expiring.
     """
     from flows.resource.abandoned_jobs import reap_jobs as reap_store
     from flows.resource.withdrawal import renew_metadata_here
@@ -137,5 +139,21 @@ def reap(
         echo(f"{each.arn}  {change}: {each.meaning}")
     if not found:
         echo("somebody works on every job that is under way")
+    for flow_run in _end_flow_runs(opened):
+        echo(f"flow run {flow_run}  ended: its process is dead")
     for line in renew_metadata_here(opened):
         echo(f"{line}: simyard fleet keys renew, with its key", err=True)
+
+
+def _end_flow_runs(store: "Store") -> list[str]:
+    """Returns the ids of the flow runs that were ended; without a server, or without such runs, Prefect stays out."""
+    from flows.cli.run_command import known_server
+    from tasks.storage.jobs.records import records
+    from tasks.storage.jobs.runs import FLOW_RUN, KIND
+
+    with known_server() as api_url:
+        if not api_url or not any(run.detail.get(FLOW_RUN) for run in records(store, KIND)):
+            return []
+        from flows.run.abandoned_flow_runs import end_abandoned_flow_runs
+
+        return end_abandoned_flow_runs(store)

@@ -12,10 +12,10 @@ from prefect.states import Cancelled
 
 from flows.resource.cancel import CANCELED, cancel_run
 from flows.run.store_block import store_at
-from flows.stage.cancellation import FLOW_RUN, PATIENCE_S
+from flows.stage.cancellation import PATIENCE_S
 from specs.errors import StageFailed
 from tasks.storage.jobs.records import is_terminal, records
-from tasks.storage.jobs.runs import KIND
+from tasks.storage.jobs.runs import FLOW_RUN, KIND
 from tasks.storage.store_url import open_store
 
 logger = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ def is_cancelling(flow_run_id: str) -> bool:
         with get_client(httpx_settings={"timeout": PATIENCE_S}, sync_client=True) as client:
             state = client.read_flow_run(UUID(flow_run_id)).state
     except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the job goes on
-        logger.info("Prefect did not say whether %s is canceled: %s", flow_run_id, exc)
+        logger.debug("Prefect did not say whether %s is canceled: %s", flow_run_id, exc)
         return False
     return state is not None and (state.is_cancelling() or state.is_cancelled())
 

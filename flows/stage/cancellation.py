@@ -21,12 +21,9 @@ from tasks.simulate.batch.chunk_store import chunk_numbers
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read
-from tasks.storage.jobs.runs import KIND, jobs_of
+from tasks.storage.jobs.runs import FLOW_RUN, KIND, jobs_of
 
-FLOW_RUN = "flow_run"
-"""Where a run's detail says which of Prefect's flow runs works on it."""
 _LOOK_S = 1.0
-_LOOKS_A_QUESTION = 3  # to Prefect's server, which has more to do than a store
 PATIENCE_S = 5.0
 _CHUNK_S = 10.0
 logger = logging.getLogger(__name__)
@@ -44,9 +41,10 @@ def cancelable_run(store: Store, run: JobRecord) -> Generator[None, None, None]:
         StageFailed: It was cancelled.
     """
     own = orchestrator().flow_run_id
+    orchestrator().end_flow_run_before(run)
     advance(store, KIND, run.id, "Running", detail={FLOW_RUN: own} if own else {}, only_from={"Pending", "Running"})
     try:
-        with _watch_run(store, run, own):
+        with orchestrator().watch_cancellation() as asked, _watch_run(store, run, asked):
             require_not_canceled(store, run)
             yield
     except BaseException as exc:
@@ -95,17 +93,15 @@ def _let_workers_end(store: Store, run: JobRecord) -> None:
 
 
 @contextmanager
-def _watch_run(store: Store, run: JobRecord, own: str) -> Generator[None, None, None]:
+def _watch_run(store: Store, run: JobRecord, asked: Callable[[], bool]) -> Generator[None, None, None]:
     """Inside the block, cancels the jobs of the run, each once, as soon as somebody cancels the run."""
     left = threading.Event()
 
     def watch() -> None:
-        looks, known = 0, frozenset[str]()
+        known = frozenset[str]()
         while not left.wait(_LOOK_S):
-            asks = looks % _LOOKS_A_QUESTION == 0
-            looks += 1
             try:
-                if _is_canceled(store, run, own if asks else ""):
+                if _is_canceled(store, run, asked):
                     known |= cancel_jobs(store, run, known)
             except SimyardError as exc:  # the store may come back; nothing is lost by looking again
                 logger.warning("%s could not be looked at: %s", run.id, exc)
@@ -118,10 +114,10 @@ def _watch_run(store: Store, run: JobRecord, own: str) -> Generator[None, None, 
         left.set()
 
 
-def _is_canceled(store: Store, run: JobRecord, own: str) -> bool:
+def _is_canceled(store: Store, run: JobRecord, asked: Callable[[], bool]) -> bool:
     """Returns whether a run is cancelled; its record says so from then on, also when it was Prefect that was asked."""
     status = read(store, KIND, run.id).status
-    if status == "Running" and own and orchestrator().is_cancelling(own):
+    if status == "Running" and asked():
         status = advance(store, KIND, run.id, "Canceling", only_from={"Running"}).status
     return status == "Canceling"
 

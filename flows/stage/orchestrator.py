@@ -12,6 +12,7 @@ from typing import ParamSpec, Protocol, TypeVar
 
 from flows.batch.batch_report import WrittenReport
 from flows.gate.judge import GateAnswer
+from flows.stage.assets import MadeAsset
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError
@@ -46,6 +47,26 @@ class Orchestrator(Protocol):
         """Returns whether somebody cancels a flow run; an empty id is none's."""
         ...
 
+    def watch_cancellation(self) -> AbstractContextManager[Callable[[], bool]]:
+        """Yields what says whether somebody cancels the flow run that this is in; it may be called every second."""
+        ...
+
+    def end_flow_run_before(self, run: JobRecord) -> None:
+        """Ends the flow run of the dead process that worked on a run before, as the run's record says."""
+        ...
+
+    def show_wait(self, sentence: str) -> None:
+        """Shows that this process waits for another one, which the sentence names."""
+        ...
+
+    def leave_place(self, sentence: str) -> None:
+        """Ends this process, to be begun again later, where it keeps others from a place while it only waits."""
+        ...
+
+    def show_work(self) -> None:
+        """Shows that this process waits no longer, and works."""
+        ...
+
     def tag_run(self, run: JobRecord) -> AbstractContextManager[object]:
         """Marks what happens in the block as a part of a run."""
         ...
@@ -56,6 +77,10 @@ class Orchestrator(Protocol):
 
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
         """Tells of a gate's verdict, once the run's record has it."""
+        ...
+
+    def announce_asset(self, made: MadeAsset) -> None:
+        """Tells of something that was made; of the same one as often as a run is continued."""
         ...
 
     def progress(self, stage: str, key: str) -> AbstractContextManager[Progress]:
@@ -108,6 +133,23 @@ class ProcessAlone:
         """Returns False: `simyard cancel` reaches this process through the store."""
         return False
 
+    @contextmanager
+    def watch_cancellation(self) -> Generator[Callable[[], bool], None, None]:
+        """Yields what `is_cancelling` says."""
+        yield lambda: self.is_cancelling(self.flow_run_id)
+
+    def end_flow_run_before(self, run: JobRecord) -> None:
+        """Ends nothing: there is no server to tell."""
+
+    def show_wait(self, sentence: str) -> None:
+        """Shows nothing: the terminal has a bar for it."""
+
+    def leave_place(self, sentence: str) -> None:
+        """Stays: nobody would begin it again."""
+
+    def show_work(self) -> None:
+        """Shows nothing."""
+
     def tag_run(self, run: JobRecord) -> AbstractContextManager[object]:  # noqa: ARG002 - the protocol's
         """Marks nothing."""
         return nullcontext()
@@ -117,6 +159,9 @@ class ProcessAlone:
         return log_in_chosen_format()
 
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
+        """Tells nobody."""
+
+    def announce_asset(self, made: MadeAsset) -> None:
         """Tells nobody."""
 
     @contextmanager

@@ -12,7 +12,7 @@ from flows.resource.cancel import require_not_canceled
 from flows.resource.withdrawal import renew_metadata_here
 from flows.stage.cancellation import cancelable_run
 from flows.stage.orchestrator import orchestrator
-from flows.stage.run_owner import waiting_display
+from flows.stage.run_owner import begin_run_in_turn
 from flows.stage.stage_summary import recorded_report, run_with_alarm, with_alarm
 from flows.stage.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
 from specs.data.run_report import PipelineReport
@@ -23,7 +23,6 @@ from specs.robomaker.failure_codes import JobFailureCode
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
-from tasks.storage.jobs.runs import begin_run
 from tasks.storage.store_url import open_store
 
 
@@ -36,7 +35,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         renew_metadata_here(opened)  # also on a night when the gate lets nothing pass
     versions, ships = {key: str(version.number) for key, version in own.items()}, pinned_shipment(found)
     identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found}
-    with orchestrator().announce_changes(), begin_run(opened, identity, waiting_display(opened)) as run:
+    with orchestrator().announce_changes(), begin_run_in_turn(opened, identity) as run:
         if is_terminal(run):
             report = recorded_report(run)
         else:

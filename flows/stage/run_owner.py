@@ -2,16 +2,21 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
 
+from pydantic import JsonValue
+
+from flows.resource.cancel import CANCELED
 from flows.resource.kinds import KINDS, StageProgress
-from specs.errors import ResourceNotFound
+from flows.stage.orchestrator import orchestrator
+from specs.errors import ResourceNotFound, StageFailed
 from tasks.progress.listener import report_progress
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord
 from tasks.storage.jobs.holder import this_process
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
-from tasks.storage.jobs.runs import Waiting, jobs_of
+from tasks.storage.jobs.runs import Waiting, begin_run, jobs_of
 
 _PAUSE_S = 1.0
 # Looking at a large batch is a long listing: waiting shall not be a load on the store.
@@ -19,23 +24,58 @@ _LOOKING_SHARE = 0.1
 logger = logging.getLogger(__name__)
 
 
-def waiting_display(store: Store, clock: Callable[[], float] = time.monotonic) -> Waiting:
-    """Returns a function that shows the progress of the run that is waited for, at most once a second.
+@contextmanager
+def begin_run_in_turn(
+    store: Store, identity: dict[str, JsonValue], clock: Callable[[], float] = time.monotonic
+) -> Generator[JobRecord, None, None]:
+    """Yields the run of a document as `begin_run` does; while another process works on it, this one tells so.
+
+    It shows the other's progress, at most once a second, and in Prefect's state whom it waits for. A flow run that
+    somebody cancels while it waits ends, and the other one goes on.
 
     Args:
         store: Where the run is.
+        identity: See `begin_run`.
         clock: Seconds that never go back.
+
+    Raises:
+        StageFailed: Prefect has cancelled this flow run while it waited.
     """
-    next_s, holder = clock(), ""
+    with ExitStack() as wait:
+        waiting: Waiting | None = None
+
+        def wait_visibly(run: JobRecord, found: ClaimRecord) -> None:
+            nonlocal waiting
+            if found.released:
+                return
+            if waiting is None:
+                waiting = _waiting(store, wait.enter_context(orchestrator().watch_cancellation()), clock)
+            waiting(run, found)
+
+        with begin_run(store, identity, wait_visibly) as run:
+            wait.close()
+            if waiting and not is_terminal(run):
+                orchestrator().show_work()
+            yield run
+
+
+def _waiting(store: Store, is_canceled: Callable[[], bool], clock: Callable[[], float]) -> Waiting:
+    next_s, holder, beat = clock(), "", 0
 
     def waiting(run: JobRecord, found: ClaimRecord) -> None:
-        nonlocal next_s, holder
+        nonlocal next_s, holder, beat
         began_s = clock()
-        if began_s < next_s or found.released:
+        if began_s < next_s:
             return
+        sentence = f"{holder_name(found)} works on {run.arn}, and this run waits for its result"
         if found.owner != holder:
-            holder = found.owner
-            logger.info("%s works on %s, and this process waits for its result", holder_name(found), run.arn)
+            holder, beat = found.owner, found.beat
+            logger.info(sentence)
+            orchestrator().show_wait(sentence)
+        elif found.beat > beat:  # it lives; nobody has to watch it die
+            orchestrator().leave_place(sentence)
+        if is_canceled():
+            raise StageFailed(CANCELED, f"canceled while it waited for {holder_name(found)}, which goes on", run.arn)
         stage, done, total = run_progress(store, run)
         report_progress(f"waiting for {holder_name(found)}: {stage}", done, total)
         next_s = clock() + max(_PAUSE_S, (clock() - began_s) / _LOOKING_SHARE)

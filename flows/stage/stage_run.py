@@ -5,13 +5,14 @@ from collections.abc import Callable, Mapping
 from pydantic import JsonValue
 
 from flows.resource.cancel import REASON
+from flows.stage.assets import made_by
 from flows.stage.cancellation import cancelable_run
 from flows.stage.orchestrator import orchestrator
-from flows.stage.run_owner import waiting_display
+from flows.stage.run_owner import begin_run_in_turn
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
-from tasks.storage.jobs.runs import begin_run, stage_token
+from tasks.storage.jobs.runs import stage_token
 
 _FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
 
@@ -31,10 +32,10 @@ def run_stage(
         work: Does the stage under a token; doing it again changes nothing.
     """
     if token is not None:
-        return work(token)
+        return _announced(store, work(token), token)
     with (
         orchestrator().announce_changes(),
-        begin_run(store, {"flow": stage, **identity}, waiting_display(store)) as run,
+        begin_run_in_turn(store, {"flow": stage, **identity}) as run,
     ):
         return _work_in_run(store, stage, run, work)
 
@@ -43,13 +44,21 @@ def _work_in_run(store: Store, stage: str, run: JobRecord, work: Callable[[str],
     if run.status == "Canceled":  # maybe before it had a job, and none begins now
         raise StageFailed(run.failure_code, run.failure_reason, run.arn)
     try:
-        with cancelable_run(store, run):
-            record = work(stage_token(run, stage))
+        with cancelable_run(store, run), orchestrator().tag_run(run):
+            record = _announced(store, work(stage_token(run, stage)))
     except (DocumentError, StageFailed) as exc:
         advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
         raise
     advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
     return record
+
+
+def _announced(store: Store, job: JobRecord, token: str = "") -> JobRecord:
+    """Returns the job, having told of what it made."""
+    made = made_by(store, job, token)
+    if made is not None:
+        orchestrator().announce_asset(made)
+    return job
 
 
 def require_success(record: JobRecord) -> JobRecord:

@@ -18,6 +18,8 @@ from tasks.storage.jobs.claim import ClaimRecord, hold_claim
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, request_digest, submit
 
 KIND: JobKind = "pipeline-run"
+FLOW_RUN = "flow_run"
+"""Where a run's detail says which of Prefect's flow runs works on it."""
 _STAGE_TOKEN = re.compile(r"(run-[0-9a-f]{16})-.+")
 Waiting = Callable[[JobRecord, ClaimRecord], None]
 
@@ -49,6 +51,13 @@ def begin_run(
 def stage_token(run: JobRecord, stage: str) -> str:
     """Returns the client request token of one of a run's stages."""
     return f"{run.id}-{stage}"
+
+
+def run_document(run: JobRecord) -> str:
+    """Returns the name of the document that a run is of; of a stage that runs alone, its flow's."""
+    spec = run.request.get("spec")
+    name = spec.get("name") if isinstance(spec, dict) and run.request.get("flow") == "pipeline" else None
+    return str(name or run.request.get("flow", ""))
 
 
 def run_of(token: str) -> str:

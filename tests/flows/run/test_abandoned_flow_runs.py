@@ -1,0 +1,139 @@
+"""Flow runs of dead processes end on a real server, with their stages; others are left alone."""
+
+import os
+from collections.abc import Generator
+from uuid import UUID, uuid4
+
+import pytest
+from prefect import Flow, Task
+from prefect.client.orchestration import SyncPrefectClient, get_client
+from prefect.client.schemas.objects import State
+from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
+from prefect.states import AwaitingRetry, Cancelling, Completed, Crashed, Paused, Running
+
+from flows.run.abandoned_flow_runs import end_abandoned_flow_run, end_abandoned_flow_runs, end_flow_run_before
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance
+from tasks.storage.jobs.runs import FLOW_RUN, KIND, begin_run
+from tests.servers.eventually import eventually
+
+pytestmark = pytest.mark.integration
+FLOW = Flow(lambda: None, name="abandoned")
+TASK = Task(lambda: None, name="stage")
+
+
+@pytest.fixture(autouse=True)
+def client(prefect_server: str) -> Generator[SyncPrefectClient, None, None]:
+    """Yields a client of the tests' server, which this process asks, too, from here on."""
+    password = os.environ["PREFECT_API_AUTH_STRING"]
+    with (
+        temporary_settings({PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: password}),
+        get_client(sync_client=True) as client,
+    ):
+        yield client
+
+
+def flow_run(client: SyncPrefectClient, state: State) -> UUID:
+    """Returns the id of a new flow run in a state."""
+    made = client.create_flow_run(FLOW, state=Running()).id
+    client.set_flow_run_state(made, state, force=True)
+    return made
+
+
+def stage_below(client: SyncPrefectClient, parent: UUID) -> tuple[UUID, UUID]:
+    """Returns the ids of a task run, and of the flow run of a stage that it stands for; both are Running."""
+    task = client.create_task_run(TASK, parent, dynamic_key=uuid4().hex, state=Running()).id
+    return task, client.create_flow_run(FLOW, parent_task_run_id=task, state=Running()).id
+
+
+def state(client: SyncPrefectClient, run: UUID) -> State:
+    found = client.read_flow_run(run).state
+    assert found
+    return found
+
+
+def worked_on_by(store: Store, own: UUID) -> JobRecord:
+    """Returns a run that a flow run worked on, and whose claim nobody holds."""
+    with begin_run(store, {"flow": "world-export", "spec": {}}) as run:
+        return advance(store, KIND, run.id, "Running", detail={FLOW_RUN: str(own)})
+
+
+def test_a_flow_run_that_was_taken_over_is_crashed_with_its_stages_and_names_its_successor(
+    client: SyncPrefectClient, file_store: Store
+) -> None:
+    before, after = flow_run(client, Running()), flow_run(client, Running())
+    task, stage = stage_below(client, before)
+    run = worked_on_by(file_store, before)
+    end_flow_run_before(run, str(after))
+    assert [state(client, each).name for each in (before, stage, after)] == ["Crashed", "Crashed", "Running"]
+    message = str(state(client, before).message)
+    assert (run.arn in message, str(after) in message, "/runs/flow-run/" in message) == (True, True, True)
+    ended = client.read_task_run(task).state
+    assert ended
+    assert ended.is_crashed()
+
+
+def test_a_flow_run_that_goes_on_with_its_own_run_is_not_ended(client: SyncPrefectClient, file_store: Store) -> None:
+    own = flow_run(client, Running())
+    end_flow_run_before(worked_on_by(file_store, own), str(own))
+    assert state(client, own).is_running()
+
+
+def test_the_stages_of_a_flow_run_that_its_worker_called_crashed_end_too(client: SyncPrefectClient) -> None:
+    top = flow_run(client, Running())
+    _, stage = stage_below(client, top)
+    client.set_flow_run_state(top, Crashed(message="as the worker said"), force=True)
+    end_abandoned_flow_run(str(top), "why")
+    assert (state(client, top).message, state(client, stage).name) == ("as the worker said", "Crashed")
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes"),
+    [
+        (Cancelling(), "Cancelled"),
+        (AwaitingRetry(), "AwaitingRetry"),
+        (Paused(timeout_seconds=60), "Paused"),
+        (Completed(), "Completed"),
+    ],
+    ids=str,
+)
+def test_what_prefect_or_a_person_has_decided_stays(client: SyncPrefectClient, was: State, becomes: str) -> None:
+    found = flow_run(client, was)
+    _, stage = stage_below(client, found)
+    end_abandoned_flow_run(str(found), "why")
+    # What will be started again finds its stages, and Prefect goes on with them.
+    assert (state(client, found).name, state(client, stage).is_running()) == (
+        becomes,
+        becomes in {"AwaitingRetry", "Paused"},
+    )
+
+
+def test_a_flow_run_that_was_only_thought_dead_still_ends_as_it_says(client: SyncPrefectClient) -> None:
+    found = flow_run(client, Running())
+    end_abandoned_flow_run(str(found), "why")
+    client.set_flow_run_state(found, Completed(message="it lived"))
+    assert state(client, found).message == "it lived"
+
+
+def test_a_flow_run_on_another_server_changes_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    end_abandoned_flow_run(str(uuid4()), "why")
+    assert "could not be ended" not in caplog.text
+
+
+def test_a_look_after_a_store_ends_the_flow_runs_of_dead_processes_only(
+    client: SyncPrefectClient, file_store: Store
+) -> None:
+    dead, alive = flow_run(client, Running()), flow_run(client, Running())
+    worked_on_by(file_store, dead)
+    with begin_run(file_store, {"flow": "world-export", "spec": {"other": 1}}) as run:
+        advance(file_store, KIND, run.id, "Running", detail={FLOW_RUN: str(alive)})
+        assert end_abandoned_flow_runs(file_store) == [str(dead)]
+    assert [state(client, each).name for each in (dead, alive)] == ["Crashed", "Running"]
+    assert eventually(lambda: end_abandoned_flow_runs(file_store) == [str(alive)])  # its process has let it go
+
+
+def test_a_run_that_has_just_ended_is_left_to_its_process(client: SyncPrefectClient, file_store: Store) -> None:
+    last = flow_run(client, Running())
+    advance(file_store, KIND, worked_on_by(file_store, last).id, "Completed")
+    assert end_abandoned_flow_runs(file_store) == []
+    assert state(client, last).is_running()
