@@ -10,8 +10,8 @@ from prefect.client.orchestration import get_client
 from prefect.client.schemas.objects import FlowRun, State
 from prefect.states import Cancelled
 
+from flows.parameter.store_block import store_at
 from flows.resource.cancel import CANCELED, cancel_run
-from flows.run.store_block import store_at
 from flows.stage.cancellation import PATIENCE_S
 from specs.errors import StageFailed
 from tasks.storage.jobs.records import is_terminal, records
