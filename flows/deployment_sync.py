@@ -5,12 +5,13 @@ from prefect import flow
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
+from flows.run.store_block import store_at
 from flows.stage import deployment_stage
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment
-from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -24,7 +25,7 @@ from tasks.storage.jobs.records import JobRecord
 )
 def deployment_sync(
     spec: Deployment,
-    store: StoreReference = None,
+    store: StoreParameter = None,
     tested: dict[str, str] | None = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
@@ -35,7 +36,7 @@ def deployment_sync(
 
     Args:
         spec: The pipeline's section ``deployment``.
-        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         tested: Digest of each robot application that a batch tested, by name; another digest is refused.
         versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
         token: Given by the pipeline; None makes this a run of its own.
@@ -48,6 +49,7 @@ def deployment_sync(
     with under_prefect():
         return completed_job(
             flow_result(
-                lambda: deployment_stage.deployment_sync(spec, store, tested, versions, token, builds=builds), token
+                lambda: deployment_stage.deployment_sync(spec, store_at(store), tested, versions, token, builds=builds),
+                token,
             )
         )

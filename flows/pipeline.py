@@ -6,15 +6,16 @@ from flows.deployment_sync import deployment_sync
 from flows.entry.flow_state import completed_run
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.prefect_orchestrator import Steps, flow_result, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
+from flows.run.store_block import store_at
 from flows.simulation_batch import simulation_batch
 from flows.stage import batch_stage, deployment_stage, export_stage, generation_stage, pipeline_run
 from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.data.run_report import PipelineReport
 from specs.pipeline.document import PipelineSpec
-from specs.store_reference import StoreReference
 
 _STAGES: Steps = {
     generation_stage.world_generation: world_generation,
@@ -32,14 +33,14 @@ _STAGES: Steps = {
     result_serializer=result_serializer(),
     on_cancellation=[cancel_with_flow_run],
 )
-def pipeline(spec: PipelineSpec, store: StoreReference = None, base: str = ".") -> PipelineReport:
+def pipeline(spec: PipelineSpec, store: StoreParameter = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
     A run that was killed is continued; one that another live process works on is waited for.
 
     Args:
         spec: The document.
-        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         base: Folder that the document's relative paths start from.
 
     Raises:
@@ -48,4 +49,4 @@ def pipeline(spec: PipelineSpec, store: StoreReference = None, base: str = ".") 
         PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
     """
     with under_prefect(_STAGES):
-        return completed_run(flow_result(lambda: pipeline_run.pipeline(spec, store, base)))
+        return completed_run(flow_result(lambda: pipeline_run.pipeline(spec, store_at(store), base)))

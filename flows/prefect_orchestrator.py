@@ -13,9 +13,13 @@ from flows.gate import judge
 from flows.gate.judge import GateAnswer
 from flows.run import batch_artifacts, batch_tasks, events, run_artifacts
 from flows.run.abandoned_flow_runs import end_flow_run_before
+from flows.run.asset_events import announce_asset
 from flows.run.cancellation import canceled_state, is_cancelling
 from flows.run.cancellation_events import watch_cancellation
+from flows.run.flow_run_tag import tag_flow_run
+from flows.run.log_page import log_on_page
 from flows.run.waiting_flow_run import leave_place, show_wait, show_work
+from flows.stage.assets import MadeAsset
 from flows.stage.orchestrator import orchestrated_by
 from flows.workers.crew import wanted_workers
 from flows.workers.spread_batch import spread_batch
@@ -31,12 +35,14 @@ from tasks.deploy import task as deploy_task
 from tasks.export import step as export_step
 from tasks.export import task as export_task
 from tasks.export.job.job import ExportWorkers
+from tasks.progress.document import document_name, work_for_document
 from tasks.progress.listener import Progress
 from tasks.progress.task import show_progress
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.batch.metrics import BatchMetrics
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
+from tasks.storage.jobs.runs import run_document, run_of
 from tasks.worlds import step as world_step
 from tasks.worlds import task as world_task
 from tasks.worlds.job.job import RemoteWorldMaker
@@ -102,9 +108,15 @@ class PrefectOrchestrator:
         """Makes the flow run's state Running."""
         show_work()
 
-    def tag_run(self, run: JobRecord) -> AbstractContextManager[object]:
-        """Tags the flow runs and task runs of the block, so that Prefect's pages find them by the run's id."""
-        return tags(run.id)
+    @contextmanager
+    def tag_run(self, run: JobRecord) -> Generator[None, None, None]:
+        """Tags this flow run, and those that begin in the block, so that pages find them by the run's id.
+
+        The artifacts of the block have the document's name in their keys.
+        """
+        tag_flow_run(run.id)
+        with tags(run.id), work_for_document(run_document(run)):
+            yield
 
     def announce_changes(self) -> AbstractContextManager[None]:
         """Sends an event for each change of a job's status in the block."""
@@ -113,6 +125,10 @@ class PrefectOrchestrator:
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
         """Sends the event of a gate's verdict."""
         events.announce_verdict(answer, run, batch)
+
+    def announce_asset(self, made: MadeAsset) -> None:
+        """Sends Prefect's events of an asset."""
+        announce_asset(made)
 
     def progress(self, stage: str, key: str) -> AbstractContextManager[Progress]:
         """Yields a function that tells the terminal and Prefect."""
@@ -154,7 +170,7 @@ def under_prefect(stages: Steps | None = None) -> Generator[None, None, None]:
     Args:
         stages: The flow of each stage, for a flow that has stages.
     """
-    with orchestrated_by(PrefectOrchestrator(stages)):
+    with orchestrated_by(PrefectOrchestrator(stages)), log_on_page():
         yield
 
 
@@ -177,6 +193,9 @@ def flow_result(work: Callable[[], R], token: str | None = None) -> R:
 
 
 def run_name() -> str:
-    """Returns what Prefect's pages call a stage: the pipeline's token for it, or the flow's name when it runs alone."""
+    """Returns what Prefect's pages call a stage: ``nightly-batch`` in a document's run, its flow's name when alone."""
     token = flow_run.parameters.get("token")
-    return str(token or flow_run.flow_name)
+    if not token:
+        return str(flow_run.flow_name)
+    run = run_of(token)
+    return f"{document_name()}{token.removeprefix(run)}" if run and document_name() else str(token)

@@ -8,13 +8,14 @@ from prefect.artifacts import create_table_artifact
 from flows.entry.flow_state import completed_reaping
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.resource.withdrawal import renew_metadata_here
 from flows.run.abandoned_flow_runs import end_abandoned_flow_runs
 from flows.run.events import announce_changes
+from flows.run.store_block import store_at
 from specs.artifact_text import table_rows
-from specs.store_reference import StoreReference
 from tasks.storage.store_url import open_store
 
 _LOG = logging.getLogger(__name__)
@@ -22,19 +23,19 @@ _LOG = logging.getLogger(__name__)
 
 @guarded
 @flow(name="reaping", persist_result=True, result_serializer=result_serializer())
-def reaping(store: StoreReference = None) -> list[ReapedJob]:
+def reaping(store: StoreParameter = None) -> list[ReapedJob]:
     """Returns the abandoned jobs that were found, and leaves a table of them; see `simyard reap`.
 
     The flow runs that worked on abandoned runs become Crashed. What the keys in SIMYARD_KEYS have signed is signed
     anew in the second half of its time.
 
     Args:
-        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
 
     Raises:
         TrustRefused: The metadata in the store is not what the keys signed, or is older than it was.
     """
-    opened = open_store(store)
+    opened = open_store(store_at(store))
     with announce_changes():
         found = reap_store(opened)
     end_abandoned_flow_runs(opened)

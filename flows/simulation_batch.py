@@ -5,12 +5,13 @@ from prefect import flow
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
+from flows.run.store_block import store_at
 from flows.stage import batch_stage
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.simulation_section import SimulationBatch
-from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -25,7 +26,7 @@ from tasks.storage.jobs.records import JobRecord
 def simulation_batch(
     spec: SimulationBatch,
     worlds: list[str] | None = None,
-    store: StoreReference = None,
+    store: StoreParameter = None,
     versions: dict[str, str] | None = None,
     token: str | None = None,
     *,
@@ -36,7 +37,7 @@ def simulation_batch(
     Args:
         spec: The pipeline's section ``simulationBatch``.
         worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
-        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
         token: Given by the pipeline; None makes this a run of its own.
         gate: Given by the pipeline if its gate may end the batch early.
@@ -47,5 +48,7 @@ def simulation_batch(
     """
     with under_prefect():
         return completed_job(
-            flow_result(lambda: batch_stage.simulation_batch(spec, worlds, store, versions, token, gate=gate), token)
+            flow_result(
+                lambda: batch_stage.simulation_batch(spec, worlds, store_at(store), versions, token, gate=gate), token
+            )
         )

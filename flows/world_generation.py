@@ -5,11 +5,12 @@ from prefect import flow
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
+from flows.run.store_block import store_at
 from flows.stage import generation_stage
 from specs.pipeline.world_sections import WorldGeneration
-from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -22,13 +23,13 @@ from tasks.storage.jobs.records import JobRecord
     on_cancellation=[cancel_with_flow_run],
 )
 def world_generation(
-    spec: WorldGeneration, store: StoreReference = None, base: str = ".", token: str | None = None
+    spec: WorldGeneration, store: StoreParameter = None, base: str = ".", token: str | None = None
 ) -> JobRecord:
     """Returns the generation job, whose ``detail["worlds"]`` names the worlds.
 
     Args:
         spec: The pipeline's section ``worldGeneration``.
-        store: URL of the store; SIMYARD_STORE, else ``.simyard`` in the working directory.
+        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         base: Folder that a template's relative path starts from.
         token: Given by the pipeline; None makes this a run of its own.
 
@@ -37,4 +38,6 @@ def world_generation(
         DocumentError: The template is missing or none.
     """
     with under_prefect():
-        return completed_job(flow_result(lambda: generation_stage.world_generation(spec, store, base, token), token))
+        return completed_job(
+            flow_result(lambda: generation_stage.world_generation(spec, store_at(store), base, token), token)
+        )

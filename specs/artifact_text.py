@@ -1,5 +1,6 @@
-"""Text of strangers for Prefect's pages, which read Markdown and HTML in artifacts, and links in cells of tables."""
+"""Text of strangers for Prefect's pages: keys of artifacts, and what these show as Markdown, as HTML, in tables."""
 
+import hashlib
 import re
 from collections.abc import Iterable, Mapping
 
@@ -10,6 +11,26 @@ from specs.terminal_text import terminal_line
 _ACTIVE = re.compile(r"([\\`*_{}\[\]<>()#+!|~&])")
 # A cell is shown as it stands but for these: a link, a picture, an element of HTML.
 _ACTIVE_IN_CELL = re.compile(r"([`\[\]<>|])")
+_PLAIN_NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
+_LONGEST_NAME = 48
+
+
+def artifact_key(document: str, what: str) -> str:
+    """Returns the key under which Prefect keeps the history of an artifact; no other document's is the same.
+
+    A key has lower-case letters, digits and dashes. Two dashes part the document's name from the rest. A name that is
+    long, or has other characters, is cut and changed, and its digest stands behind it, between two dashes and two.
+
+    Args:
+        document: The document's name; empty for what belongs to no document.
+        what: What the artifact shows, such as ``batch-results``: words with single dashes between them.
+    """
+    if not document:
+        return what
+    if _PLAIN_NAME.fullmatch(document) and len(document) <= _LONGEST_NAME:
+        return f"{document}--{what}"
+    shown = re.sub(r"[^a-z0-9]+", "-", document.lower())[:_LONGEST_NAME].strip("-") or "document"
+    return f"{shown}--{hashlib.sha256(document.encode()).hexdigest()[:16]}--{what}"
 
 
 def escape_markdown(text: str) -> str:

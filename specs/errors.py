@@ -13,6 +13,7 @@ SimyardError
 ├── WorldChanged                      a world has another SHA-256 than it had
 └── StoreError                        the store could not do it: exit code 3
     ├── StoreUnreachable              no answer, or no such place
+    │   └── StoreAway                 no answer now: the same request may succeed in a minute
     ├── StoreUnsafe                   answers, but ignores conditions on writes
     ├── StoreAccessDenied             answers, and refuses
     ├── ObjectNotFound                no object under that key
@@ -117,7 +118,11 @@ class BucketNotFound(StoreUnreachable):
     """The server answers, and has no such bucket."""
 
 
-class StoreThrottled(StoreUnreachable):
+class StoreAway(StoreUnreachable):
+    """The store does not answer now, or says that it is in trouble itself; nobody has to change anything."""
+
+
+class StoreThrottled(StoreAway):
     """The store asks to be asked less often, and went on doing so while it was asked less often."""
 
 

@@ -15,6 +15,10 @@ from specs.base import Fault, Spec
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed
 
+# Prefect 3.8 takes whatever has "data" for a record of its older format, and would give the data alone, as a dictionary
+# (docs/reference/prefect.md, section 8). No record has such metadata; the decoder does not look at them.
+_NO_RECORD: dict[str, JsonValue] = {"metadata": None}
+
 
 class FailureParts(Spec):
     """What an exception was made of.
@@ -43,8 +47,9 @@ class FailureParts(Spec):
 def encode_result(value: object) -> JsonValue:
     """Returns what JSON has no word for as JSON: a document, or an exception. Prefect calls it."""
     if isinstance(value, SimyardError):
-        return {"__class__": f"{__name__}.Failure", "data": _parts(value).model_dump(mode="json")}
-    return cast("JsonValue", prefect_json_object_encoder(value))
+        return {"__class__": f"{__name__}.Failure", "data": _parts(value).model_dump(mode="json"), **_NO_RECORD}
+    encoded: dict[str, JsonValue] = prefect_json_object_encoder(value)
+    return {**encoded, **_NO_RECORD}
 
 
 def _parts(failure: SimyardError) -> FailureParts:

@@ -6,6 +6,7 @@ from prefect.artifacts import create_image_artifact, create_markdown_artifact, c
 
 from flows.batch.batch_report import WrittenReport
 from specs.artifact_text import table_rows
+from tasks.progress.document import artifact_key
 from tasks.results.report.page import report_markdown, report_picture
 from tasks.simulate.batch.metrics import metric_rows, recorded_metrics
 from tasks.storage.jobs.records import JobRecord
@@ -16,15 +17,17 @@ def show_metrics(record: JobRecord) -> None:
     metrics = recorded_metrics(record)
     if metrics:
         rows = table_rows(dict(row) for row in metric_rows(metrics))
-        create_table_artifact(table=rows, key="batch-metrics", description=f"Speed of {record.id}")
+        create_table_artifact(table=rows, key=artifact_key("batch-metrics"), description=f"Speed of {record.id}")
 
 
 def show_batch_report(reported: WrittenReport) -> None:
     """Leaves a report, in short, as the artifacts ``batch-report`` and ``batch-picture`` of the run of the flow."""
     view, batch = reported.view, reported.view.facts.batch
     text = report_markdown(view, reported.url)
-    create_markdown_artifact(text, key="batch-report", description=f"Report of {batch}")
+    create_markdown_artifact(text, key=artifact_key("batch-report"), description=f"Report of {batch}")
     picture = base64.b64encode(report_picture(view)).decode()
     create_image_artifact(
-        f"data:image/svg+xml;base64,{picture}", key="batch-picture", description=f"Rate and failures of {batch}"
+        f"data:image/svg+xml;base64,{picture}",
+        key=artifact_key("batch-picture"),
+        description=f"Rate and failures of {batch}",
     )

@@ -4,6 +4,8 @@ They are here and not in a capability's `task.py`, because each joins several ca
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
 
 from prefect import task
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
@@ -19,12 +21,16 @@ from specs.artifact_text import escape_markdown, table_rows
 from specs.data.run_report import Verdict
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
-from tasks.progress.task import show_progress
+from tasks.progress.document import artifact_key
+from tasks.progress.step_retry import STORE_RETRY
+from tasks.progress.task import named_by, show_progress
 from tasks.results.gate.evidence import Baseline
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict
 from tasks.simulate.batch.commit import ChunkEnd
+from tasks.simulate.batch.job import load_batch
 from tasks.storage.jobs.voucher import Voucher
+from tasks.storage.store_url import open_store
 
 _HEADINGS = ("episodes", "passed", "rate", "interval", "why not")
 _VERDICT_MARKS: Mapping[Verdict, str] = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}
@@ -33,7 +39,23 @@ _AUDIT_MARKS: Mapping[AuditVerdict, str] = {"SOUND": "✅", "SUSPECT": "❌", "N
 _ROWS_SHOWN = 200
 
 
-@task(name="simulate-chunk", task_run_name="simulate-chunk-{number}", cache_policy=NO_CACHE, persist_result=False)
+def chunk_name(parameters: Mapping[str, Any]) -> str:
+    """Returns what Prefect's pages call the task run of a chunk, such as ``chunk 3 of 16``."""
+    return f"chunk {parameters['number'] + 1} of {_chunks(parameters['store_url'], parameters['batch'])}"
+
+
+@lru_cache(maxsize=8)
+def _chunks(store_url: str, batch: str) -> int:
+    return load_batch(open_store(store_url), batch).layout.chunks
+
+
+@task(
+    name="simulate-chunk",
+    task_run_name=named_by(chunk_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def simulate_chunk(
     store_url: str,
     batch: str,
@@ -60,17 +82,29 @@ def simulate_chunk(
     )
 
 
-@task(name="write-results", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="write-results",
+    task_run_name="tables",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def write_tables(store_url: str, batch: str, status: str, location: OutputLocation) -> BatchTables:
     """Returns what `flows.batch.batch_steps.write_tables` does, and shows the tables' summary."""
     tables = batch_steps.write_tables(store_url, batch, status, location)
     rows: list[dict[str, JsonValue]] = [dict(zip(_HEADINGS, row, strict=True)) for row in tables.rows[:_ROWS_SHOWN]]
     shown = table_rows(rows)
-    create_table_artifact(table=shown, key="batch-results", description=f"Results of {batch}")
+    create_table_artifact(table=shown, key=artifact_key("batch-results"), description=f"Results of {batch}")
     return tables
 
 
-@task(name="audit-batch", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="audit-batch",
+    task_run_name="audit",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:
     """Returns what `flows.batch.batch_steps.audit_batch` does, and shows the audit's sentence."""
     with show_progress(batch_steps.AUDIT, "audit-progress"):
@@ -78,11 +112,17 @@ def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[st
     report = AuditReport.model_validate(detail["audit"])
     said = escape_markdown(report.sentence)
     body = f"# {_AUDIT_MARKS[report.verdict]} {report.verdict}\n\n{said}\n\nReport: `{detail['audit_url']}`"
-    create_markdown_artifact(body, key="parity-audit")
+    create_markdown_artifact(body, key=artifact_key("parity-audit"))
     return detail
 
 
-@task(name="judge", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="judge",
+    task_run_name="judge",
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def judge_batch(
     store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
 ) -> BatchJudgement:
@@ -90,5 +130,7 @@ def judge_batch(
     judged = judge.judge_batch(store_url, batch, rule, other=other, ships=ships)
     verdict, mark = judged.verdict, _VERDICT_MARKS[judged.verdict.verdict]
     body = "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules)
-    create_markdown_artifact(f"# {mark} {verdict.verdict}\n\n{body}\n\nEvidence: `{judged.url}`", key="gate")
+    create_markdown_artifact(
+        f"# {mark} {verdict.verdict}\n\n{body}\n\nEvidence: `{judged.url}`", key=artifact_key("gate")
+    )
     return judged

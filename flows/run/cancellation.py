@@ -11,6 +11,7 @@ from prefect.client.schemas.objects import FlowRun, State
 from prefect.states import Cancelled
 
 from flows.resource.cancel import CANCELED, cancel_run
+from flows.run.store_block import store_at
 from flows.stage.cancellation import PATIENCE_S
 from specs.errors import StageFailed
 from tasks.storage.jobs.records import is_terminal, records
@@ -28,7 +29,7 @@ def is_cancelling(flow_run_id: str) -> bool:
         with get_client(httpx_settings={"timeout": PATIENCE_S}, sync_client=True) as client:
             state = client.read_flow_run(UUID(flow_run_id)).state
     except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the job goes on
-        logger.info("Prefect did not say whether %s is canceled: %s", flow_run_id, exc)
+        logger.debug("Prefect did not say whether %s is canceled: %s", flow_run_id, exc)
         return False
     return state is not None and (state.is_cancelling() or state.is_cancelled())
 
@@ -54,7 +55,7 @@ def cancel_with_flow_run(flow: Flow[..., Any], flow_run: FlowRun, state: State[A
     if not url:  # a pool of containers does not show its environment, and the worker's folder is not their store
         logger.warning("flow run %s was canceled, and its worker has no SIMYARD_STORE: cancel its job", flow_run.id)
         return
-    store = open_store(url)
+    store = open_store(store_at(url))
     for run in records(store, KIND):
         if run.detail.get(FLOW_RUN) == str(flow_run.id) and not is_terminal(run):
             cancel_run(store, run.id)

@@ -12,6 +12,7 @@ from uuid import NAMESPACE_URL, UUID, uuid5
 from prefect.events import emit_event
 
 from flows.gate.judge import GateAnswer
+from flows.run.log_page import log_on_page
 from specs.arn import resource_name
 from specs.job_kinds import JOB_KINDS
 from tasks.progress.log_lines import log_in_chosen_format
@@ -25,16 +26,15 @@ logger = logging.getLogger(__name__)
 def announce_changes() -> Generator[None, None, None]:
     """Sends an event for each job whose status changes inside the ``with`` block, which runs in a flow or a task.
 
-    Also what the block logs is written as SIMYARD_LOG_FORMAT asks, if it does.
+    Also what the block logs is on the page of its run, and is written as SIMYARD_LOG_FORMAT asks, if it does.
     """
-    with log_in_chosen_format(), listen_to_transitions(_announce):
+    with log_in_chosen_format(), log_on_page(), listen_to_transitions(_announce):
         yield
 
 
 def announce_verdict(answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
     """Sends the event of a gate's verdict, such as ``simyard.gate.FAIL``, once the run's record has it."""
     facts = {"sentence": answer.sentence, "evidence": answer.evidence_url, "batch": batch.arn}
-    logger.info("the gate of %s says %s", run.arn, answer.verdict, extra={"fields": facts})
     _send(f"simyard.gate.{answer.verdict}", run.arn, facts)
 
 
@@ -44,8 +44,12 @@ def event_id(event: str, arn: str) -> UUID:
 
 
 def _announce(change: Transition) -> None:
+    """Sends a change, unless it is of the run that a stage alone is recorded as: its job's change says as much."""
+    event = JOB_KINDS[change.kind].event
+    if change.flow and change.flow != event:
+        return
     facts = {"was": change.was, "failureCode": change.failure_code, "failureReason": change.failure_reason}
-    _send(f"simyard.{JOB_KINDS[change.kind].event}.{change.status}", change.arn, facts)
+    _send(f"simyard.{event}.{change.status}", change.arn, facts)
 
 
 def _send(event: str, arn: str, facts: dict[str, str]) -> None:

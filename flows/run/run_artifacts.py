@@ -2,7 +2,7 @@
 
 from prefect.artifacts import create_table_artifact
 
-from specs.artifact_text import table_rows
+from specs.artifact_text import artifact_key, table_rows
 from specs.data.run_report import PipelineReport
 
 
@@ -13,4 +13,6 @@ def show_run_report(report: PipelineReport) -> None:
         for s in report.stages
     ]
     shown = table_rows(rows)
-    create_table_artifact(table=shown, key="pipeline-report", description=f"{report.name}: {report.run}")
+    create_table_artifact(
+        table=shown, key=artifact_key(report.name, "pipeline-report"), description=f"{report.name}: {report.run}"
+    )

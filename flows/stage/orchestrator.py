@@ -12,6 +12,7 @@ from typing import ParamSpec, Protocol, TypeVar
 
 from flows.batch.batch_report import WrittenReport
 from flows.gate.judge import GateAnswer
+from flows.stage.assets import MadeAsset
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError
@@ -76,6 +77,10 @@ class Orchestrator(Protocol):
 
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
         """Tells of a gate's verdict, once the run's record has it."""
+        ...
+
+    def announce_asset(self, made: MadeAsset) -> None:
+        """Tells of something that was made; of the same one as often as a run is continued."""
         ...
 
     def progress(self, stage: str, key: str) -> AbstractContextManager[Progress]:
@@ -154,6 +159,9 @@ class ProcessAlone:
         return log_in_chosen_format()
 
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
+        """Tells nobody."""
+
+    def announce_asset(self, made: MadeAsset) -> None:
         """Tells nobody."""
 
     @contextmanager

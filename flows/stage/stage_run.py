@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from pydantic import JsonValue
 
 from flows.resource.cancel import REASON
+from flows.stage.assets import made_by
 from flows.stage.cancellation import cancelable_run
 from flows.stage.orchestrator import orchestrator
 from flows.stage.run_owner import begin_run_in_turn
@@ -31,7 +32,7 @@ def run_stage(
         work: Does the stage under a token; doing it again changes nothing.
     """
     if token is not None:
-        return work(token)
+        return _announced(store, work(token), token)
     with (
         orchestrator().announce_changes(),
         begin_run_in_turn(store, {"flow": stage, **identity}) as run,
@@ -43,13 +44,21 @@ def _work_in_run(store: Store, stage: str, run: JobRecord, work: Callable[[str],
     if run.status == "Canceled":  # maybe before it had a job, and none begins now
         raise StageFailed(run.failure_code, run.failure_reason, run.arn)
     try:
-        with cancelable_run(store, run):
-            record = work(stage_token(run, stage))
+        with cancelable_run(store, run), orchestrator().tag_run(run):
+            record = _announced(store, work(stage_token(run, stage)))
     except (DocumentError, StageFailed) as exc:
         advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
         raise
     advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
     return record
+
+
+def _announced(store: Store, job: JobRecord, token: str = "") -> JobRecord:
+    """Returns the job, having told of what it made."""
+    made = made_by(store, job, token)
+    if made is not None:
+        orchestrator().announce_asset(made)
+    return job
 
 
 def require_success(record: JobRecord) -> JobRecord:

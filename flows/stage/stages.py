@@ -3,16 +3,18 @@
 Under Prefect each is a flow run of its own; see `flows.stage.orchestrator`.
 """
 
+import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TypeVar
 
 from flows.document.references import Numbers, deployed_version, numbered_finder
-from flows.gate.judge import gate_answer, judge_batch, read_gate_answer
+from flows.gate.judge import GateAnswer, gate_answer, judge_batch, read_gate_answer
 from flows.gate.shipment import evidence_changes, refusal_report, shippable, withdraw_deployment
 from flows.recount.batch_recount import vouched_record
 from flows.recount.recount import Asked, asked_plan, recount_changes
+from flows.stage.assets import evidence_of
 from flows.stage.batch_stage import simulation_batch
 from flows.stage.deployment_stage import deployment_sync
 from flows.stage.export_stage import world_export
@@ -26,7 +28,7 @@ from flows.stage.stage_summary import (
     generation_report,
     texts,
 )
-from specs.data.run_report import StageReport
+from specs.data.run_report import StageName, StageReport
 from specs.errors import ResourceNotFound
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import stops_early
@@ -38,6 +40,15 @@ from tasks.storage.jobs.runs import stage_token
 
 T = TypeVar("T")
 Reports = tuple[StageReport, ...]
+# What the log calls each stage.
+_WORDS: Mapping[StageName, str] = {
+    "worldGeneration": "world generation",
+    "worldExport": "world export",
+    "simulationBatch": "simulation batch",
+    "gate": "gate",
+    "deployment": "deployment",
+}
+logger = logging.getLogger(__name__)
 
 
 def generate(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> tuple[list[str], Reports]:
@@ -52,8 +63,9 @@ def generate(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> tup
     section = spec.worldGeneration
     if section is None:
         return [], ()
+    _log_begin("worldGeneration")
     record, seconds = _measure(lambda: run_step(world_generation, section, store.url, base, stage_token(run, "worlds")))
-    return texts(record.detail, "worlds"), (generation_report(record, store, seconds),)
+    return texts(record.detail, "worlds"), _ended(generation_report(record, store, seconds))
 
 
 def export(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) -> Reports:
@@ -68,8 +80,9 @@ def export(spec: PipelineSpec, worlds: list[str], store: Store, run: JobRecord) 
     section = spec.worldExport
     if section is None:
         return ()
+    _log_begin("worldExport")
     record, seconds = _measure(lambda: run_step(world_export, section, worlds, store.url, stage_token(run, "export")))
-    return (export_report(record, seconds),)
+    return _ended(export_report(record, seconds))
 
 
 def simulate(
@@ -89,12 +102,13 @@ def simulate(
         return None, ()
     ended = _ended_batch(store, run)
     if ended is not None:
-        return ended, (batch_report(ended, 0.0),)
+        return ended, _ended(batch_report(ended, 0.0))
+    _log_begin("simulationBatch")
     gate, token = spec.gate if stops_early(spec.gate) else None, stage_token(run, "batch")
     record, seconds = _measure(
         lambda: run_step(simulation_batch, section, worlds, store.url, versions, token, gate=gate)
     )
-    return record, (batch_report(record, seconds),)
+    return record, _ended(batch_report(record, seconds))
 
 
 def vouch(
@@ -134,10 +148,13 @@ def judge_batch_stage(
     gate = spec.gate
     if gate is None or batch is None:
         return ()
+    _log_begin("gate")
     said_before = read_gate_answer(store, run)
     answer, seconds = _measure(
         lambda: gate_answer(gate, batch, store, run, ships, judged=partial(run_step, judge_batch))
     )
+    logger.info("the gate of %s says %s", run.arn, answer.sentence, extra={"fields": _verdict_fields(answer, batch)})
+    orchestrator().announce_asset(evidence_of(store, answer))
     if said_before is None:
         orchestrator().announce_verdict(answer, run, batch)
     return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
@@ -159,6 +176,7 @@ def deploy(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) 
     section = spec.deployment
     if section is None:
         return ()
+    _log_begin("deployment")
     token = stage_token(run, "deployment")
     tested = shippable(batch, store, run) if batch else None
     version = deployed_version(section, store, numbered_finder(store, versions), tested)
@@ -176,11 +194,11 @@ def deploy(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) 
     )
     if found:
         withdraw_deployment(store, section.clientRequestToken or token)
-        return (refusal_report(found, seconds),)
+        return _ended(refusal_report(found, seconds))
     record, seconds = _measure(
         lambda: run_step(deployment_sync, section, store.url, tested, versions, token, builds=builds)
     )
-    return (deployment_report(record, seconds),)
+    return _ended(deployment_report(record, seconds))
 
 
 def skip_deployment(spec: PipelineSpec) -> Reports:
@@ -188,7 +206,7 @@ def skip_deployment(spec: PipelineSpec) -> Reports:
     if spec.deployment is None:
         return ()
     summary = "nothing was deployed: the gate did not pass"
-    return (StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0),)
+    return _ended(StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0))
 
 
 def _ended_batch(store: Store, run: JobRecord) -> JobRecord | None:
@@ -201,6 +219,24 @@ def _ended_batch(store: Store, run: JobRecord) -> JobRecord | None:
     except ResourceNotFound:
         return None
     return record if record.status == "Completed" else None
+
+
+def _log_begin(stage: StageName) -> None:
+    logger.info("the %s begins", _WORDS[stage])
+
+
+def _ended(report: StageReport) -> Reports:
+    """Returns a stage's report, having told the log what came of the stage."""
+    fields = {"stage": report.name, "arn": report.arn, "status": report.status, "seconds": round(report.seconds, 3)}
+    words = _WORDS[report.name]
+    logger.info(
+        "the %s is %s after %.1f s: %s", words, report.status, report.seconds, report.summary, extra={"fields": fields}
+    )
+    return (report,)
+
+
+def _verdict_fields(answer: GateAnswer, batch: JobRecord) -> dict[str, str]:
+    return {"verdict": answer.verdict, "evidence": answer.evidence_url, "batch": batch.arn}
 
 
 def _measure(work: Callable[[], T]) -> tuple[T, float]:

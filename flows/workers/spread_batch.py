@@ -6,6 +6,7 @@ Chunks are the same as on one machine, and whoever simulates one commits it, so 
 import os
 import platform
 import time
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from prefect import task
@@ -19,7 +20,8 @@ from flows.workers.spread import Numbers, PieceOutcome, spread
 from specs.field_types import OutputLocation
 from specs.settings import Workers
 from tasks.progress.listener import Progress
-from tasks.progress.task import show_progress
+from tasks.progress.step_retry import STORE_RETRY
+from tasks.progress.task import named_by, show_progress
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
 from tasks.simulate.batch.metrics import BatchMeter, BatchMetrics, ChunkWork
@@ -107,7 +109,19 @@ class _Spread:
         return self._before_s + time.monotonic() - self._start_s
 
 
-@task(name="simulate-chunks", task_run_name="simulate-chunks-{numbers}", cache_policy=NO_CACHE, persist_result=False)
+def chunks_name(parameters: Mapping[str, Any]) -> str:
+    """Returns what Prefect's pages call the task run of some chunks, such as ``chunks 3-5``."""
+    first, last = parameters["numbers"][0] + 1, parameters["numbers"][-1] + 1
+    return f"chunk {first}" if first == last else f"chunks {first}-{last}"
+
+
+@task(
+    name="simulate-chunks",
+    task_run_name=named_by(chunks_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def simulate_chunks(
     store_url: str,
     batch: str,

@@ -14,6 +14,7 @@ from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
 from tasks.export.job import job as exporting
 from tasks.export.job.world_files import kept_parts, make_parts
+from tasks.progress.step_retry import STORE_RETRY
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
@@ -52,7 +53,9 @@ def world_makers(store: Store) -> generating.RemoteWorldMaker | None:
         order_json = order.model_dump_json(exclude_unset=True)  # a template does not survive being pickled
 
         def hand_out(numbers: Numbers) -> PrefectFuture[Any]:
-            return make_worlds.submit(store.url, order_json, [indices[number] for number in numbers])
+            return make_worlds.with_options(task_run_name=_piece("worlds", numbers)).submit(
+                store.url, order_json, [indices[number] for number in numbers]
+            )
 
         def missing(numbers: Numbers) -> Numbers:
             absent = set(missing_worlds(store, order.generation, [indices[number] for number in numbers]))
@@ -95,7 +98,9 @@ def world_writers(store: Store) -> exporting.ExportWorkers | None:
             return
 
         def hand_out(numbers: Numbers) -> PrefectFuture[Any]:
-            return write_worlds.submit(store.url, job, [wanted[number] for number in numbers], tuple(formats))
+            return write_worlds.with_options(task_run_name=_piece("export worlds", numbers)).submit(
+                store.url, job, [wanted[number] for number in numbers], tuple(formats)
+            )
 
         def missing(numbers: Numbers) -> Numbers:
             there = kept_parts(store, job)
@@ -115,7 +120,7 @@ def world_writers(store: Store) -> exporting.ExportWorkers | None:
     return write if workers else None
 
 
-@task(name="make-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(name="make-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def make_worlds(store_url: str, order_json: str, indices: list[Indices]) -> WorldsDone:
     """Returns the worlds of a piece that cannot be, having kept the others; runs on a worker, maybe another machine.
 
@@ -129,7 +134,7 @@ def make_worlds(store_url: str, order_json: str, indices: list[Indices]) -> Worl
     return WorldsDone(rejected, time.monotonic() - start_s)
 
 
-@task(name="write-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(name="write-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
 def write_worlds(store_url: str, job: str, references: list[str], formats: tuple[WorldFormat, ...]) -> WorldsDone:
     """Returns how long it took to keep what the worlds of a piece become; runs on a worker, maybe another machine.
 
@@ -142,6 +147,11 @@ def write_worlds(store_url: str, job: str, references: list[str], formats: tuple
     start_s, store = time.monotonic(), open_store(store_url)
     make_parts(store, job, references, formats, _going_check(store, exporting.KIND, job))
     return WorldsDone([], time.monotonic() - start_s)
+
+
+def _piece(what: str, numbers: Numbers) -> str:
+    """Returns what Prefect's pages call the task run of a piece, such as ``worlds 1-8``."""
+    return f"{what} {numbers[0] + 1}-{numbers[-1] + 1}"
 
 
 def _going_check(store: Store, kind: JobKind, job: str) -> Callable[[], bool]:

@@ -1,11 +1,13 @@
 """The Prefect task that rolls a version out."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from prefect import task
 from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
+from specs.arn import resource_name
 from specs.artifact_text import escape_markdown, table_rows
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment
@@ -13,12 +15,26 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy import step
 from tasks.deploy.answers.describe import describe_deployment_job
 from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
-from tasks.progress.task import show_progress
+from tasks.progress.document import artifact_key
+from tasks.progress.step_retry import STORE_RETRY
+from tasks.progress.task import named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 
 
-@task(name="roll-out", cache_policy=NO_CACHE, persist_result=False)
+def roll_out_name(parameters: Mapping[str, Any]) -> str:
+    """Returns what Prefect's pages call the task run of a roll-out, such as ``roll out to couriers``."""
+    request: CreateDeploymentJobRequest = parameters["request"]
+    return f"roll out to {resource_name(request.fleet)}"
+
+
+@task(
+    name="roll-out",
+    task_run_name=named_by(roll_out_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def roll_out(
     store_url: str,
     request: CreateDeploymentJobRequest,
@@ -34,5 +50,5 @@ def roll_out(
     job = describe_deployment_job(open_store(store_url), record.id)
     said = escape_markdown(deployment_sentence(job, record))
     rows = table_rows(robot_rows(job))
-    create_table_artifact(rows, key="deployment-robots", description=said)
+    create_table_artifact(rows, key=artifact_key("deployment-robots"), description=said)
     return record

@@ -17,8 +17,8 @@ from specs.terminal_text import terminal_json
 
 LogFormat = Literal["json", "keyvalue"]
 LOG_FORMAT = "SIMYARD_LOG_FORMAT"
-# The packages whose events these are; what libraries log is Prefect's business.
-_OURS = ("flows", "tasks", "specs")
+LOGGERS = ("flows", "tasks", "specs")
+"""The packages whose events these are, each a logger above its modules'; what libraries log is Prefect's business."""
 
 
 class EventLines(logging.Formatter):
@@ -71,13 +71,13 @@ def log_in_chosen_format() -> Generator[None, None, None]:
         DocumentError: There is no such format.
     """
     form = chosen_log_format()
-    if form is None or any(_is_ours(handler) for handler in logging.getLogger(_OURS[0]).handlers):
+    if form is None or any(_is_ours(handler) for handler in logging.getLogger(LOGGERS[0]).handlers):
         yield
         return
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(EventLines(form))
-    before = {name: logging.getLogger(name).level for name in _OURS}
-    for name in _OURS:
+    before = {name: logging.getLogger(name).level for name in LOGGERS}
+    for name in LOGGERS:
         logging.getLogger(name).addHandler(handler)
         logging.getLogger(name).setLevel(logging.INFO)
     try:

@@ -2,9 +2,9 @@
 
 import logging
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
-from typing import cast
+from typing import Any, cast
 from uuid import UUID
 
 from httpx import TransportError
@@ -12,6 +12,7 @@ from prefect.artifacts import create_progress_artifact, update_progress_artifact
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 
+from tasks.progress.document import artifact_key
 from tasks.progress.listener import Progress, current_listener, listen_to_progress, stage_progress
 
 _LOG = logging.getLogger(__name__)
@@ -20,15 +21,23 @@ _INTERVAL_S = 1.0
 _INTERVAL_AWAY_S = 10.0
 
 
+def named_by(name: Callable[[Mapping[str, Any]], str]) -> Callable[[], str]:
+    """Returns a function that names a task run by its parameters, as Prefect's types have it.
+
+    Prefect hands the parameters to a function that has an argument ``parameters``; its types say so of objects only.
+    """
+    return cast("Callable[[], str]", name)
+
+
 @contextmanager
 def show_progress(stage: str, key: str) -> Generator[Progress, None, None]:
     """Shows Prefect how far a stage is, whoever tells it inside the block; yields a function that tells it.
 
     Args:
         stage: What a person calls it, such as ``Worlds``.
-        key: The artifact's key: lower-case letters, digits and dashes.
+        key: Of the document's artifact, such as ``worlds-progress``: lower-case letters, digits and dashes.
     """
-    bar, terminal = _Bar(stage, key), current_listener()
+    bar, terminal = _Bar(stage, artifact_key(key)), current_listener()
     bar.show(0.0)
 
     def hear(told: str, done: int, total: int) -> None:

@@ -27,6 +27,12 @@ SERVER_ENVIRONMENT = {
     "DO_NOT_TRACK": "1",
     "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "180",
 }
+# Prefect lists the types of its blocks when it starts, and imports each installed collection (Dask, Ray) for that. A
+# program that saves a block registers its type itself; only the pages show the list, and a server of one run has none.
+_NO_BLOCK_TYPES = {
+    "PREFECT_SERVER_REGISTER_BLOCKS_ON_START": "false",
+    "PREFECT_SERVER_MEMOIZE_BLOCK_AUTO_REGISTRATION": "false",  # else they are imported to be compared
+}
 START_TIMEOUT_S = 180.0
 
 
@@ -76,7 +82,7 @@ def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]
 
     Args:
         home: Folder for its database and log.
-        bound: Whether the kernel ends it with this process; otherwise it stays.
+        bound: Whether it is for this process alone, and the kernel ends it with this process; otherwise it stays.
     """
     home.mkdir(mode=0o700, parents=True, exist_ok=True)
     _close_database(home)
@@ -90,6 +96,7 @@ def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]
         **SERVER_ENVIRONMENT,
         **proxy_exceptions(os.environ),
         **_own_settings(home, port),
+        **(_NO_BLOCK_TYPES if bound else {}),
         "PREFECT_API_AUTH_STRING": password,
         "PREFECT_SERVER_API_AUTH_STRING": password,
     }

@@ -11,6 +11,7 @@ from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound, ObjectTooBig, StoreUnreachable
 from specs.field_types import S3Object
 from specs.robomaker.bundle import Version
+from tasks.storage.backends.s3_access import share_access
 from tasks.storage.base.keys import STORE, checked_bucket
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect
@@ -38,7 +39,9 @@ def open_bucket(store: Store, bucket: str) -> Store:
         StoreUnreachable: Nothing answers.
         StoreAccessDenied: The credentials do not reach it.
     """
-    opened = connect(bucket_url(store, bucket))
+    url = bucket_url(store, bucket)
+    share_access(store.url, url)
+    opened = connect(url)
     try:
         # Only the answer to a read tells a missing bucket from a missing object; what is there does not matter.
         opened.get(STORE, 0)

@@ -1,17 +1,34 @@
 """World generation as a Prefect task."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
-from tasks.progress.task import show_progress
+from tasks.progress.step_retry import STORE_RETRY
+from tasks.progress.task import named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.worlds import step
 
 
+def worlds_name(parameters: Mapping[str, Any]) -> str:
+    """Returns what Prefect's pages call the task run of a generation, such as ``worlds 1-50``."""
+    request: CreateWorldGenerationJobRequest = parameters["request"]
+    count = (request.worldCount.floorplanCount or 1) * (request.worldCount.interiorCountPerFloorplan or 1)
+    return f"worlds 1-{count}" if count > 1 else "world 1"
+
+
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
-@task(name="generate-worlds", cache_policy=NO_CACHE, persist_result=False)
+@task(
+    name="generate-worlds",
+    task_run_name=named_by(worlds_name),
+    cache_policy=NO_CACHE,
+    persist_result=False,
+    **STORE_RETRY,
+)
 def generate_worlds(
     store_url: str,
     request: CreateWorldGenerationJobRequest,

@@ -89,11 +89,19 @@ def artifacts(api_url: str, key: str) -> list[dict[str, str]]:
 
 
 def test_it_is_in_prefects_pages_in_short_and_as_a_picture(prefect_server: str, small_run: Path):
-    reports = [each for each in artifacts(prefect_server, "batch-report") if small_run.name in each["data"]]
+    reports = [
+        each
+        for each in artifacts(prefect_server, "apartment-regression--batch-report")
+        if small_run.name in each["data"]
+    ]
     assert reports[0]["data"].startswith("# ✅ PASS\n\n")
     assert "report.html" in reports[0]["data"]
     run = reports[0]["flow_run_id"]
-    pictures = [each["data"] for each in artifacts(prefect_server, "batch-picture") if each["flow_run_id"] == run]
+    pictures = [
+        each["data"]
+        for each in artifacts(prefect_server, "apartment-regression--batch-picture")
+        if each["flow_run_id"] == run
+    ]
     kind, _, picture = pictures[0].partition(",")
     assert kind == "data:image/svg+xml;base64"
     assert b"PASS</text>" in base64.b64decode(picture)

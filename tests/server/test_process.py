@@ -6,6 +6,9 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 from tasks.server import process
 from tests.servers.eventually import eventually
@@ -29,6 +32,22 @@ def test_the_active_profile_is_read_when_no_variable_is_set(tmp_path: Path):
 
 def test_no_profile_means_no_server(tmp_path: Path):
     assert process.configured({"PREFECT_HOME": str(tmp_path)}, "PREFECT_API_URL") == ""
+
+
+@pytest.mark.parametrize("bound", [True, False])
+def test_only_a_server_that_stays_lists_the_types_of_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, bound: bool
+):
+    environments: list[dict[str, str]] = []
+
+    def started(command: list[str], *, env: dict[str, str], **_: object) -> SimpleNamespace:
+        environments.append(env)
+        return SimpleNamespace(pid=os.getpid())
+
+    monkeypatch.setattr(process.subprocess, "Popen", started)
+    process.launch(tmp_path / "prefect", bound=bound)
+    listed = environments[0].get("PREFECT_SERVER_REGISTER_BLOCKS_ON_START")
+    assert listed == ("false" if bound else None)
 
 
 def test_a_bound_child_ends_when_its_parent_is_killed(tmp_path: Path):

@@ -1,10 +1,12 @@
 """What a stranger wrote is text on Prefect's pages, and nothing else."""
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.artifact_text import escape_markdown, table_rows
+from specs.artifact_text import artifact_key, escape_markdown, table_rows
 
 HOSTILE = (
     "<img src=x onerror=alert(1)>\n\n# PASS | [click](javascript:alert(1)) ![](https://evil.example/x.png) `x`\x1b[2J"
@@ -34,3 +36,31 @@ def test_whatever_is_written_stays_one_line_with_nothing_active(character: str, 
     for escaped in (escape_markdown(text + character), str(row["cell"])):
         assert len(escaped.splitlines()) == 1
         assert escaped.count(character) == escaped.count(f"\\{character}")
+
+
+NAMES = st.text(st.sampled_from("ab-_A0"), max_size=12) | st.text(max_size=80)
+WHAT = st.sampled_from(["gate", "worlds", "worlds-progress", "batch-results"])
+
+
+def test_a_key_begins_with_the_documents_name():
+    assert artifact_key("apartment-regression", "batch-results") == "apartment-regression--batch-results"
+
+
+def test_what_belongs_to_no_document_has_no_name_in_its_key():
+    assert artifact_key("", "reaped") == "reaped"
+
+
+def test_a_name_that_prefect_takes_no_key_of_is_changed_and_has_its_digest():
+    assert artifact_key("Night_ly", "gate") == "night-ly--5e91da3c5cbb7a84--gate"
+
+
+@given(NAMES, WHAT)
+def test_prefect_takes_every_key(name: str, what: str):
+    key = artifact_key(name, what)
+    assert re.fullmatch(r"[a-z0-9-]+", key)
+    assert len(key) <= 48 + 2 + 16 + 2 + len(what)
+
+
+@given(NAMES, WHAT, NAMES, WHAT)
+def test_two_documents_or_two_things_never_have_the_same_key(name: str, what: str, other: str, more: str):
+    assert (artifact_key(name, what) == artifact_key(other, more)) == ((name, what) == (other, more))

@@ -58,7 +58,7 @@ def write_audit(
         report = not_run(f"its process died {_MOST_ATTEMPTS} times")
     else:
         report = _audited(batch, bundles, progress)
-    logger.info("audit: %s: %s", report.verdict, report.sentence)
+    logger.info("the audit of %s says %s: %s", batch.id, report.verdict, report.sentence)
     bucket = open_bucket(batch.store, location.s3Bucket or "")
     key = output_key(location.s3Prefix, f"{batch.id}/{AUDIT_FILE}")
     body = encode_document(report)

@@ -128,7 +128,7 @@ def remember_timing(program: ProgramKey, timing: ChunkTiming) -> None:
         over.append((program, timing))
         return
     took_s = timing.ready_s + timing.first_s + timing.slices_s
-    logger.info("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
+    logger.debug("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
     collecting = _collecting.get()
     if collecting is not None:
         collecting.append(timing)

@@ -70,8 +70,12 @@ class BatchPlan(Spec):
 
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""
-        launches = (launch for template in self.templates for launch in (template.robot, template.scenario))
-        return tuple(dict.fromkeys(launch.digest for launch in launches))
+        return tuple(self.bundles())
+
+    def bundles(self) -> dict[str, str]:
+        """Returns the name of each application that the batch runs, by its bundle's digest."""
+        launches = [launch for template in self.templates for launch in (template.robot, template.scenario)]
+        return {launch.digest: launch.name for launch in launches}
 
     def records(self) -> bool:
         """Returns whether any of its episodes may be recorded."""

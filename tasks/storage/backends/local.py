@@ -20,8 +20,8 @@ from specs.errors import (
     ObjectConflict,
     ObjectNotFound,
     ObjectTooBig,
+    StoreAway,
     StoreDamaged,
-    StoreUnreachable,
     StoreUnsafe,
 )
 from tasks.storage.backends.local_objects import (
@@ -269,9 +269,7 @@ class LocalStore:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as exc:
                 if time.monotonic() > until_s:
-                    raise StoreUnreachable(
-                        f"{self.url}: {key}: a process that is paused, or hangs, has the lock"
-                    ) from exc
+                    raise StoreAway(f"{self.url}: {key}: a process that is paused, or hangs, has the lock") from exc
                 time.sleep(_LOCK_POLL_S)
             else:
                 return

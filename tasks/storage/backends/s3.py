@@ -22,6 +22,7 @@ from specs.errors import (
     StoreError,
     StoreUnreachable,
 )
+from tasks.storage.backends.s3_access import access_to
 from tasks.storage.backends.s3_client import PART_BYTES, Answer, S3Client, is_etag_of
 from tasks.storage.backends.s3_errors import FAULTS, s3_error
 from tasks.storage.backends.s3_objects import entry_of, list_objects, list_uploads, object_mark, server_now_s
@@ -40,7 +41,7 @@ class S3Store:
     def __init__(self, bucket: str, prefix: str, client: S3Client | None = None) -> None:
         self._bucket = bucket
         self._prefix = f"{prefix}/" if prefix else ""
-        self._client = client or S3Client()
+        self._client = client or S3Client(access_to(bucket))
         self.url = f"s3://{bucket}/{prefix}".rstrip("/")
 
     def create(self, key: str, body: bytes) -> str:

@@ -21,6 +21,7 @@ from botocore.exceptions import ClientError
 from botocore.loaders import Loader, create_loader
 from botocore.session import Session
 
+from tasks.storage.backends.s3_access import S3Access
 from tasks.storage.backends.s3_errors import FAULTS
 
 Answer = Mapping[str, object]
@@ -48,7 +49,8 @@ class _Body(Protocol):
 class S3Client:
     """Calls to one server, from any thread."""
 
-    def __init__(self) -> None:
+    def __init__(self, access: S3Access | None = None) -> None:
+        self._access = access or S3Access()
         self._making = threading.Lock()
         self._session: Session | None = None
         self._client: object = None
@@ -105,7 +107,7 @@ class S3Client:
             return
         from tasks.storage.backends.s3_upload import send_in_parts  # noqa: PLC0415 - a robot's agent has nothing big to send
 
-        send_in_parts(source, bucket, key)
+        send_in_parts(source, bucket, key, self._access)
 
     def _ready(self) -> object:
         with self._making:
@@ -124,7 +126,18 @@ class S3Client:
             self._session.register_component("data_loader", _service_models())
         retries = {"mode": "standard", "total_max_attempts": attempts}
         config = Config(**CONFIG, read_timeout=answer_s, retries=retries)  # pyright: ignore[reportArgumentType] - untyped options
-        return cast("object", self._session.create_client("s3", config=config))
+        return cast(
+            "object",
+            self._session.create_client(
+                "s3",
+                config=config,
+                aws_access_key_id=self._access.key_id or None,
+                aws_secret_access_key=self._access.secret or None,
+                aws_session_token=self._access.token or None,
+                region_name=self._access.region or None,
+                endpoint_url=self._access.endpoint or None,
+            ),
+        )
 
 
 @functools.cache

@@ -23,6 +23,7 @@ from specs.errors import (
     ObjectConflict,
     ObjectNotFound,
     StoreAccessDenied,
+    StoreAway,
     StoreError,
     StoreFull,
     StoreThrottled,
@@ -65,9 +66,7 @@ def s3_error(exc: BaseException, url: str, key: str) -> StoreError:
     if isinstance(exc, OSError) and not isinstance(exc, _NO_ANSWER):
         kind = StoreFull if exc.errno in NO_ROOM else StoreError  # of this machine
         return kind(f"{place}: {exc.strerror or exc}")
-    return StoreUnreachable(
-        f"{place}: no answer from {_endpoint()} ({type(exc).__name__}); is it running and reachable?"
-    )
+    return StoreAway(f"{place}: no answer from {_endpoint()} ({type(exc).__name__}); is it running and reachable?")
 
 
 def _refusal(status: int, code: str, place: str) -> StoreError:
@@ -91,9 +90,7 @@ def _disturbance(status: int, code: str, place: str) -> StoreError:
     if status == _NO_ROOM or code in _FULL_CODES:
         return StoreFull(f"{place}: {_endpoint()} has no room for it ({code}, {status})")
     if status >= 500:
-        return StoreUnreachable(
-            f"{place}: {_endpoint()} answers {code} ({status}); its log says why, such as a full disk"
-        )
+        return StoreAway(f"{place}: {_endpoint()} answers {code} ({status}); its log says why, such as a full disk")
     if 300 <= status < 400:
         return StoreUnreachable(f"{place}: the bucket lies elsewhere ({code}, {status}); set AWS_REGION to its region")
     return StoreError(f"{place}: {_endpoint()} answers {code} ({status})")

@@ -5,6 +5,7 @@ from pathlib import Path
 from aiohttp import ClientError
 from s3fs import S3FileSystem
 
+from tasks.storage.backends.s3_access import S3Access
 from tasks.storage.backends.s3_client import CONFIG, PART_BYTES
 
 _READ_TIMEOUT_S = 30
@@ -19,7 +20,7 @@ class _ExactKeys(S3FileSystem):
         return bucket, key, None
 
 
-def send_in_parts(source: Path, bucket: str, key: str) -> None:
+def send_in_parts(source: Path, bucket: str, key: str, access: S3Access) -> None:
     """Writes a file's bytes as an object; nothing shows before the last part has arrived.
 
     Raises:
@@ -32,6 +33,11 @@ def send_in_parts(source: Path, bucket: str, key: str) -> None:
         skip_instance_cache=True,
         use_listings_cache=False,
         max_concurrency=4,
+        key=access.key_id or None,
+        secret=access.secret or None,
+        token=access.token or None,
+        endpoint_url=access.endpoint or None,
+        client_kwargs={"region_name": access.region} if access.region else {},
         config_kwargs={**CONFIG, "read_timeout": _READ_TIMEOUT_S, "retries": retries},
     )
     files.retries = 1  # botocore retries already

@@ -18,6 +18,8 @@ import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from contextvars import copy_context
+from functools import partial
 from uuid import uuid4
 
 from specs.base import Spec
@@ -62,7 +64,8 @@ class Claim:
         self._renewed_s = taken_s  # monotonic, from before the request was sent: the safe side
         self._replaced = False
         self._ended = threading.Event()
-        self._heart = threading.Thread(target=self._beat, name=f"claim {key}", daemon=True)
+        beat = partial(copy_context().run, self._beat)  # what it logs is the run's that holds the claim
+        self._heart = threading.Thread(target=beat, name=f"claim {key}", daemon=True)
         self._heart.start()
 
     @property
@@ -198,7 +201,7 @@ def _take(store: Store, key: str, ttl_s: float, waiting: Callable[[ClaimRecord],
             return _write_first(store, key, _new_record(1, ttl_s), None)
         found = decode_document(ClaimRecord, stored, store, key)
         if _is_free(found, time.monotonic() - since_s if stored.etag == watched else 0.0):
-            _LOG.info("%s: process %d had it, released: %s", key, found.process.pid, found.released)
+            _LOG.debug("%s: process %d had it, released: %s", key, found.process.pid, found.released)
             return _write_first(store, key, _new_record(found.epoch + 1, ttl_s), stored.etag)
         if watched and stored.etag != watched:
             return None

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from specs.arn import arn
+from specs.arn import RUN_KIND, arn
 from specs.base import Fault, Spec
 from specs.errors import (
     IdempotentParameterMismatch,
@@ -225,7 +225,8 @@ def _changed(before: JobRecord, change: _Change) -> JobRecord:
 def _announce(before: JobRecord, after: JobRecord) -> None:
     if before.status != after.status:
         code, reason = after.failure_code, after.failure_reason
-        announce_transition(Transition(after.kind, after.arn, before.status, after.status, code, reason))
+        flow = str(after.request.get("flow", "")) if after.kind == RUN_KIND else ""
+        announce_transition(Transition(after.kind, after.arn, before.status, after.status, code, reason, flow))
 
 
 def _epoch(record: JobRecord) -> int:

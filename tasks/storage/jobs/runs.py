@@ -53,6 +53,13 @@ def stage_token(run: JobRecord, stage: str) -> str:
     return f"{run.id}-{stage}"
 
 
+def run_document(run: JobRecord) -> str:
+    """Returns the name of the document that a run is of; of a stage that runs alone, its flow's."""
+    spec = run.request.get("spec")
+    name = spec.get("name") if isinstance(spec, dict) and run.request.get("flow") == "pipeline" else None
+    return str(name or run.request.get("flow", ""))
+
+
 def run_of(token: str) -> str:
     """Returns the id of the run that a stage's token was made for; empty for a token of a document's own."""
     found = _STAGE_TOKEN.fullmatch(token)

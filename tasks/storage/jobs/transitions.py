@@ -25,6 +25,7 @@ class Transition(NamedTuple):
         status: Its status now.
         failure_code: RoboMaker's failure code, or empty.
         failure_reason: For a person, or empty.
+        flow: The flow that a run is of: ``pipeline``, or a stage that runs alone; empty for any other job.
     """
 
     kind: JobKind
@@ -33,6 +34,7 @@ class Transition(NamedTuple):
     status: str
     failure_code: str
     failure_reason: str
+    flow: str = ""
 
 
 Listener = Callable[[Transition], None]
@@ -58,5 +60,6 @@ def listen_to_transitions(listener: Listener) -> Generator[None, None, None]:
 def announce_transition(transition: Transition) -> None:
     """Tells the log, and the listener of this context, of a transition that is in the store."""
     fields = {name: value for name, value in transition._asdict().items() if value}
-    logger.info("%s is %s", transition.arn, transition.status, extra={"fields": fields})
+    why = [text for text in (transition.failure_code, transition.failure_reason) if text]
+    logger.info("%s", ": ".join([f"{transition.arn} is {transition.status}", *why]), extra={"fields": fields})
     _listener.get()(transition)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Int
-from scipy import ndimage
 
 from tasks.worlds.geometry.boxes import Box
 
@@ -25,6 +24,8 @@ def robot_gets_around(
         entries: Where a robot stands that has just come in, or starts.
         radius_m: The robot's radius.
     """
+    from scipy import ndimage  # noqa: PLC0415 - many runs make no worlds, and are not to wait for SciPy
+
     room = floor.grown(-radius_m - _PLAY_M)
     size = (int(room.width / _CELL_M) + 1, int(room.height / _CELL_M) + 1)
     if min(size) < 2:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 
 from specs.data.world import OccupancyMap, Solid
 from tasks.worlds.geometry.boxes import Box, rounded
@@ -55,6 +54,8 @@ class Clearance:
 
     def reached(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
         """Returns the cells that a robot of that radius gets to from (0, 0)."""
+        from scipy import ndimage  # noqa: PLC0415 - many runs make no worlds, and are not to wait for SciPy
+
         labels: Int[np.ndarray, "x y"] = np.zeros(self.distance_m.shape, dtype=np.int32)
         ndimage.label(self.distance_m >= radius_m, output=labels)
         start = labels[int(-self.origin[0] // CELL_M), int(-self.origin[1] // CELL_M)]
@@ -80,6 +81,8 @@ def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
 
 def _distances(touched: Bool[np.ndarray, "x y"]) -> Float[np.ndarray, "x y"]:
     """Returns the distance from each cell's centre to that of the nearest touched one (metres)."""
+    from scipy import ndimage  # noqa: PLC0415 - as above
+
     nearest: Int[np.ndarray, "2 x y"] = np.empty((2, *touched.shape), dtype=np.int32)
     ndimage.distance_transform_edt(~touched, return_distances=False, return_indices=True, indices=nearest)
     across = nearest[0] - np.arange(touched.shape[0], dtype=np.int32)[:, None]

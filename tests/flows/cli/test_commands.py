@@ -79,3 +79,9 @@ def test_plan_imports_little_once_it_knows_the_robots(tmp_path: Path, monkeypatc
     assert "mujoco" in imported(*command)  # for robots that it never saw
     modules = imported(*command)
     assert sorted(HEAVY.intersection(modules) - {"numpy"}) == []  # a machine that is not known is measured with it
+
+
+def test_the_flows_do_not_import_what_only_some_documents_compute_with():
+    code = "import json, sys, flows.pipeline; print(json.dumps(sorted(sys.modules)))"
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert sorted({"jax", "jaxlib", "mujoco", "scipy", "s3fs", "botocore"}.intersection(json.loads(ended.stdout))) == []

@@ -36,6 +36,17 @@ def test_a_change_of_status_is_an_event_about_the_jobs_arn(file_store: Store, se
     assert more["payload"] == {"was": "Pending", "failureCode": "InvalidInput", "failureReason": "no worlds"}
 
 
+def test_the_run_of_a_document_is_an_event_and_the_run_of_a_stage_alone_is_none(file_store: Store, sent: Sent):
+    whole = submit(file_store, "pipeline-run", {"flow": "pipeline"}, "one")
+    alone = submit(file_store, "pipeline-run", {"flow": "world-generation"}, "two")
+    with announce_changes():
+        for run in (whole, alone):
+            advance(file_store, run.kind, run.id, "Running")
+    assert [(event, resource["prefect.resource.id"]) for event, resource, _ in sent] == [
+        ("simyard.pipeline.Running", whole.arn)
+    ]
+
+
 def test_outside_of_a_flow_nothing_is_sent(file_store: Store, sent: Sent):
     batch = batch_of(file_store)
     advance(file_store, batch.kind, batch.id, "InProgress")

@@ -150,7 +150,7 @@ def test_a_batch_leaves_its_figures_in_its_record_and_on_its_page(prefect_server
     figures = recorded_metrics(batch)
     assert figures is not None
     assert (figures.workers, figures.chunks, figures.simulated_s > 0.0, figures.drive_s > 0.0) == (1, 2, True, True)
-    asked = {"artifacts": {"key": {"any_": ["batch-metrics"]}}, "sort": "CREATED_DESC"}
+    asked = {"artifacts": {"key": {"any_": ["apartment-regression--batch-metrics"]}}, "sort": "CREATED_DESC"}
     shown = httpx.post(f"{prefect_server}/artifacts/filter", json=asked, headers=said_password()).json()
     (rows,) = [json.loads(each["data"]) for each in shown if batch.id in each["description"]]
     assert [row["figure"] for row in rows] == [row["figure"] for row in metric_rows(figures)]

@@ -98,7 +98,8 @@ def test_the_server_refuses_a_document_that_is_not_one():
 def _robots_table(api_url: str) -> list[dict[str, str]]:
     """Returns the table of robots that the deployment left in Prefect's pages."""
     request = urllib.request.Request(  # noqa: S310 - the test server's own URL
-        f"{api_url}/artifacts/deployment-robots/latest", headers=authorization(os.environ["PREFECT_API_AUTH_STRING"])
+        f"{api_url}/artifacts/apartment-regression--deployment-robots/latest",
+        headers=authorization(os.environ["PREFECT_API_AUTH_STRING"]),
     )
     with urllib.request.urlopen(request) as reply:  # noqa: S310 - same
         return json.loads(json.load(reply)["data"])

@@ -58,7 +58,7 @@ class Watched:
         wanted = {"flow_runs": {"parent_flow_run_id": {"any_": [self.flow_run()["id"]]}}}
         runs = [self.flow_run()["id"], *(run["id"] for run in asked(self.api_url, "/flow_runs/filter", wanted))]
         found = asked(self.api_url, "/artifacts/filter", {"artifacts": {"flow_run_id": {"any_": runs}}})
-        return {each["key"]: each for each in found}
+        return {each["key"].removeprefix(f"{NAME}--"): each for each in found if each["key"]}
 
     def end(self) -> None:
         """Returns when the run has ended well."""
@@ -98,7 +98,7 @@ def test_the_page_of_the_batch_shows_how_far_it_is(watched: Watched, page: Page)
     progress = until(lambda: _begun(watched.artifacts().get("episodes-progress")), "progress")
 
     seen = shown(page, f"{watched.pages}/runs/flow-run/{batch['id']}", "Parent Run")
-    listed = turned_to(page, "Artifacts", "episodes-progress")
+    listed = turned_to(page, "Artifacts", f"{NAME}--episodes-progress")
     graph_px = painted(page, "Running")
     pictured(page, "progress")
     told = shown(page, f"{watched.pages}/artifacts/artifact/{progress['id']}", "Progress:")
@@ -116,8 +116,8 @@ def test_the_page_of_the_run_shows_its_stages_and_what_they_left(watched: Watche
 
     seen = shown(page, f"{watched.pages}/runs/flow-run/{watched.flow_run()['id']}", "Completed", height=1060)
     stages = turned_to(page, "Subflow Runs", "-deployment")
-    tasks = turned_to(page, "Task Runs", "judge-")
-    left = turned_to(page, "Artifacts", "pipeline-report")
+    tasks = turned_to(page, "Task Runs", "judge")
+    left = turned_to(page, "Artifacts", f"{NAME}--pipeline-report")
     graph_px = painted(page, "Completed")
     pictured(page, "run")
 
@@ -159,7 +159,7 @@ def test_the_form_of_the_nightly_run_shows_the_document_field_by_field(prefect_s
 def test_no_task_has_an_input_that_prefects_pages_cannot_show(prefect_server: str, small_run: Path):
     """Where one has a flow run as its input, the page of a run shows no task runs."""
     tasks = asked(prefect_server, "/task_runs/filter", {})
-    judging = [task for task in tasks if task["name"].startswith("judge-")]
+    judging = [task for task in tasks if task["name"] == "judge"]
     kinds = {given["input_type"] for task in tasks for each in task["task_inputs"].values() for given in each}
 
     assert judging

@@ -8,8 +8,8 @@ import pytest
 from pydantic import JsonValue
 
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import advance, is_terminal, records
-from tasks.storage.jobs.runs import begin_run, stage_token
+from tasks.storage.jobs.records import advance, is_terminal, records, submit
+from tasks.storage.jobs.runs import begin_run, run_document, stage_token
 from tasks.storage.store_url import open_store
 
 IDENTITY: dict[str, JsonValue] = {"flow": "pipeline", "spec": {"name": "nightly"}}
@@ -81,3 +81,17 @@ def test_who_waited_for_another_process_finds_the_run_ended(file_store: Store):
         with begin_run(file_store, IDENTITY) as run:
             assert is_terminal(run)
     assert len(records(file_store, "pipeline-run")) == 1
+
+
+@pytest.mark.parametrize(
+    ("identity", "name"),
+    [
+        ({"flow": "pipeline", "spec": {"name": "nightly"}}, "nightly"),
+        ({"flow": "world-generation", "spec": {"name": "a section has none"}}, "world-generation"),
+        ({"flow": "world-export"}, "world-export"),
+    ],
+)
+def test_a_run_has_its_documents_name_or_that_of_a_flow_alone(
+    file_store: Store, identity: dict[str, JsonValue], name: str
+):
+    assert run_document(submit(file_store, "pipeline-run", identity, "one")) == name

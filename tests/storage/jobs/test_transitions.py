@@ -4,6 +4,7 @@ import logging
 
 import pytest
 
+from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, read, submit
 from tasks.storage.jobs.transitions import Transition, listen_to_transitions
@@ -59,3 +60,19 @@ def test_a_change_is_logged_with_its_facts(file_store: Store, caplog: pytest.Log
     (line,) = caplog.records
     assert line.getMessage() == f"{record.arn} is Running"
     assert line.__dict__["fields"] == {"kind": KIND, "arn": record.arn, "was": "Pending", "status": "Running"}
+
+
+def test_a_failure_is_logged_with_its_code_and_reason(file_store: Store, caplog: pytest.LogCaptureFixture):
+    record = submit(file_store, KIND, {}, "one")
+    with caplog.at_level(logging.INFO, logger="tasks.storage.jobs.transitions"):
+        advance(file_store, KIND, record.id, "Failed", failure_code="InvalidInput", failure_reason="no worlds")
+    assert caplog.messages == [f"{record.arn} is Failed: InvalidInput: no worlds"]
+
+
+@pytest.mark.parametrize(("kind", "flow"), [("pipeline-run", "world-generation"), (KIND, "")])
+def test_a_change_of_a_run_names_its_flow(file_store: Store, kind: JobKind, flow: str):
+    record = submit(file_store, kind, {"flow": flow or "any"}, "one")
+    heard: list[Transition] = []
+    with listen_to_transitions(heard.append):
+        advance(file_store, kind, record.id, "Running")
+    assert [each.flow for each in heard] == [flow]

@@ -1,0 +1,47 @@
+"""Credentials for buckets that do not come from the environment: kept in this process, and never written anywhere.
+
+A program that this process starts does not get them: an application, a robot of a demonstration, a worker of a cluster.
+"""
+
+from dataclasses import dataclass, field
+from urllib.parse import urlsplit
+
+
+@dataclass(frozen=True)
+class S3Access:
+    """How to reach a bucket; what is empty comes from the usual AWS variables and profiles.
+
+    Attributes:
+        key_id: AWS access key ID.
+        secret: AWS secret access key.
+        token: Session token, of temporary credentials.
+        region: Such as ``eu-central-1``.
+        endpoint: URL of the server, if it is not AWS's.
+    """
+
+    key_id: str = ""
+    secret: str = field(default="", repr=False)
+    token: str = field(default="", repr=False)
+    region: str = ""
+    endpoint: str = ""
+
+
+_ENVIRONMENT = S3Access()
+_of_bucket: dict[str, S3Access] = {}
+
+
+def give_access(bucket: str, access: S3Access) -> None:
+    """Has every store in the bucket that this process opens from now on use these credentials."""
+    _of_bucket[bucket] = access
+
+
+def access_to(bucket: str) -> S3Access:
+    """Returns how to reach a bucket."""
+    return _of_bucket.get(bucket, _ENVIRONMENT)
+
+
+def share_access(store_url: str, bucket_url: str) -> None:
+    """Has a document's bucket use the credentials of the store, unless it has its own."""
+    store, bucket = urlsplit(store_url), urlsplit(bucket_url)
+    if store.scheme == bucket.scheme == "s3" and store.netloc in _of_bucket:
+        _of_bucket.setdefault(bucket.netloc, _of_bucket[store.netloc])

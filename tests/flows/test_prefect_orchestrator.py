@@ -1,0 +1,66 @@
+"""Every step is a task of Prefect's, takes data alone, and can run in another process."""
+
+import multiprocessing
+from collections.abc import Callable, Generator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import cloudpickle
+import pytest
+from prefect import Task
+
+from flows.prefect_orchestrator import TASKS
+from flows.stage.orchestrator import ProcessAlone, orchestrated_by
+from flows.stage.pipeline_run import pipeline
+from specs.pipeline.document import PipelineSpec
+from tasks.progress.step_retry import is_store_away
+from tests.integration.runs import small_document, write_document
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class OtherProcess(ProcessAlone):
+    """Runs each step in another process, which gets nothing but what can be pickled."""
+
+    def __init__(self, pool: ProcessPoolExecutor) -> None:
+        self.steps: set[Callable[..., object]] = set()
+        self._pool = pool
+
+    def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        if step not in TASKS:  # a stage, which runs steps itself
+            return step(*args, **kwargs)
+        self.steps.add(step)
+        return cloudpickle.loads(self._pool.submit(_run, cloudpickle.dumps((step, args, kwargs))).result())
+
+
+def _run(call: bytes) -> bytes:
+    step, args, kwargs = cloudpickle.loads(call)
+    return cloudpickle.dumps(step(*args, **kwargs))
+
+
+@pytest.fixture
+def elsewhere() -> Generator[OtherProcess, None, None]:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        yield OtherProcess(pool)
+
+
+@pytest.mark.integration
+@pytest.mark.long
+def test_all_steps_of_a_document_run_in_another_process(elsewhere: OtherProcess, tmp_path: Path):
+    document = small_document()
+    write_document(tmp_path, document)
+    with orchestrated_by(elsewhere):
+        report = pipeline(PipelineSpec.model_validate(document), (tmp_path / "store").as_uri(), str(tmp_path))
+    assert (report.passed, report.shipped) == (True, True)
+    assert elsewhere.steps == set(TASKS)
+
+
+@pytest.mark.parametrize("step", list(TASKS), ids=lambda step: step.__name__)
+def test_each_task_is_named_like_its_step_and_runs_again_when_the_store_was_away(step: Callable[..., object]):
+    task: Any = TASKS[step]
+    assert isinstance(task, Task)
+    assert task.fn.__name__ == step.__name__
+    assert task.retry_condition_fn is is_store_away
+    assert task.persist_result is False
