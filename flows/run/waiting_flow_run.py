@@ -85,7 +85,7 @@ def _set_state(flow_run: FlowRun, state: State[Any]) -> State[Any] | None:
 
 
 def _forget_process(flow_run: FlowRun) -> None:
-    # Who cancels a scheduled flow run that had a process leaves it Cancelling for ever: nobody looks after it any more.
+    # Who cancels a scheduled flow run that had a process leaves it Cancelling for minutes: nobody looks after it.
     # The client's own method cannot empty the field.
     try:
         with get_client(httpx_settings={"timeout": _PATIENCE_S}, sync_client=True) as client:
