@@ -55,6 +55,7 @@ layers: $(READY)
 	$(BIN)/lint-imports
 
 bench: $(READY)
+	$(BIN)/python benchmarks/door.py
 	$(BIN)/python benchmarks/quickstart.py
 	$(BIN)/python benchmarks/worlds/world_tables.py
 

@@ -6,6 +6,7 @@ from flows.deployment_sync import deployment_sync
 from flows.entry.flow_state import completed_run
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.prefect_orchestrator import Steps, flow_result, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.store_block import store_at
@@ -15,7 +16,6 @@ from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.data.run_report import PipelineReport
 from specs.pipeline.document import PipelineSpec
-from specs.store_reference import StoreReference
 
 _STAGES: Steps = {
     generation_stage.world_generation: world_generation,
@@ -33,7 +33,7 @@ _STAGES: Steps = {
     result_serializer=result_serializer(),
     on_cancellation=[cancel_with_flow_run],
 )
-def pipeline(spec: PipelineSpec, store: StoreReference = None, base: str = ".") -> PipelineReport:
+def pipeline(spec: PipelineSpec, store: StoreParameter = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
     A run that was killed is continued; one that another live process works on is waited for.

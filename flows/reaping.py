@@ -8,6 +8,7 @@ from prefect.artifacts import create_table_artifact
 from flows.entry.flow_state import completed_reaping
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.resource.withdrawal import renew_metadata_here
@@ -15,7 +16,6 @@ from flows.run.abandoned_flow_runs import end_abandoned_flow_runs
 from flows.run.events import announce_changes
 from flows.run.store_block import store_at
 from specs.artifact_text import table_rows
-from specs.store_reference import StoreReference
 from tasks.storage.store_url import open_store
 
 _LOG = logging.getLogger(__name__)
@@ -23,7 +23,7 @@ _LOG = logging.getLogger(__name__)
 
 @guarded
 @flow(name="reaping", persist_result=True, result_serializer=result_serializer())
-def reaping(store: StoreReference = None) -> list[ReapedJob]:
+def reaping(store: StoreParameter = None) -> list[ReapedJob]:
     """Returns the abandoned jobs that were found, and leaves a table of them; see `simyard reap`.
 
     The flow runs that worked on abandoned runs become Crashed. What the keys in SIMYARD_KEYS have signed is signed

@@ -5,12 +5,12 @@ from prefect import flow
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
 from flows.entry.secret_guard import guarded
+from flows.entry.store_parameter import StoreParameter
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.run.store_block import store_at
 from flows.stage import generation_stage
 from specs.pipeline.world_sections import WorldGeneration
-from specs.store_reference import StoreReference
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -23,7 +23,7 @@ from tasks.storage.jobs.records import JobRecord
     on_cancellation=[cancel_with_flow_run],
 )
 def world_generation(
-    spec: WorldGeneration, store: StoreReference = None, base: str = ".", token: str | None = None
+    spec: WorldGeneration, store: StoreParameter = None, base: str = ".", token: str | None = None
 ) -> JobRecord:
     """Returns the generation job, whose ``detail["worlds"]`` names the worlds.
 

@@ -33,7 +33,7 @@ CHECKED = [
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 
 _BUCKET = "tests"
-pytest_plugins = ["tests.servers.prefect", "tests.servers.prefect_team"]
+pytest_plugins = ["tests.servers.prefect", "tests.integration.prefect_features.team"]
 # How long an example takes says how busy the machine is, not whether the code is right. The same commit is tried
 # with the same examples, so that a red run is about the change; `make explore` looks for new ones.
 settings.register_profile("simyard", deadline=None, derandomize=True, max_examples=40)

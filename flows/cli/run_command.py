@@ -42,8 +42,8 @@ from tasks.storage.store_url import open_store
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
 _OWN_WAIT_S = 20
-# What Prefect imports when the first flow begins, which the user waits for.
-_LATE_IMPORTS = ("prefect.flow_engine", "prefect.task_engine", "fastapi")
+# What Prefect imports when the first flow and the first task begin, which the user waits for.
+_LATE_IMPORTS = ("prefect.flow_engine", "prefect.task_engine", "prefect.utilities.visualization", "fastapi")
 logger = logging.getLogger(__name__)
 
 
@@ -200,14 +200,24 @@ def prefect_home() -> Path:
 
 def _prepare_engine(spec: PipelineSpec) -> None:
     """Imports Prefect, and what the document's sections compute with: seconds that pass while the server starts."""
-    computes = ["scipy.ndimage"] if spec.worldGeneration else []
     if spec.simulationBatch:
         prepare_devices()
-        computes.append("tasks.simulate.chunk.episodes")  # with JAX and MJX
     with pause_collector():
-        for module in (*computes, "flows.pipeline", *_LATE_IMPORTS):
+        for module in (*_computing_modules(spec), "flows.pipeline", *_LATE_IMPORTS):
             import_module(module)
         import_module("flows.run.heartbeats").leave_heartbeats()
+
+
+def _computing_modules(spec: PipelineSpec) -> list[str]:
+    """Returns what a run of the document imports that many others do not: SciPy, MuJoCo, and JAX with MJX."""
+    modules: list[str] = []
+    if spec.worldGeneration:
+        modules.append("scipy.ndimage")
+    if spec.worldExport and "mjcf" in spec.worldExport.formats:
+        modules.append("tasks.export.format.mjcf")
+    if spec.simulationBatch:
+        modules.append("tasks.simulate.chunk.episodes")
+    return modules
 
 
 def flush_prefect() -> None:

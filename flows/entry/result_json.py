@@ -16,7 +16,7 @@ from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed
 
 # Prefect 3.8 takes whatever has "data" for a record of its older format, and would give the data alone, as a dictionary
-# (docs/reference/prefect.md, section 7). No record has such metadata; the decoder does not look at them.
+# (docs/reference/prefect.md, section 8). No record has such metadata; the decoder does not look at them.
 _NO_RECORD: dict[str, JsonValue] = {"metadata": None}
 
 

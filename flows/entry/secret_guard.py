@@ -9,9 +9,9 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from prefect import Flow
 
+from flows.entry.store_parameter import ALLOWED, has_secret
 from specs.base import Fault
 from specs.errors import DocumentError
-from specs.store_reference import ALLOWED, has_secret
 
 P = ParamSpec("P")
 R = TypeVar("R")

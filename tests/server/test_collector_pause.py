@@ -1,10 +1,18 @@
 """Imports without the garbage collector."""
 
 import gc
+from collections.abc import Generator
 
 import pytest
 
 from tasks.server.collector_pause import pause_collector
+
+
+@pytest.fixture(autouse=True)
+def _thaw() -> Generator[None, None, None]:  # pyright: ignore[reportUnusedFunction] - used by every test
+    """Lets this process collect at its end what other tests have made."""
+    yield
+    gc.unfreeze()
 
 
 def test_nothing_is_collected_in_a_pause_and_what_was_made_is_not_looked_at_again():

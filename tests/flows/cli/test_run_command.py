@@ -1,15 +1,31 @@
 """The server of a run: checked before the run begins, and reached past proxies."""
 
+import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from flows.cli import run_command
 from flows.cli.run_command import prefect_server
-from specs.errors import StageFailed
+from specs.errors import DocumentError, StageFailed
+from specs.pipeline.document import PipelineSpec
 from tasks.server.health import succeeds_within
 from tests.factories.answering_server import NOBODY, answering
+from tests.repository import ROOT
+
+_PREPARE = """
+import json, sys
+from pathlib import Path
+from flows.cli.run_command import _prepare_engine
+from tasks.documents.pipeline_file import read_pipeline
+
+_prepare_engine(read_pipeline(Path(sys.argv[1])))
+print(json.dumps(sorted(sys.modules)))
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -54,3 +70,23 @@ def test_the_client_asks_for_longer_than_a_server_is_waited_for(monkeypatch: pyt
         monkeypatch.setenv("PREFECT_CLIENT_MAX_RETRIES", "1")
         with prefect_server():
             assert os.environ["PREFECT_CLIENT_MAX_RETRIES"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("document", "computes_with"), [("worlds-only", {"mujoco", "scipy"}), ("quickstart", {"jax", "mujoco", "scipy"})]
+)
+def test_a_run_prepares_what_its_document_computes_with(document: str, computes_with: set[str]):
+    command = [sys.executable, "-c", _PREPARE, f"examples/{document}.yaml"]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    modules = set(json.loads(ended.stdout))
+    assert modules & {"jax", "mujoco", "scipy"} == computes_with
+    assert {"flows.pipeline", "prefect.flow_engine", "prefect.task_engine"} <= modules
+
+
+def test_a_document_with_faults_is_refused_before_a_server_is_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(run_command, "prefect_server", pytest.fail)
+    spec = PipelineSpec.model_validate(
+        {"name": "worlds", "worldGeneration": {"template": "missing.json", "worldCount": {}, "seed": 1}}
+    )
+    with pytest.raises(DocumentError, match=r"missing\.json"):
+        run_command.run_document(spec, tmp_path, (tmp_path / "store").as_uri(), Console())

@@ -1,12 +1,13 @@
 """docs/operate/operations.md: results in a bucket, and a store whose credentials only a block has."""
 
 import re
+from uuid import uuid4
 
 import pytest
 
+from tests.integration.prefect_features.team import Team
 from tests.repository import ROOT
-from tests.servers.prefect_team import Team
-from tests.servers.seaweed import Seaweed
+from tests.servers.seaweed import ACCESS_KEY, SECRET_KEY, Seaweed
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 DOCUMENT = (ROOT / "docs/operate/operations.md").read_text()
@@ -21,6 +22,18 @@ spec = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount":
 state = world_generation(spec, store=sys.argv[1] or None, base="examples", return_state=True)
 print(state.state_details.flow_run_id, state.result().arn, state.data.metadata.storage_key)
 """
+MAKE_BLOCKS = """
+import sys
+try:
+    from prefect_aws import AwsCredentials, S3Bucket
+except ImportError:
+    from tests.integration.prefect_features.aws_blocks import AwsCredentials, S3Bucket
+key, secret, endpoint, bucket, folder = sys.argv[1:]
+reach = {"endpoint_url": endpoint}
+credentials = AwsCredentials(aws_access_key_id=key, aws_secret_access_key=secret, aws_client_parameters=reach)
+credentials.save("team", overwrite=True)
+S3Bucket(bucket_name=bucket, bucket_folder=folder, credentials=credentials).save("team-store", overwrite=True)
+"""
 READ = """
 import sys
 from prefect.client.orchestration import get_client
@@ -28,16 +41,23 @@ state = get_client(sync_client=True).read_flow_run(sys.argv[1]).state
 print(state.message)
 print(state.result(retry_result_failure=False).arn)
 """
+PARAMETERS = """
+import sys
+from prefect.client.orchestration import get_client
+print(get_client(sync_client=True).read_flow_run(sys.argv[1]).parameters)
+"""
+NO_CREDENTIALS = {"AWS_EC2_METADATA_DISABLED": "true", "AWS_DEFAULT_REGION": "us-east-1"}
 
 
+@pytest.mark.long
 def test_another_machine_reads_a_result_from_the_bucket(team: Team, seaweed: Seaweed) -> None:
     seaweed.make_bucket("simyard-results")
     environment = {**seaweed.environment(), "PREFECT_DEFAULT_RESULT_STORAGE_BLOCK": RESULTS}
     team.run("python", "-c", MAKE_RESULTS)
 
-    run, arn, key = team.run("python", "-c", CALL, "", **environment).split()[-3:]
+    run, arn, key = team.run("python", "-c", CALL, "", more=environment).split()[-3:]
     other = {**seaweed.environment(), "PREFECT_HOME": str(team.folder / "other machine")}
-    read = team.run("python", "-c", READ, run, **other).splitlines()[-1]
+    read = team.run("python", "-c", READ, run, more=other).splitlines()[-1]
 
     assert not key.startswith("/")
     assert read == arn
@@ -51,10 +71,37 @@ def test_a_bucket_that_is_away_costs_the_result_and_not_the_work(team: Team, sea
     }
     team.run("python", "-c", MAKE_RESULTS)
 
-    told = team.run("python", "-c", CALL, "", **environment)
+    told = team.run("python", "-c", CALL, "", more=environment)
     run, arn, _ = told.split()[-3:]
-    read = team.run("python", "-c", READ, run, check=False, **environment)
+    read = team.run("python", "-c", READ, run, check=False, more=environment)
 
     assert "the result has not been persisted" in told
     assert f"1 world: {arn}" in read
     assert 'Could not connect to the endpoint URL: "http://127.0.0.1:9/simyard-results' in read
+
+
+@pytest.mark.long
+def test_a_block_has_the_store_and_its_credentials(team: Team, seaweed: Seaweed) -> None:
+    folder = uuid4().hex
+    seaweed.make_bucket("simyard-store")
+    team.run(
+        *("python", "-c", MAKE_BLOCKS, ACCESS_KEY, SECRET_KEY, seaweed.endpoint, "simyard-store", folder),
+    )
+
+    by_bucket = team.run("python", "-c", CALL, "block://s3-bucket/team-store", more=NO_CREDENTIALS)
+    by_place = team.run(
+        "python", "-c", CALL, f"block://aws-credentials/team/simyard-store/{folder}", more=NO_CREDENTIALS
+    )
+    kept = team.run("python", "-c", PARAMETERS, by_bucket.split()[-3])
+
+    of_stores = [told.split()[-2].split(":")[3] for told in (by_bucket, by_place)]
+    assert of_stores[0] == of_stores[1]  # the id that the store got when it was first opened
+    assert "block://s3-bucket/team-store" in kept
+    assert SECRET_KEY not in by_bucket + by_place + kept
+
+
+@pytest.mark.long
+def test_a_block_that_is_not_there_is_a_fault_of_the_parameters(team: Team) -> None:
+    told = team.run("python", "-c", CALL, "block://s3-bucket/nobody", check=False)
+
+    assert "store: 'block://s3-bucket/nobody': a block that Prefect's server has: prefect block ls" in told

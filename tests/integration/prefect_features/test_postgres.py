@@ -62,6 +62,7 @@ def operated(tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
             SIMYARD_CACHE=str(folder / "cache"),
             SIMYARD_KEYS="",
         )
+        del worker["PREFECT_DEFAULT_RESULT_STORAGE_BLOCK"]  # there is no bucket here
         password = worker["PREFECT_API_AUTH_STRING"]
         with (
             pytest.MonkeyPatch.context() as patch,

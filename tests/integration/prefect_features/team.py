@@ -22,20 +22,20 @@ class Team:
     environment: Mapping[str, str]
     folder: Path
 
-    def run(self, *command: str, check: bool = True, **more: str) -> str:
-        """Returns what a program of the environment, started in the repository, wrote."""
+    def run(self, *command: str, check: bool = True, more: Mapping[str, str] | None = None) -> str:
+        """Returns what a program of the environment, started in the repository, wrote, its logs before its answer."""
         program = Path(sys.executable).with_name(command[0])
         done = subprocess.run(
             [str(program), *command[1:]],
             cwd=ROOT,
-            env={**self.environment, **more},
+            env={**self.environment, **(more or {})},
             capture_output=True,
             text=True,
             timeout=250,
             check=False,
         )
         assert not check or done.returncode == 0, done.stdout + done.stderr
-        return done.stdout + done.stderr
+        return done.stderr + done.stdout
 
     @contextmanager
     def started(self, *command: str, **more: str) -> Generator[Path]:

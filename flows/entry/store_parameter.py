@@ -39,7 +39,7 @@ def without_secret(value: object) -> object:
     return value
 
 
-StoreReference = Annotated[
+StoreParameter = Annotated[
     str | None,
     BeforeValidator(without_secret),
     # With "not", the server's message would repeat the value; that of "const" says only what is allowed.

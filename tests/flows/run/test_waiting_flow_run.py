@@ -1,0 +1,110 @@
+"""A flow run that waits says so on a real server, and goes where it keeps a place from others."""
+
+import os
+from collections.abc import Generator
+from contextlib import AbstractContextManager
+from typing import Any
+from uuid import UUID
+
+import pytest
+from prefect import Flow
+from prefect.client.orchestration import SyncPrefectClient, get_client
+from prefect.client.schemas.objects import FlowRun, State
+from prefect.context import FlowRunContext
+from prefect.exceptions import Pause
+from prefect.results import ResultStore
+from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
+from prefect.states import Cancelling, Running
+from prefect.task_runners import ThreadPoolTaskRunner
+
+from flows.run.waiting_flow_run import AWAITING, WAITING, leave_place, next_pause_s, show_wait, show_work
+
+pytestmark = pytest.mark.integration
+FLOW = Flow(lambda: None, name="waiting")
+SENTENCE = "process 1 works on arn:x, and this run waits for its result"
+
+
+@pytest.fixture(autouse=True)
+def client(prefect_server: str) -> Generator[SyncPrefectClient, None, None]:
+    """Yields a client of the tests' server, which this process asks, too, from here on."""
+    password = os.environ["PREFECT_API_AUTH_STRING"]
+    with (
+        temporary_settings({PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: password}),
+        get_client(sync_client=True) as client,
+    ):
+        yield client
+
+
+def by_hand(client: SyncPrefectClient) -> FlowRun:
+    return client.create_flow_run(FLOW, state=Running())
+
+
+def by_a_worker(client: SyncPrefectClient) -> FlowRun:
+    """Returns a flow run of a deployment, as a worker's process has it."""
+    made = client.create_flow_run(FLOW, state=Running())
+    client.update_flow_run(made.id, infrastructure_pid="host:1")
+    return made.model_copy(update={"deployment_id": UUID(int=1), "run_count": 1})
+
+
+def inside(flow_run: FlowRun) -> AbstractContextManager[Any]:
+    """Makes the block the body of a flow run."""
+    return FlowRunContext(
+        flow=FLOW,
+        flow_run=flow_run,
+        client=get_client(),
+        task_runner=ThreadPoolTaskRunner(),
+        result_store=ResultStore(),
+        parameters={},
+    )
+
+
+def state(client: SyncPrefectClient, flow_run: FlowRun) -> State:
+    found = client.read_flow_run(flow_run.id).state
+    assert found
+    return found
+
+
+def test_it_names_in_its_state_whom_it_waits_for_and_then_works(client: SyncPrefectClient) -> None:
+    flow_run = by_hand(client)
+    with inside(flow_run):
+        show_wait(SENTENCE)
+        waits = state(client, flow_run)
+        show_work()
+    assert (waits.name, waits.is_running(), waits.message) == (WAITING, True, SENTENCE)
+    assert state(client, flow_run).name == "Running"
+
+
+def test_without_a_worker_it_stays(client: SyncPrefectClient) -> None:
+    flow_run = by_hand(client)
+    with inside(flow_run):
+        leave_place(SENTENCE)
+    assert state(client, flow_run).is_running()
+
+
+def test_at_a_worker_it_gives_its_place_back_and_comes_again(client: SyncPrefectClient) -> None:
+    flow_run = by_a_worker(client)
+    with inside(flow_run), pytest.raises(Pause):
+        leave_place(SENTENCE)
+    left = state(client, flow_run)
+    assert (left.name, left.is_scheduled(), left.message) == (AWAITING, True, f"{SENTENCE}; looks again in 30 s")
+
+
+def test_cancelled_while_it_is_away_it_is_cancelled_at_once(client: SyncPrefectClient) -> None:
+    flow_run = by_a_worker(client)
+    with inside(flow_run), pytest.raises(Pause):
+        leave_place(SENTENCE)
+    client.set_flow_run_state(flow_run.id, Cancelling())
+    assert state(client, flow_run).is_cancelled()
+
+
+def test_one_that_is_being_cancelled_does_not_come_again(client: SyncPrefectClient) -> None:
+    flow_run = by_a_worker(client)
+    client.set_flow_run_state(flow_run.id, Cancelling())
+    with inside(flow_run):
+        show_wait(SENTENCE)
+        leave_place(SENTENCE)
+    assert state(client, flow_run).is_cancelling()
+
+
+def test_it_stays_away_longer_each_time_and_four_minutes_at_most() -> None:
+    assert [next_pause_s(starts) for starts in range(1, 7)] == [30, 60, 120, 240, 240, 240]
