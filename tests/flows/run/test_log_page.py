@@ -10,6 +10,7 @@ from typing import Any
 from uuid import UUID, uuid4
 
 import pytest
+from prefect import flow
 from prefect.client.schemas.objects import FlowRun
 from prefect.context import FlowRunContext
 from prefect.logging.handlers import APILogHandler, set_api_log_sink
@@ -20,6 +21,7 @@ from tasks.progress.log_lines import LOG_FORMAT, LOGGERS
 
 LOGGER = logging.getLogger("tasks.simulate.somewhere")
 RUN = UUID(int=1)
+assert flow  # its import sets up Prefect's logging, as that of every flow does
 Lines = list[dict[str, Any]]
 
 
