@@ -5,11 +5,11 @@ from prefect import flow
 from flows.deployment_sync import deployment_sync
 from flows.entry.flow_state import completed_run
 from flows.entry.result_json import result_serializer
-from flows.entry.secret_guard import guarded
-from flows.entry.store_parameter import StoreParameter
+from flows.parameter.secret_guard import guarded
+from flows.parameter.store_block import store_at
+from flows.parameter.store_parameter import StoreParameter
 from flows.prefect_orchestrator import Steps, flow_result, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
-from flows.run.store_block import store_at
 from flows.simulation_batch import simulation_batch
 from flows.stage import batch_stage, deployment_stage, export_stage, generation_stage, pipeline_run
 from flows.world_export import world_export

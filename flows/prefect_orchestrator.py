@@ -11,11 +11,10 @@ from flows.batch import batch_steps
 from flows.batch.batch_report import WrittenReport
 from flows.gate import judge
 from flows.gate.judge import GateAnswer
-from flows.run import batch_artifacts, batch_tasks, events, run_artifacts
+from flows.run import artifacts, batch_tasks, events
 from flows.run.abandoned_flow_runs import end_flow_run_before
 from flows.run.asset_events import announce_asset
-from flows.run.cancellation import canceled_state, is_cancelling
-from flows.run.cancellation_events import watch_cancellation
+from flows.run.cancellation import canceled_state, is_cancelling, watch_cancellation
 from flows.run.flow_run_tag import tag_flow_run
 from flows.run.log_page import log_on_page
 from flows.run.waiting_flow_run import awaited_run, leave_place, show_wait, show_work
@@ -140,15 +139,15 @@ class PrefectOrchestrator:
 
     def show_metrics(self, batch: JobRecord) -> None:
         """Leaves an artifact."""
-        batch_artifacts.show_metrics(batch)
+        artifacts.show_metrics(batch)
 
     def show_batch_report(self, report: WrittenReport) -> None:
         """Leaves two artifacts."""
-        batch_artifacts.show_batch_report(report)
+        artifacts.show_batch_report(report)
 
     def show_run_report(self, report: PipelineReport) -> None:
         """Leaves an artifact."""
-        run_artifacts.show_run_report(report)
+        artifacts.show_run_report(report)
 
     def wanted_workers(self) -> Workers | None:
         """Returns what SIMYARD_WORKERS asks for."""

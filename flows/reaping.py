@@ -7,14 +7,14 @@ from prefect.artifacts import create_table_artifact
 
 from flows.entry.flow_state import completed_reaping
 from flows.entry.result_json import result_serializer
-from flows.entry.secret_guard import guarded
-from flows.entry.store_parameter import StoreParameter
+from flows.parameter.secret_guard import guarded
+from flows.parameter.store_block import store_at
+from flows.parameter.store_parameter import StoreParameter
 from flows.resource.abandoned_jobs import ReapedJob
 from flows.resource.abandoned_jobs import reap_jobs as reap_store
 from flows.resource.withdrawal import renew_metadata_here
 from flows.run.abandoned_flow_runs import end_abandoned_flow_runs
 from flows.run.events import announce_changes
-from flows.run.store_block import store_at
 from specs.artifact_text import table_rows
 from tasks.storage.store_url import open_store
 

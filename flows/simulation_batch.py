@@ -4,11 +4,11 @@ from prefect import flow
 
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
-from flows.entry.secret_guard import guarded
-from flows.entry.store_parameter import StoreParameter
+from flows.parameter.secret_guard import guarded
+from flows.parameter.store_block import store_at
+from flows.parameter.store_parameter import StoreParameter
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
-from flows.run.store_block import store_at
 from flows.stage import batch_stage
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.simulation_section import SimulationBatch

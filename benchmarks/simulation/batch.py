@@ -65,7 +65,9 @@ def measure(episodes: int, folder: Path) -> dict[str, float]:
     figures["MiB after chunks"] = _peak_mib()
     complete(batch)
     figures["s tables"] = _timed(
-        lambda: write_results(store, "out", batch.id, result_parts(batch), variables=plan.variables(), metadata={})
+        lambda: write_results(
+            store, "out", batch.id, result_parts(batch, "Completed"), variables=plan.variables(), metadata={}
+        )
     )
     figures["MiB after tables"] = _peak_mib()
     close_batch(store, batch.id, "Completed", {})

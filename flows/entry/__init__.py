@@ -1,1 +1,1 @@
-"""What flows take from Prefect and give back: parameters without secrets, states, results. Flows may import it."""
+"""What flows give back to Prefect: states that say what came of a run, and results. Flows may import it."""

@@ -2,7 +2,7 @@
 
 Prefect's own `@materialize` names its assets before the task runs, and gives each event a new id, so that a run that
 was killed and continued would say all twice. Here the keys are URLs of what was made, and ids are made of them: the
-server drops what it has (docs/reference/prefect.md, section 8).
+server drops what it has (docs/reference/prefect.md, section 9).
 """
 
 import hashlib

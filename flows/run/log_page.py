@@ -2,7 +2,7 @@
 
 Prefect sends there what its own loggers say, and those that PREFECT_LOGGING_EXTRA_LOGGERS names. It reads that setting
 when it is imported, and a worker imports it before Simyard. So a flow adds the handler itself, as the setting would
-(docs/reference/prefect.md).
+(docs/reference/prefect.md, section 9).
 """
 
 import logging

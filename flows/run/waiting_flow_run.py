@@ -114,7 +114,7 @@ def _label(flow_run: FlowRun, run: str) -> bool:
 
 
 def _forget_process(flow_run: FlowRun) -> None:
-    # Who cancels a scheduled flow run that had a process leaves it Cancelling for ever: nobody looks after it any more.
+    # Who cancels a scheduled flow run that had a process leaves it Cancelling for minutes: nobody looks after it.
     # The client's own method cannot empty the field.
     try:
         with get_client(httpx_settings={"timeout": _PATIENCE_S}, sync_client=True) as client:

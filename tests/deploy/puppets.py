@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager
 
 from specs.errors import StageFailed, StoreUnreachable
@@ -137,7 +137,7 @@ def run(
     digest: str,
     progress: Callable[[int, int], None] = lambda _ended, _all: None,
     *,
-    made: Callable[[], AbstractContextManager[object]] | None = None,
+    made: Callable[[], AbstractContextManager[Collection[str] | None]] | None = None,
     rules: RollOutRules | None = None,
 ) -> JobRecord:
     """Returns the ended job of the request; its token is the request's."""

@@ -17,7 +17,8 @@ pytestmark = pytest.mark.integration
 
 @pytest.fixture(autouse=True)
 def _on_the_server(prefect_server: str) -> Generator[None, None, None]:  # pyright: ignore[reportUnusedFunction]
-    chosen: dict[Any, str] = {PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: os.environ["PREFECT_API_AUTH_STRING"]}
+    password = os.environ["PREFECT_API_AUTH_STRING"]
+    chosen: dict[Any, str] = {PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: password}
     with temporary_settings(chosen):
         yield
 

@@ -14,7 +14,9 @@ from typing import Any
 
 import httpx
 import pytest
+import yaml
 
+from flows.run.waiting_flow_run import AWAITING
 from tasks.server.password import authorization
 from tasks.simulate.batch.metrics import metric_rows, recorded_metrics
 from tasks.storage.base.store import Store
@@ -27,6 +29,7 @@ from tests.servers.eventually import eventually
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
 
 EXAMPLE = ROOT / "examples/automations/what-went-wrong.yaml"
+HEARTBEATS = ROOT / "examples/automations/lost-heartbeats.yaml"
 # A flow as a worker runs it: the same job is told of again after its end, as by a process that was thought dead.
 FLOW = """
 import sys
@@ -101,6 +104,16 @@ def test_the_example_tells_of_a_batch_that_failed_and_once(
     assert found == [
         {"subject": "simyard.simulation-batch.Failed", "body": f"InvalidInput why\nJob: {failed.arn}"},
     ]
+
+
+@pytest.mark.usefixtures("prefect_server")
+def test_prefect_takes_the_automation_for_lost_heartbeats_which_spares_who_waits() -> None:
+    expected = yaml.safe_load(HEARTBEATS.read_text())["automations"][0]["trigger"]["expect"]
+    assert f"prefect.flow-run.{AWAITING}" in expected
+    prefect = str(Path(sys.executable).with_name("prefect"))
+    made = run(prefect, "automation", "create", "--from-file", str(HEARTBEATS)).split()[-1]
+    # At once: this server's flow runs send a heartbeat in 180 s only, and the other tests need them.
+    run(prefect, "--no-prompt", "automation", "delete", "--id", made)
 
 
 def test_a_run_tells_each_change_of_its_jobs_and_its_verdict_once(prefect_server: str, small_run: Path) -> None:

@@ -46,6 +46,19 @@ import sys
 from prefect.client.orchestration import get_client
 print(get_client(sync_client=True).read_flow_run(sys.argv[1]).parameters)
 """
+EXAMPLE = """
+import runpy, sys
+example = runpy.run_path("examples/prefect/sub_flows.py")
+from flows.simulation_batch import simulation_batch
+from flows.world_export import world_export
+from flows.world_generation import world_generation
+worlds = world_generation(example["WorldGeneration"].model_validate(example["WORLDS"]), sys.argv[1], "examples")
+names = worlds.detail["worlds"]
+export = {"outputLocation": {"s3Bucket": "results"}, "formats": ["svg"]}
+print(world_export(export, names, sys.argv[1]).detail["zip"])
+batch = example["SimulationBatch"].model_validate(example["BATCH"])
+print(simulation_batch(batch, names, sys.argv[1]).detail["results_url"])
+"""
 NO_CREDENTIALS = {"AWS_EC2_METADATA_DISABLED": "true", "AWS_DEFAULT_REGION": "us-east-1"}
 
 
@@ -98,6 +111,23 @@ def test_a_block_has_the_store_and_its_credentials(team: Team, seaweed: Seaweed)
     assert of_stores[0] == of_stores[1]  # the id that the store got when it was first opened
     assert "block://s3-bucket/team-store" in kept
     assert SECRET_KEY not in by_bucket + by_place + kept
+
+
+@pytest.mark.soak
+def test_a_batch_and_an_export_reach_the_documents_buckets_with_the_blocks_credentials(
+    team: Team, seaweed: Seaweed
+) -> None:
+    for bucket in ("simyard-store", "results"):
+        seaweed.make_bucket(bucket)
+    team.run("python", "-c", MAKE_BLOCKS, ACCESS_KEY, SECRET_KEY, seaweed.endpoint, "simyard-store", uuid4().hex)
+
+    told = team.run(
+        *("python", "-c", EXAMPLE, "block://s3-bucket/team-store"), more={**NO_CREDENTIALS, "SIMYARD_BUCKETS": "s3://"}
+    )
+
+    zipped, results = told.splitlines()[-2:]
+    assert zipped.startswith("s3://results/")
+    assert results.startswith("s3://results/")
 
 
 @pytest.mark.long

@@ -29,7 +29,7 @@ print(len(get_client(sync_client=True).read_flow_runs()))
     ("example", "arguments"),
     [
         ("deployment_runs", ()),
-        ("async_flow", ()),
+        pytest.param("async_flow", (), marks=pytest.mark.soak),
         ("mapped_seeds", ("threads",)),
         pytest.param("mapped_seeds", ("processes",), marks=pytest.mark.soak),
         pytest.param("mapped_seeds", ("dask",), marks=pytest.mark.soak),

@@ -18,6 +18,7 @@ from tasks.storage.jobs.records import records
 from tasks.storage.store_url import open_store
 from tests.docs.test_readme import blocks
 from tests.integration.runs import ROOT, tables
+from tests.integration.stopped.operated import asked
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
@@ -73,7 +74,18 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
     assert [row["status"] for row in _robots_table(prefect_server)] == ["InSync"] * 5
     run = _scheduled_run(prefect_server, timeout_s=120.0)
     assert run["state_type"] == "COMPLETED"
+    assert run["state"]["message"].startswith("1 world: arn:simyard:world-generation-job:")
     assert 99 in [job.detail["seed"] for job in records(open_store(store_url), "world-generation-job")]
+
+
+@pytest.mark.usefixtures("worker")
+@pytest.mark.parametrize(
+    ("deployment", "strategy"), [("pipeline/nightly", "ENQUEUE"), ("reaping/every-ten-minutes", "CANCEL_NEW")]
+)
+def test_one_night_or_reaper_at_a_time(prefect_server: str, deployment: str, strategy: str):
+    deployed = asked(prefect_server, f"/deployments/name/{deployment}")
+    limited = (deployed["global_concurrency_limit"]["limit"], deployed["concurrency_options"]["collision_strategy"])
+    assert limited == (1, strategy)
 
 
 @pytest.mark.usefixtures("worker")

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.integration.runs import simyard, small_document, write_document
+from tests.integration.runs import finished, simyard, small_document, write_document
 from tests.integration.stopped.operated import asked, commands, prefect, until
 from tests.servers.chromium import Page, browsing
 from tests.servers.prefect_pages import complaints, painted, pictured, say_password, shown, turned_to
@@ -142,6 +142,59 @@ def test_what_a_stage_left_has_a_page(watched: Watched, page: Page, key: str):
 
 
 @pytest.mark.soak
+def test_the_logs_of_the_run_tell_its_story_and_its_state_what_came_of_it(watched: Watched, page: Page):
+    watched.end()
+
+    seen = shown(page, f"{watched.pages}/runs/flow-run/{watched.flow_run()['id']}", "Completed", height=1500)
+    logs = turned_to(page, "Logs", "the gate begins")
+    pictured(page, "logs")
+    details = turned_to(page, "Details", "State Message")
+
+    assert NAME in seen
+    assert "the simulation batch is Completed after" in logs
+    assert "PASS, shipped: 2 worlds" in details
+
+
+@pytest.mark.soak
+def test_the_history_of_an_artifact_is_that_of_one_document(watched: Watched, page: Page, tmp_path: Path):
+    watched.end()
+    of_others = [("small", small_document(name=f"{NAME}-too")), ("again", small_document(name=NAME))]
+    for folder, document in of_others:
+        (tmp_path / folder).mkdir()
+        file = write_document(tmp_path / folder, document)
+        assert finished("run", str(file), "--store", (tmp_path / folder / "store").as_uri()).returncode == 0
+    key = f"{NAME}--batch-results"
+    versions = [each["id"][:8] for each in _versions(watched.api_url, key)]
+
+    seen = shown(page, f"{watched.pages}/artifacts/key/{key}", versions[-1], height=700)
+    pictured(page, "history")
+
+    assert len(versions) == 2
+    assert [version for version in versions if version not in seen] == []
+
+
+@pytest.mark.soak
+def test_an_asset_is_an_event_with_what_it_was_made_of(watched: Watched, page: Page):
+    watched.end()
+    wanted = {"event": {"name": ["prefect.asset.materialization.succeeded"]}, "order": "DESC"}
+    name = watched.artifacts()["batch-results"]["description"].replace("Results", "results")
+
+    def found() -> dict[str, Any] | None:
+        events = asked(watched.api_url, "/events/filter", {"filter": wanted, "limit": 50})["events"]
+        return next((each for each in events if each["resource"].get("prefect.resource.name") == name), None)
+
+    event = until(found, "the event of the tables", 60)
+    resource = event["resource"]["prefect.resource.id"]
+    seen = shown(page, f"{watched.pages}/events/event/{event['occurred'][:10]}/{event['id']}", resource, height=800)
+    pictured(page, "asset")
+
+    assert "Asset materialization succeeded" in seen
+    sources = [each["prefect.resource.id"] for each in event["related"] if each["prefect.resource.role"] == "asset"]
+    assert len(sources) == 3
+    assert [source for source in sources if source not in seen] == []
+
+
+@pytest.mark.soak
 def test_the_form_of_the_nightly_run_shows_the_document_field_by_field(prefect_server: str, page: Page):
     (_, *create_pool), (_, *deploy) = commands("docs/operate/operations.md", "deployments")
     prefect({}, *create_pool, "--overwrite")  # other tests of the session may have made it
@@ -164,6 +217,10 @@ def test_no_task_has_an_input_that_prefects_pages_cannot_show(prefect_server: st
 
     assert judging
     assert kinds <= {"task_run", "parameter", "constant"}
+
+
+def _versions(api_url: str, key: str) -> list[dict[str, Any]]:
+    return asked(api_url, "/artifacts/filter", {"artifacts": {"key": {"any_": [key]}}, "sort": "CREATED_DESC"})
 
 
 def _begun(progress: dict[str, Any] | None) -> dict[str, Any] | None:

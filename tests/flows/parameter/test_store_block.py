@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.run.store_block import store_at
+from flows.parameter.store_block import store_at
 from specs.errors import DocumentError
 
 

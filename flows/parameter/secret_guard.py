@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from prefect import Flow
 
-from flows.entry.store_parameter import ALLOWED, has_secret
+from flows.parameter.store_parameter import ALLOWED, has_secret
 from specs.base import Fault
 from specs.errors import DocumentError
 
