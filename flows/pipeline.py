@@ -17,12 +17,15 @@ from flows.world_generation import world_generation
 from specs.data.run_report import PipelineReport
 from specs.pipeline.document import PipelineSpec
 
-_STAGES: Steps = {
+_FLOWS: Steps = {
     generation_stage.world_generation: world_generation,
     export_stage.world_export: world_export,
     batch_stage.simulation_batch: simulation_batch,
     deployment_stage.deployment_sync: deployment_sync,
 }
+# Without results of their own: where somebody has an ended flow run retried, Prefect would take each stage that has one
+# for done, and the document's next run would have the jobs of the one before.
+_STAGES: Steps = {stage: each.with_options(persist_result=False) for stage, each in _FLOWS.items()}
 
 
 @guarded

@@ -17,7 +17,7 @@ from flows.run.asset_events import announce_asset
 from flows.run.cancellation import canceled_state, is_cancelling, watch_cancellation
 from flows.run.flow_run_tag import tag_flow_run
 from flows.run.log_page import log_on_page
-from flows.run.waiting_flow_run import leave_place, show_wait, show_work
+from flows.run.waiting_flow_run import awaited_run, leave_place, show_wait, show_work
 from flows.stage.assets import MadeAsset
 from flows.stage.orchestrator import orchestrated_by
 from flows.workers.crew import wanted_workers
@@ -99,9 +99,13 @@ class PrefectOrchestrator:
         """Makes the flow run's state Running (Waiting)."""
         show_wait(sentence)
 
-    def leave_place(self, sentence: str) -> None:
+    def leave_place(self, sentence: str, run: JobRecord) -> None:
         """Schedules a deployment's flow run anew, and ends its process."""
-        leave_place(sentence)
+        leave_place(sentence, run.id)
+
+    def awaited_run(self) -> str:
+        """Returns what a label of the flow run says."""
+        return awaited_run()
 
     def show_work(self) -> None:
         """Makes the flow run's state Running."""

@@ -16,9 +16,10 @@ ALLOWED = (
     "file:///folder, s3://bucket/prefix, block://s3-bucket/NAME or block://aws-credentials/NAME/bucket/prefix, without "
     "a password, key or token in it: credentials come from the environment, or from the block"
 )
-# A password before the host, or something like key=... after a question mark. Without (?i), which JavaScript lacks.
+# A password before the host, also one with a slash in it, as AWS makes them, or something like key=... after a question
+# mark. Without (?i), which JavaScript lacks.
 _CARRIES = (
-    r"//[^/]*@|[?&#;][^=]*([Kk][Ee][Yy]|[Ss][Ee][Cc][Rr][Ee][Tt]|[Tt][Oo][Kk][Ee][Nn]|[Pp][Aa][Ss][Ss]"
+    r"//[^/]*@|^[^/]*//[^/]*:|[?&#;][^=]*([Kk][Ee][Yy]|[Ss][Ee][Cc][Rr][Ee][Tt]|[Tt][Oo][Kk][Ee][Nn]|[Pp][Aa][Ss][Ss]"
     r"|[Ss][Ii][Gg]|[Cc][Rr][Ee][Dd])[^=]*="
 )
 
@@ -43,6 +44,12 @@ StoreParameter = Annotated[
     str | None,
     BeforeValidator(without_secret),
     # With "not", the server's message would repeat the value; that of "const" says only what is allowed.
-    WithJsonSchema({"type": "string", "if": {"type": "string", "pattern": _CARRIES}, "then": {"const": ALLOWED}}),
+    WithJsonSchema(
+        {
+            "anyOf": [{"type": "string"}, {"type": "null"}],
+            "if": {"type": "string", "pattern": _CARRIES},
+            "then": {"const": ALLOWED},
+        }
+    ),
 ]
 """A store, as a parameter of a flow; None is SIMYARD_STORE, else ``.simyard`` in the working directory."""

@@ -17,6 +17,7 @@ from prefect.types.names import MAX_ASSET_KEY_LENGTH, RESTRICTED_ASSET_CHARACTER
 
 from flows.run.events import event_id
 from flows.stage.assets import Asset, MadeAsset
+from specs.digest import canonical_json
 
 MATERIALIZED = "prefect.asset.materialization.succeeded"
 REFERENCED = "prefect.asset.referenced"
@@ -39,7 +40,8 @@ def announce_asset(made: MadeAsset) -> None:
             AssetContext.asset_as_resource(own),
             related=[*map(AssetContext.asset_as_related, sources), AssetContext.related_materialized_by(_MAKER)],
             payload=made.facts,
-            id=event_id(MATERIALIZED, own.key),
+            # With the figures: a second verdict on a batch is in the same place as the first.
+            id=event_id(MATERIALIZED, f"{own.key}#{canonical_json(made.facts).decode()}"),
         )
     except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the job goes on
         logger.warning("no event was sent that %s was made: %s", made.asset.name, exc)

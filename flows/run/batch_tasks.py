@@ -19,6 +19,7 @@ from flows.gate.baselines import NoBaseline
 from flows.gate.judge import BatchJudgement
 from specs.artifact_text import escape_markdown, table_rows
 from specs.data.run_report import Verdict
+from specs.errors import StoreAway
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 from tasks.progress.document import artifact_key
@@ -41,7 +42,11 @@ _ROWS_SHOWN = 200
 
 def chunk_name(parameters: Mapping[str, Any]) -> str:
     """Returns what Prefect's pages call the task run of a chunk, such as ``chunk 3 of 16``."""
-    return f"chunk {parameters['number'] + 1} of {_chunks(parameters['store_url'], parameters['batch'])}"
+    chunk = f"chunk {parameters['number'] + 1}"
+    try:
+        return f"{chunk} of {_chunks(parameters['store_url'], parameters['batch'])}"
+    except StoreAway:  # Prefect asks before it runs the task, which would not be run again for it
+        return chunk
 
 
 @lru_cache(maxsize=8)

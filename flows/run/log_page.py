@@ -38,6 +38,7 @@ def log_on_page() -> Generator[None, None, None]:
 
 def _begin() -> None:
     global _blocks  # noqa: PLW0603 - loggers are the process's, and so is who needs their handlers
+    written = chosen_log_format() is not None  # a format that there is not is refused before anything is changed
     with _turn:
         _blocks += 1
         if _blocks > 1:
@@ -50,7 +51,7 @@ def _begin() -> None:
                 logger.addHandler(handler)
             if logger.level == logging.NOTSET:
                 logger.setLevel(level)
-        if chosen_log_format():
+        if written:
             _spare_console()
 
 

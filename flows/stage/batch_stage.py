@@ -83,10 +83,7 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
         if is_terminal(record):  # a cancellation closed it while this process waited for the claim
             return record
         try:
-            for (
-                digest,
-                name,
-            ) in work.plan.bundles().items():  # before the first chunk: a bundle that is refused is named
+            for digest, name in work.plan.bundles().items():  # before the first chunk: a refused bundle is named
                 run_step(unpack_application, store.url, digest, name)
             early = _simulate(work, location, gate)
             return _close(work, location, early)

@@ -59,8 +59,12 @@ class Orchestrator(Protocol):
         """Shows that this process waits for another one, which the sentence names."""
         ...
 
-    def leave_place(self, sentence: str) -> None:
-        """Ends this process, to be begun again later, where it keeps others from a place while it only waits."""
+    def leave_place(self, sentence: str, run: JobRecord) -> None:
+        """Ends this process, to be begun again later, where it keeps others from a place while it waits for a run."""
+        ...
+
+    def awaited_run(self) -> str:
+        """Returns the id of the run that this flow run waited for when it left its place; empty if it did not."""
         ...
 
     def show_work(self) -> None:
@@ -144,8 +148,12 @@ class ProcessAlone:
     def show_wait(self, sentence: str) -> None:
         """Shows nothing: the terminal has a bar for it."""
 
-    def leave_place(self, sentence: str) -> None:
+    def leave_place(self, sentence: str, run: JobRecord) -> None:
         """Stays: nobody would begin it again."""
+
+    def awaited_run(self) -> str:
+        """Returns nothing: it never leaves."""
+        return ""
 
     def show_work(self) -> None:
         """Shows nothing."""

@@ -52,7 +52,7 @@ def begin_run_in_turn(
                 waiting = _waiting(store, wait.enter_context(orchestrator().watch_cancellation()), clock)
             waiting(run, found)
 
-        with begin_run(store, identity, wait_visibly) as run:
+        with begin_run(store, identity, wait_visibly, orchestrator().awaited_run()) as run:
             wait.close()
             if waiting and not is_terminal(run):
                 orchestrator().show_work()
@@ -73,7 +73,7 @@ def _waiting(store: Store, is_canceled: Callable[[], bool], clock: Callable[[], 
             logger.info(sentence)
             orchestrator().show_wait(sentence)
         elif found.beat > beat:  # it lives; nobody has to watch it die
-            orchestrator().leave_place(sentence)
+            orchestrator().leave_place(sentence, run)
         if is_canceled():
             raise StageFailed(CANCELED, f"canceled while it waited for {holder_name(found)}, which goes on", run.arn)
         stage, done, total = run_progress(store, run)

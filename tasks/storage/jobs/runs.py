@@ -6,7 +6,7 @@ next.
 
 import re
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from pydantic import JsonValue
 
@@ -30,7 +30,7 @@ def _nobody(_run: JobRecord, _holder: ClaimRecord) -> None:
 
 @contextmanager
 def begin_run(
-    store: Store, identity: dict[str, JsonValue], waiting: Waiting = _nobody
+    store: Store, identity: dict[str, JsonValue], waiting: Waiting = _nobody, awaited: str = ""
 ) -> Generator[JobRecord, None, None]:
     """Yields the run of a document, which no other live process works on inside the ``with`` block.
 
@@ -41,9 +41,12 @@ def begin_run(
         store: Where runs are recorded.
         identity: All that decides the outcome: the flow's name, the document, digests of what it refers to.
         waiting: Told several times a second of the run and who works on it, for as long as another process does.
+        awaited: Id of the run that this one waited for before it came again: that is its run, also if it has ended
+            meanwhile. Empty for none; one of another document is none.
     """
-    digest = request_digest(identity)[:32]
-    record = submit(store, KIND, identity, _open_run(store, digest))
+    digest = request_digest(identity)
+    token = _awaited_token(store, digest, awaited) or _open_run(store, digest[:32])
+    record = submit(store, KIND, identity, token)
     with hold_claim(store, claim_key(KIND, record.id), waiting=lambda holder: waiting(record, holder)):
         yield read(store, KIND, record.id)
 
@@ -82,6 +85,15 @@ def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
 def _own_token(section: JsonValue) -> str:
     token = section.get("clientRequestToken") if isinstance(section, dict) else None
     return token if isinstance(token, str) else ""
+
+
+def _awaited_token(store: Store, digest: str, awaited: str) -> str:
+    """Returns the token of the run that was waited for; empty if there is none of this document."""
+    if awaited:
+        with suppress(ResourceNotFound):
+            run = read(store, KIND, awaited)
+            return run.token if run.request_digest == digest else ""
+    return ""
 
 
 def _open_run(store: Store, digest: str) -> str:

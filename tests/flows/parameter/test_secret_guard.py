@@ -18,6 +18,7 @@ SECRETS = [
     "s3://key:hunter2@bucket/prefix",
     "https://user:hunter2@host/folder",
     "s3://hunter2@bucket",
+    "s3://key:hunter2/hunter2@bucket/prefix",
     "s3://bucket/prefix?secret_key=hunter2",
     "s3://bucket/prefix?X-Amz-Signature=hunter2",
     "file:///folder?a=b&Token=hunter2",
@@ -59,13 +60,14 @@ def test_the_schema_that_the_server_checks_refuses_a_secret_and_does_not_repeat_
         None,
         "s3://bucket/prefix",
         "file:///home/a%20b@c/keys=1",
+        "file:///a:b/c",
         "block://s3-bucket/team",
         "block://aws-credentials/t/b",
     ],
 )
 def test_a_store_without_a_secret_is_taken(entrypoint: str, store: str | None):
     schema = parameter_schema(loaded(entrypoint)).model_dump_for_openapi()
-    given = {} if store is None else {"store": store}
+    given = {"store": store}
     validate(given, schema, raise_on_error=True, ignore_required=True)
     assert loaded(entrypoint).serialize_parameters(given) == given
 

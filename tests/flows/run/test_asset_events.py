@@ -52,6 +52,13 @@ def test_the_same_asset_has_the_same_ids_however_often_it_is_told(sent: Sent):
     assert len(set(ids)) == 3
 
 
+def test_what_was_made_anew_with_other_figures_is_told_again(sent: Sent):
+    announce_asset(TABLES)
+    announce_asset(TABLES._replace(facts={"episodes": 9}))
+    told = [more["id"] for event, _, more in sent if event == MATERIALIZED]
+    assert len(set(told)) == 2
+
+
 def test_a_source_of_two_things_is_referenced_by_both(sent: Sent):
     announce_asset(TABLES)
     announce_asset(TABLES._replace(asset=Asset("s3://b/p/other", "other")))

@@ -10,15 +10,18 @@ from typing import Any
 from uuid import UUID, uuid4
 
 import pytest
+from prefect import flow
 from prefect.client.schemas.objects import FlowRun
 from prefect.context import FlowRunContext
 from prefect.logging.handlers import APILogHandler, set_api_log_sink
 
 from flows.run.log_page import log_on_page
+from specs.errors import DocumentError
 from tasks.progress.log_lines import LOG_FORMAT, LOGGERS
 
 LOGGER = logging.getLogger("tasks.simulate.somewhere")
 RUN = UUID(int=1)
+assert flow  # its import sets up Prefect's logging, as that of every flow does
 Lines = list[dict[str, Any]]
 
 
@@ -96,6 +99,16 @@ def test_afterwards_nothing_is_left(lines: Lines):
     with flow_run():
         LOGGER.warning("late")
     assert lines == []
+
+
+def test_a_format_that_there_is_not_leaves_no_handler_behind(lines: Lines, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(LOG_FORMAT, "runes")
+    with pytest.raises(DocumentError), log_on_page():
+        pass
+    monkeypatch.delenv(LOG_FORMAT)
+    with log_on_page():
+        pass
+    assert not any(isinstance(each, APILogHandler) for each in logging.getLogger("tasks").handlers)
 
 
 def test_a_handler_that_the_user_chose_is_not_doubled(lines: Lines):

@@ -17,10 +17,11 @@ from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary
 from prefect.states import Cancelling, Running
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from flows.run.waiting_flow_run import AWAITING, WAITING, leave_place, next_pause_s, show_wait, show_work
+from flows.run.waiting_flow_run import AWAITING, WAITING, awaited_run, leave_place, next_pause_s, show_wait, show_work
 
 pytestmark = pytest.mark.integration
 FLOW = Flow(lambda: None, name="waiting")
+RUN = "run-0123456789abcdef"
 SENTENCE = "process 1 works on arn:x, and this run waits for its result"
 
 
@@ -77,22 +78,32 @@ def test_it_names_in_its_state_whom_it_waits_for_and_then_works(client: SyncPref
 def test_without_a_worker_it_stays(client: SyncPrefectClient) -> None:
     flow_run = by_hand(client)
     with inside(flow_run):
-        leave_place(SENTENCE)
+        leave_place(SENTENCE, RUN)
     assert state(client, flow_run).is_running()
 
 
 def test_at_a_worker_it_gives_its_place_back_and_comes_again(client: SyncPrefectClient) -> None:
     flow_run = by_a_worker(client)
     with inside(flow_run), pytest.raises(Pause):
-        leave_place(SENTENCE)
+        leave_place(SENTENCE, RUN)
     left = state(client, flow_run)
     assert (left.name, left.is_scheduled(), left.message) == (AWAITING, True, f"{SENTENCE}; looks again in 30 s")
+
+
+def test_come_again_it_knows_once_for_which_run_it_waited(client: SyncPrefectClient) -> None:
+    flow_run = by_a_worker(client)
+    with inside(flow_run), pytest.raises(Pause):
+        leave_place(SENTENCE, RUN)
+    with inside(client.read_flow_run(flow_run.id)):
+        assert awaited_run() == RUN
+    with inside(client.read_flow_run(flow_run.id)):
+        assert not awaited_run()  # who has it started again wants a new run
 
 
 def test_cancelled_while_it_is_away_it_is_cancelled_at_once(client: SyncPrefectClient) -> None:
     flow_run = by_a_worker(client)
     with inside(flow_run), pytest.raises(Pause):
-        leave_place(SENTENCE)
+        leave_place(SENTENCE, RUN)
     client.set_flow_run_state(flow_run.id, Cancelling())
     assert state(client, flow_run).is_cancelled()
 
@@ -102,7 +113,7 @@ def test_one_that_is_being_cancelled_does_not_come_again(client: SyncPrefectClie
     client.set_flow_run_state(flow_run.id, Cancelling())
     with inside(flow_run):
         show_wait(SENTENCE)
-        leave_place(SENTENCE)
+        leave_place(SENTENCE, RUN)
     assert state(client, flow_run).is_cancelling()
 
 

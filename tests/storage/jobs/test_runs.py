@@ -34,6 +34,21 @@ def test_after_an_end_the_next_run_begins(file_store: Store):
     assert len(records(file_store, "pipeline-run")) == 9
 
 
+def test_who_waited_for_a_run_elsewhere_is_told_its_end_and_begins_no_other(file_store: Store):
+    ended = _ended(file_store)
+    with begin_run(file_store, IDENTITY, awaited=ended) as run:
+        assert (run.id, run.status) == (ended, "Completed")
+    assert len(records(file_store, "pipeline-run")) == 1
+
+
+@pytest.mark.parametrize("other", ["of another document", "of another store"])
+def test_a_run_that_cannot_be_its_own_is_not_what_it_waited_for(file_store: Store, other: str):
+    with begin_run(file_store, {"flow": "pipeline", "spec": {"name": "weekly"}}) as weekly:
+        awaited = weekly.id if other == "of another document" else "run-0123456789abcdef"
+    with begin_run(file_store, IDENTITY, awaited=awaited) as run:
+        assert (run.id != awaited, run.status) == (True, "Pending")
+
+
 def test_another_document_is_another_run(file_store: Store):
     with (
         begin_run(file_store, IDENTITY) as run,
