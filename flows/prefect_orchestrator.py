@@ -15,7 +15,7 @@ from flows.run import artifacts, batch_tasks, events
 from flows.run.abandoned_flow_runs import end_flow_run_before
 from flows.run.asset_events import announce_asset
 from flows.run.cancellation import canceled_state, is_cancelling, watch_cancellation
-from flows.run.flow_run_tag import tag_flow_run
+from flows.run.flow_run_marks import tag_flow_run
 from flows.run.log_page import log_on_page
 from flows.run.waiting_flow_run import awaited_run, leave_place, show_wait, show_work
 from flows.stage.assets import MadeAsset

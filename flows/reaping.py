@@ -38,10 +38,13 @@ def reaping(store: StoreParameter = None) -> list[ReapedJob]:
     opened = open_store(store_at(store))
     with announce_changes():
         found = reap_store(opened)
-    end_abandoned_flow_runs(opened)
+        for flow_run in end_abandoned_flow_runs(opened):
+            _LOG.info(
+                "flow run %s had no process any more and is Crashed, or Cancelled if somebody asked for it", flow_run
+            )
+        for line in renew_metadata_here(opened):
+            _LOG.warning("%s: simyard fleet keys renew, with its key", line)
     if found:
         rows = table_rows(each.model_dump(mode="json") for each in found)
         create_table_artifact(rows, key="reaped", description=f"{len(found)} jobs that nobody worked on")
-    for line in renew_metadata_here(opened):
-        _LOG.warning("%s: simyard fleet keys renew, with its key", line)
     return completed_reaping(found)

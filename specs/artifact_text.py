@@ -16,7 +16,7 @@ _LONGEST_NAME = 48
 
 
 def artifact_key(document: str, what: str) -> str:
-    """Returns the key under which Prefect keeps the history of an artifact; no other document's is the same.
+    """Returns the key under which Prefect keeps the history of an artifact; no two names of documents share one.
 
     A key has lower-case letters, digits and dashes. Two dashes part the document's name from the rest. A name that is
     long, or has other characters, is cut and changed, and its digest stands behind it, between two dashes and two.

@@ -72,6 +72,9 @@ def _access(credentials: Block, chosen: str) -> S3Access:
     if unknown:
         raise _refused(chosen, f"a block without {unknown[0]}: set it in the worker's environment or AWS profile")
     client = cast("Block", credentials.get("aws_client_parameters") or {})
+    ignored = [name for name, value in client.items() if name != "endpoint_url" and value not in (None, True, {}, "")]
+    if ignored:
+        raise _refused(chosen, f"a block whose client parameters say nothing but endpoint_url, not {ignored[0]}")
     return S3Access(
         key_id=_text(credentials, "aws_access_key_id", "minio_root_user"),
         secret=_text(credentials, "aws_secret_access_key", "minio_root_password"),

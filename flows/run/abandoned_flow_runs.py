@@ -8,6 +8,7 @@ the claim of Simyard's run knows that the process which held it before is dead, 
 import logging
 import time
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from typing import Any
 from uuid import UUID
 
@@ -26,12 +27,15 @@ from prefect.client.schemas.objects import FlowRun, StateType
 from prefect.exceptions import ObjectNotFound
 from prefect.states import Cancelled, Crashed
 from prefect.utilities.urls import url_for
+from pydantic import ValidationError
 
+from flows.run.flow_run_marks import PROCESS
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim_unless_alive
+from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead
 from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
-from tasks.storage.jobs.runs import FLOW_RUN, KIND
+from tasks.storage.jobs.runs import FLOW_RUN, FLOW_RUN_BEFORE, KIND
 
 _ENDED = frozenset({StateType.COMPLETED, StateType.FAILED, StateType.CRASHED, StateType.CANCELLED})
 _UNDER_WAY = (StateType.RUNNING, StateType.PENDING, StateType.CANCELLING)
@@ -66,12 +70,35 @@ def end_abandoned_flow_runs(store: Store) -> list[str]:
     """
     try:
         with _client() as client:
-            under_way = {str(each.id) for each in _flow_runs_under_way(client)}
+            under_way = {str(each.id): each for each in _flow_runs_under_way(client)}
     except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the store is what counts
         logger.warning("Prefect did not say which flow runs are under way: %s", exc)
         return []
-    suspects = [run for run in records(store, KIND) if run.detail.get(FLOW_RUN) in under_way and not _ends_now(run)]
-    return [flow_run for run in suspects for flow_run in _end_unless_alive(store, run)]
+    suspects = [run for run in records(store, KIND) if _flow_run_of(run) in under_way and not _ends_now(run)]
+    ended = [flow_run for run in suspects for flow_run in _end_unless_alive(store, run)]
+    for flow_run in [name for name, each in under_way.items() if name not in ended and _is_process_dead(each)]:
+        end_abandoned_flow_run(flow_run, "Its process ended without a word")
+        ended.append(flow_run)
+    return ended
+
+
+def _flow_run_of(run: JobRecord) -> str:
+    return str(run.detail.get(FLOW_RUN) or run.detail.get(FLOW_RUN_BEFORE) or "")
+
+
+def _is_process_dead(flow_run: FlowRun) -> bool:
+    """Returns whether the process that a flow run's label names certainly runs no more: it was one of this machine.
+
+    No run names such a flow run: it waited for another one's work, or had not begun. One that a new process begins at
+    this moment still has the label of the old one, so its state must have stood for a while.
+    """
+    label, state = flow_run.labels.get(PROCESS), flow_run.state
+    if not label or state is None or datetime.now(UTC) - state.timestamp < timedelta(seconds=_GRACE_S):
+        return False
+    try:
+        return is_known_dead(ProcessIdentity.model_validate_json(str(label)))
+    except ValidationError:
+        return False
 
 
 def _ends_now(run: JobRecord) -> bool:
@@ -84,8 +111,8 @@ def _end_unless_alive(store: Store, suspect: JobRecord) -> Iterator[str]:
         if claim is None:
             return
         run = read(store, KIND, suspect.id)  # whoever took it meanwhile has ended the flow run before
-        flow_run = str(run.detail[FLOW_RUN])
-        if flow_run == suspect.detail[FLOW_RUN]:
+        flow_run = _flow_run_of(run)
+        if flow_run == _flow_run_of(suspect):
             end_abandoned_flow_run(flow_run, f"Its process ended without a word, and nobody works on {run.arn}")
             yield flow_run
 

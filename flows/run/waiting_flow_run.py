@@ -3,7 +3,7 @@
 A flow run of a deployment holds a place: of its worker (``--limit``), of its deployment's limit. Where it only waits,
 it is scheduled anew instead, and its process ends; a worker begins it again later, to look again. A label of the flow
 run says for which run it waits, so that it tells that one's result, and does not begin the next. A plain Python
-program, `simyard run` and a flow within another flow hold no such place, and wait where they are.
+program, `simyard run` and a stage in the process of another flow hold no such place, and wait where they are.
 """
 
 import logging
@@ -86,7 +86,7 @@ def _this_flow_run() -> FlowRun | None:
 
 
 def _holds_place(flow_run: FlowRun) -> bool:
-    return flow_run.deployment_id is not None and flow_run.parent_task_run_id is None
+    return flow_run.deployment_id is not None
 
 
 def _set_state(flow_run: FlowRun, state: State[Any]) -> State[Any] | None:

@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 
+from pydantic import JsonValue
+
 from flows.resource.cancel import CANCELED, REASON, cancel_jobs, end_canceled, require_not_canceled
 from flows.stage.orchestrator import orchestrator
 from specs.errors import DocumentError, SimyardError, StageFailed
@@ -21,7 +23,7 @@ from tasks.simulate.batch.chunk_store import chunk_numbers
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read
-from tasks.storage.jobs.runs import FLOW_RUN, KIND, jobs_of
+from tasks.storage.jobs.runs import FLOW_RUN, FLOW_RUN_BEFORE, KIND, jobs_of
 
 _LOOK_S = 1.0
 PATIENCE_S = 5.0
@@ -42,7 +44,7 @@ def cancelable_run(store: Store, run: JobRecord) -> Generator[None, None, None]:
     """
     own = orchestrator().flow_run_id
     orchestrator().end_flow_run_before(run)
-    advance(store, KIND, run.id, "Running", detail={FLOW_RUN: own} if own else {}, only_from={"Pending", "Running"})
+    advance(store, KIND, run.id, "Running", detail=_worked_on_in(own, run), only_from={"Pending", "Running"})
     try:
         with orchestrator().watch_cancellation() as asked, _watch_run(store, run, asked):
             require_not_canceled(store, run)
@@ -54,6 +56,15 @@ def cancelable_run(store: Store, run: JobRecord) -> Generator[None, None, None]:
         if isinstance(exc, Exception) and not _is_canceled_failure(exc):
             raise StageFailed(CANCELED, REASON, run.arn) from exc
         raise
+
+
+def _worked_on_in(own: str, run: JobRecord) -> dict[str, JsonValue]:
+    """Returns what a run's detail says of Prefect's flow runs: the one that works on it, or a dead one's."""
+    if own:
+        return {FLOW_RUN: own}
+    # Who cancels the dead flow run shall not cancel this process's work; reaping ends it.
+    before = run.detail.get(FLOW_RUN) or run.detail.get(FLOW_RUN_BEFORE)
+    return {FLOW_RUN: "", FLOW_RUN_BEFORE: before} if before else {}
 
 
 def _is_canceled_failure(exc: BaseException) -> bool:

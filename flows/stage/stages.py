@@ -10,7 +10,7 @@ from functools import partial
 from typing import TypeVar
 
 from flows.document.references import Numbers, deployed_version, numbered_finder
-from flows.gate.judge import GateAnswer, gate_answer, judge_batch, read_gate_answer
+from flows.gate.judge import GateAnswer, gate_answer, judge_batch
 from flows.gate.shipment import evidence_changes, refusal_report, shippable, withdraw_deployment
 from flows.recount.batch_recount import vouched_record
 from flows.recount.recount import Asked, asked_plan, recount_changes
@@ -149,14 +149,13 @@ def judge_batch_stage(
     if gate is None or batch is None:
         return ()
     _log_begin("gate")
-    said_before = read_gate_answer(store, run)
     answer, seconds = _measure(
         lambda: gate_answer(gate, batch, store, run, ships, judged=partial(run_step, judge_batch))
     )
     logger.info("the gate of %s says %s", run.arn, answer.sentence, extra={"fields": _verdict_fields(answer, batch)})
     orchestrator().announce_asset(evidence_of(store, answer))
-    if said_before is None:
-        orchestrator().announce_verdict(answer, run, batch)
+    # Again by who goes on with the run: the event of a process that was killed may not have been sent.
+    orchestrator().announce_verdict(answer, run, batch)
     return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
 
 

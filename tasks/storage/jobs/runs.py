@@ -20,6 +20,8 @@ from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, req
 KIND: JobKind = "pipeline-run"
 FLOW_RUN = "flow_run"
 """Where a run's detail says which of Prefect's flow runs works on it."""
+FLOW_RUN_BEFORE = "flow_run_before"
+"""Where it says which flow run of a dead process worked on it, if a process without Prefect goes on."""
 _STAGE_TOKEN = re.compile(r"(run-[0-9a-f]{16})-.+")
 Waiting = Callable[[JobRecord, ClaimRecord], None]
 

@@ -11,9 +11,14 @@ from prefect.client.schemas.objects import State
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import AwaitingRetry, Cancelling, Completed, Crashed, Paused, Running
 
+from flows.run import abandoned_flow_runs
 from flows.run.abandoned_flow_runs import end_abandoned_flow_run, end_abandoned_flow_runs, end_flow_run_before
+from flows.run.cancellation import cancel_with_flow_run
+from flows.run.flow_run_marks import PROCESS
+from flows.stage.cancellation import cancelable_run
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, advance
+from tasks.storage.jobs.holder import ProcessIdentity, this_process
+from tasks.storage.jobs.records import JobRecord, advance, read
 from tasks.storage.jobs.runs import FLOW_RUN, KIND, begin_run
 from tests.servers.eventually import eventually
 
@@ -56,6 +61,12 @@ def worked_on_by(store: Store, own: UUID) -> JobRecord:
     """Returns a run that a flow run worked on, and whose claim nobody holds."""
     with begin_run(store, {"flow": "world-export", "spec": {}}) as run:
         return advance(store, KIND, run.id, "Running", detail={FLOW_RUN: str(own)})
+
+
+def ended_of(store: Store, *ours: UUID) -> list[UUID]:
+    """Returns which of some flow runs a look after a store ends; the server has those of other tests, too."""
+    ended = end_abandoned_flow_runs(store)
+    return [each for each in ours if str(each) in ended]
 
 
 def test_a_flow_run_that_was_taken_over_is_crashed_with_its_stages_and_names_its_successor(
@@ -127,13 +138,45 @@ def test_a_look_after_a_store_ends_the_flow_runs_of_dead_processes_only(
     worked_on_by(file_store, dead)
     with begin_run(file_store, {"flow": "world-export", "spec": {"other": 1}}) as run:
         advance(file_store, KIND, run.id, "Running", detail={FLOW_RUN: str(alive)})
-        assert end_abandoned_flow_runs(file_store) == [str(dead)]
+        assert ended_of(file_store, dead, alive) == [dead]
     assert [state(client, each).name for each in (dead, alive)] == ["Crashed", "Running"]
-    assert eventually(lambda: end_abandoned_flow_runs(file_store) == [str(alive)])  # its process has let it go
+    assert eventually(lambda: ended_of(file_store, dead, alive) == [alive])  # its process has let it go
 
 
 def test_a_run_that_has_just_ended_is_left_to_its_process(client: SyncPrefectClient, file_store: Store) -> None:
     last = flow_run(client, Running())
     advance(file_store, KIND, worked_on_by(file_store, last).id, "Completed")
-    assert end_abandoned_flow_runs(file_store) == []
+    assert ended_of(file_store, last) == []
     assert state(client, last).is_running()
+
+
+def labelled(client: SyncPrefectClient, process: ProcessIdentity) -> UUID:
+    """Returns a Running flow run that no run names, and that a process works on."""
+    made = flow_run(client, Running())
+    client.update_flow_run_labels(made, {PROCESS: process.model_dump_json()})
+    return made
+
+
+def test_a_flow_run_that_no_run_names_ends_when_its_process_on_this_machine_is_dead(
+    client: SyncPrefectClient, file_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = this_process()
+    dead = labelled(client, here.model_copy(update={"started": "1"}))
+    alive, away = labelled(client, here), labelled(client, here.model_copy(update={"host": "other", "started": "1"}))
+    assert ended_of(file_store, dead, alive, away) == []  # a new process may be about to write its label
+    monkeypatch.setattr(abandoned_flow_runs, "_GRACE_S", 0.0)
+    assert ended_of(file_store, dead, alive, away) == [dead]
+    assert [state(client, each).name for each in (dead, alive, away)] == ["Crashed", "Running", "Running"]
+
+
+def test_a_flow_run_whose_work_a_process_without_prefect_took_over_is_ended_after_it(
+    client: SyncPrefectClient, file_store: Store
+) -> None:
+    before = flow_run(client, Running())
+    run = worked_on_by(file_store, before)
+    with begin_run(file_store, run.request) as taken, cancelable_run(file_store, taken):
+        stopped = client.read_flow_run(before).model_copy(update={"parameters": {"store": file_store.url}})
+        cancel_with_flow_run(FLOW, stopped, Cancelling())
+        assert read(file_store, KIND, run.id).status == "Running"
+        assert ended_of(file_store, before) == []
+    assert eventually(lambda: ended_of(file_store, before) == [before])
