@@ -16,8 +16,9 @@ from rich.console import Console
 
 from flows.cli.progress_bars import progress_bars
 from flows.document.references import pins
+from specs.base import Fault
 from specs.data.run_report import PipelineReport
-from specs.errors import StageFailed
+from specs.errors import DocumentError, StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.settings import server_wait_s
 from specs.terminal_text import terminal_text
@@ -42,6 +43,8 @@ from tasks.storage.store_url import open_store
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
 _OWN_WAIT_S = 20
+_RESULT_BLOCK = "PREFECT_DEFAULT_RESULT_STORAGE_BLOCK"
+_NO_BLOCK = "Unable to find block document"  # as Prefect 3.8 says it, by a ValueError
 # What Prefect imports when the first flow and the first task begin, which the user waits for.
 _LATE_IMPORTS = ("prefect.flow_engine", "prefect.task_engine", "prefect.utilities.visualization", "fastapi")
 logger = logging.getLogger(__name__)
@@ -76,9 +79,21 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
             return pipeline(spec, store=store.url, base=str(base))
         except CancelledRun as exc:
             raise StageFailed("Canceled", str(exc)) from exc
+        except ValueError as exc:
+            if _NO_BLOCK not in str(exc):
+                raise
+            raise _block_fault() from exc
         finally:
             if not watch.gone.is_set():
                 flush_prefect()
+
+
+def _block_fault() -> DocumentError:
+    allowed = (
+        "a block of this Prefect server, made with the command of docs/operate/operations.md, Results; or not set, as "
+        "for a server that runs only as long as this command"
+    )
+    return DocumentError([Fault(path=_RESULT_BLOCK, value=repr(os.environ.get(_RESULT_BLOCK)), allowed=allowed)])
 
 
 class ServerChoice(NamedTuple):

@@ -6,7 +6,9 @@ from pydantic import JsonValue
 
 from flows.stage.orchestrator import orchestrator, run_step
 from flows.stage.stage_run import require_success, run_stage
+from specs.base import Fault
 from specs.digest import canonical_document
+from specs.errors import DocumentError
 from specs.pipeline.section_requests import export_request, reference_arn
 from specs.pipeline.world_sections import WorldExport
 from tasks.export.step import export_elsewhere, export_worlds
@@ -21,6 +23,11 @@ def world_export(
     opened = open_store(store)
     writers = orchestrator().world_writers(opened)  # refuses workers that are not installed, before anything begins
     chosen = tuple(worlds or ()) if spec.worlds == "all" else spec.worlds
+    if not chosen:
+        allowed = (
+            "<generation>/<world> of each world, in this parameter or in spec.worlds; a run of this flow alone has none"
+        )
+        raise DocumentError([Fault(path="worlds", value="none", allowed=allowed)], "parameters")
     references = [reference_arn("world", world, store_id(opened)) for world in chosen]
 
     def work(given: str) -> JobRecord:

@@ -15,6 +15,7 @@ from specs.errors import DocumentError, StageFailed
 from specs.pipeline.document import PipelineSpec
 from tasks.server.health import succeeds_within
 from tests.factories.answering_server import NOBODY, answering
+from tests.integration.runs import finished
 from tests.repository import ROOT
 
 _PREPARE = """
@@ -90,3 +91,13 @@ def test_a_document_with_faults_is_refused_before_a_server_is_chosen(tmp_path: P
     )
     with pytest.raises(DocumentError, match=r"missing\.json"):
         run_command.run_document(spec, tmp_path, (tmp_path / "store").as_uri(), Console())
+
+
+@pytest.mark.integration
+@pytest.mark.long
+def test_a_block_for_results_that_the_server_does_not_have_is_named_with_what_to_do(tmp_path: Path) -> None:
+    file, block = ROOT / "examples/worlds-only.yaml", "remote-file-system/none"
+    done = finished("run", str(file), "--store", tmp_path.as_uri(), PREFECT_DEFAULT_RESULT_STORAGE_BLOCK=block)
+    assert done.returncode == 2
+    assert "PREFECT_DEFAULT_RESULT_STORAGE_BLOCK: 'remote-file-system/none'" in done.stderr
+    assert "defect" not in done.stderr

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from importlib.util import find_spec
 
 import pytest
@@ -16,6 +17,8 @@ PARAMETERS = {
     "spec": {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}, "seed": 41},
     "base": "examples",
 }
+(TYPED,) = re.findall(r"```sh\n(.*?)```", (ROOT / "docs/guide/prefect.md").read_text(), re.DOTALL)
+COMMAND = shlex.split(TYPED)  # prefect deployment run world-generation/on-demand, and its parameters
 (READ,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/guide/prefect.md").read_text(), re.DOTALL)
 COUNT = """
 from prefect.client.orchestration import get_client
@@ -68,7 +71,7 @@ def test_a_deployment_of_the_own_program_returns_the_job(team: Team) -> None:
 @pytest.mark.long
 @pytest.mark.usefixtures("team_worker")
 def test_a_run_from_the_command_line_says_what_came_of_it(team: Team) -> None:
-    message, record = _run(team, "on-demand", "--params", json.dumps(PARAMETERS))
+    message, record = _run(team, "on-demand", *COMMAND[4:])
 
     assert record.startswith("arn:simyard:world-generation-job:")
     assert message == f"1 world: {record}"
