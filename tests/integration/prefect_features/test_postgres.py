@@ -1,16 +1,25 @@
-"""docs/operate/operations.md on a real PostgreSQL: a schedule that fires, two pipelines at once, a cancellation."""
+"""docs/operate/operations.md on a real PostgreSQL: a schedule that fires, two pipelines at once, a cancellation, and
+the automation for lost heartbeats.
+"""
 
 import json
+import os
+import re
+import subprocess
+import sys
 from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, records
 from tasks.storage.store_url import open_store
-from tests.integration.runs import ROOT, finished, small_document
+from tests.integration.runs import ROOT, finished, kill_when, small_document, write_document
 from tests.integration.stopped.operated import (
     ENDED,
     asked,
@@ -27,6 +36,39 @@ from tests.servers.postgres import running_postgres
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(1500)]
 
+(HEARTBEATS,) = yaml.safe_load((ROOT / "examples/automations/lost-heartbeats.yaml").read_text())["automations"]
+# A team's own flow, which gives a document one seed after the other until it has lived for the given seconds.
+AGAIN_AND_AGAIN = """
+import json, sys, time
+from pathlib import Path
+from prefect import flow, tags
+from flows.pipeline import pipeline
+
+@flow
+def again_and_again(file: str, store: str, seconds: float) -> None:
+    document, end_s, seed = json.loads(Path(file).read_text()), time.monotonic() + seconds, 0
+    while time.monotonic() < end_s:
+        seed += 1
+        document["worldGeneration"]["seed"] = seed
+        pipeline(document, store=store, base=str(Path(file).parent))
+
+with tags(sys.argv[4]):
+    again_and_again(sys.argv[1], sys.argv[2], float(sys.argv[3]))
+"""
+
+
+@dataclass(frozen=True)
+class Served:
+    """A Prefect server on PostgreSQL.
+
+    Attributes:
+        api_url: Of the server.
+        log: What the server writes.
+    """
+
+    api_url: str
+    log: Path
+
 
 @dataclass(frozen=True)
 class Operated:
@@ -42,9 +84,9 @@ class Operated:
 
 
 @pytest.fixture(scope="module")
-def operated(tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
-    """A PostgreSQL, a server on it, everything in prefect.yaml deployed, and a worker."""
-    folder = tmp_path_factory.mktemp("operated")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Generator[Served]:
+    """A PostgreSQL, and a server on it whose password this process knows."""
+    folder = tmp_path_factory.mktemp("served")
     with running_postgres() as port:
         api_url = "http://127.0.0.1:4244/api"
         server = environment(
@@ -53,27 +95,33 @@ def operated(tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
             PREFECT_API_DATABASE_CONNECTION_URL=f"postgresql+asyncpg://prefect@127.0.0.1:{port}/prefect",
             PREFECT_HOME=str(folder / "server"),
         )
-        worker = environment(
-            "worker",
-            PREFECT_API_URL=api_url,
-            PREFECT_HOME=str(folder / "worker"),
-            SIMYARD_STORE=(folder / "store").as_uri(),
-            SIMYARD_BUCKETS=(folder / "buckets").as_uri(),
-            SIMYARD_CACHE=str(folder / "cache"),
-            SIMYARD_KEYS="",
-        )
-        del worker["PREFECT_DEFAULT_RESULT_STORAGE_BLOCK"]  # there is no bucket here
-        password = worker["PREFECT_API_AUTH_STRING"]
         with (
             pytest.MonkeyPatch.context() as patch,
             started("simyard-server", server, folder / "server.log") as process,
         ):
-            patch.setenv("PREFECT_API_AUTH_STRING", password)
+            patch.setenv("PREFECT_API_AUTH_STRING", server["PREFECT_SERVER_API_AUTH_STRING"])
             wait_until_healthy(api_url, process, folder / "server.log")
-            for _, *command in commands("docs/operate/operations.md", "deployments"):
-                prefect(worker, *command)
-            with started("simyard-worker", worker, folder / "worker.log"):
-                yield Operated(api_url, open_store(worker["SIMYARD_STORE"]))
+            yield Served(api_url, folder / "server.log")
+
+
+@pytest.fixture(scope="module")
+def operated(served: Served, tmp_path_factory: pytest.TempPathFactory) -> Generator[Operated]:
+    """Everything in prefect.yaml deployed on that server, and a worker."""
+    folder = tmp_path_factory.mktemp("operated")
+    worker = environment(
+        "worker",
+        PREFECT_API_URL=served.api_url,
+        PREFECT_HOME=str(folder / "worker"),
+        SIMYARD_STORE=(folder / "store").as_uri(),
+        SIMYARD_BUCKETS=(folder / "buckets").as_uri(),
+        SIMYARD_CACHE=str(folder / "cache"),
+        SIMYARD_KEYS="",
+    )
+    del worker["PREFECT_DEFAULT_RESULT_STORAGE_BLOCK"]  # there is no bucket here
+    for _, *command in commands("docs/operate/operations.md", "deployments"):
+        prefect(worker, *command)
+    with started("simyard-worker", worker, folder / "worker.log"):
+        yield Operated(served.api_url, open_store(worker["SIMYARD_STORE"]))
 
 
 def test_what_is_deployed_is_on_postgresql_with_its_fields_in_order(operated: Operated):
@@ -146,6 +194,83 @@ def test_a_batch_that_is_cancelled_by_its_arn_ends_its_run(operated: Operated):
     assert ended_run(operated.api_url, run)["state_type"] == "CANCELLED"
     (closed,) = [job for job in records(operated.store, "simulation-job-batch") if job.id == running.id]
     assert closed.status == "Canceled"
+
+
+def test_lost_heartbeats_crash_a_killed_run_with_its_stages_and_no_run_that_lives(served: Served, tmp_path: Path):
+    message, logged = HEARTBEATS["actions"][0]["message"], served.log.stat().st_size
+    with _lost_heartbeats(served.api_url):
+        victim = _again_and_again(served, tmp_path / "killed", seconds=1.0)
+        kill_when(victim, lambda: any(tmp_path.glob("killed/store/chunks/*/000001.started.json")))
+        assert _states(served, "killed").count("Running") == 3  # its own flow, the pipeline, the batch
+        live = _again_and_again(served, tmp_path / "lives", seconds=2.0 * HEARTBEATS["trigger"]["within"])
+        try:
+            until(lambda: "Running" not in _states(served, "killed"), "the end of the killed run", timeout_s=240.0)
+            live.wait(timeout=900)
+        finally:
+            live.kill()
+
+    crashed = [state for states in _histories(served, "killed") for state in states if state["type"] == "CRASHED"]
+    assert [state["message"] for state in crashed] == [message] * 3
+    assert live.returncode == 0, (tmp_path / "lives/log").read_text()
+    # Crashed, then Completed, is accepted: so each state that a run was ever in.
+    lived = _histories(served, "lives")
+    assert {state["name"] for states in lived for state in states} <= {"Pending", "Running", "Completed"}
+    assert {states[-1]["name"] for states in lived} == {"Completed"}
+    assert re.findall(r"^.*(?:ERROR|Traceback|is locked).*$", _logged_since(served, logged), re.MULTILINE) == []
+
+
+@contextmanager
+def _lost_heartbeats(api_url: str) -> Generator[None]:
+    """The automation, as the document has it made. Runs of the other tests send a heartbeat in 180 s only."""
+    variables = {"PREFECT_API_URL": api_url}
+    for _, *command in commands("docs/operate/operations.md", "automation"):
+        prefect(variables, *command)
+    try:
+        yield
+    finally:
+        prefect(variables, "--no-prompt", "automation", "delete", HEARTBEATS["name"])
+
+
+def _again_and_again(served: Served, folder: Path, seconds: float) -> "subprocess.Popen[str]":
+    """Returns the program above, started in a folder whose name is the tag of all its flow runs."""
+    folder.mkdir()
+    document = small_document(name=folder.name, deployment=None, gate={"successRate": {"atLeast": 0.01}})
+    batch = _section(document, "simulationBatch")
+    document["simulationBatch"] = {**batch, "matrix": {"seeds": 1000}, "recordings": {"episodes": "none"}}
+    file, store = write_document(folder, document), (folder / "store").as_uri()
+    variables = {
+        "PREFECT_API_URL": served.api_url,
+        "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": "30",
+        "PREFECT_HOME": str(folder / "prefect"),
+    }
+    with (folder / "log").open("w") as log:  # a pipe that nobody reads yet would stop the program
+        return subprocess.Popen(
+            [sys.executable, "-c", AGAIN_AND_AGAIN, str(file), store, str(seconds), folder.name],
+            cwd=ROOT,
+            env={**os.environ, **variables},
+            stdout=log,
+            stderr=log,
+            text=True,
+        )
+
+
+def _flow_runs(served: Served, tag: str) -> list[dict[str, Any]]:
+    return asked(served.api_url, "/flow_runs/filter", {"flow_runs": {"tags": {"all_": [tag]}}, "limit": 200})
+
+
+def _states(served: Served, tag: str) -> list[str]:
+    """Returns the names of the states that the flow runs of a tag are in."""
+    return [run["state"]["name"] for run in _flow_runs(served, tag)]
+
+
+def _histories(served: Served, tag: str) -> list[list[dict[str, Any]]]:
+    """Returns every state that the flow runs of a tag were in, oldest first, run by run."""
+    found = [asked(served.api_url, f"/flow_run_states/?flow_run_id={run['id']}") for run in _flow_runs(served, tag)]
+    return [sorted(states, key=lambda state: state["timestamp"]) for states in found]
+
+
+def _logged_since(served: Served, offset: int) -> str:
+    return served.log.read_bytes()[offset:].decode()
 
 
 def _section(document: dict[str, Any], name: str) -> dict[str, Any]:
