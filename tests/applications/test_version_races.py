@@ -12,7 +12,7 @@ from tests.servers.swap_racers import add_versions_for
 _LOG = logging.getLogger(__name__)
 
 
-@pytest.mark.parametrize(("processes", "seconds"), [(3, 1.0), pytest.param(8, 25.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("processes", "seconds"), [(3, 1.0), pytest.param(8, 10.0, marks=pytest.mark.long)])
 def test_every_version_that_was_acknowledged_has_a_number_of_its_own_and_none_is_left_out(
     store: Store, processes: int, seconds: float
 ) -> None:
