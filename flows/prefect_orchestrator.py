@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any, ParamSpec, TypeVar, cast
 
 from prefect import tags
+from prefect.exceptions import MissingResult
 from prefect.runtime import flow_run
 
 from flows.batch import batch_steps
@@ -81,7 +82,12 @@ class PrefectOrchestrator:
 
     def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Returns what the step's task, or the stage's flow, returns."""
-        return cast("R", self._runs[step](*args, **kwargs))
+        try:
+            return cast("R", self._runs[step](*args, **kwargs))
+        except MissingResult:
+            # The server's answer to the last state of a stage was lost. Prefect then takes the state from the server,
+            # where a stage has no result. What was done is found by its token.
+            return step(*args, **kwargs)
 
     def is_cancelling(self, flow_run_id: str) -> bool:
         """Returns whether Prefect's server says that somebody cancels a flow run."""

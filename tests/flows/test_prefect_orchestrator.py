@@ -9,8 +9,9 @@ from typing import Any, ParamSpec, TypeVar
 import cloudpickle
 import pytest
 from prefect import Task
+from prefect.exceptions import MissingResult
 
-from flows.prefect_orchestrator import TASKS
+from flows.prefect_orchestrator import TASKS, PrefectOrchestrator
 from flows.stage.orchestrator import ProcessAlone, orchestrated_by
 from flows.stage.pipeline_run import pipeline
 from specs.pipeline.document import PipelineSpec
@@ -64,3 +65,13 @@ def test_each_task_is_named_like_its_step_and_runs_again_when_the_store_was_away
     assert task.fn.__name__ == step.__name__
     assert task.retry_condition_fn is is_store_away
     assert task.persist_result is False
+
+
+def test_a_stage_whose_last_answer_was_lost_is_asked_again_for_what_it_did():
+    def stage(worlds: int) -> str:
+        return f"{worlds} worlds, found by the token"
+
+    def lost(worlds: int) -> str:
+        raise MissingResult("State data is missing.")
+
+    assert PrefectOrchestrator({stage: lost}).run_step(stage, 8) == "8 worlds, found by the token"
