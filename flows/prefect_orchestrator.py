@@ -16,7 +16,7 @@ from flows.run import artifacts, batch_tasks, events
 from flows.run.abandoned_flow_runs import end_flow_run_before
 from flows.run.asset_events import announce_asset
 from flows.run.cancellation import canceled_state, is_cancelling, watch_cancellation
-from flows.run.flow_run_marks import tag_flow_run
+from flows.run.flow_run_marks import label_process, tag_flow_run
 from flows.run.log_page import log_on_page
 from flows.run.waiting_flow_run import awaited_run, leave_place, show_wait, show_work
 from flows.stage.assets import MadeAsset
@@ -179,6 +179,7 @@ def under_prefect(stages: Steps | None = None) -> Generator[None, None, None]:
     Args:
         stages: The flow of each stage, for a flow that has stages.
     """
+    label_process()
     with orchestrated_by(PrefectOrchestrator(stages)), log_on_page():
         yield
 

@@ -5,12 +5,13 @@ from collections.abc import Callable, Generator
 from uuid import UUID, uuid4
 
 import pytest
-from prefect import Flow, Task
+from prefect import Flow, Task, flow, runtime
 from prefect.client.orchestration import SyncPrefectClient, get_client
 from prefect.client.schemas.objects import State
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import AwaitingRetry, Cancelling, Completed, Crashed, Paused, Running
 
+from flows.prefect_orchestrator import under_prefect
 from flows.run import abandoned_flow_runs
 from flows.run.abandoned_flow_runs import end_abandoned_flow_run, end_abandoned_flow_runs, end_flow_run_before
 from flows.run.cancellation import cancel_with_flow_run
@@ -181,3 +182,13 @@ def test_a_flow_run_whose_work_a_process_without_prefect_took_over_is_ended_afte
         assert read(file_store, KIND, run.id).status == "Running"
         assert ended_of(file_store, before) == []
     assert eventually(lambda: ended_of(file_store, before) == [before])
+
+
+def test_each_flow_of_simyards_notes_its_process(client: SyncPrefectClient) -> None:
+    @flow
+    def body() -> str:
+        with under_prefect():
+            return str(runtime.flow_run.id)
+
+    labels = client.read_flow_run(UUID(body())).labels
+    assert ProcessIdentity.model_validate_json(str(labels[PROCESS])) == this_process()
