@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from flows.batch import replay_episode
 from flows.batch.replay_episode import JobReplay, replay_job
 from flows.batch.replay_files import Wanted, wanted_files, write_files
-from flows.cli.batch_text import replay_answer, show_replay
+from flows.cli.batch.batch_text import replay_answer, show_replay
 from flows.cli.shell import app
 from specs.data.result_columns import REQUESTED
 from specs.errors import DocumentError, ResourceNotFound

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from flows.batch.batch_end import close_with_tables
 from flows.batch.report_files import local_copy, write_report_page
-from flows.cli.batch_commands import report
+from flows.cli.batch.batch_commands import report
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.results.report.report_job import stored_worlds
 from tasks.simulate.batch.commit import run_chunk

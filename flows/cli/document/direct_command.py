@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.cli.progress_bars import progress_bars
+from flows.cli.document.progress_bars import progress_bars
 from flows.stage.pipeline_run import pipeline
 from specs.data.run_report import PipelineReport
 from specs.pipeline.document import PipelineSpec

@@ -30,7 +30,7 @@ def replay(
     """Simulate an episode once more, compare it bit for bit with its record, and draw it; 1 if it deviates."""
     from flows.batch.replay_episode import replay_job
     from flows.batch.replay_files import wanted_files, write_files
-    from flows.cli.batch_text import show_replay
+    from flows.cli.batch.batch_text import show_replay
     from tasks.storage.store_url import open_existing_store
 
     wanted = wanted_files(mcap=mcap, video=video)
@@ -64,7 +64,7 @@ def compare(
 ) -> None:
     """Compare two batches over the episodes that both have; 0 if B is shown to be no worse than A, else 1."""
     from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
-    from flows.cli.batch_text import show_comparison
+    from flows.cli.batch.batch_text import show_comparison
     from tasks.results.compare.comparison_verdict import comparison
     from tasks.simulate.batch.seal import unvouched_notice
     from tasks.storage.store_url import open_existing_store

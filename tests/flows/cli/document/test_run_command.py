@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from flows.cli import run_command
-from flows.cli.run_command import prefect_server
+from flows.cli.document import run_command
+from flows.cli.document.run_command import prefect_server
 from specs.errors import DocumentError, StageFailed
 from specs.pipeline.document import PipelineSpec
 from tasks.server.health import succeeds_within
@@ -21,7 +21,7 @@ from tests.repository import ROOT
 _PREPARE = """
 import json, sys
 from pathlib import Path
-from flows.cli.run_command import _prepare_engine
+from flows.cli.document.run_command import _prepare_engine
 from tasks.documents.pipeline_file import read_pipeline
 
 _prepare_engine(read_pipeline(Path(sys.argv[1])))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from flows.cli.progress_bars import progress_bars
+from flows.cli.document.progress_bars import progress_bars
 from flows.document.references import pins
 from specs.base import Fault
 from specs.data.run_report import PipelineReport

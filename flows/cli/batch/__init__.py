@@ -1,0 +1,1 @@
+"""The commands that look at finished batches. Only the shell imports it."""

@@ -1,0 +1,75 @@
+"""The commands `simyard run`, `plan` and `validate`. Each imports what it needs when it runs."""
+# ruff: noqa: PLC0415 - see above
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flows.cli.output import TerminalConsole, echo, show_report
+from specs.errors import DocumentError, PipelineNotPassed
+
+Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
+StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+def run(
+    file: Document,
+    *,
+    store: StoreUrl = None,
+    direct: Annotated[
+        bool, typer.Option("--direct", help="Without a Prefect server: no pages, artifacts, events, or other workers.")
+    ] = False,
+) -> None:
+    """Run a document from its first section to its last; continues a run that was killed."""
+    from tasks.documents.pipeline_file import read_pipeline
+
+    console, spec = TerminalConsole(), read_pipeline(file)
+    try:
+        with _name_file(file):
+            if direct:
+                from flows.cli.document.direct_command import run_directly as run_document
+            else:
+                from flows.cli.document.run_command import run_document
+            report = run_document(spec, file.resolve().parent, store, console)
+    except PipelineNotPassed as exc:
+        show_report(exc.report, console)
+        raise typer.Exit(1) from exc
+    show_report(report, console)
+
+
+def plan(file: Document, store: StoreUrl = None) -> None:
+    """Tell what a run of the document would do, and what in it has no effect."""
+    from flows.preview.plan import plan_lines
+    from tasks.documents.pipeline_file import read_pipeline
+    from tasks.storage.store_url import open_store
+
+    spec = read_pipeline(file)
+    with _name_file(file):
+        for line in plan_lines(spec, file.resolve().parent, open_store(store)):
+            echo(line)
+
+
+def validate(file: Document) -> None:
+    """Check a document and tell all its faults at once."""
+    from flows.document.robot_files import check_robot_files
+    from tasks.documents.pipeline_file import read_pipeline
+
+    spec = read_pipeline(file)
+    with _name_file(file):
+        check_robot_files(spec, file.resolve().parent)
+    echo(f"{file}: {spec.name}: valid")
+
+
+@contextmanager
+def _name_file(file: Path) -> Generator[None, None, None]:
+    """Names the file in the faults of what its document refers to."""
+    try:
+        yield
+    except DocumentError as exc:
+        raise type(exc)(exc.faults, str(file)) from exc

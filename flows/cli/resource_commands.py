@@ -1,0 +1,124 @@
+"""The commands `simyard describe`, `list`, `cancel` and `restart`. Each imports what it needs when it runs."""
+# ruff: noqa: PLC0415 - see above
+
+import json
+from typing import Annotated
+
+import typer
+from pydantic import JsonValue
+
+from flows.cli.output import TerminalConsole, echo, echo_json, json_lines, page_rows, show_rows
+from flows.resource.kinds import KINDS
+
+_KINDS = ", ".join(kind.plural for kind in KINDS.values())
+StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+def describe(
+    arns: Annotated[list[str], typer.Argument(metavar="ARN...", help="What `simyard run` or `simyard list` printed.")],
+    store: StoreUrl = None,
+) -> None:
+    """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
+    from flows.resource.abandoned_jobs import job_notes
+    from flows.resource.answers import describe_jobs, describe_resource
+    from specs.arn import resource_kind, resource_name
+    from tasks.simulate.batch.metrics import metric_lines
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    answer = describe_resource(opened, arns[0]) if len(arns) == 1 else describe_jobs(opened, arns)
+    echo_json(answer.model_dump_json(indent=2, exclude_none=True))
+    for line in metric_lines(opened, arns[0]) if len(arns) == 1 else ():
+        echo(line, err=True)
+    if len(arns) == 1 and resource_kind(arns[0]) == "deployment-job":
+        from flows.cli.fleet.fleet_watch import wish_notes
+
+        for line in wish_notes(opened, resource_name(arns[0])):  # what RoboMaker's shapes have no field for
+            echo(line, err=True)
+    for note in job_notes(opened, arns[0]) if len(arns) == 1 else ():
+        echo(note, err=True)
+
+
+def cancel(
+    arn: Annotated[str, typer.Argument(help="The ARN of a job, a batch, or a whole run of a document.")],
+    store: StoreUrl = None,
+) -> None:
+    """Cancel a job; what is done is kept, and who works on it stops within seconds."""
+    from flows.resource.cancel import cancel_resource as cancel_named
+    from specs.arn import resource_kind
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    cancel_named(opened, arn)
+    echo(f"canceling {arn}")
+    if resource_kind(arn) == "deployment-job":
+        from flows.resource.withdrawal import withdrawal_notes
+
+        for line in withdrawal_notes(opened, arn):
+            echo(line, err=True)
+
+
+def restart(
+    arn: Annotated[str, typer.Argument(help="The ARN of a simulation job that is running.")],
+    store: StoreUrl = None,
+) -> None:
+    """Restart a running job: it is simulated once more, with the bundles of its batch."""
+    from flows.resource.answers import restart_named_job as restart_named
+    from tasks.storage.store_url import open_existing_store
+
+    restart_named(open_existing_store(store), arn)
+    echo(f"restarting {arn}")
+
+
+def list_(
+    kind: Annotated[str, typer.Argument(help=_KINDS)],
+    *,
+    store: StoreUrl = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON document a line; of a page, RoboMaker's answer.")
+    ] = False,
+    max_results: Annotated[int | None, typer.Option(min=1, help="List one page of at most so many.")] = None,
+    next_token: Annotated[str | None, typer.Option(help="List the page that the page before it named.")] = None,
+    filters: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--filter", metavar="NAME=VALUE", help="List a page of what fits, such as status=Failed; any one suffices."
+        ),
+    ] = None,
+) -> None:
+    """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
+    from flows.resource.abandoned_jobs import kind_notes
+    from flows.resource.answers import list_page, list_resources
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    token: str | None = None
+    if request := _page_request(max_results, next_token, filters or []):
+        page = list_page(opened, kind, request)
+        lines, (rows, token) = list(json_lines([page])), page_rows(page)
+    else:
+        lines = list(json_lines(list_resources(opened, kind)))
+        rows = [json.loads(line) for line in lines] if not as_json else []
+    if as_json:
+        for line in lines:
+            echo_json(line)
+    else:
+        show_rows(rows, TerminalConsole())
+    if token:
+        echo(f"the next page: --next-token {token}", err=True)
+    for note in kind_notes(opened, kind):
+        echo(note, err=True)
+
+
+def _page_request(max_results: int | None, next_token: str | None, filters: list[str]) -> dict[str, JsonValue]:
+    """Returns the request that the options of `simyard list` make; empty if the list is wanted as a whole."""
+    pairs = [text.partition("=") for text in filters]
+    request: dict[str, JsonValue] = {
+        "maxResults": max_results,
+        "nextToken": next_token,
+        "filters": [{"name": name, "values": [value]} for name, _, value in pairs] or None,
+    }
+    return {name: value for name, value in request.items() if value is not None}
