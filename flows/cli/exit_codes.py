@@ -1,9 +1,9 @@
 """Exit codes of `simyard`, the message that goes with each, and the answer to signals.
 
-0: done and passed. 1: not passed: the gate says FAIL, the deployment failed, a replay deviates, or a batch is worse than
-another. 2: a bad document or command. 3: a stage failed, or Simyard has a defect. 4: INCONCLUSIVE: a gate or a comparison
-has too few episodes to say. 130 and 143: interrupted. Nothing else ends with 1 or 4, so that a script can tell a verdict
-from an accident, and a bad robot from a small batch.
+0: done and passed. 1: not passed: the gate says FAIL, the deployment failed, a replay deviates, or a batch is worse
+than another. 2: a bad document or command. 3: a stage failed, or Simyard has a defect. 4: INCONCLUSIVE: a gate or a
+comparison has too few episodes to say. 130 and 143: interrupted. Nothing else ends with 1 or 4, so that a script can
+tell a verdict from an accident, and a bad robot from a small batch.
 """
 
 import os
