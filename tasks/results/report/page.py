@@ -5,20 +5,16 @@ scripts and requests besides. Prefect's pages show the picture and the Markdown.
 """
 
 import functools
-import re
 from collections.abc import Sequence
 from typing import Any, cast
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from specs.artifact_text import escape_markdown
+from specs.artifact_text import escape_markdown, xml_text
 from specs.data.outcome_reasons import MARKS
 from tasks.results.report.rows import RateRow
 from tasks.results.report.view import ReportView
-
-# What XML cannot hold, and what turns the direction of the text around it.
-_UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def report_page(view: ReportView) -> bytes:
@@ -57,7 +53,7 @@ def _colors(ground: str) -> str:
 
 
 def _fit(value: object) -> object:
-    return _UNFIT.sub("\ufffd", value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    return xml_text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 _MARKS = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}
