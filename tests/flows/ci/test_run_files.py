@@ -17,7 +17,7 @@ from flows.ci.run_files import (
     write_junit,
 )
 from specs.errors import DocumentError, SimyardError
-from tests.factories.full_reports import full_report
+from tests.results.ci.full_reports import full_report
 
 ASKED = AskedRun("nightly", "file:///tmp/store")
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tasks.results.ci.annotations import Annotation, workflow_command, workflow_commands
 from tests.factories.episodes import collided, request
-from tests.factories.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
+from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
 
 
 def _read(line: str) -> tuple[str, dict[str, str], str]:

@@ -6,7 +6,7 @@ from tasks.results.ci import groups
 from tasks.results.ci.full_report import CountedBatch, GroupReport
 from tasks.results.ci.groups import GroupRules
 from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed, request
-from tests.factories.full_reports import JOB_ARN, RULES, counted
+from tests.results.ci.full_reports import JOB_ARN, RULES, counted
 
 
 def _groups(batch: CountedBatch) -> list[GroupReport]:

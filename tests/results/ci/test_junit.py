@@ -12,8 +12,8 @@ from tasks.results.ci.full_report import FullReport, RunFailure
 from tasks.results.ci.groups import GroupRules
 from tasks.results.ci.junit import junit_xml
 from tests.factories.episodes import canceled, crashed, passed, request
-from tests.factories.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
 from tests.repository import ROOT
+from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
 
 _SCHEMA = xmlschema.XMLSchema(str(ROOT / "tests/data/junit.xsd"))
 

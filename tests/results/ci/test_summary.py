@@ -6,8 +6,8 @@ from specs.data.episode import EpisodeResult
 from tasks.results.ci.full_report import CountedBatch, FullReport, RunFailure
 from tasks.results.ci.summary import SUMMARY_BYTES, summary_markdown
 from tests.factories.episodes import crashed, request
-from tests.factories.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
-from tests.factories.markdown_pages import markdown_parts
+from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
+from tests.results.ci.markdown_pages import markdown_parts
 
 
 def test_it_shows_the_answer_the_rules_the_rates_and_how_to_replay():

@@ -14,9 +14,9 @@ from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed
 from tasks.results.ci.full_report import FullReport
-from tests.factories.full_reports import HOSTILE, stage
 from tests.integration.runs import finished
 from tests.repository import ROOT
+from tests.results.ci.full_reports import HOSTILE, stage
 
 PASSED = PipelineReport(run="run-1", name="nightly", stages=(stage(name="worldExport", arn=""),))
 UNDECIDED = PASSED.model_copy(update={"verdict": "INCONCLUSIVE"})
