@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.exit_codes import NOT_PASSED, UNDECIDED
 from flows.cli.output import TerminalConsole, echo, echo_json
 
 
@@ -40,7 +41,7 @@ def replay(
     for path in write_files(again, folder, wanted):
         echo(str(path))
     if not again.same:
-        raise typer.Exit(1)
+        raise typer.Exit(NOT_PASSED)
 
 
 _Batch = Annotated[str, typer.Argument(help="A simulation job batch: its ARN or id.", show_default=False)]
@@ -62,7 +63,7 @@ def compare(
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
     ] = None,
 ) -> None:
-    """Compare two batches over the episodes that both have; 0 if B is shown to be no worse than A, else 1."""
+    """Compare two batches over the episodes that both have; 0: B is no worse than A; 1: worse; 4: not shown."""
     from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
     from flows.cli.batch.batch_text import show_comparison
     from tasks.results.compare.comparison_verdict import comparison
@@ -88,7 +89,7 @@ def compare(
             path.write_text(each.svg, encoding="utf-8")
             echo(str(path), err=as_json)
     if found.answer != "NO WORSE":
-        raise typer.Exit(1)
+        raise typer.Exit(UNDECIDED if found.answer == "INCONCLUSIVE" else NOT_PASSED)
 
 
 def shrink(
