@@ -249,7 +249,7 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
     commands = "flows/resource/kinds.py"
     tree.add_before(
         commands,
-        "KINDS: Mapping[ResourceKind, Kind] = {\n",
+        "_LOADS: Mapping[ResourceKind, Callable[[], Resource]] = {\n",
         "def _map_survey_job() -> Resource:\n"
         "    from tasks.storage.jobs.cancellation import cancel_watched_job\n\n"
         '    kind: JobKind = "map-survey-job"\n'
