@@ -14,7 +14,7 @@ from markupsafe import Markup
 from specs.artifact_text import escape_markdown, xml_text
 from specs.data.outcome_reasons import MARKS
 from tasks.results.report.rows import RateRow
-from tasks.results.report.view import ReportView
+from tasks.results.report.view import ReportView, RoomsView
 
 
 def report_page(view: ReportView) -> bytes:
@@ -72,8 +72,17 @@ def report_markdown(view: ReportView, url: str) -> str:
     ]
     reasons = [f"- {row.count:,} x {escape_markdown(row.reason)} ({row.share} of failures)" for row in view.reasons]
     return "\n\n".join(
-        [title, sentence, _table(rows), "\n".join(reasons) or "No failures.", f"Report: {escape_markdown(url)}"]
+        [
+            *(title, sentence, _table(rows), "\n".join(reasons) or "No failures."),
+            *([_rooms(view.rooms)] if view.rooms else []),
+            f"Report: {escape_markdown(url)}",
+        ]
     )
+
+
+def _rooms(rooms: RoomsView) -> str:
+    line = escape_markdown(f"{rooms.line[0].upper()}{rooms.line[1:]}.")
+    return "\n".join([line, *(f"- ⚠️ {escape_markdown(warning)}" for warning in rooms.warnings)])
 
 
 def _captioned_rows(caption: str, rows: Sequence[RateRow]) -> list[RateRow]:
