@@ -1,9 +1,8 @@
 """Says pydantic's errors in plain words: where, what stands there, what may stand there instead."""
 
-import difflib
 import json
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, get_args
 
 from annotated_types import Ge, Le
@@ -14,6 +13,7 @@ from pydantic_core import ErrorDetails
 from specs import field_types
 from specs.base import Fault
 from specs.rules import RULE
+from specs.spelling import meant
 from specs.template.interior import NAMES_PATTERN
 
 MAX_SHOWN = 60
@@ -146,13 +146,7 @@ def _printable(text: str) -> str:
 
 
 def _known(key: str, known: list[str]) -> str:
-    return f"{_meant(key, known)}known keys are {', '.join(known)}" if known else "no such key"
-
-
-def _meant(text: str, known: Iterable[str]) -> str:
-    lowered = {one.lower(): one for one in known}
-    close = difflib.get_close_matches(text.lower(), list(lowered), n=1, cutoff=0.6)
-    return f'did you mean "{lowered[close[0]]}"? ' if close else ""
+    return f"{meant(key, known)}known keys are {', '.join(known)}" if known else "no such key"
 
 
 def _object(known: list[str]) -> str:
@@ -169,7 +163,7 @@ def _one_of(context: dict[str, Any], value: object) -> str:
     if not isinstance(value, str):
         quotable = str(value) in members
         return f'text; write "{value}" in quotes' if quotable else f"one of {', '.join(members)}"
-    return f"{_meant(value, members)}one of {', '.join(members)}" if len(members) > 1 else members[0]
+    return f"{meant(value, members)}one of {', '.join(members)}" if len(members) > 1 else members[0]
 
 
 def _pattern(context: dict[str, Any], value: object) -> str:  # noqa: ARG001 - one signature for all
