@@ -19,6 +19,9 @@ from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, job_id
 
+_RUN = "run-"
+"""What the ids of runs begin with, and those of batches do not."""
+
 
 @dataclass(frozen=True)
 class ReportPage:
@@ -41,7 +44,7 @@ def write_report_page(store: Store, text: str, output: Path | None) -> ReportPag
         ResourceNotFound: The store has no such batch.
         DocumentError: The text names no batch, or one that has no tables.
     """
-    record = _reportable(store, text)
+    record = ended_batch(store, batch_named(text), text)
     page = report_page(report_view_of(store, record, beside_tables=output is None))
     notice = unvouched_notice(load_batch(store, record.id))
     if output is None:
@@ -61,20 +64,36 @@ def local_copy(place: ReportPage) -> Path:
     return path
 
 
-def _reportable(store: Store, text: str) -> JobRecord:
-    record = close_if_stopped(store, _batch(text))
+def ended_batch(store: Store, batch: str, text: str) -> JobRecord:
+    """Returns the record of a batch that has ended and has its tables.
+
+    Args:
+        store: The store of the batch.
+        batch: Its id.
+        text: How it was named.
+
+    Raises:
+        ResourceNotFound: The store has no such batch.
+        DocumentError: It has no tables, or not yet.
+    """
+    record = close_if_stopped(store, batch)
     if has_tables(record):
         return record
     why = record.failure_reason or "its tables come when it ends"
     raise _refused(text, f"a batch with tables; this one is {record.status}: {why}")
 
 
-def _batch(text: str) -> str:
+def batch_named(text: str) -> str:
+    """Returns the id of the batch that an ARN or an id of it, of one of its jobs, or of a run of a document means.
+
+    Raises:
+        DocumentError: It means something else.
+    """
     try:
         reference = parse_reference(text)
     except ValueError as exc:
         raise _refused(text, str(exc)) from exc
-    if reference.kind == "pipeline-run":
+    if reference.kind == "pipeline-run" or (reference.kind is None and reference.path.startswith(_RUN)):
         return job_id(KIND, f"{reference.path}-batch")
     if reference.kind not in {None, KIND, "simulation-job"}:
         raise _refused(text, f"an ARN of a {KIND}, of one of its jobs, or of a pipeline-run")

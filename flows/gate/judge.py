@@ -153,7 +153,9 @@ def read_baseline(store: Store, run: JobRecord) -> Baseline | None:
     return Baseline.model_validate(found[_BASELINE]) if vouched else None
 
 
-def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> GateMaterial:
+def gate_material(
+    gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None, *, later: bool = False
+) -> GateMaterial:
     """Returns what the gate judges a batch by: of the tested version alone, where another one is in the batch too.
 
     Args:
@@ -161,6 +163,8 @@ def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | 
         batch: An ended batch.
         store: Where it is.
         other: The version to compare with, or why there is none; None if nobody asks.
+        later: Whether the gate may be another one than that of the batch's run. What may have ended the batch is the
+            run's gate then: its confidence sequence holds for any bar, and no other interval does.
     """
     counts = EpisodeCounts.model_validate(batch.detail["counts"])
     rows = _rows(store, batch, list(dict.fromkeys([*columns_needed(gate), *ROOM_COLUMNS])))
@@ -169,13 +173,14 @@ def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | 
         rows = rows.filter(pc.field("robot_digest").isin(list(meant)))
         counts = count_rows(rows)
     stop = cast("dict[str, JsonValue]", batch.detail.get("stopped_early", {}))
-    left_out = cast("int", stop["left_out"]) if stop.get("gate") == gate.model_dump(mode="json") else 0
+    ended_by_it = later or stop.get("gate") == gate.model_dump(mode="json")
+    left_out = cast("int", stop["left_out"]) if stop and ended_by_it else 0
     return GateMaterial(
         counts=counts,
         lacks=Completeness(
             canceled=counts.canceled - left_out,
             left_out=left_out,
-            sequential=bool(gate.stopEarly) and plan_of(batch).shuffled,
+            sequential=(later or bool(gate.stopEarly)) and plan_of(batch).shuffled,
         ),
         rows=rows,
         pairs=_pairs(batch, store, other),
