@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import cast
 
-from flows.batch.report_files import batch_named, ended_batch
+from flows.batch.report_files import ended_batch
 from flows.gate.baselines import NoBaseline, find_baseline
 from flows.gate.judge import gate_material, tested_facts
 from specs.base import Fault, Spec
@@ -85,7 +85,7 @@ def judge_again(store: Store, text: str, spec: PipelineSpec) -> LaterVerdict:
             nobody measured.
     """
     gate = _gate_of(spec)
-    record = ended_batch(store, batch_named(text), text)
+    record = ended_batch(store, text)
     _require_files(store, record)
     other = _baseline(gate, record, store)
     material = gate_material(gate, record, store, other, later=True)
