@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import cast
 
 from flows.batch.report_files import ended_batch
+from flows.document.measured_names import planned_names
 from flows.gate.baselines import NoBaseline, find_baseline
 from flows.gate.judge import gate_material, tested_facts
 from specs.base import Fault, Spec
@@ -17,8 +18,8 @@ from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Baseline, gather
 from tasks.results.gate.gate import GateVerdict, judge
 from tasks.results.gate.later_evidence import LaterEvidence, WrittenEvidence, write_later_evidence
-from tasks.results.gate.rules.quantiles import unknown_metrics
-from tasks.results.gate.rules.rule import RuleVerdict
+from tasks.results.gate.rules.quantiles import measured_names, metric_faults
+from tasks.results.gate.rules.rule import GateMaterial, RuleVerdict
 from tasks.results.report.judgement import read_judgement
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings
 from tasks.results.statistics.success import EpisodeCounts
@@ -89,8 +90,7 @@ def judge_again(store: Store, text: str, spec: PipelineSpec) -> LaterVerdict:
     _require_files(store, record)
     other = _baseline(gate, record, store)
     material = gate_material(gate, record, store, other, later=True)
-    if material.rows is not None and (faults := unknown_metrics(gate, material.rows)):
-        raise DocumentError(faults)
+    _require_names(gate, record, store, material)
     verdict, notice = judge(gate, material), _notice(store, record)
     evidence = LaterEvidence(
         document=canonical_digest(spec),
@@ -147,6 +147,23 @@ def _baseline(gate: Gate, record: JobRecord, store: Store) -> Baseline | NoBasel
     except ResourceNotFound as exc:
         faults = [fault.model_copy(update={"path": "gate.noWorseThan.applicationVersion"}) for fault in exc.faults]
         raise ResourceNotFound(faults) from exc
+
+
+def _require_names(gate: Gate, record: JobRecord, store: Store, material: GateMaterial) -> None:
+    """Refuses rules about metrics that no episode has and no scenario of the batch says that it measures.
+
+    Raises:
+        DocumentError: With a fault for each such rule.
+    """
+    seen = measured_names(material.rows) if material.rows is not None else frozenset[str]()
+    try:
+        declared = planned_names(plan_of(record), store) if gate.quantiles else None
+    except ObjectNotFound:  # the bundles may have been cleared away; what was measured is in the tables
+        declared = None
+    known = seen | (declared or frozenset())
+    faults = metric_faults(gate, sorted(known)) if seen or declared is not None else []
+    if faults:
+        raise DocumentError(faults)
 
 
 def _require_files(store: Store, record: JobRecord) -> None:

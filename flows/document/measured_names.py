@@ -32,7 +32,7 @@ def check_own_names(spec: PipelineSpec, base: Path) -> None:
     own = {each.name: base / each.source for each in spec.applications if each.kind == "simulation"}
     used = _scenarios(spec.simulationBatch)
     if used and used <= own.keys():
-        _require(spec.gate, [own[name] for name in sorted(used)])
+        _require(spec.gate, _declared(own[name] for name in sorted(used)))
 
 
 def check_planned_names(gate: Gate | None, plan: BatchPlan, store: Store) -> None:
@@ -48,8 +48,21 @@ def check_planned_names(gate: Gate | None, plan: BatchPlan, store: Store) -> Non
     """
     if gate is None or not gate.quantiles:
         return
+    _require(gate, planned_names(plan, store))
+
+
+def planned_names(plan: BatchPlan, store: Store) -> frozenset[str] | None:
+    """Returns the names of all metrics that the scenarios of a batch measure; None where that is not known.
+
+    Args:
+        plan: The batch.
+        store: Where its bundles are.
+
+    Raises:
+        ObjectNotFound: A bundle is gone.
+    """
     digests = dict.fromkeys(template.scenario.digest for template in plan.templates)
-    _require(gate, [unpack(store, digest, cache_folder() / "bundles") for digest in digests])
+    return _declared(unpack(store, digest, cache_folder() / "bundles") for digest in digests)
 
 
 def _scenarios(section: SimulationBatch) -> set[str]:
@@ -61,11 +74,14 @@ def _scenarios(section: SimulationBatch) -> set[str]:
     }
 
 
-def _require(gate: Gate, bundles: Iterable[Path]) -> None:
+def _declared(bundles: Iterable[Path]) -> frozenset[str] | None:
     found = [declared_metrics(bundle) for bundle in bundles]
     known = [names for names in found if names is not None]
-    if len(known) != len(found):  # one of them may measure anything
-        return
-    faults = metric_faults(gate, sorted(frozenset[str]().union(*known)))
+    # Where one is not known, it may measure anything.
+    return frozenset[str]().union(*known) if len(known) == len(found) else None
+
+
+def _require(gate: Gate, known: frozenset[str] | None) -> None:
+    faults = metric_faults(gate, sorted(known)) if known is not None else []
     if faults:
         raise DocumentError(faults)

@@ -72,17 +72,11 @@ def _values(rows: "pa.Table", column: str) -> tuple[list[float], int]:
     return values, len(found) - len(values)
 
 
-def unknown_metrics(gate: Gate, rows: "pa.Table") -> list[Fault]:
-    """Returns a fault for each rule about a metric that no episode has; none if no episode has any.
-
-    Args:
-        gate: The rules.
-        rows: The episodes, with the columns that the rules look at.
-    """
+def measured_names(rows: "pa.Table") -> frozenset[str]:
+    """Returns the names of all metrics that an episode has; none if no rule looks at that column."""
     if _METRICS not in rows.column_names:
-        return []
-    known = sorted({str(name) for metrics in rows.column(_METRICS).to_pylist() for name, _ in metrics})
-    return metric_faults(gate, known) if known else []
+        return frozenset()
+    return frozenset(str(name) for metrics in rows.column(_METRICS).to_pylist() for name, _ in metrics)
 
 
 def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
