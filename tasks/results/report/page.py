@@ -23,23 +23,24 @@ _UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue00
 
 def report_page(view: ReportView) -> bytes:
     """Returns the page, the same bytes for the same view."""
-    return _templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
+    return page_templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
 
 
 def report_styles() -> str:
     """Returns the page's CSS, with the colours of all marks."""
-    return _templates().get_template("report.css").render().rstrip()
+    return page_templates().get_template("report.css").render().rstrip()
 
 
 def report_picture(view: ReportView) -> bytes:
     """Returns the rate with its interval and the first map as one SVG image, for where no page can stand."""
-    return _templates().get_template("picture.svg.j2").render(view=view).encode()
+    return page_templates().get_template("picture.svg.j2").render(view=view).encode()
 
 
 @functools.cache
-def _templates() -> Environment:
+def page_templates(package: str = "tasks.results.report") -> Environment:
+    """Returns the templates of a package's pages, which escape whatever they are given."""
     found = Environment(
-        loader=PackageLoader("tasks.results.report"),
+        loader=PackageLoader(package),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=_fit,

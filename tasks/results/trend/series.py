@@ -8,13 +8,13 @@ all series together is no larger than that of one series that has them all.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR, Change, NightCount, find_changes
+from tasks.results.statistics.intervals import wilson_bounds
 from tasks.results.tables.history_rows import Cell
 from tasks.results.trend.night import Night
 
@@ -212,13 +212,8 @@ def _night_count(worlds: Mapping[str, Sequence[int]], before: frozenset[str]) ->
 
 
 def _points(counts: Sequence[NightCount], repeats: Sequence[bool]) -> tuple[Point | None, ...]:
-    z = NormalDist().inv_cdf((1.0 + CONFIDENCE) / 2.0)
     successes, n = (np.array([count[at] for count in counts], np.float64) for at in (0, 1))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        # Wilson 1927, JASA 22:209, of all nights at once.
-        middle = (successes + z * z / 2.0) / (n + z * z)
-        half = z / (n + z * z) * np.sqrt(successes * (n - successes) / n + z * z / 4.0)
-    lower, upper = np.clip(middle - half, 0.0, 1.0), np.clip(middle + half, 0.0, 1.0)
+    lower, upper = wilson_bounds(successes, np.maximum(n, 1.0), CONFIDENCE)
     return tuple(
         Point(count, float(lower[at]), float(upper[at]), repeats[at]) if count.n else None
         for at, count in enumerate(counts)
