@@ -5,6 +5,7 @@ import logging
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -13,6 +14,8 @@ from simyard.shared_server import shared_server
 from specs.data.run_report import PipelineReport
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
+
+_silent: ContextVar[bool] = ContextVar("simyard_silent", default=False)
 
 
 def run_directly(spec: PipelineSpec, base: Path, store_url: str) -> PipelineReport:
@@ -93,18 +96,23 @@ def _prefect_at(variables: dict[str, str]) -> Generator[None, None, None]:
 
 @contextmanager
 def _silent_console() -> Generator[None, None, None]:
-    """Keeps what Prefect logs off the console in the block: it is on the run's page, and failures are exceptions."""
-    import_module("flows.pipeline")  # which makes Prefect's handlers
-    names = ("prefect", "prefect.flow_runs", "prefect.task_runs", "prefect.server", "prefect.client")
-    handlers = {each for name in names for each in logging.getLogger(name).handlers if "Console" in type(each).__name__}
-    before = {handler: handler.level for handler in handlers}
-    for handler in handlers:
-        handler.setLevel(logging.CRITICAL)
+    """Keeps what the block's run logs off the console: it is on the run's page, and failures are exceptions."""
+    import_module("flows.pipeline")  # which makes Prefect's console
+    from prefect.logging.handlers import PrefectConsoleHandler
+
+    token = _silent.set(True)
+    consoles = [each for each in logging.getLogger().handlers if isinstance(each, PrefectConsoleHandler)]
+    for console in consoles:
+        console.addFilter(_is_not_of_a_run)  # once, however many runs there are
     try:
         yield
     finally:
-        for handler, level in before.items():
-            handler.setLevel(level)
+        _silent.reset(token)
+
+
+def _is_not_of_a_run(record: logging.LogRecord) -> bool:
+    """Returns whether a line is not a call of this module's, but of a flow of the caller's, or grave."""
+    return not _silent.get() or record.levelno >= logging.CRITICAL
 
 
 def _flush() -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 # What a reader looks at first, of the three dozen columns.
-_FIRST = ("index", "world", "seed", "success", "outcome", "failure_reason")
+_FIRST = ("index", "world", "seed", "success", "outcome", "outcome_reason", "path_length_m")
 _VARIABLE = "env_"
 _MOST_COLUMNS = 10
 _CELL = 60
