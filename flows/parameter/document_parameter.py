@@ -42,9 +42,11 @@ class _OrFile:
         self.section = section
 
     def __get_pydantic_json_schema__(self, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Returns the schema with both; "if" has the server speak of the one that was meant, and not of either."""
+        """Returns the schema with both: the form has one field more, and the server tells what is wrong with which."""
         given, file = handler(core_schema), DocumentFile.model_json_schema()
-        return {"anyOf": [given, file], "if": {"required": [_FILE]}, "then": file, "else": given}
+        fields = {**file["properties"], **handler.resolve_ref_schema(given)["properties"]}
+        shown = {name: {**below, "position": position} for position, (name, below) in enumerate(fields.items())}
+        return {"type": "object", "properties": shown, "if": {"required": [_FILE]}, "then": file, "else": given}
 
 
 DocumentParameter = Annotated[PipelineSpec, _OrFile()]

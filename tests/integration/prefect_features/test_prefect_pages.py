@@ -195,14 +195,14 @@ def test_an_asset_is_an_event_with_what_it_was_made_of(watched: Watched, page: P
 
 
 @pytest.mark.soak
-def test_the_form_of_the_nightly_run_shows_the_document_field_by_field(prefect_server: str, page: Page):
+def test_the_form_of_a_run_on_demand_shows_the_document_field_by_field(prefect_server: str, page: Page):
     (_, *create_pool), (_, *deploy) = commands("docs/operate/operations.md", "deployments")
     prefect({}, *create_pool, "--overwrite")  # other tests of the session may have made it
     prefect({}, *deploy)
-    nightly = asked(prefect_server, "/deployments/name/pipeline/nightly")
+    on_demand = asked(prefect_server, "/deployments/name/pipeline/on-demand")
     pages = prefect_server.removesuffix("/api")
 
-    form = shown(page, f"{pages}/deployments/deployment/{nightly['id']}/run", "Robot radius", height=1200)
+    form = shown(page, f"{pages}/deployments/deployment/{on_demand['id']}/run", "Robot radius", height=1200)
     pictured(page, "form")
 
     for text in ("World generation", "Every room is reachable for a robot of this radius", "Success rate"):
