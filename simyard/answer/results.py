@@ -92,7 +92,7 @@ class Results:
 def _cell(name: str, value: object) -> str:
     if name == "success":
         return badge("none" if value is None else "passed" if value else "failed")
-    return text("" if value is None else value, _CELL)
+    return text("" if value is None else f"{value:.4g}" if isinstance(value, float) else value, _CELL)
 
 
 def _require(library: str) -> None:
