@@ -1,4 +1,4 @@
-"""The commands of `simyard world`: preview, sheet, add. Each imports what it needs when it runs."""
+"""The commands of `simyard world`: template, furniture, preview, sheet, add. Each imports what it needs."""
 # ruff: noqa: PLC0415 - see above
 
 from pathlib import Path
@@ -20,6 +20,29 @@ _StoreUrl = Annotated[
     str | None,
     typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
 ]
+
+
+@world_app.command("template")
+def template(
+    *,
+    rooms: Annotated[
+        str,
+        typer.Option(
+            help="From 1 to 6 of bedroom, bathroom, living, dining, kitchen, hallway and closet, with commas."
+        ),
+    ] = "hallway,living,kitchen,bedroom,bathroom",
+    version: Annotated[str, typer.Option(help="1, or 2, which has doors.")] = "2",
+    output: Annotated[
+        Path, typer.Option(help="The file to write: YAML with comments, or .json. It must not be there yet.")
+    ] = Path("template.yaml"),
+) -> None:
+    """Write a template to begin with: complete, commented, and valid as it stands."""
+    from flows.preview.starter_file import next_steps, write_starter
+
+    write_starter(output, rooms, version)
+    echo(str(output))
+    for line in next_steps(output):
+        echo(line, err=True)
 
 
 @world_app.command("preview")
