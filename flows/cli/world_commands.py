@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flows.cli.output import echo
+from flows.cli.output import TerminalConsole, echo, echo_json, json_lines, show_rows
 from specs.data.world import ROBOT_RADIUS_M
 
 world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
@@ -43,6 +43,27 @@ def template(
     echo(str(output))
     for line in next_steps(output):
         echo(line, err=True)
+
+
+@world_app.command("furniture")
+def furniture(
+    *,
+    pictures: Annotated[
+        Path | None, typer.Option(help="A folder for a picture of each kind (SVG), all at one scale.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document a line.")] = False,
+) -> None:
+    """List the kinds of furniture that a template may wish: sizes (m), floor kept free, rooms that have them anyway."""
+    from flows.preview.furniture_catalogue import furniture_kinds, furniture_rows, write_furniture_pictures
+
+    if as_json:
+        for line in json_lines(furniture_kinds()):
+            echo_json(line)
+    else:
+        show_rows(furniture_rows(), TerminalConsole())
+    if pictures:
+        files = write_furniture_pictures(pictures)
+        echo(f"{len(files)} pictures in {pictures}", err=True)
 
 
 @world_app.command("preview")

@@ -208,3 +208,23 @@ def test_all_that_is_wrong_with_the_wish_for_a_starter_is_told_at_once():
     assert [line.split(":")[0] for line in told] == ["--rooms", "--rooms", "--rooms", "--version", "--output"]
     assert 'did you mean "bedroom"?' in told[0]
     assert list(Path().iterdir()) == []
+
+
+def test_the_kinds_of_furniture_are_listed_with_their_sizes():
+    rows = world("furniture").stdout.splitlines()
+    assert len(rows) == 1 + 31
+    assert "Sofas" in rows[-6]
+    assert "1.6-2.7" in rows[-6]
+
+
+def test_each_kind_of_furniture_gets_a_picture_and_programs_get_json():
+    done = world("furniture", "--json", "--pictures", "kinds")
+    kinds = [json.loads(line) for line in done.stdout.splitlines()]
+    assert sorted(f"{each['kind']}.svg" for each in kinds) == sorted(file.name for file in Path("kinds").iterdir())
+    assert all(each["width_m"][0] <= each["width_m"][1] for each in kinds)
+
+
+def test_pictures_of_furniture_that_cannot_be_written_are_refused():
+    Path("kinds").write_text("a file")
+    with pytest.raises(DocumentError, match="--pictures: kinds"):
+        world("furniture", "--pictures", "kinds")
