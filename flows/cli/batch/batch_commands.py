@@ -11,7 +11,9 @@ from flows.cli.output import TerminalConsole, echo, echo_json
 
 
 def replay(
-    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job.", show_default=False)],
+    job: Annotated[
+        str, typer.Argument(metavar="JOB", help="A simulation job: its ARN, or <batch>/<index>.", show_default=False)
+    ],
     *,
     output: Annotated[
         Path | None, typer.Option(help="Folder for the files. Default: replay-<batch>-<index>.", show_default=False)
@@ -44,7 +46,12 @@ def replay(
         raise typer.Exit(NOT_PASSED)
 
 
-_Batch = Annotated[str, typer.Argument(help="A simulation job batch: its ARN or id.", show_default=False)]
+_Batch = Annotated[
+    str,
+    typer.Argument(
+        help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id.", show_default=False
+    ),
+]
 
 
 def compare(
@@ -93,7 +100,12 @@ def compare(
 
 
 def shrink(
-    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job that failed.", show_default=False)],
+    job: Annotated[
+        str,
+        typer.Argument(
+            metavar="JOB", help="A simulation job that failed: its ARN, or <batch>/<index>.", show_default=False
+        ),
+    ],
     *,
     output: Annotated[
         Path | None, typer.Option(help="Folder for the files. Default: shrunk-<batch>-<index>.", show_default=False)
@@ -128,7 +140,9 @@ def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
 def report(
     arn: Annotated[
         str,
-        typer.Argument(metavar="ARN", help="A simulation job batch, one of its jobs, or a pipeline run."),
+        typer.Argument(
+            metavar="NAME", help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id."
+        ),
     ],
     *,
     show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from tasks.simulate.application.part_names import actuator_label, geom_label, joint_label, word_of
 from tasks.simulate.application.robot_mjcf import base_of
 from tasks.simulate.refusal import RobotRefused
 
@@ -61,14 +62,14 @@ def _base(model: mujoco.MjModel) -> Iterator[str]:
     slides_and_hinge = set() if base_of(model).free else {0, 1, 2}
     for joint in range(model.njnt):
         if joint not in slides_and_hinge:
-            kind = _word(mujoco.mjtJoint(model.jnt_type[joint]), "mjJNT_")
-            yield f"joint {_joint(model, joint)}: {kind}: a planar base slides along x and y and turns: remove it"
+            kind = word_of(mujoco.mjtJoint(model.jnt_type[joint]), "mjJNT_")
+            yield f"{joint_label(model, joint)}: {kind}: a planar base slides along x and y and turns: remove it"
 
 
 def _options(model: mujoco.MjModel) -> Iterator[str]:
     option = model.opt
     if option.integrator not in _INTEGRATORS:
-        found = _word(mujoco.mjtIntegrator(option.integrator), "mjINT_")
+        found = word_of(mujoco.mjtIntegrator(option.integrator), "mjINT_")
         yield f"option integrator {found}: it steps Euler and implicitfast: set one of them"
     if option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC and (model.geom_condim[colliding_geoms(model)] > 1).any():
         yield "option cone elliptic: its friction cones are pyramids: set pyramidal, or condim 1 on the hull"
@@ -86,10 +87,10 @@ def _options(model: mujoco.MjModel) -> Iterator[str]:
 def _flags(option: mujoco.MjOption) -> Iterator[str]:
     for bit in _WITHOUT:
         if option.disableflags & bit:
-            yield f"option flag {_word(bit, 'mjDSBL_')} disable: it is always on: leave it enabled"
+            yield f"option flag {word_of(bit, 'mjDSBL_')} disable: it is always on: leave it enabled"
     for bit in _WITH:
         if option.enableflags & bit:
-            yield f"option flag {_word(bit, 'mjENBL_')} enable: it is unknown here: leave it disabled"
+            yield f"option flag {word_of(bit, 'mjENBL_')} enable: it is unknown here: leave it disabled"
 
 
 def _elements(model: mujoco.MjModel) -> Iterator[str]:
@@ -101,7 +102,7 @@ def _elements(model: mujoco.MjModel) -> Iterator[str]:
 
 def _joints(model: mujoco.MjModel) -> Iterator[str]:
     for joint in range(model.njnt):
-        name = f"joint {_joint(model, joint)}"
+        name = joint_label(model, joint)
         dof = model.jnt_dofadr[joint]
         if model.jnt_limited[joint]:
             yield f"{name}: range {model.jnt_range[joint].tolist()}: only walls stop the robot: remove the range"
@@ -112,8 +113,8 @@ def _joints(model: mujoco.MjModel) -> Iterator[str]:
         if model.qpos0[joint]:
             yield f"{name}: ref {model.qpos0[joint]:g}: the base hangs at 0: remove it"
     if np.any(model.jnt_pos[model.njnt - 1][:2]):
-        name, place = model.joint(model.njnt - 1).name, model.jnt_pos[model.njnt - 1]
-        yield f"joint {name!r}: pos {place.tolist()}: it turns about the base's origin: move geoms and sites instead"
+        name, place = joint_label(model, model.njnt - 1), model.jnt_pos[model.njnt - 1]
+        yield f"{name}: pos {place.tolist()}: it turns about the base's origin: move geoms and sites instead"
 
 
 def _hull(model: mujoco.MjModel) -> Iterator[str]:
@@ -124,12 +125,12 @@ def _hull(model: mujoco.MjModel) -> Iterator[str]:
     mujoco.mj_kinematics(model, at_rest)
     base = int(model.jnt_bodyid[0])
     for geom in geoms:
-        name = f"geom {model.geom(geom).name or f'#{geom}'!r}"
+        name = geom_label(model, geom)
         kind = mujoco.mjtGeom(model.geom_type[geom])
         if model.body_weldid[model.geom_bodyid[geom]] != base:
             yield f"{name}: it is fixed to the world: worlds bring their own obstacles: remove it"
         if kind not in _ROUND:
-            yield f"{name}: a {_word(kind, 'mjGEOM_')}: it knows spheres and upright capsules: {_INSTEAD}"
+            yield f"{name}: a {word_of(kind, 'mjGEOM_')}: it knows spheres and upright capsules: {_INSTEAD}"
         lean = float(np.hypot(*at_rest.geom_xmat[geom][[2, 5]]))
         if kind == mujoco.mjtGeom.mjGEOM_CAPSULE and lean > 0.0:
             yield f"{name}: a capsule that leans by {lean:.2g}: write it upright with pos and size, not fromto or euler"
@@ -141,7 +142,7 @@ def _hull(model: mujoco.MjModel) -> Iterator[str]:
 
 def _actuators(model: mujoco.MjModel) -> Iterator[str]:
     for number in range(model.nactuator):
-        name = f"actuator {model.actuator(number).name or f'#{number}'!r}"
+        name = actuator_label(model, number)
         kinds = (
             (mujoco.mjtTrn(model.actuator_trntype[number]), _TRANSMISSIONS, "mjTRN_", "joint and site transmissions"),
             (mujoco.mjtDyn(model.actuator_dyntype[number]), _DYNAMICS, "mjDYN_", "integrators and filters"),
@@ -150,7 +151,7 @@ def _actuators(model: mujoco.MjModel) -> Iterator[str]:
         )
         for found, known, prefix, what in kinds:
             if found not in known:
-                yield f"{name}: {_word(found, prefix)}: it knows {what}: use one of them"
+                yield f"{name}: {word_of(found, prefix)}: it knows {what}: use one of them"
         site = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_SITE
         if site and model.actuator_trnid[number][1] >= 0:
             yield f"{name}: refsite: a site's force acts relative to the site itself: remove refsite"
@@ -162,11 +163,3 @@ def _actuators(model: mujoco.MjModel) -> Iterator[str]:
             or model.actuator_dampingpoly[number].any()
         ):
             yield f"{name}: a damping or an armature of its own: give them to the joint"
-
-
-def _joint(model: mujoco.MjModel, joint: int) -> str:
-    return repr(model.joint(joint).name or f"#{joint}")
-
-
-def _word(member: object, prefix: str) -> str:
-    return str(getattr(member, "name", member)).removeprefix(prefix).lower()

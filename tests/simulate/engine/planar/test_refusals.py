@@ -23,6 +23,11 @@ REFUSED: list[tuple[str, Parts, tuple[str, ...]]] = [
     ("reference", {"x/ref": "1"}, ("joint 'x'", "ref 1", "remove it")),
     ("cylinder", {"hull/type": "cylinder", "hull/size": "0.2 0.1"}, ("geom 'hull'", "a cylinder", "capsule")),
     ("box", {"hull/type": "box", "hull/size": "0.2 0.1 0.1"}, ("geom 'hull'", "a box", "spheres and upright capsules")),
+    (
+        "no name",
+        {"more": '<geom type="box" size="0.2 0.1 0.1"/>'},
+        ("the 2nd geom (box) of body 'base': a box", "spheres and upright capsules"),
+    ),
     ("leaning", {**CAPSULE, "hull/euler": "10 0 0"}, ("geom 'hull'", "leans by 0.17", "pos and size")),
     # MuJoCo turns it by a last bit, and how many contacts it then makes at corners depends on the yaw.
     ("fromto", {"hull/type": "capsule", "hull/fromto": "0 0 -0.1 0 0 0.1"}, ("geom 'hull'", "leans", "not fromto")),
