@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 from flows.batch.replay_episode import bundles
 from flows.gate.equal_worlds import world_identities
-from specs.arn import resource_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
@@ -22,6 +21,7 @@ from tasks.simulate.batch.job import KIND, OpenBatch, load_batch
 from tasks.simulate.plan.request import recorded_location
 from tasks.simulate.replay.replay import replay
 from tasks.storage.base.store import Store
+from tasks.storage.resource_names import find_batch_name
 from tasks.storage.worlds import read_world
 
 # Nobody looks at more, and each way that was not recorded costs a simulation.
@@ -46,14 +46,14 @@ class FlipMap(NamedTuple):
 
 
 def find_batch(store: Store, text: str) -> ComparedBatch:
-    """Returns a batch, by its ARN or id.
+    """Returns a batch, by its ARN or id, or that of one of its jobs or of the run of its document.
 
     Raises:
         ResourceNotFound: There is no such batch.
-        DocumentError: The text names no batch, or it has not left its tables yet.
+        DocumentError: The text names no batch, or one that has not left its tables yet.
         StageFailed: Its results are not what it wrote.
     """
-    work = load_batch(store, resource_path(text, KIND))
+    work = load_batch(store, find_batch_name(store, text))
     record = work.record()
     if "results_url" not in record.detail:
         allowed = f"a batch that has its tables; this one is {record.status}"

@@ -68,8 +68,9 @@ def show_report(report: PipelineReport, console: Console) -> None:
             _line(console, stage.name, stage.arn)
         for artefact in stage.artefacts:
             _line(console, f"  {artefact.label}", artefact.url)
-    for alarm in (stage.facts["alarm"] for stage in report.stages if "alarm" in stage.facts):
-        console.print(Text(str(alarm), style="bold red"))
+    alarms = (line for stage in report.stages for line in str(stage.facts.get("alarm", "")).splitlines())
+    for alarm in dict.fromkeys(alarms):  # batch and gate may warn of the same
+        console.print(Text(alarm, style="bold red"), soft_wrap=True)
     console.print(_answer(report))
 
 

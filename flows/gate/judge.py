@@ -30,6 +30,7 @@ from tasks.results.gate.gate import GateVerdict, columns_needed, count_rows, jud
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.statistics.pairs import PairCounts, count_pairs
+from tasks.results.statistics.room_coverage import ROOM_COLUMNS, RoomCoverage, table_coverage
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
@@ -52,6 +53,7 @@ class GateAnswer(Spec):
         batch: Id of the batch that was judged.
         evidence_url: Where its evidence is.
         evidence: SHA-256 of it.
+        rooms: How much of its worlds the robots were in; None where nothing says that.
     """
 
     batch: str
@@ -59,6 +61,7 @@ class GateAnswer(Spec):
     sentence: str
     evidence_url: str
     evidence: str
+    rooms: RoomCoverage | None = None
 
 
 class BatchJudgement(NamedTuple):
@@ -124,7 +127,12 @@ def gate_answer(
     name = parse_reference(batch.arn).path
     verdict, url, digest = judged(store.url, name, gate, other=_baseline(gate, batch, store, run), ships=ships)
     answer = GateAnswer(
-        batch=batch.id, verdict=verdict.verdict, sentence=verdict.sentence, evidence_url=url, evidence=digest
+        batch=batch.id,
+        verdict=verdict.verdict,
+        sentence=verdict.sentence,
+        evidence_url=url,
+        evidence=digest,
+        rooms=verdict.rooms,
     )
     if pinned not in (None, answer):
         raise _another_answer(store, run, pinned, answer)
@@ -154,11 +162,9 @@ def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | 
         store: Where it is.
         other: The version to compare with, or why there is none; None if nobody asks.
     """
-    counts, rows = EpisodeCounts.model_validate(batch.detail["counts"]), None
-    needed = columns_needed(gate)
-    if needed:
-        rows = _rows(store, batch, needed)
-    if rows is not None and isinstance(other, Baseline):
+    counts = EpisodeCounts.model_validate(batch.detail["counts"])
+    rows = _rows(store, batch, list(dict.fromkeys([*columns_needed(gate), *ROOM_COLUMNS])))
+    if isinstance(other, Baseline):
         meant = candidates(plan_of(batch), other.digest)
         rows = rows.filter(pc.field("robot_digest").isin(list(meant)))
         counts = count_rows(rows)
@@ -174,6 +180,7 @@ def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | 
         rows=rows,
         pairs=_pairs(batch, store, other),
         audit=cast("dict[str, JsonValue] | None", batch.detail.get("audit")),
+        rooms=table_coverage(rows),
     )
 
 

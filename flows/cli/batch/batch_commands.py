@@ -6,11 +6,14 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.exit_codes import NOT_PASSED, UNDECIDED
 from flows.cli.output import TerminalConsole, echo, echo_json
 
 
 def replay(
-    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job.", show_default=False)],
+    job: Annotated[
+        str, typer.Argument(metavar="JOB", help="A simulation job: its ARN, or <batch>/<index>.", show_default=False)
+    ],
     *,
     output: Annotated[
         Path | None, typer.Option(help="Folder for the files. Default: replay-<batch>-<index>.", show_default=False)
@@ -40,10 +43,15 @@ def replay(
     for path in write_files(again, folder, wanted):
         echo(str(path))
     if not again.same:
-        raise typer.Exit(1)
+        raise typer.Exit(NOT_PASSED)
 
 
-_Batch = Annotated[str, typer.Argument(help="A simulation job batch: its ARN or id.", show_default=False)]
+_Batch = Annotated[
+    str,
+    typer.Argument(
+        help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id.", show_default=False
+    ),
+]
 
 
 def compare(
@@ -62,7 +70,7 @@ def compare(
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
     ] = None,
 ) -> None:
-    """Compare two batches over the episodes that both have; 0 if B is shown to be no worse than A, else 1."""
+    """Compare two batches over the episodes that both have; 0: B is no worse than A; 1: worse; 4: not shown."""
     from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
     from flows.cli.batch.batch_text import show_comparison
     from tasks.results.compare.comparison_verdict import comparison
@@ -88,11 +96,16 @@ def compare(
             path.write_text(each.svg, encoding="utf-8")
             echo(str(path), err=as_json)
     if found.answer != "NO WORSE":
-        raise typer.Exit(1)
+        raise typer.Exit(UNDECIDED if found.answer == "INCONCLUSIVE" else NOT_PASSED)
 
 
 def shrink(
-    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job that failed.", show_default=False)],
+    job: Annotated[
+        str,
+        typer.Argument(
+            metavar="JOB", help="A simulation job that failed: its ARN, or <batch>/<index>.", show_default=False
+        ),
+    ],
     *,
     output: Annotated[
         Path | None, typer.Option(help="Folder for the files. Default: shrunk-<batch>-<index>.", show_default=False)
@@ -127,7 +140,9 @@ def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
 def report(
     arn: Annotated[
         str,
-        typer.Argument(metavar="ARN", help="A simulation job batch, one of its jobs, or a pipeline run."),
+        typer.Argument(
+            metavar="NAME", help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id."
+        ),
     ],
     *,
     show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.exit_codes import not_passed_code
 from flows.cli.output import TerminalConsole, echo, show_report
 from specs.errors import DocumentError, PipelineNotPassed
 
@@ -39,7 +40,7 @@ def run(
             report = run_document(spec, file.resolve().parent, store, console)
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
-        raise typer.Exit(1) from exc
+        raise typer.Exit(not_passed_code(exc)) from exc
     show_report(report, console)
 
 
