@@ -132,3 +132,11 @@ def test_a_robot_that_starts_inside_an_obstacle_is_pushed_out_as_in_c(tmp_path: 
     motion, theirs = both(write_robot(tmp_path, {}), block, [0.05, 0.02, 0.0], ahead(0.0))
     np.testing.assert_allclose(motion.body.qpos, theirs.pose, atol=1e-5)
     assert theirs.pose[-1, 0] < -0.1
+
+
+def test_the_clearance_is_that_of_the_nearest_disc(tmp_path: Path):
+    arm: Parts = {"hull/size": "0.1", "more": '<geom name="arm" size="0.05" pos="0.25 0 0" mass="0.1"/>'}
+    wall = Obstacles(np.array([box(0.0, 0.35, 2.0, 0.1)]), NO_CYLINDERS)
+    motion, _ = both(write_robot(tmp_path, arm), wall, [0.0, 0.0, 0.0], ahead(0.0))
+    assert not motion.work.impulse_ns.any()
+    np.testing.assert_allclose(motion.clearance_m, 0.15, atol=1e-5)
