@@ -5,6 +5,7 @@ from pathlib import Path
 
 from flows.document.references import finder, pinned_shipment, pins
 from flows.document.tested_batch import compared_digest, failing_sources
+from flows.document.version_room import version_lines
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines
@@ -37,6 +38,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
     found, own = pins(spec, trial, base)
     yield f"{spec.name}, on {store.url}"
+    yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
     worlds = 0
     if spec.worldGeneration:
         count = spec.worldGeneration.worldCount
