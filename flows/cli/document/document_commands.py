@@ -86,12 +86,12 @@ def plan(file: Document, store: StoreUrl = None) -> None:
 
 def validate(file: Document) -> None:
     """Check a document and tell all its faults at once."""
-    from flows.document.robot_files import check_robot_files
+    from flows.document.own_bundles import check_own_bundles
     from tasks.documents.pipeline_file import read_pipeline
 
     spec = read_pipeline(file)
     with _name_file(file):
-        check_robot_files(spec, file.resolve().parent)
+        check_own_bundles(spec, file.resolve().parent)
     echo(f"{file}: {spec.name}: valid")
 
 

@@ -19,23 +19,24 @@ from tasks.results.report.view import ReportView, RoomsView
 
 def report_page(view: ReportView) -> bytes:
     """Returns the page, the same bytes for the same view."""
-    return _templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
+    return page_templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
 
 
 def report_styles() -> str:
     """Returns the page's CSS, with the colours of all marks."""
-    return _templates().get_template("report.css").render().rstrip()
+    return page_templates().get_template("report.css").render().rstrip()
 
 
 def report_picture(view: ReportView) -> bytes:
     """Returns the rate with its interval and the first map as one SVG image, for where no page can stand."""
-    return _templates().get_template("picture.svg.j2").render(view=view).encode()
+    return page_templates().get_template("picture.svg.j2").render(view=view).encode()
 
 
 @functools.cache
-def _templates() -> Environment:
+def page_templates(package: str = "tasks.results.report") -> Environment:
+    """Returns the templates of a package's pages, which escape whatever they are given."""
     found = Environment(
-        loader=PackageLoader("tasks.results.report"),
+        loader=PackageLoader(package),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=_fit,
