@@ -1,6 +1,6 @@
 """The whole report of a run: what its records say, however it ended."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from shlex import quote
 from typing import cast, get_args
@@ -37,6 +37,7 @@ from tasks.storage.jobs.runs import jobs_of, run_of
 from tasks.storage.store_url import open_existing_store
 
 _CONFIDENCE = 0.95
+_ANSWERS: Mapping[Verdict, Answer] = {"PASS": "PASSED", "FAIL": "NOT PASSED", "INCONCLUSIVE": "INCONCLUSIVE"}
 
 
 def report_of_run(asked: AskedRun, report: PipelineReport, exit_code: int) -> FullReport:
@@ -94,24 +95,20 @@ def report_of_judgement(store: Store, spec: PipelineSpec, found: LaterVerdict, e
         exit_code: What the command ends with.
     """
     evidence = (Artefact(label="evidence", url=found.evidence.url),)
-    facts: dict[str, JsonValue] = {"alarm": "\n".join(found.warnings)} if found.warnings else {}
+    alarms = [*found.warnings, *filter(None, [found.notice])]
+    facts: dict[str, JsonValue] = {"alarm": "\n".join(alarms)} if alarms else {}
     said = found.sentence.removeprefix(f"{found.verdict}: ")
     stage = StageReport(
         name="gate", arn="", status=found.verdict, summary=said, seconds=0.0, artefacts=evidence, facts=facts
     )
     report = FullReport(
-        answer="PASSED"
-        if found.verdict == "PASS"
-        else "INCONCLUSIVE"
-        if found.verdict == "INCONCLUSIVE"
-        else "NOT PASSED",
+        answer=_ANSWERS[found.verdict],
         exit_code=exit_code,
         document=spec.name,
         store=store.url,
         verdict=found.verdict,
         stages=(stage,),
         gate=GateReport(verdict=found.verdict, sentence=found.sentence, rules=found.rules),
-        problems=(found.notice,) if found.notice else (),
     )
     return _tried(report, lambda: report.model_copy(update={"batch": _judged_counts(store, spec.gate, found)}))
 
