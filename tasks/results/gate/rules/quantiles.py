@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from specs.base import Fault
 from specs.data.result_columns import MEASURES
 from specs.pipeline.gate_section import Gate, QuantileRule
-from specs.spelling import meant
+from specs.rules import meant
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_above,
