@@ -18,6 +18,7 @@ from flows.document.tested_batch import (
     tested_bundles,
     world_digests,
 )
+from flows.document.version_room import publish_brought
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound
@@ -27,7 +28,7 @@ from specs.pipeline.section_requests import fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet, SimulationBatch
 from specs.robomaker.bundle import LATEST, ApplicationKind, Version
 from specs.template.body import template_digest
-from tasks.applications.registry import find_by_digest, publish_bundle, resolve
+from tasks.applications.registry import find_by_digest, resolve
 from tasks.deploy.rollout.resolved_request import preflight
 from tasks.deploy.trust.trust_choice import condition_fault, trust_faults
 from tasks.deploy.trust.trust_record import Signer
@@ -63,7 +64,7 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
     own: dict[str, Version] = {}
     _keep(faults, lambda: check_robot_files(spec, base))
     for source in spec.applications:
-        _keep(faults, lambda source=source: own.update(_publish(source, store, base)))
+        _keep(faults, lambda source=source: own.update(_publish(source, store, base, spec)))
     find = finder(store, own)
     if spec.worldGeneration:
         template = spec.worldGeneration.template
@@ -163,9 +164,9 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
     return version
 
 
-def _publish(source: ApplicationSource, store: Store, base: Path) -> dict[str, Version]:
+def _publish(source: ApplicationSource, store: Store, base: Path, spec: PipelineSpec) -> dict[str, Version]:
     kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
-    return {_key(kind, source.name): publish_bundle(store, kind, source.name, base / source.source)}
+    return {_key(kind, source.name): publish_brought(store, kind, source.name, base / source.source, spec)}
 
 
 def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from flows.document.references import finder, pinned_shipment, pins
 from flows.document.tested_batch import compared_digest, failing_sources
+from flows.document.version_room import version_lines
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines
@@ -42,6 +43,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     found, own = pins(spec, trial, base)
     batch, plan = _planned(spec, trial, finder(trial, own))
     yield f"{spec.name}, on {store.url}"
+    yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
     if spec.worldGeneration:
         yield _generation_line(spec.worldGeneration)
     if spec.worldExport:

@@ -110,6 +110,8 @@ def test_the_gates_page_is_planned_with_the_tested_versions_episodes(file_store:
     document = tmp_path / "gate.yaml"
     document.write_text(f"name: gate\n{worlds}\n{block}")
     told = "\n".join(plan_lines(read_pipeline(document), ROOT / "examples", file_store))
+    tested = re.findall(r"courier version (\d): engine planar", told)
+    assert tested == ["4", "3"]
     assert "8 x 24 = 192 pairs then, and 384 episodes" in " ".join(page.split())
     assert "384 episodes" in told
     assert "if equal, and 0 % end otherwise, 189 driven by both are needed: 192 are enough" in told
