@@ -100,8 +100,7 @@ def join_rows(tables: Sequence[pa.Table], measure: str, variables: Sequence[str]
         measure: As there.
         variables: Environment variables whose values are wanted.
     """
-    # Descriptions of columns differ from version to version; what is in them does not.
-    rows = pa.concat_tables([_plain(table) for table in tables])
+    rows = pa.concat_tables(tables)
     words = rows.column("environment") if variables else None
     return HistoryRows(
         batch=np.repeat(np.arange(len(tables)), [table.num_rows for table in tables]),
@@ -136,10 +135,6 @@ def count_cells(rows: HistoryRows, good: Bool[np.ndarray, " rows"], batches: int
     ):
         found[batch].append(Cell(world, bundle, tuple(values), passed, count))
     return [tuple(cells) for cells in found]
-
-
-def _plain(table: pa.Table) -> pa.Table:
-    return table.replace_schema_metadata(None).cast(pa.schema([field.remove_metadata() for field in table.schema]))
 
 
 def _values(rows: pa.Table, measure: str) -> Float[np.ndarray, " rows"]:
@@ -185,9 +180,9 @@ def _looked_up(words: pa.ChunkedArray, name: str) -> Labels:
     whole = _whole(words)
     at, rows = _entries(whole, name)
     items = _encoded(whole.items)
-    codes = np.full(len(whole), len(items.names), np.int64)
+    codes = np.full(len(whole), len(items.names) - 1, np.int64)  # the last name says that there is none
     codes[rows] = items.codes[at]
-    return Labels((*items.names, NOT_SET), codes)
+    return Labels(items.names, codes)
 
 
 def _entries(words: pa.Array, name: str) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"]]:
