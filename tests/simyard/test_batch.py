@@ -41,7 +41,7 @@ def test_the_rows_are_the_same_for_arrow_pandas_and_polars(batch: JobRecord, fol
     found = simyard.results(batch.arn, store=folder)
     passed = sum(found.table.column("success").to_pylist())
     assert len(found) == found.to_arrow().num_rows == 80
-    assert int(found.to_pandas()["success"].sum()) == int(found.to_polars()["success"].sum()) == passed
+    assert found.to_pandas()["success"].tolist().count(True) == found.to_polars()["success"].sum() == passed
     assert repr(found) == f"<Results of {batch.id}: 80 episodes, {len(found.columns)} columns>"
 
 
