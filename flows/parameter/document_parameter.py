@@ -23,8 +23,8 @@ from tasks.documents.parse import parse
 from tasks.documents.pipeline_file import read_pipeline
 
 _SPEC, _BASE, _FILE = "spec", "base", "document"
-# In the words of a JSON schema, and not by "required": Prefect's server leaves that out where it checks the parameters of
-# a deployment, which a run may add to.
+# Not by "required": Prefect's server leaves that out where it checks the parameters of a deployment, to which a run may
+# add others.
 _NAMES_A_FILE = {"not": {"properties": {_FILE: {"not": {}}}}}
 
 
