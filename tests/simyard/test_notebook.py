@@ -8,7 +8,6 @@ from typing import Any, cast
 
 import nbformat
 import pytest
-from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
 from nbconvert import HTMLExporter
 
@@ -55,12 +54,11 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         patch.setenv("PYTHONPATH", str(ROOT))
         patch.delenv("SIMYARD_STORE", raising=False)
         resources = {"metadata": {"path": str(folder / "notebook")}}
-        kernel = AsyncKernelManager(kernel_name="python3", transport="ipc")
-        NotebookClient(notebook, km=kernel, timeout=240, resources=resources).execute()
+        NotebookClient(notebook, kernel_name="python3", timeout=240, resources=resources).execute()
     return notebook
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.integration
 def test_every_cell_shows_what_it_returns_and_prints_nothing(ran: dict[str, Any]):
     outputs = [cell["outputs"] for cell in ran["cells"] if cell["cell_type"] == "code"]
@@ -70,7 +68,7 @@ def test_every_cell_shows_what_it_returns_and_prints_nothing(ran: dict[str, Any]
     assert sum("image/svg+xml" in each[0]["data"] for each in outputs[1:]) == 2
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.integration
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_a_browser_shows_it_legibly_and_without_complaint(ran: dict[str, Any], tmp_path: Path, theme: str):
