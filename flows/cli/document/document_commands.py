@@ -92,8 +92,12 @@ def validate(file: Document) -> None:
 
     template = read_template_alone(file)
     if template is not None:
+        from tasks.worlds.certificate.unused_sets import unused_sets
+
         rooms = len(template.Buildings[0].Floors[0].Floorplan.Rooms)
         echo(f"{file}: a template of version {template.Version} with {rooms} room{'' if rooms == 1 else 's'}: valid")
+        for line in unused_sets(template):
+            echo(f"no effect: {line}")
         return
     spec = read_pipeline(file)
     with _name_file(file):

@@ -96,7 +96,7 @@ def test_every_command_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert sorted((tmp_path / ".simyard/furniture").iterdir())[0].name == "BarCabinets.svg"
 
 
-def test_a_template_alone_is_validated_too(tmp_path: Path):
+def test_a_template_alone_is_validated_too():
     file = ROOT / "examples/templates/studio.yaml"
     done = CliRunner().invoke(app, ["validate", str(file)], catch_exceptions=False)
     assert done.stdout == f"{file}: a template of version 1 with 1 room: valid\n"
