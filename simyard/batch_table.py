@@ -5,7 +5,6 @@ from typing import cast
 
 import pyarrow as pa
 
-from specs.arn import resource_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
@@ -13,6 +12,7 @@ from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND, load_batch
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
+from tasks.storage.resource_names import find_batch_name
 
 
 def batch_rows(store: Store, batch: str, columns: Sequence[str] | None, *, failures: bool) -> tuple[str, pa.Table]:
@@ -20,7 +20,7 @@ def batch_rows(store: Store, batch: str, columns: Sequence[str] | None, *, failu
 
     Args:
         store: The store of the batch.
-        batch: Its ARN or id.
+        batch: ARN or id of the batch, of one of its jobs, or of a run of a document.
         columns: Names of columns; None for all.
         failures: Whether to read the table of those that did not pass.
 
@@ -29,7 +29,7 @@ def batch_rows(store: Store, batch: str, columns: Sequence[str] | None, *, failu
         DocumentError: It has no tables yet, or no such column.
         StageFailed: They are not what it wrote.
     """
-    record = load_batch(store, resource_path(batch, KIND)).record()
+    record = load_batch(store, find_batch_name(store, batch)).record()
     if "results_url" not in record.detail:
         raise _refused(KIND, record.id, f"a batch that has its tables; this one is {record.status}")
     name = FAILURES_FILE if failures else RESULTS_FILE
