@@ -142,6 +142,12 @@ def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:
     raise StageFailed("InternalServiceError", reason)
 
 
+def kept_process(home: Path) -> int:
+    """Returns the number of the kept server's process; 0 if none is kept, or it does not run on this machine."""
+    note = _read(home)
+    return note.pid if note is not None and _runs_here(note) else 0
+
+
 def end_kept(home: Path, timeout_s: float = 20.0) -> Server | None:
     """Ends the kept server, also one that does not answer, and returns it; None when there is none."""
     note = _read(home)
