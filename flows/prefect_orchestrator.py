@@ -38,6 +38,7 @@ from tasks.export.job.job import ExportWorkers
 from tasks.progress.document import document_name, work_for_document
 from tasks.progress.listener import Progress
 from tasks.progress.task import show_progress
+from tasks.results.trend.view import Alarm
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.batch.metrics import BatchMetrics
 from tasks.storage.base.store import Store
@@ -134,6 +135,10 @@ class PrefectOrchestrator:
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
         """Sends the event of a gate's verdict."""
         events.announce_verdict(answer, run, batch)
+
+    def announce_alarm(self, alarm: Alarm, url: str) -> None:
+        """Sends the event of a change of a document's rate."""
+        events.announce_alarm(alarm, url)
 
     def announce_asset(self, made: MadeAsset) -> None:
         """Sends Prefect's events of an asset."""

@@ -1,17 +1,12 @@
 """Runs a document for a caller in Python: from a script, a thread, a running event loop, or a flow of the caller's."""
-# ruff: noqa: PLC0415 - Prefect is imported when a run needs it
+# ruff: noqa: PLC0415 - Prefect is imported when a run needs it, and after its server is chosen
 
-import logging
 import sys
-from collections.abc import Generator
-from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
 from simyard.shared_server import shared_server
 from specs.data.run_report import PipelineReport
-from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 
 
@@ -22,10 +17,8 @@ def run_directly(spec: PipelineSpec, base: Path, store_url: str) -> PipelineRepo
         SimyardError: The document, the store or a stage is at fault, or it did not pass.
     """
     from flows.stage.pipeline_run import pipeline
-    from tasks.simulate.devices import prepare_devices
 
-    if spec.simulationBatch:
-        prepare_devices()
+    _prepare(spec)
     return pipeline(spec, store_url, str(base))
 
 
@@ -35,29 +28,34 @@ def run_under_prefect(spec: PipelineSpec, base: Path, store_url: str) -> Pipelin
     Raises:
         SimyardError: The document, the store or a stage is at fault, or it did not pass.
     """
-    from tasks.simulate.devices import prepare_devices
-
-    if spec.simulationBatch:
-        prepare_devices()
-    if _in_flow_run():
+    _prepare(spec)
+    if _is_in_flow_run():
         return _flow_report(spec, base, store_url)
     _refuse_faults(spec, base, store_url)
-    with shared_server() as variables, _prefect_at(variables), _silent_console():
-        try:
-            return _flow_report(spec, base, store_url)
-        finally:
-            _flush()
+    with shared_server() as server:
+        from flows.run.program_call import call_flow_at
+
+        with call_flow_at(server):
+            try:
+                return _flow_report(spec, base, store_url)
+            finally:
+                _flush()
+
+
+def _prepare(spec: PipelineSpec) -> None:
+    """Sets what JAX reads when it is imported, if the run is going to import it."""
+    if spec.simulationBatch:
+        from tasks.simulate.devices import prepare_devices
+
+        prepare_devices()
 
 
 def _flow_report(spec: PipelineSpec, base: Path, store_url: str) -> PipelineReport:
-    from prefect.exceptions import CancelledRun
-
     from flows.pipeline import pipeline
+    from flows.run.program_call import canceled_as_failure
 
-    try:
+    with canceled_as_failure():
         return pipeline(spec, store=store_url, base=str(base))
-    except CancelledRun as exc:
-        raise StageFailed("Canceled", str(exc)) from exc
 
 
 def _refuse_faults(spec: PipelineSpec, base: Path, store_url: str) -> None:
@@ -73,38 +71,12 @@ def _refuse_faults(spec: PipelineSpec, base: Path, store_url: str) -> None:
     pins(spec, OverlayStore(open_store(store_url)), base)
 
 
-def _in_flow_run() -> bool:
-    """Returns whether the caller is a flow or a task of Prefect's, which has a server."""
-    if "prefect.context" not in sys.modules:
+def _is_in_flow_run() -> bool:
+    if "prefect.context" not in sys.modules:  # then nobody is, and importing it now would be before the choice
         return False
-    from prefect.context import FlowRunContext, TaskRunContext
+    from flows.run.program_call import is_in_flow_run
 
-    return FlowRunContext.get() is not None or TaskRunContext.get() is not None
-
-
-@contextmanager
-def _prefect_at(variables: dict[str, str]) -> Generator[None, None, None]:
-    """Lets Prefect use a server in the block, also where Prefect was imported before there was one."""
-    import_module("flows")  # sets what Prefect reads when it is imported
-    settings = import_module("prefect.settings")
-    with settings.temporary_settings({getattr(settings, name): value for name, value in variables.items()}):
-        yield
-
-
-@contextmanager
-def _silent_console() -> Generator[None, None, None]:
-    """Keeps what Prefect logs off the console in the block: it is on the run's page, and failures are exceptions."""
-    import_module("flows.pipeline")  # which makes Prefect's handlers
-    names = ("prefect", "prefect.flow_runs", "prefect.task_runs", "prefect.server", "prefect.client")
-    handlers = {each for name in names for each in logging.getLogger(name).handlers if "Console" in type(each).__name__}
-    before = {handler: handler.level for handler in handlers}
-    for handler in handlers:
-        handler.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for handler, level in before.items():
-            handler.setLevel(level)
+    return is_in_flow_run()
 
 
 def _flush() -> None:

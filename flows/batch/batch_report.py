@@ -23,6 +23,7 @@ from tasks.results.report.view import ReportView
 from tasks.results.tables.recordings import RECORDINGS_FOLDER
 from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.keys import trend_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read
 from tasks.storage.jobs.runs import stage_token
@@ -160,7 +161,17 @@ def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> Batc
         audit=cast("dict[str, JsonValue] | None", detail.get("audit")),
         stages=_stages(run),
         links=_links(record, beside_tables=beside_tables),
+        trend=_trend(record, run, beside_tables=beside_tables),
     )
+
+
+def _trend(record: JobRecord, run: JobRecord | None, *, beside_tables: bool) -> str:
+    """Returns the link to the trend, which lies beside the batch's folder; empty for a batch of no document's run."""
+    document = _document_name(run)
+    if not document:
+        return ""
+    folder = str(record.detail["results_url"]).rpartition(f"/{record.id}/")[0]
+    return f"{'..' if beside_tables else folder}/{trend_key(document)}"
 
 
 def _links(record: JobRecord, *, beside_tables: bool) -> tuple[Link, ...]:

@@ -43,7 +43,7 @@ def write_report_page(store: Store, text: str, output: Path | None) -> ReportPag
         ResourceNotFound: The store has no such batch.
         DocumentError: The text names no batch, or one that has no tables.
     """
-    record = _reportable(store, text)
+    record = ended_batch(store, text)
     view = report_view_of(store, record, beside_tables=output is None)
     page = report_page(view)
     notice = unvouched_notice(load_batch(store, record.id))
@@ -64,7 +64,17 @@ def local_copy(place: ReportPage) -> Path:
     return path
 
 
-def _reportable(store: Store, text: str) -> JobRecord:
+def ended_batch(store: Store, text: str) -> JobRecord:
+    """Returns the record of a batch that has ended and has its tables.
+
+    Args:
+        store: The store of the batch.
+        text: ARN or id of it, of one of its jobs, or of a run of a document.
+
+    Raises:
+        ResourceNotFound: The store has no such batch.
+        DocumentError: The text names no batch, or one that has no tables.
+    """
     record = close_if_stopped(store, find_batch_name(store, text))
     if has_tables(record):
         return record

@@ -23,7 +23,7 @@ from flows.cli.output import TerminalConsole
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 from tasks.storage.base.disk_space import NO_ROOM, full_machine_message
 
-NOT_PASSED, UNDECIDED = 1, 4
+NOT_PASSED, REFUSED, FAILED, UNDECIDED = 1, 2, 3, 4
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
 _GO_ON = "interrupted; the same command continues this run"
@@ -33,9 +33,11 @@ _GRACE_S = 30.0
 _SAME_KEY_S = 0.5
 
 
-def not_passed_code(failure: PipelineNotPassed) -> int:
-    """Returns the exit code of a run that came to its end and did not pass."""
-    return UNDECIDED if failure.report.undecided else NOT_PASSED
+def exit_code_of(failure: Exception) -> int:
+    """Returns the exit code of a command that this ends."""
+    if isinstance(failure, PipelineNotPassed):
+        return UNDECIDED if failure.report.undecided else NOT_PASSED
+    return REFUSED if isinstance(failure, DocumentError) else FAILED
 
 
 def run_and_exit(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
@@ -75,12 +77,8 @@ def _guard_shutdown(code: int, grace_s: float) -> None:
 def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:
     try:
         command()
-    except PipelineNotPassed as exc:
-        return _fail(exc, not_passed_code(exc))
-    except DocumentError as exc:
-        return _fail(exc, 2)
     except SimyardError as exc:
-        return _fail(exc, 3)
+        return _fail(exc, exit_code_of(exc))
     except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
         if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
             raise
@@ -89,7 +87,7 @@ def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -
             return _fail(_GO_ON, 128 + number)
         if not isinstance(exc, Exception):
             raise
-        return _fail(_accident(exc), 3)
+        return _fail(_accident(exc), FAILED)
     return 0
 
 

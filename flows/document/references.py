@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from pydantic import JsonValue
 
+from flows.document.measured_names import check_planned_names
 from flows.document.robot_files import check_robot_files
 from flows.document.shipped_parts import judged_shipment
 from flows.document.tested_batch import (
@@ -79,6 +80,7 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
         batch = spec.simulationBatch
         plan = _keep(faults, lambda: _checked_plan(batch, store, find))
         found |= {"batch": _batch_pins(plan)} if plan else {}
+        _keep(faults, lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         _keep(faults, lambda: found.update(_compared_pin(spec.gate, batch, find)))
     if spec.deployment and not faults:
         deployment, other = spec.deployment, str(found.get("comparedWith", ""))

@@ -16,6 +16,7 @@ from flows.run.log_page import log_on_page
 from specs.arn import resource_name
 from specs.job_kinds import JOB_KINDS
 from tasks.progress.log_lines import log_in_chosen_format
+from tasks.results.trend.view import Alarm
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.jobs.transitions import Transition, listen_to_transitions
 
@@ -38,6 +39,16 @@ def announce_verdict(answer: GateAnswer, run: JobRecord, batch: JobRecord) -> No
     _send(f"simyard.gate.{answer.verdict}", run.arn, facts)
 
 
+def announce_alarm(alarm: Alarm, url: str) -> None:
+    """Sends the event of a change of a document's rate, such as ``simyard.trend.Fell``, by the run that raised it.
+
+    The resource is the batch at whose end it was seen.
+    """
+    event = f"simyard.trend.{'Fell' if alarm.fell else 'Rose'}"
+    facts = {"sentence": alarm.sentence, "series": alarm.series, "began": alarm.began, "bundle": alarm.bundle}
+    _send(event, alarm.seen, {**facts, "page": url}, key=f"{event} {alarm.series}")
+
+
 def event_id(event: str, arn: str) -> UUID:
     """Returns the id of an event about a job: the same whoever sends it, and however often."""
     return uuid5(NAMESPACE_URL, f"{arn}#{event}")
@@ -52,10 +63,10 @@ def _announce(change: Transition) -> None:
     _send(f"simyard.{event}.{change.status}", change.arn, facts)
 
 
-def _send(event: str, arn: str, facts: dict[str, str]) -> None:
+def _send(event: str, arn: str, facts: dict[str, str], key: str = "") -> None:
     resource = {"prefect.resource.id": arn, "prefect.resource.name": resource_name(arn)}
     payload = {name: value for name, value in facts.items() if value}
     try:  # Prefect adds the flow run that this is in, with its deployment and tags, as related resources
-        emit_event(event, resource, payload=payload, id=event_id(event, arn))
+        emit_event(event, resource, payload=payload, id=event_id(key or event, arn))
     except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the job goes on
         logger.warning("no event was sent that %s: %s", event, exc)

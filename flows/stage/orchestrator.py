@@ -21,6 +21,7 @@ from specs.settings import WORKERS, Workers, chosen_workers
 from tasks.export.job.job import ExportWorkers
 from tasks.progress.listener import Progress, stage_progress
 from tasks.progress.log_lines import log_in_chosen_format
+from tasks.results.trend.view import Alarm
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.batch.metrics import BatchMetrics
 from tasks.storage.base.store import Store
@@ -81,6 +82,10 @@ class Orchestrator(Protocol):
 
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
         """Tells of a gate's verdict, once the run's record has it."""
+        ...
+
+    def announce_alarm(self, alarm: Alarm, url: str) -> None:
+        """Tells of a change of a document's rate; the page of its nights is at the URL."""
         ...
 
     def announce_asset(self, made: MadeAsset) -> None:
@@ -168,6 +173,9 @@ class ProcessAlone:
 
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
         """Tells nobody."""
+
+    def announce_alarm(self, alarm: Alarm, url: str) -> None:
+        """Tells nobody: the report of the run has it."""
 
     def announce_asset(self, made: MadeAsset) -> None:
         """Tells nobody."""

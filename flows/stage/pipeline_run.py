@@ -1,5 +1,6 @@
 """A run of a whole document, from worlds to deployment, and its report."""
 
+from functools import reduce
 from pathlib import Path
 from typing import cast
 
@@ -15,6 +16,7 @@ from flows.stage.orchestrator import orchestrator
 from flows.stage.run_owner import begin_run_in_turn
 from flows.stage.stage_summary import recorded_report, run_with_alarm, with_alarm
 from flows.stage.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
+from flows.trend.trend_page import write_trend_of_run
 from specs.data.run_report import PipelineReport
 from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
@@ -89,6 +91,8 @@ def _report(
     judged = judge_batch_stage(spec, batch, store, run, ships)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
         judged = _show_verdict(judged, store, batch)
+    if batch:
+        simulated = _show_trend(simulated, store, run, batch)
     require_not_canceled(store, run)
     verdict = judged[0].status if judged else None
     passed = verdict == "PASS" or spec.gate is None
@@ -103,6 +107,17 @@ def _report(
             "shipped": deployed[0].status == "Succeeded" if deployed and passed else None,
         }
     )
+
+
+def _show_trend(simulated: Reports, store: Store, run: JobRecord, batch: JobRecord) -> Reports:
+    """Returns the batch's report, the trend of the document being written; with an alarm for each rate that fell."""
+    written = write_trend_of_run(store, run, batch)
+    if written is None:
+        return simulated
+    for alarm in written.alarms:
+        orchestrator().announce_alarm(alarm, written.url)
+    falls = [f"{alarm.sentence} See {written.url}" for alarm in written.alarms if alarm.fell]
+    return tuple(reduce(with_alarm, falls, stage) for stage in simulated)
 
 
 def _show_verdict(judged: Reports, store: Store, batch: JobRecord) -> Reports:

@@ -81,7 +81,7 @@ def picture(svg: str, alt: str, width: int) -> Html:
     body = svg.encode()
     if len(body) > _MOST_PICTURE_BYTES:
         return paragraph(f"{alt}: a drawing of {len(body) >> 20} MiB, which is too large for a notebook")
-    style = f"width:100%;max-width:{width}px;height:auto;background:#fff;border-radius:4px"
+    style = f"max-width:min(100%,{width}px);height:auto;background:#fff;border-radius:4px"
     source = f"data:image/svg+xml;base64,{base64.b64encode(body).decode()}"
     return Html(f'<img alt="{text(alt)}" style="{style}" src="{source}">')
 

@@ -32,5 +32,5 @@ class Plan:
         shown = "\n".join(text(line, _LONGEST) for line in self.lines[:_MOST_LINES])
         left = len(self.lines) - _MOST_LINES
         more = f"\nand {left:,} lines more" if left > 0 else ""
-        style = "white-space:pre-wrap;background:none;color:inherit;margin:4px 0"
+        style = "font-family:monospace;white-space:pre-wrap;background:none;color:inherit;margin:4px 0"
         return block(heading(f"Plan of {self.name}"), Html(f'<pre style="{style}">{shown}{more}</pre>'))

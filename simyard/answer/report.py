@@ -60,6 +60,7 @@ class Report:
 
 
 def _rates(rates: RateTable) -> Html:
-    rows = ((each.label, each.counts, each.rate, each.interval, each.why) for each in rates.rows)
-    total = len(rates.rows) + rates.left_out
-    return table((rates.caption, "passed", "rate", "interval", "why not"), rows, total, "; the page has them")
+    why = any(each.why for each in rates.rows)
+    rows = ((each.label, each.counts, each.rate, each.interval, *((each.why,) if why else ())) for each in rates.rows)
+    headings = (rates.caption, "passed", "rate", "interval", *(("why not",) if why else ()))
+    return table(headings, rows, len(rates.rows) + rates.left_out, "; the page has them")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 # What a reader looks at first, of the three dozen columns.
-_FIRST = ("index", "world", "seed", "success", "outcome", "failure_reason")
+_FIRST = ("index", "world", "seed", "success", "outcome", "outcome_reason", "path_length_m")
 _VARIABLE = "env_"
 _MOST_COLUMNS = 10
 _CELL = 60
@@ -92,7 +92,7 @@ class Results:
 def _cell(name: str, value: object) -> str:
     if name == "success":
         return badge("none" if value is None else "passed" if value else "failed")
-    return text("" if value is None else value, _CELL)
+    return text("" if value is None else f"{value:.4g}" if isinstance(value, float) else value, _CELL)
 
 
 def _require(library: str) -> None:

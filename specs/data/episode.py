@@ -95,7 +95,7 @@ class EpisodeResult(Spec):
         collisions: Control steps in which a contact began.
         impulse_ns: What contacts pushed the robot with, summed up.
         max_impulse_ns: The most of it within a control step.
-        min_clearance_m: Smallest distance from the robot's hull to a solid.
+        min_clearance_m: Smallest distance, seen from above, from the robot's hull to a solid at its heights.
         energy_j: Integral of |actuator force x velocity|.
         final_x_m: Final pose.
         odometry_error_m: How far the robot's believed place was from its final one; None for one without odometry.

@@ -177,6 +177,7 @@ _UNREACHABLE = (
 )
 _REACHABLE = "How many of the goals such a disc can get to; null where goals are no destinations."
 _ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
+_CLEARANCE = "Smallest distance, seen from above, from the hull to a solid at its heights; below 0 only in contact."
 MEASURED = (
     _measured("simulated_s", "double", "s", "Simulated time until the episode ended."),
     _measured("goals_reached", "int32", "", "How many of the scenario's goals were reached."),
@@ -188,7 +189,7 @@ MEASURED = (
     _measured("collisions", "int32", "", "Control steps in which a contact began."),
     _measured("impulse_ns", "double", "Ns", "What contacts pushed the robot with in the plane, summed up."),
     _measured("max_impulse_ns", "double", "Ns", "The most of it within one control step of 50 ms."),
-    _measured("min_clearance_m", "double", "m", "Smallest distance from the robot's hull to a solid."),
+    _measured("min_clearance_m", "double", "m", _CLEARANCE),
     _measured("energy_j", "double", "J", "Integral of |actuator force x velocity| over time."),
     _measured("final_x_m", "double", "m", "Final position, x."),
     _measured("final_y_m", "double", "m", "Final position, y."),

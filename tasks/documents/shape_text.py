@@ -1,6 +1,5 @@
 """Says where a key belongs, and how a value of the wrong shape is written."""
 
-import difflib
 import json
 import re
 from collections.abc import Iterable
@@ -8,6 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from specs.spelling import nearest
 from tasks.documents.key_places import (
     KeyPlace,
     Place,
@@ -22,7 +22,7 @@ from tasks.documents.key_places import (
 )
 
 _PART_OF_A_KEY = 4
-_ALIKE, _NEARLY_THE_SAME = 0.6, 0.85
+_NEARLY_THE_SAME = 0.85
 _LONGEST_QUOTE = 40
 _NUMBER_FIRST = re.compile(r"\s*([-+]?[0-9]+(?:\.[0-9]+)?)\s*([A-Za-z%°²³]+[23]?)?\s*\Z")
 
@@ -39,9 +39,9 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
     meant = same_word(key, known) or _containing(key, known)
     elsewhere = "" if meant else _belongs(key_places(model).get(key.lower(), ()), here)
     if not (meant or elsewhere):
-        meant = _close(key, known, _ALIKE)
+        meant = nearest(key, known)
     if not (meant or elsewhere):
-        near = _close(key, key_places(model), _NEARLY_THE_SAME)
+        near = nearest(key, key_places(model), _NEARLY_THE_SAME)
         elsewhere = _belongs(key_places(model).get(near, ()), here)
     hint = f'did you mean "{meant}"? ' if meant else f"{elsewhere}; " if elsewhere else ""
     keys = f"known keys{' here' if elsewhere else ''} are {', '.join(known)}" if known else "no such key"
@@ -51,7 +51,7 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
 def meant_text(text: str, known: Iterable[str]) -> str:
     """Returns the question whether one of the known words is meant, with a space behind it; else nothing."""
     words = list(known)
-    meant = same_word(text, words) or _close(text, words, _ALIKE)
+    meant = same_word(text, words) or nearest(text, words)
     return f'did you mean "{meant}"? ' if meant else ""
 
 
@@ -173,12 +173,6 @@ def _containing(key: str, known: Iterable[str]) -> str:
         return ""
     found = [one for one in known if _plain(key) in _plain(one)]
     return found[0] if len(found) == 1 else ""
-
-
-def _close(text: str, known: Iterable[str], cutoff: float) -> str:
-    lowered = {one.lower(): one for one in known}
-    close = difflib.get_close_matches(text.lower(), list(lowered), n=1, cutoff=cutoff)
-    return lowered[close[0]] if close else ""
 
 
 def _plain(text: str) -> str:

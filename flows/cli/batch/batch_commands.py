@@ -49,7 +49,9 @@ def replay(
 _Batch = Annotated[
     str,
     typer.Argument(
-        help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id.", show_default=False
+        help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id. BATCH@VERSION picks one of "
+        "several versions.",
+        show_default=False,
     ),
 ]
 
@@ -65,6 +67,7 @@ def compare(
         typer.Option(help="Folder for a map of each world with flips; none by default.", show_default=False),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a comment for a pull request.")] = False,
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
@@ -72,29 +75,33 @@ def compare(
 ) -> None:
     """Compare two batches over the episodes that both have; 0: B is no worse than A; 1: worse; 4: not shown."""
     from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
-    from flows.cli.batch.batch_text import show_comparison
+    from flows.cli.batch.batch_text import comparison_comment, show_comparison
     from tasks.results.compare.comparison_verdict import comparison
     from tasks.simulate.batch.seal import unvouched_notice
     from tasks.storage.store_url import open_existing_store
 
-    opened = open_existing_store(store)
+    if as_json and markdown:
+        raise typer.BadParameter("one of --json and --markdown; a comment is no JSON document")
+    quiet, opened = as_json or markdown, open_existing_store(store)
     first, second = find_batch(opened, batch_a), find_batch(opened, batch_b)
     pairs = common_episodes(first, second)
-    found = comparison(first.work.id, second.work.id, pairs, margin=margin, confidence=confidence)
+    found = comparison(first.name, second.name, pairs, margin=margin, confidence=confidence)
     if as_json:
         echo_json(found.model_dump_json(indent=2))
+    elif markdown:
+        echo(comparison_comment(first, second, found).rstrip())
     else:
         show_comparison(found, TerminalConsole())
     for notice in filter(None, map(unvouched_notice, (first.work, second.work))):
         echo(notice, err=True)
     if output is not None and not pairs.flips:
-        echo(f"nothing was written to {output}: no episode came out differently", err=as_json)
+        echo(f"nothing was written to {output}: no episode came out differently", err=quiet)
     elif output is not None:
         output.mkdir(parents=True, exist_ok=True)
         for each in flip_maps(first, second, pairs.flips):
             path = output / f"flips-{each.world.replace('/', '-')}.svg"
             path.write_text(each.svg, encoding="utf-8")
-            echo(str(path), err=as_json)
+            echo(str(path), err=quiet)
     if found.answer != "NO WORSE":
         raise typer.Exit(UNDECIDED if found.answer == "INCONCLUSIVE" else NOT_PASSED)
 

@@ -85,6 +85,7 @@ class BatchFacts(Spec):
         audit: The parity audit as recorded, or None.
         stages: How long the run's stages took, or nothing where that is not recorded.
         links: Files of the batch.
+        trend: Link to the page of the document's nights, or empty where it is of no document's run.
     """
 
     batch: str
@@ -105,3 +106,4 @@ class BatchFacts(Spec):
     audit: dict[str, JsonValue] | None = None
     stages: tuple[StageTime, ...] = ()
     links: tuple[Link, ...] = Field(default=())
+    trend: str = ""

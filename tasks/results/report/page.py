@@ -5,41 +5,38 @@ scripts and requests besides. Prefect's pages show the picture and the Markdown.
 """
 
 import functools
-import re
 from collections.abc import Sequence
 from typing import Any, cast
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from specs.artifact_text import escape_markdown
+from specs.artifact_text import escape_markdown, xml_text
 from specs.data.outcome_reasons import MARKS
 from tasks.results.report.rows import RateRow
 from tasks.results.report.view import ReportView, RoomsView
 
-# What XML cannot hold, and what turns the direction of the text around it.
-_UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
 
 def report_page(view: ReportView) -> bytes:
     """Returns the page, the same bytes for the same view."""
-    return _templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
+    return page_templates().get_template("report.html.j2").render(view=view, styles=report_styles()).encode()
 
 
 def report_styles() -> str:
     """Returns the page's CSS, with the colours of all marks."""
-    return _templates().get_template("report.css").render().rstrip()
+    return page_templates().get_template("report.css").render().rstrip()
 
 
 def report_picture(view: ReportView) -> bytes:
     """Returns the rate with its interval and the first map as one SVG image, for where no page can stand."""
-    return _templates().get_template("picture.svg.j2").render(view=view).encode()
+    return page_templates().get_template("picture.svg.j2").render(view=view).encode()
 
 
 @functools.cache
-def _templates() -> Environment:
+def page_templates(package: str = "tasks.results.report") -> Environment:
+    """Returns the templates of a package's pages, which escape whatever they are given."""
     found = Environment(
-        loader=PackageLoader("tasks.results.report"),
+        loader=PackageLoader(package),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=_fit,
@@ -57,7 +54,7 @@ def _colors(ground: str) -> str:
 
 
 def _fit(value: object) -> object:
-    return _UNFIT.sub("\ufffd", value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    return xml_text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 _MARKS = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}

@@ -38,6 +38,8 @@ REPORTED = "robots/{robot}/reported.json"
 """What the robot runs; only that robot writes."""
 TRUST = "trust/{repository}/{file}"
 """Signed metadata of bundles and keys; no private key, ever."""
+TREND = "trends/{document}.html"
+"""In a document's bucket, below its prefix: the page of its nights, beside the folders of its batches."""
 UNNAMED = "housekeeping/unnamed.json"
 """Since when each bundle has been without a name, for the next time that somebody asks."""
 NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
@@ -193,6 +195,11 @@ def chunks_prefix(batch: str) -> str:
 def result_key(batch: str, name: str) -> str:
     """Returns the key of one of a batch's files, such as ``evidence.json``."""
     return fill(RESULT, batch=batch, file=name)
+
+
+def trend_key(document: str) -> str:
+    """Returns the key of a document's trend, below the prefix of its bucket."""
+    return fill(TREND, document=document)
 
 
 def bundle_key(digest: str) -> str:

@@ -10,7 +10,10 @@ from tasks.simulate.application.robot_mjcf import base_of
 from tasks.simulate.refusal import RobotRefused
 
 _ELSEWHERE = "or set engine: auto or mujoco"
-_ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE)
+_UPRIGHT = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+_ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, *_UPRIGHT)
+# Half a degree: what rounded angles, and fromto, lean by. The outline then is off by a hundredth of the height.
+_MOST_LEAN = 0.009
 _INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _WITHOUT = (
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,
@@ -34,9 +37,8 @@ _DYNAMICS = (
 )
 _GAINS = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE)
 _BIASES = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
-# MuJoCo's convex collider gives an upright cylinder contacts at corners whose normals are off by a thousandth and, with
-# multiccd, at times by a right angle: a robot ends millimetres, or metres, from where exact contacts take it.
-_INSTEAD = "a capsule of its radius touches upright obstacles as a cylinder does"
+_KNOWN = "spheres, and capsules and cylinders that stand upright"
+_INSTEAD = "give it a cylinder as wide as it is, with pos and size"
 _ELEMENTS = ("tendon", "eq", "flex", "plugin", "pair", "exclude", "mocap")
 
 
@@ -130,14 +132,19 @@ def _hull(model: mujoco.MjModel) -> Iterator[str]:
         if model.body_weldid[model.geom_bodyid[geom]] != base:
             yield f"{name}: it is fixed to the world: worlds bring their own obstacles: remove it"
         if kind not in _ROUND:
-            yield f"{name}: a {word_of(kind, 'mjGEOM_')}: it knows spheres and upright capsules: {_INSTEAD}"
+            yield f"{name}: {_article(word_of(kind, 'mjGEOM_'))}: it knows {_KNOWN}: {_INSTEAD}"
         lean = float(np.hypot(*at_rest.geom_xmat[geom][[2, 5]]))
-        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE and lean > 0.0:
-            yield f"{name}: a capsule that leans by {lean:.2g}: write it upright with pos and size, not fromto or euler"
+        if kind in _UPRIGHT and lean > _MOST_LEAN:
+            found = f"a {word_of(kind, 'mjGEOM_')} that leans by {lean:.2g} from upright"
+            yield f"{name}: {found}: it knows {_KNOWN}: {_INSTEAD}, or make it a wheel that does not collide"
         if model.geom_condim[geom] not in {1, 3}:
             yield f"{name}: condim {model.geom_condim[geom]}: it knows 1 and 3: set one of them"
         if model.geom_adhesion[geom] or np.any(model.geom_surfacevel[geom]):
             yield f"{name}: an adhesion or a surface velocity: remove it"
+
+
+def _article(noun: str) -> str:
+    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
 
 
 def _actuators(model: mujoco.MjModel) -> Iterator[str]:

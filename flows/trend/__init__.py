@@ -1,0 +1,1 @@
+"""A document's nights: found in the store, made into a trend, its page and its alarms. Stages may import it."""

@@ -1,0 +1,231 @@
+"""Finds the nights of a document in the store: its runs, their batches, and what the tables of these hold.
+
+Thousands of objects are read, a few at a time. What an ended run came to never changes, so that it is kept in the cache
+folder, where none but the owner writes; there a thousand nights are one small file.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
+from itertools import islice
+from typing import NamedTuple, cast
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+from pydantic import JsonValue
+
+from flows.trend.night_cache import KeptNights, keep_nights, kept_nights
+from specs.digest import canonical_json, digest
+from specs.errors import BucketNotFound, ObjectNotFound, ResourceNotFound
+from tasks.results.report.report_job import REPORT_FILE, file_key
+from tasks.results.tables.history_rows import HistoryRows, count_cells, join_rows, read_rows
+from tasks.results.tables.result_files import RESULTS_FILE
+from tasks.results.trend.measure import Measure, is_good, usual_value
+from tasks.results.trend.night import Night
+from tasks.simulate.batch.job import KIND, plan_of
+from tasks.simulate.batch.seal import is_sealed
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.keys import JOB, jobs_prefix, key_pattern
+from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+from tasks.storage.jobs.records import JobRecord, is_terminal, read
+from tasks.storage.jobs.runs import jobs_of, run_document
+from tasks.storage.jobs.voucher import has_owner_key, owner_voucher
+
+MOST_NIGHTS = 1_000
+_THREADS = 8
+_AT_ONCE = 64
+_RUNS = "pipeline-run"
+
+
+class History(NamedTuple):
+    """A document's nights, the oldest first, and the value that a quantile is compared with."""
+
+    nights: list[Night]
+    at_most: float | None = None
+
+
+class _Read(NamedTuple):
+    """A night as the store has it: its facts, its rows, the bundle that is no part of it, and whether all has ended."""
+
+    night: Night
+    rows: pa.Table | None
+    compared_with: str
+    ended: bool
+
+
+def document_names(store: Store) -> list[str]:
+    """Returns the names of the documents that have runs in a store, sorted."""
+    with ThreadPoolExecutor(_THREADS) as pool:
+        runs = pool.map(partial(_run, store), _run_ids(store))
+        return sorted({run_document(run) for run in runs if run and run.request.get("flow") == "pipeline"})
+
+
+def read_history(store: Store, document: str, measure: Measure, *, anew: bool = False) -> History:
+    """Returns the nights of a document, the newest thousand at most.
+
+    Args:
+        store: Where its runs are.
+        document: Its name.
+        measure: What is counted.
+        anew: Whether to read everything from the store, whatever is kept in the cache folder.
+
+    Raises:
+        StoreError: The store cannot be read.
+    """
+    kept = KeptNights() if anew or measure != Measure() else kept_nights(store, document)
+    ids = _run_ids(store)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        others = [each for each in ids if kept.documents.get(each, document) == document and not _is_kept(kept, each)]
+        runs = [run for run in pool.map(partial(_run, store), others) if run]
+        ours = [run for run in runs if run.request.get("flow") == "pipeline" and run_document(run) == document]
+        newest = sorted(ours, key=lambda run: run.created_at_s)[-MOST_NIGHTS:]
+        found = pool.map(partial(_read_night, store, measure, _buckets(store)), newest)
+        counted, at_most = _counted(zip(newest, found, strict=True), measure)
+    ended = {run.id: run_document(run) for run in runs if is_terminal(run)}
+    nights = {run.id: night for run, night, over in counted if over}
+    now = KeptNights(documents={**kept.documents, **ended}, nights={**kept.nights, **nights})
+    if measure == Measure() and (ended or nights):
+        keep_nights(store, document, now)
+    there = set(ids)
+    old = [night for run, night in now.nights.items() if night and run in there]
+    fresh = [night for _, night, over in counted if night and not over]
+    return History(sorted([*old, *fresh], key=lambda night: (night.begun_at_s, night.run))[-MOST_NIGHTS:], at_most)
+
+
+def _is_kept(kept: KeptNights, run: str) -> bool:
+    """Returns whether a night need not be read: another key may vouch by now for one that was not vouched for."""
+    night = kept.nights.get(run)
+    return run in kept.nights and (night is None or night.vouched or bool(night.left_out) or not has_owner_key())
+
+
+def _run_ids(store: Store) -> list[str]:
+    form = key_pattern(JOB, kind=_RUNS)
+    matches = (form.fullmatch(key) for key in store.keys(jobs_prefix(_RUNS)))
+    return [found["job"] for found in matches if found]
+
+
+def _run(store: Store, run: str) -> JobRecord | None:
+    try:
+        return read(store, _RUNS, run)
+    except ResourceNotFound:  # removed since it was listed
+        return None
+
+
+def _buckets(store: Store) -> Callable[[str], Store]:
+    """Returns what opens each bucket once."""
+
+    @cache
+    def opened(name: str) -> Store:
+        return open_bucket(store, name)
+
+    return opened
+
+
+def _counted(
+    found: Iterator[tuple[JobRecord, _Read | None]], measure: Measure
+) -> tuple[list[tuple[JobRecord, Night | None, bool]], float | None]:
+    """Returns each run's night with its cells, and whether all has ended; a quantile needs all at a time."""
+    done: list[tuple[JobRecord, Night | None, bool]] = []
+    at_most: float | None = None
+    while some := list(islice(found, None if measure.quantile else _AT_ONCE)):
+        with_rows = [each for _, each in some if each and each.rows is not None]
+        names = sorted({name for each in with_rows for name in each.night.variables})
+        cells: dict[str, Night] = {}
+        if with_rows:
+            rows = join_rows([cast("pa.Table", each.rows) for each in with_rows], measure.column, names)
+            if measure.quantile:
+                at_most = usual_value(_by_batch(rows, len(with_rows)), measure.quantile)
+            cells = _with_cells(with_rows, rows, names, at_most)
+        for run, each in some:
+            night = cells.get(each.night.run, each.night) if each else None
+            done.append((run, night, is_terminal(run) and (each is None or each.ended)))
+    return done, at_most
+
+
+def _by_batch(rows: HistoryRows, batches: int) -> list[Float[np.ndarray, " rows"]]:
+    ends = np.searchsorted(rows.batch, np.arange(1, batches))
+    return np.split(rows.value, ends)
+
+
+def _with_cells(
+    found: Sequence[_Read], rows: HistoryRows, names: Sequence[str], at_most: float | None
+) -> dict[str, Night]:
+    """Returns nights with their cells, by run; those of the version that a gate compared with are left out."""
+    counted: dict[str, Night] = {}
+    for each, cells in zip(found, count_cells(rows, is_good(rows.value, at_most), len(found)), strict=True):
+        own = [names.index(name) for name in each.night.variables]
+        kept = tuple(
+            cell.model_copy(update={"variables": tuple(cell.variables[at] for at in own)})
+            for cell in cells
+            if cell.bundle != each.compared_with
+        )
+        counted[each.night.run] = each.night.model_copy(update={"cells": kept})
+    return counted
+
+
+def _read_night(store: Store, measure: Measure, bucket: Callable[[str], Store], run: JobRecord) -> _Read | None:
+    """Returns a run's night, or None if there is none or none yet."""
+    batch = next((job for kind, job in jobs_of(run) if kind == KIND), None)
+    if batch is None:
+        return None
+    try:
+        record = read(store, KIND, batch)
+    except ResourceNotFound:
+        why = "the run ended before its batch" if is_terminal(run) else ""
+        return _Read(_facts(run, None).model_copy(update={"left_out": why}), None, "", ended=True) if why else None
+    if not is_terminal(record):
+        return None
+    night = _facts(run, record)
+    if record.status != "Completed":
+        return _Read(night.model_copy(update={"left_out": f"its batch is {record.status}"}), None, "", ended=True)
+    return _read_rows(record, night, measure, bucket, _compared_with(run))
+
+
+def _read_rows(
+    record: JobRecord, night: Night, measure: Measure, bucket: Callable[[str], Store], compared_with: str
+) -> _Read:
+    place, plan = recorded_location(record), plan_of(record)
+    several = tuple(name for name, values in plan.variables().items() if len(values) > 1)
+    robots = {each.robot.digest: each.robot for each in plan.templates if each.robot.digest != compared_with}
+    facts = {
+        "robots": tuple(robots.values()),
+        "variables": several,
+        "vouched": has_owner_key() and is_sealed(record, owner_voucher(record.id, digest(plan))),
+        "early": "stopped_early" in record.detail,
+    }
+    night = night.model_copy(update=facts)
+    try:
+        opened = bucket(place.s3Bucket or "")
+        body = opened.get(file_key(place, record.id, RESULTS_FILE)).body
+    except (ObjectNotFound, BucketNotFound):
+        return _Read(night.model_copy(update={"left_out": f"its {RESULTS_FILE} is gone"}), None, "", ended=False)
+    night = night.model_copy(update={"page": f"{opened.url}/{file_key(place, record.id, REPORT_FILE)}"})
+    if hashlib.sha256(body).hexdigest() != cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]:
+        why = f"its {RESULTS_FILE} is not what the batch wrote"
+        return _Read(night.model_copy(update={"left_out": why}), None, "", ended=False)
+    return _Read(night, read_rows(body, measure.column, variables=bool(several)), compared_with, ended=True)
+
+
+def _facts(run: JobRecord, record: JobRecord | None) -> Night:
+    spec = cast("Mapping[str, JsonValue]", run.request["spec"])
+    found = cast("Mapping[str, JsonValue]", run.request.get("pins") or {})
+    made = canonical_json({"worlds": spec.get("worldGeneration"), "template": found.get("template")})
+    generation = next((job for kind, job in jobs_of(run) if kind == "world-generation-job"), "")
+    return Night(
+        run=run.id,
+        request=run.request_digest,
+        worlds_made=hashlib.sha256(made).hexdigest()[:16],
+        generation=generation,
+        batch=record.id if record else "",
+        arn=record.arn if record else run.arn,
+        begun_at_s=record.created_at_s if record else run.created_at_s,
+    )
+
+
+def _compared_with(run: JobRecord) -> str:
+    """Returns the digest of the bundle that the run's gate compares with; its episodes are no part of the trend."""
+    found = run.detail.get("baseline")
+    return str(found.get("digest", "")) if isinstance(found, dict) else ""

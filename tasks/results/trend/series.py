@@ -1,0 +1,242 @@
+"""A document's nights as series: all episodes, those in one world, those with one value of a variable.
+
+Each series is looked at for changes by itself. The false alarms that are allowed in a year are shared: half of them are
+for all episodes together, the other half is shared equally by the other series. So the mean number of false alarms of
+all series together is no larger than that of one series that has them all.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from specs.base import Fault
+from specs.errors import DocumentError
+from tasks.results.statistics.change_point import NIGHTS_A_YEAR, Change, NightCount, find_changes
+from tasks.results.statistics.intervals import wilson_bounds
+from tasks.results.tables.history_rows import Cell
+from tasks.results.trend.night import Night
+
+# More small pictures nobody compares, and each takes from the others' share of the false alarms.
+MOST_SERIES = 24
+CONFIDENCE = 0.95
+WHOLE = "All episodes"
+_Cells = tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which episodes are looked at; all where nothing is said.
+
+    Attributes:
+        world: Name of a world, with or without its generation.
+        version: Version of the robot application, or the beginning of its digest.
+        variables: Values of environment variables.
+    """
+
+    world: str = ""
+    version: str = ""
+    variables: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Point:
+    """A night of a series: its count, and the bounds of its rate; no episodes, no rate."""
+
+    count: NightCount
+    lower: float
+    upper: float
+    repeats: bool = False
+
+    @property
+    def rate(self) -> float:
+        """The rate."""
+        return self.count.successes / self.count.n
+
+
+@dataclass(frozen=True)
+class Series:
+    """One row of nights.
+
+    Attributes:
+        kind: What sets it apart: ``all``, ``world``, or a variable's name.
+        label: What it is called.
+        points: One a night; None where it has no episodes.
+        changes: The changes that were seen.
+        limit: How many nights without a change there are, in the mean, until a false alarm of this series alone.
+    """
+
+    kind: str
+    label: str
+    points: tuple[Point | None, ...]
+    changes: tuple[Change, ...]
+    limit: float
+
+
+@dataclass(frozen=True)
+class Trend:
+    """All series of a document's nights.
+
+    Attributes:
+        nights: The nights, the oldest first, those that do not count among them.
+        series: All episodes first.
+        left_out: How many series are not looked at.
+    """
+
+    nights: tuple[Night, ...]
+    series: tuple[Series, ...]
+    left_out: int
+
+    def alarms(self) -> list[tuple[Series, Change]]:
+        """Returns all alarms, the newest first, and those of all episodes before those of some."""
+        found = [(each, change) for each in self.series for change in each.changes]
+        return sorted(found, key=lambda alarm: -alarm[1].seen)
+
+
+def make_trend(nights: Sequence[Night], choice: Choice, nights_a_false_alarm: float = NIGHTS_A_YEAR) -> Trend:
+    """Returns the series of some nights.
+
+    Args:
+        nights: The oldest first.
+        choice: Which episodes are looked at.
+        nights_a_false_alarm: How many nights without a change there are, in the mean, until a false alarm.
+
+    Raises:
+        DocumentError: No episode was chosen, though there are nights.
+    """
+    cells = [tuple(cell for cell in night.cells if _is_chosen(night, cell, choice)) for night in nights]
+    if any(night.cells for night in nights) and not any(cells):
+        raise _none_chosen(nights, choice)
+    repeats = _repeats(nights)
+    groups = _groups(nights, cells)
+    kept, rest = list(groups)[:MOST_SERIES], list(groups)[MOST_SERIES:]
+    share = 2.0 if kept else 1.0
+    series = [_series(("all", WHOLE), nights, cells, repeats, nights_a_false_alarm * share)]
+    for key in kept:
+        limit = nights_a_false_alarm * share * len(kept)
+        series.append(_series(key, nights, groups[key], repeats, limit))
+    return Trend(tuple(nights), tuple(series), len(rest))
+
+
+def world_name(night: Night, world: str) -> str:
+    """Returns what a world is called on all nights: without the generation, where the run itself made it."""
+    generation, _, name = world.partition("/")
+    return name if generation == night.generation else world
+
+
+def _repeats(nights: Sequence[Night]) -> list[bool]:
+    """Returns which nights drove what an earlier one drove: the same bits come of it, so that they say nothing new."""
+    seen: set[str] = set()
+    found: list[bool] = []
+    for night in nights:
+        counts = not night.left_out
+        found.append(counts and night.request in seen)
+        seen |= {night.request} if counts else set()
+    return found
+
+
+def _world_identity(night: Night, world: str) -> str:
+    generation, _, name = world.partition("/")
+    return f"{night.worlds_made}/{name}" if generation == night.generation else world
+
+
+def _is_chosen(night: Night, cell: Cell, choice: Choice) -> bool:
+    values = dict(zip(night.variables, cell.variables, strict=True))
+    versions = {each.version for each in night.robots if each.digest == cell.bundle}
+    return (
+        (not choice.world or choice.world in {cell.world, world_name(night, cell.world)})
+        and (not choice.version or choice.version in versions or cell.bundle.startswith(choice.version))
+        and all(values.get(name) == value for name, value in choice.variables)
+    )
+
+
+def _groups(nights: Sequence[Night], cells: Sequence[_Cells]) -> dict[tuple[str, str], list[_Cells]]:
+    """Returns the episodes of each world that comes on several nights, and of each value, by kind and label."""
+    found: dict[tuple[str, str], list[_Cells]] = {}
+    labels: dict[str, str] = {}
+    for at, (night, some) in enumerate(zip(nights, cells, strict=True)):
+        for cell in some:
+            identity = _world_identity(night, cell.world)
+            labels[identity] = world_name(night, cell.world)
+            for key in (("", identity), *zip(night.variables, cell.variables, strict=True)):
+                row = found.setdefault(key, [()] * len(nights))
+                row[at] = (*row[at], cell)
+    several = {key[1]: row for key, row in found.items() if not key[0] and sum(map(bool, row)) > 1}
+    named = _named([labels[identity] for identity in several])
+    worlds = {("world", name): row for name, row in zip(named, several.values(), strict=True)}
+    values = {key: found[key] for key in sorted(found) if key[0]}
+    return {**(worlds if len(worlds) > 1 else {}), **values}  # a single world is all episodes
+
+
+def _named(labels: Iterable[str]) -> list[str]:
+    """Returns names, of which no two are the same: worlds of other templates may have the same one."""
+    seen: Counter[str] = Counter()
+    found: list[str] = []
+    for label in labels:
+        seen[label] += 1
+        found.append(label if seen[label] == 1 else f"{label} ({seen[label]})")
+    return found
+
+
+def _series(
+    key: tuple[str, str], nights: Sequence[Night], cells: Sequence[_Cells], repeats: Sequence[bool], limit: float
+) -> Series:
+    counts = _counts(nights, cells)
+    fresh = [NightCount(0, 0) if repeat else count for count, repeat in zip(counts, repeats, strict=True)]
+    return Series(*key, _points(counts, repeats), tuple(find_changes(fresh, limit)), limit)
+
+
+def _counts(nights: Sequence[Night], cells: Sequence[_Cells]) -> list[NightCount]:
+    found: list[NightCount] = []
+    before: frozenset[str] = frozenset()
+    for night, some in zip(nights, cells, strict=True):
+        worlds: dict[str, list[int]] = {}
+        for cell in some:
+            tally = worlds.setdefault(_world_identity(night, cell.world), [0, 0])
+            tally[0] += cell.successes
+            tally[1] += cell.n
+        found.append(_night_count(worlds, before))
+        before = frozenset(worlds) or before
+    return found
+
+
+def _night_count(worlds: Mapping[str, Sequence[int]], before: frozenset[str]) -> NightCount:
+    successes, n = (sum(tally[at] for tally in worlds.values()) for at in (0, 1))
+    new = [tally for world, tally in worlds.items() if world not in before and tally[1]]
+    if len(new) < 2:
+        return NightCount(successes, n)
+    rate = sum(tally[0] for tally in new) / sum(tally[1] for tally in new)
+    scatter = sum((tally[0] - tally[1] * rate) ** 2 / tally[1] for tally in new)
+    return NightCount(successes, n, scatter, len(new) - 1)
+
+
+def _points(counts: Sequence[NightCount], repeats: Sequence[bool]) -> tuple[Point | None, ...]:
+    successes, n = (np.array([count[at] for count in counts], np.float64) for at in (0, 1))
+    lower, upper = wilson_bounds(successes, np.maximum(n, 1.0), CONFIDENCE)
+    return tuple(
+        Point(count, float(lower[at]), float(upper[at]), repeats[at]) if count.n else None
+        for at, count in enumerate(counts)
+    )
+
+
+def _none_chosen(nights: Sequence[Night], choice: Choice) -> DocumentError:
+    cells = [(night, cell) for night in nights for cell in night.cells]
+    known = {
+        "--world": {world_name(night, cell.world) for night, cell in cells},
+        "--version": {robot.version for night in nights for robot in night.robots},
+        "--variable": {
+            f"{name}={value}"
+            for night, cell in cells
+            for name, value in zip(night.variables, cell.variables, strict=True)
+        },
+    }
+    asked = [("--world", choice.world), ("--version", choice.version)]
+    asked += [("--variable", f"{name}={value}") for name, value in choice.variables]
+    faults = [
+        Fault(path=option, value=repr(value), allowed=f"one of {', '.join(sorted(known[option])[:20]) or '(none)'}")
+        for option, value in asked
+        if value and value not in known[option]
+    ]
+    together = "a world, a version and values that some episode had together"
+    return DocumentError(faults or [Fault(path="trend", value="no episode", allowed=together)], source="simyard")
