@@ -2,20 +2,19 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from specs.arn import parse_reference
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
-from specs.pipeline.gate_section import Gate, metric_faults
+from specs.pipeline.gate_section import Gate
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import LATEST
+from tasks.applications.registry import unpack
+from tasks.results.gate.rules.metric_names import metric_faults
 from tasks.simulate.application.declared_metrics import declared_metrics
+from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.cache_folder import cache_folder
-
-if TYPE_CHECKING:  # `simyard validate` has no store, and waits for none of its libraries
-    from tasks.simulate.plan.batch_plan import BatchPlan
-    from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store
 
 
 def check_own_names(spec: PipelineSpec, base: Path) -> None:
@@ -36,7 +35,7 @@ def check_own_names(spec: PipelineSpec, base: Path) -> None:
         _require(spec.gate, _declared(own[name] for name in sorted(used)))
 
 
-def check_planned_names(gate: Gate | None, plan: "BatchPlan", store: "Store") -> None:
+def check_planned_names(gate: Gate | None, plan: BatchPlan, store: Store) -> None:
     """Refuses metrics that no scenario of a batch measures.
 
     Args:
@@ -52,7 +51,7 @@ def check_planned_names(gate: Gate | None, plan: "BatchPlan", store: "Store") ->
     _require(gate, planned_names(plan, store))
 
 
-def planned_names(plan: "BatchPlan", store: "Store") -> frozenset[str] | None:
+def planned_names(plan: BatchPlan, store: Store) -> frozenset[str] | None:
     """Returns the names of all metrics that the scenarios of a batch measure; None where that is not known.
 
     Args:
@@ -62,8 +61,6 @@ def planned_names(plan: "BatchPlan", store: "Store") -> frozenset[str] | None:
     Raises:
         ObjectNotFound: A bundle is gone.
     """
-    from tasks.applications.registry import unpack  # noqa: PLC0415 - only where there is a store
-
     digests = dict.fromkeys(template.scenario.digest for template in plan.templates)
     return _declared(unpack(store, digest, cache_folder() / "bundles") for digest in digests)
 

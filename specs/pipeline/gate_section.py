@@ -1,23 +1,20 @@
 """The section of a pipeline that decides: what a batch must show before anything is deployed."""
 
-import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
-from specs.rules import Finding, Ruled, broken, items, meant, nearest, part
+from specs.rules import Finding, Ruled, broken, items, meant, part
 
 MAX_QUANTILES = 20
 _STOP_EARLY = "stopEarly"
 _SEQUENTIAL = "counts episodes one by one, so that it can be sure before the batch's end"
-METRICS_PREFIX = "metrics."
-"""Before the name of what a scenario measures, where a rule asks for it."""
 _METRIC = re.compile(r"metrics\..+")
 
 
@@ -158,28 +155,6 @@ def unaudited(gate: object, audit: object) -> Iterator[Finding]:
     if part(gate, "maxOutcomeFlipRate") is not None and lanes == 0 and type(lanes) is int:
         allowed = "simulationBatch.audit.lanes above 0, for the episodes that it counts"
         yield Finding(("gate", "maxOutcomeFlipRate"), "audit.lanes is 0", allowed)
-
-
-def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
-    """Returns a fault for each rule about a metric that is not among those that are known."""
-    return [
-        Fault(
-            path=f"gate.quantiles[{number}].column",
-            value=json.dumps(asked.column),
-            allowed=_metric_rule(asked.column.removeprefix(METRICS_PREFIX), known),
-        )
-        for number, asked in enumerate(gate.quantiles or ())
-        if asked.column.startswith(METRICS_PREFIX) and asked.column.removeprefix(METRICS_PREFIX) not in known
-    ]
-
-
-def _metric_rule(name: str, known: Sequence[str]) -> str:
-    """Returns which metrics a rule may ask for, the one that was probably meant first."""
-    close = name if name in MEASURES else f"{METRICS_PREFIX}{near}" if (near := nearest(name, known)) else ""
-    hint = f'did you mean "{close}"? ' if close else ""
-    if not known:
-        return f"{hint}one of {', '.join(MEASURES)}; the scenario measures nothing by itself"
-    return f"{hint}the scenario measures {', '.join(f'{METRICS_PREFIX}{each}' for each in known)}"
 
 
 def _asked_twice(quantiles: object) -> Iterator[Finding]:

@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from specs.pipeline.gate_section import METRICS_PREFIX, QuantileRule
+from specs.pipeline.gate_section import QuantileRule
+from tasks.results.gate.rules.metric_names import PREFIX
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_above,
@@ -24,7 +25,7 @@ _METRICS = "metrics"
 
 
 def _columns(asked: QuantileRule) -> Sequence[str]:
-    return ("status", _METRICS if asked.column.startswith(METRICS_PREFIX) else asked.column)
+    return ("status", _METRICS if asked.column.startswith(PREFIX) else asked.column)
 
 
 def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdict:
@@ -56,8 +57,8 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
 
 def _values(rows: "pa.Table", column: str) -> tuple[list[float], int]:
     """Returns a column's values, and how many episodes have none to rely on: null, or the job failed."""
-    if column.startswith(METRICS_PREFIX):
-        name = column.removeprefix(METRICS_PREFIX)
+    if column.startswith(PREFIX):
+        name = column.removeprefix(PREFIX)
         found = [dict(metrics).get(name) for metrics in rows.column(_METRICS).to_pylist()]
     else:
         found = rows.column(column).to_pylist()
