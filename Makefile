@@ -23,7 +23,7 @@ $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt uv
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --compile-bytecode --constraint constraints.txt --editable '.[dev]'
-	$(BIN)/python -m compileall -q flows tasks specs
+	$(BIN)/python -m compileall -q simyard flows tasks specs
 	touch $(READY)
 
 run: $(READY)

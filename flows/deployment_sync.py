@@ -4,6 +4,7 @@ from prefect import flow
 
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
+from flows.parameter.document_parameter import DeploymentParameter
 from flows.parameter.secret_guard import guarded
 from flows.parameter.store_block import store_at
 from flows.parameter.store_parameter import StoreParameter
@@ -11,7 +12,6 @@ from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import deployment_stage
 from specs.field_types import Architecture
-from specs.pipeline.simulation_section import Deployment
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -24,7 +24,7 @@ from tasks.storage.jobs.records import JobRecord
     on_cancellation=[cancel_with_flow_run],
 )
 def deployment_sync(
-    spec: Deployment,
+    spec: DeploymentParameter,
     store: StoreParameter = None,
     tested: dict[str, str] | None = None,
     versions: dict[str, str] | None = None,
@@ -35,7 +35,7 @@ def deployment_sync(
     """Returns the deployment job, ended: Succeeded, Failed or Canceled.
 
     Args:
-        spec: The pipeline's section ``deployment``.
+        spec: The pipeline's section ``deployment``, or ``{document: path}``.
         store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         tested: Digest of each robot application that a batch tested, by name; another digest is refused.
         versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.

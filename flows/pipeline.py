@@ -5,6 +5,7 @@ from prefect import flow
 from flows.deployment_sync import deployment_sync
 from flows.entry.flow_state import completed_run
 from flows.entry.result_json import result_serializer
+from flows.parameter.document_parameter import DocumentParameter
 from flows.parameter.secret_guard import guarded
 from flows.parameter.store_block import store_at
 from flows.parameter.store_parameter import StoreParameter
@@ -15,7 +16,6 @@ from flows.stage import batch_stage, deployment_stage, export_stage, generation_
 from flows.world_export import world_export
 from flows.world_generation import world_generation
 from specs.data.run_report import PipelineReport
-from specs.pipeline.document import PipelineSpec
 
 _FLOWS: Steps = {
     generation_stage.world_generation: world_generation,
@@ -36,15 +36,15 @@ _STAGES: Steps = {stage: each.with_options(persist_result=False) for stage, each
     result_serializer=result_serializer(),
     on_cancellation=[cancel_with_flow_run],
 )
-def pipeline(spec: PipelineSpec, store: StoreParameter = None, base: str = ".") -> PipelineReport:
+def pipeline(spec: DocumentParameter, store: StoreParameter = None, base: str = ".") -> PipelineReport:
     """Returns the report of a run in which everything passed.
 
     A run that was killed is continued; one that another live process works on is waited for.
 
     Args:
-        spec: The document.
+        spec: The document, or ``{document: path}``.
         store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
-        base: Folder that the document's relative paths start from.
+        base: Folder that the document's relative paths, or the path of its file, start from.
 
     Raises:
         DocumentError: The document refers to what does not exist; nothing has run.

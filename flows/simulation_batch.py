@@ -4,6 +4,7 @@ from prefect import flow
 
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
+from flows.parameter.document_parameter import SimulationBatchParameter
 from flows.parameter.secret_guard import guarded
 from flows.parameter.store_block import store_at
 from flows.parameter.store_parameter import StoreParameter
@@ -11,7 +12,6 @@ from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import batch_stage
 from specs.pipeline.gate_section import Gate
-from specs.pipeline.simulation_section import SimulationBatch
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -24,7 +24,7 @@ from tasks.storage.jobs.records import JobRecord
     on_cancellation=[cancel_with_flow_run],
 )
 def simulation_batch(
-    spec: SimulationBatch,
+    spec: SimulationBatchParameter,
     worlds: list[str] | None = None,
     store: StoreParameter = None,
     versions: dict[str, str] | None = None,
@@ -35,7 +35,7 @@ def simulation_batch(
     """Returns the batch, whose ``detail`` says where results and failures lie and what they add up to.
 
     Args:
-        spec: The pipeline's section ``simulationBatch``.
+        spec: The pipeline's section ``simulationBatch``, or ``{document: path}``.
         worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
         store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.

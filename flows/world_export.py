@@ -4,13 +4,13 @@ from prefect import flow
 
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
+from flows.parameter.document_parameter import WorldExportParameter
 from flows.parameter.secret_guard import guarded
 from flows.parameter.store_block import store_at
 from flows.parameter.store_parameter import StoreParameter
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import export_stage
-from specs.pipeline.world_sections import WorldExport
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -23,12 +23,12 @@ from tasks.storage.jobs.records import JobRecord
     on_cancellation=[cancel_with_flow_run],
 )
 def world_export(
-    spec: WorldExport, worlds: list[str] | None = None, store: StoreParameter = None, token: str | None = None
+    spec: WorldExportParameter, worlds: list[str] | None = None, store: StoreParameter = None, token: str | None = None
 ) -> JobRecord:
     """Returns the export job, whose ``detail["zip"]`` says where the worlds lie.
 
     Args:
-        spec: The pipeline's section ``worldExport``.
+        spec: The pipeline's section ``worldExport``, or ``{document: path}``.
         worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
         store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         token: Given by the pipeline; None makes this a run of its own.

@@ -4,13 +4,13 @@ from prefect import flow
 
 from flows.entry.flow_state import completed_job
 from flows.entry.result_json import result_serializer
+from flows.parameter.document_parameter import WorldGenerationParameter
 from flows.parameter.secret_guard import guarded
 from flows.parameter.store_block import store_at
 from flows.parameter.store_parameter import StoreParameter
 from flows.prefect_orchestrator import flow_result, run_name, under_prefect
 from flows.run.cancellation import cancel_with_flow_run
 from flows.stage import generation_stage
-from specs.pipeline.world_sections import WorldGeneration
 from tasks.storage.jobs.records import JobRecord
 
 
@@ -23,12 +23,12 @@ from tasks.storage.jobs.records import JobRecord
     on_cancellation=[cancel_with_flow_run],
 )
 def world_generation(
-    spec: WorldGeneration, store: StoreParameter = None, base: str = ".", token: str | None = None
+    spec: WorldGenerationParameter, store: StoreParameter = None, base: str = ".", token: str | None = None
 ) -> JobRecord:
     """Returns the generation job, whose ``detail["worlds"]`` names the worlds.
 
     Args:
-        spec: The pipeline's section ``worldGeneration``.
+        spec: The pipeline's section ``worldGeneration``, or ``{document: path}``.
         store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
         base: Folder that a template's relative path starts from.
         token: Given by the pipeline; None makes this a run of its own.

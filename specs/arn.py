@@ -6,10 +6,10 @@ creation time that RoboMaker appended.
 """
 
 import re
+from collections.abc import Sequence
 from typing import Literal, get_args
 
-from specs.base import Fault, Spec
-from specs.errors import DocumentError
+from specs.base import Spec
 from specs.job_kinds import JobKind
 
 ResourceKind = Literal[
@@ -64,19 +64,23 @@ def resource_name(text: str) -> str:
     return parse_reference(text).path
 
 
-def resource_path(text: str, kind: ResourceKind) -> str:
-    """Returns what an ARN of that kind, or a plain name, names, such as ``<batch>/<index>`` for a simulation job.
+def list_name(kind: ResourceKind) -> str:
+    """Returns what `simyard list` calls the resources of a kind."""
+    word = kind.removeprefix("deployment-") if kind == "deployment-fleet" else kind
+    return f"{word}es" if word.endswith("batch") else f"{word}s"
 
-    Raises:
-        DocumentError: It is the ARN of something else.
+
+def absence(kinds: Sequence[ResourceKind], store_url: str, near: Sequence[str] = ()) -> str:
+    """Returns what to say of a name that no resource of these kinds has in a store.
+
+    Args:
+        kinds: Those that it could be of.
+        store_url: Where it was looked for.
+        near: What is there and is called nearly so.
     """
-    try:
-        reference = parse_reference(text)
-    except ValueError as exc:
-        raise _refused(text, str(exc)) from exc
-    if reference.kind not in {None, kind}:
-        raise _refused(text, f"an ARN of a {kind}")
-    return reference.path
+    hint = f"; near it: {', '.join(near)}" if near else ""
+    listed = list_name(kinds[0]) if len(kinds) == 1 else "KIND"
+    return f"not in the store {store_url}{hint}; simyard list {listed} shows what is there"
 
 
 def parse_reference(text: str) -> Reference:
@@ -102,7 +106,3 @@ def _kind(text: str, whole: str) -> ResourceKind:
         if text == kind:
             return kind
     raise ValueError(f"{whole!r} names no kind of resource; kinds are {', '.join(KINDS)}")
-
-
-def _refused(text: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="arn", value=repr(text), allowed=allowed)], source="simyard")

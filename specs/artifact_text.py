@@ -1,4 +1,4 @@
-"""Text of strangers for Prefect's pages: keys of artifacts, and what these show as Markdown, as HTML, in tables."""
+"""Text of strangers for pages: keys of Prefect's artifacts; Markdown, HTML, XML, tables; what GitHub's runner obeys."""
 
 import hashlib
 import re
@@ -11,6 +11,8 @@ from specs.terminal_text import terminal_line
 _ACTIVE = re.compile(r"([\\`*_{}\[\]<>()#+!|~&])")
 # A cell is shown as it stands but for these: a link, a picture, an element of HTML.
 _ACTIVE_IN_CELL = re.compile(r"([`\[\]<>|])")
+# What XML cannot hold, and what turns the direction of the text around it.
+_UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _PLAIN_NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _LONGEST_NAME = 48
 
@@ -36,6 +38,26 @@ def artifact_key(document: str, what: str) -> str:
 def escape_markdown(text: str) -> str:
     """Returns the text with what Markdown or HTML would take for more than text escaped, in one line."""
     return _ACTIVE.sub(r"\\\1", terminal_line(text))
+
+
+def xml_text(text: str) -> str:
+    """Returns the text with a sign in the place of each character that XML cannot hold, or that turns text around."""
+    return _UNFIT.sub("\ufffd", text)
+
+
+def code_span(text: str, most: int = 300) -> str:
+    """Returns the text as code in one line of Markdown, also in a table; nothing in it is a link, a name or HTML.
+
+    GitHub makes links of addresses, of ``@name`` and of ``#7`` even where they are escaped, but not in code. What would
+    end the code or the cell is shown as what looks like it: a backquote as a quote, a bar as a broken bar.
+
+    Args:
+        text: Of anybody.
+        most: Characters; what is longer is cut off with an ellipsis.
+    """
+    line = xml_text(terminal_line(text)).replace("`", "'").replace("|", "\u00a6")
+    shown = line if len(line) <= most else f"{line[: most - 1]}…"
+    return f"`{shown}`" if shown else ""
 
 
 def table_rows(rows: Iterable[Mapping[str, JsonValue]]) -> list[dict[str, JsonValue]]:

@@ -7,7 +7,7 @@ SimyardError
 │   ├── LimitExceeded                 one more than there may be
 │   └── ResourceNotFound              a document names something that does not exist
 ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
-├── PipelineNotPassed                 the gate refused, or the deployment failed: exit code 1
+├── PipelineNotPassed                 the gate said FAIL, or the deployment failed: exit code 1; INCONCLUSIVE: 4
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
 ├── TrustRefused                      signed metadata or a desired state is not what the keys vouch for
 ├── WorldChanged                      a world has another SHA-256 than it had
@@ -86,7 +86,7 @@ class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
     """A run came to its end, and what was asked for did not pass.
 
     Attributes:
-        report: What each stage did.
+        report: What each stage did; its ``undecided`` tells INCONCLUSIVE from what failed.
     """
 
     def __init__(self, report: PipelineReport) -> None:

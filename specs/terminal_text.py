@@ -21,6 +21,14 @@ def terminal_line(text: str) -> str:
     return " ".join(terminal_text(text).split())
 
 
+def without_commands(text: str) -> str:
+    """Returns a text in which GitHub's runner finds no workflow command, whatever stands before it on its line.
+
+    The runner obeys lines that begin with two colons, after spaces, and ``##[`` wherever it stands.
+    """
+    return text.replace("::", ": :").replace("##[", "## [")
+
+
 def terminal_json(text: str) -> str:
     """Returns JSON that means the same, with the characters that steer a terminal written as escapes."""
     return _UNSEEN.sub(lambda found: _escaped(found[0]), text)

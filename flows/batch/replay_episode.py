@@ -7,7 +7,6 @@ from typing import NamedTuple, cast
 import numpy as np
 import pyarrow as pa
 
-from specs.arn import resource_path
 from specs.base import Fault
 from specs.data.episode import reason
 from specs.data.world import World
@@ -26,6 +25,7 @@ from tasks.simulate.replay.replay import Replay, replay
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
+from tasks.storage.resource_names import find_resource
 
 
 class JobReplay(NamedTuple):
@@ -60,7 +60,7 @@ def replay_job(store: Store, text: str) -> JobReplay:
         ResourceNotFound: There is no such job, or what it needs is gone.
         DocumentError: The text names no job, or one that has not come to an end of its own.
     """
-    batch, index = job_of(store, resource_path(text, "simulation-job"))
+    batch, index = job_of(store, find_resource(store, text, ("simulation-job",)).path)
     record = batch.record()
     location = recorded_location(record)
     recorded = _recorded_row(batch, record, location, index)

@@ -8,24 +8,26 @@ from urllib.request import url2pathname
 
 from flows.batch.batch_end import close_if_stopped
 from flows.batch.batch_report import has_tables, report_view_of
-from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.report.page import report_page
 from tasks.results.report.report_job import REPORT_FILE, put_report
-from tasks.simulate.batch.job import KIND, load_batch
+from tasks.results.report.view import ReportView
+from tasks.simulate.batch.job import load_batch
 from tasks.simulate.batch.seal import unvouched_notice
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, job_id
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.resource_names import find_batch_name
 
 
 @dataclass(frozen=True)
 class ReportPage:
-    """A page that was written: where it is, its bytes, and what to tell who reads it; empty if nothing."""
+    """A page that was written: where it is, its bytes, what it shows, and what to tell who reads it, if anything."""
 
     url: str
     page: bytes
+    view: ReportView
     notice: str = ""
 
 
@@ -34,21 +36,22 @@ def write_report_page(store: Store, text: str, output: Path | None) -> ReportPag
 
     Args:
         store: The store of the batch.
-        text: ARN or id of a batch, ARN of one of its jobs, or of a run of a document.
+        text: ARN or id of a batch, of one of its jobs, or of a run of a document.
         output: The file, or None for ``report.html`` beside the tables.
 
     Raises:
         ResourceNotFound: The store has no such batch.
         DocumentError: The text names no batch, or one that has no tables.
     """
-    record = _reportable(store, text)
-    page = report_page(report_view_of(store, record, beside_tables=output is None))
+    record = ended_batch(store, text)
+    view = report_view_of(store, record, beside_tables=output is None)
+    page = report_page(view)
     notice = unvouched_notice(load_batch(store, record.id))
     if output is None:
-        return ReportPage(put_report(store, recorded_location(record), record.id, page), page, notice)
+        return ReportPage(put_report(store, recorded_location(record), record.id, page), page, view, notice)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(page)
-    return ReportPage(output.resolve().as_uri(), page, notice)
+    return ReportPage(output.resolve().as_uri(), page, view, notice)
 
 
 def local_copy(place: ReportPage) -> Path:
@@ -61,24 +64,22 @@ def local_copy(place: ReportPage) -> Path:
     return path
 
 
-def _reportable(store: Store, text: str) -> JobRecord:
-    record = close_if_stopped(store, _batch(text))
+def ended_batch(store: Store, text: str) -> JobRecord:
+    """Returns the record of a batch that has ended and has its tables.
+
+    Args:
+        store: The store of the batch.
+        text: ARN or id of it, of one of its jobs, or of a run of a document.
+
+    Raises:
+        ResourceNotFound: The store has no such batch.
+        DocumentError: The text names no batch, or one that has no tables.
+    """
+    record = close_if_stopped(store, find_batch_name(store, text))
     if has_tables(record):
         return record
     why = record.failure_reason or "its tables come when it ends"
     raise _refused(text, f"a batch with tables; this one is {record.status}: {why}")
-
-
-def _batch(text: str) -> str:
-    try:
-        reference = parse_reference(text)
-    except ValueError as exc:
-        raise _refused(text, str(exc)) from exc
-    if reference.kind == "pipeline-run":
-        return job_id(KIND, f"{reference.path}-batch")
-    if reference.kind not in {None, KIND, "simulation-job"}:
-        raise _refused(text, f"an ARN of a {KIND}, of one of its jobs, or of a pipeline-run")
-    return reference.path.partition("/")[0]
 
 
 def _refused(text: str, allowed: str) -> DocumentError:

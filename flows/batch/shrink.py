@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from flows.batch.replay_episode import bundles
-from specs.arn import resource_path
 from specs.base import Fault
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.world import World
@@ -18,6 +17,7 @@ from tasks.simulate.replay.delta_debugging import Names, minimize_selection
 from tasks.simulate.replay.trials import Trial, simulate_trials
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
+from tasks.storage.resource_names import find_resource
 from tasks.storage.worlds import encode_world, write_world
 from tasks.worlds.certificate.certificate import broken_guarantees
 from tasks.worlds.certificate.furniture_removal import SHRUNK, keep_furniture
@@ -67,7 +67,7 @@ def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
         ResourceNotFound: There is no such job, or what it needs is gone.
         DocumentError: The job did not fail, or does not fail again.
     """
-    batch, index = job_of(store, resource_path(text, "simulation-job"))
+    batch, index = job_of(store, find_resource(store, text, ("simulation-job",)).path)
     search = _Search(batch, index, _failed_row(batch, index))
     (again,) = search.rows([Trial(search.world, search.request.seed)])
     if not search.is_same(again):

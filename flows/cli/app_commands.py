@@ -2,6 +2,7 @@
 # ruff: noqa: PLC0415 - what a command needs is imported when it runs
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -74,6 +75,8 @@ def publish(
 
     Of a folder, of one for each architecture, or else of what lies at the application's sources.
     """
+    from flows.document.version_room import free_versions, limit_exceeded
+    from specs.errors import LimitExceeded
     from tasks.applications.bucket_sources import create_version
     from tasks.applications.registry import publish_bundle as publish_folders
     from tasks.storage.store_url import open_store
@@ -82,9 +85,13 @@ def publish(
     if folder and own:
         raise _refused("--architecture", str(folder), "one folder for all architectures, or one for each")
     if folder or own:
-        version = publish_folders(opened, _kind(kind), name, folder or own, current_revision=revision)
+        publish_one = partial(publish_folders, opened, _kind(kind), name, folder or own, current_revision=revision)
     else:
-        version = create_version(opened, _kind(kind), name, revision)
+        publish_one = partial(create_version, opened, _kind(kind), name, revision)
+    try:
+        version = publish_one()
+    except LimitExceeded as exc:
+        raise limit_exceeded(name, _kind(kind), free_versions(opened, _kind(kind), name)) from exc
     builds = [f"{build.digest} {build.architecture}" for build in version.builds] or [version.digest]
     echo(f"{version.name} version {version.number}: {', '.join(builds)}")
 

@@ -1,8 +1,9 @@
 """Exit codes of `simyard`, the message that goes with each, and the answer to signals.
 
-0: done and passed. 1: the gate or the deployment failed, a replay deviates, or a batch is not shown to be no worse than
-another. 2: a bad document or command. 3: a stage failed, or Simyard has a defect. 130 and 143: interrupted. Nothing
-else ends with 1, so that a script can tell a verdict from an accident.
+0: done and passed. 1: not passed: the gate says FAIL, the deployment failed, a replay deviates, or a batch is worse
+than another. 2: a bad document or command. 3: a stage failed, or Simyard has a defect. 4: INCONCLUSIVE: a gate or a
+comparison has too few episodes to say. 130 and 143: interrupted. Nothing else ends with 1 or 4, so that a script can
+tell a verdict from an accident, and a bad robot from a small batch.
 """
 
 import os
@@ -22,6 +23,7 @@ from flows.cli.output import TerminalConsole
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 from tasks.storage.base.disk_space import NO_ROOM, full_machine_message
 
+NOT_PASSED, REFUSED, FAILED, UNDECIDED = 1, 2, 3, 4
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
 _GO_ON = "interrupted; the same command continues this run"
@@ -29,6 +31,13 @@ _GO_ON = "interrupted; the same command continues this run"
 _GRACE_S = 30.0
 # One Ctrl-C may come twice, from the terminal and from a program that simyard was started by.
 _SAME_KEY_S = 0.5
+
+
+def exit_code_of(failure: Exception) -> int:
+    """Returns the exit code of a command that this ends."""
+    if isinstance(failure, PipelineNotPassed):
+        return UNDECIDED if failure.report.undecided else NOT_PASSED
+    return REFUSED if isinstance(failure, DocumentError) else FAILED
 
 
 def run_and_exit(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
@@ -68,12 +77,8 @@ def _guard_shutdown(code: int, grace_s: float) -> None:
 def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:
     try:
         command()
-    except PipelineNotPassed as exc:
-        return _fail(exc, 1)
-    except DocumentError as exc:
-        return _fail(exc, 2)
     except SimyardError as exc:
-        return _fail(exc, 3)
+        return _fail(exc, exit_code_of(exc))
     except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
         if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
             raise
@@ -82,7 +87,7 @@ def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -
             return _fail(_GO_ON, 128 + number)
         if not isinstance(exc, Exception):
             raise
-        return _fail(_accident(exc), 3)
+        return _fail(_accident(exc), FAILED)
     return 0
 
 

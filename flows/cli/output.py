@@ -4,6 +4,7 @@ All that a command prints goes through ``echo``, ``echo_json`` or a ``TerminalCo
 the store, it neither steers the terminal nor is read as rich's markup.
 """
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import IO
@@ -17,7 +18,7 @@ from rich.text import Text
 
 from specs.base import Spec
 from specs.data.run_report import PipelineReport
-from specs.terminal_text import terminal_json, terminal_line, terminal_text
+from specs.terminal_text import terminal_json, terminal_line, terminal_text, without_commands
 
 _WIDEST = 10_000
 _GOOD = frozenset({"Completed", "Succeeded", "PASS", "InSync"})
@@ -39,18 +40,30 @@ class TerminalConsole(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yields what is printed; moving the cursor is no text, and stays."""
+        before = ""
         for segment in super().render(renderable, options):
-            yield segment if segment.control else Segment(terminal_text(segment.text), segment.style)
+            if segment.control:
+                yield segment
+                continue
+            # What is an order may come in parts: rich ends a segment wherever the style changes.
+            text = _text(before + segment.text)[len(before) :]
+            before = (before + text)[-2:]
+            yield Segment(text, segment.style)
 
 
 def echo(text: object, *, err: bool = False) -> None:
     """Prints a text to stdout or stderr, without what steers a terminal."""
-    typer.echo(terminal_text(str(text)), err=err)
+    typer.echo(_text(str(text)), err=err)
+
+
+def echo_commands(line: str) -> None:
+    """Prints a line that GitHub's runner obeys, as it is, to stderr: stdout may be a document."""
+    typer.echo(line, err=True)
 
 
 def echo_json(text: str) -> None:
-    """Prints JSON to stdout; what steers a terminal is escaped, so that programs read the same."""
-    typer.echo(terminal_json(text))
+    """Prints JSON to stdout; what steers a terminal or a runner is escaped, so that programs read the same."""
+    typer.echo(terminal_json(text).replace("##[", "\\u0023#["))
 
 
 def show_report(report: PipelineReport, console: Console) -> None:
@@ -68,8 +81,9 @@ def show_report(report: PipelineReport, console: Console) -> None:
             _line(console, stage.name, stage.arn)
         for artefact in stage.artefacts:
             _line(console, f"  {artefact.label}", artefact.url)
-    for alarm in (stage.facts["alarm"] for stage in report.stages if "alarm" in stage.facts):
-        console.print(Text(str(alarm), style="bold red"))
+    alarms = (line for stage in report.stages for line in str(stage.facts.get("alarm", "")).splitlines())
+    for alarm in dict.fromkeys(alarms):  # batch and gate may warn of the same
+        console.print(Text(alarm, style="bold red"), soft_wrap=True)
     console.print(_answer(report))
 
 
@@ -123,6 +137,12 @@ def _answer(report: PipelineReport) -> Text:
         left = "" if report.shipped is None else ": nothing was deployed"
         return Text(f"The gate says {report.verdict}{left}.", style="bold red")
     return Text("The deployment failed.", style="bold red")
+
+
+def _text(text: str) -> str:
+    """Returns a text for the terminal; in GitHub Actions also without what the runner would take for an order."""
+    shown = terminal_text(text)
+    return without_commands(shown) if os.environ.get("GITHUB_ACTIONS") == "true" else shown
 
 
 def _fits(column: str, value: JsonValue) -> bool:

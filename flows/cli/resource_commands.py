@@ -18,42 +18,53 @@ StoreUrl = Annotated[
 
 
 def describe(
-    arns: Annotated[list[str], typer.Argument(metavar="ARN...", help="What `simyard run` or `simyard list` printed.")],
+    arns: Annotated[
+        list[str],
+        typer.Argument(metavar="NAME...", help="What `simyard run` or `simyard list` printed: an ARN, an id, a name."),
+    ],
     store: StoreUrl = None,
 ) -> None:
-    """Print what RoboMaker's Describe call answers, as JSON; for several ARNs, BatchDescribeSimulationJob's answer."""
+    """Print what RoboMaker's Describe call answers, as JSON; for several jobs, BatchDescribeSimulationJob's answer."""
     from flows.resource.abandoned_jobs import job_notes
     from flows.resource.answers import describe_jobs, describe_resource
     from specs.arn import resource_kind, resource_name
     from tasks.simulate.batch.metrics import metric_lines
+    from tasks.storage.resource_names import resource_arn
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    answer = describe_resource(opened, arns[0]) if len(arns) == 1 else describe_jobs(opened, arns)
-    echo_json(answer.model_dump_json(indent=2, exclude_none=True))
-    for line in metric_lines(opened, arns[0]) if len(arns) == 1 else ():
+    if len(arns) > 1:
+        echo_json(describe_jobs(opened, arns).model_dump_json(indent=2, exclude_none=True))
+        return
+    arn = resource_arn(opened, arns[0])
+    echo_json(describe_resource(opened, arn).model_dump_json(indent=2, exclude_none=True))
+    for line in metric_lines(opened, arn):
         echo(line, err=True)
-    if len(arns) == 1 and resource_kind(arns[0]) == "deployment-job":
+    if resource_kind(arn) == "deployment-job":
         from flows.cli.fleet.fleet_watch import wish_notes
 
-        for line in wish_notes(opened, resource_name(arns[0])):  # what RoboMaker's shapes have no field for
+        for line in wish_notes(opened, resource_name(arn)):  # what RoboMaker's shapes have no field for
             echo(line, err=True)
-    for note in job_notes(opened, arns[0]) if len(arns) == 1 else ():
+    for note in job_notes(opened, arn):
         echo(note, err=True)
 
 
 def cancel(
-    arn: Annotated[str, typer.Argument(help="The ARN of a job, a batch, or a whole run of a document.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="The ARN or id of a job, a batch, or a whole run of a document.")
+    ],
     store: StoreUrl = None,
 ) -> None:
     """Cancel a job; what is done is kept, and who works on it stops within seconds."""
     from flows.resource.cancel import cancel_resource as cancel_named
     from specs.arn import resource_kind
+    from tasks.storage.resource_names import resource_arn
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
+    arn = resource_arn(opened, name)
     cancel_named(opened, arn)
-    echo(f"canceling {arn}")
+    echo(f"canceling {name}")
     if resource_kind(arn) == "deployment-job":
         from flows.resource.withdrawal import withdrawal_notes
 
@@ -62,15 +73,17 @@ def cancel(
 
 
 def restart(
-    arn: Annotated[str, typer.Argument(help="The ARN of a simulation job that is running.")],
+    name: Annotated[
+        str, typer.Argument(metavar="JOB", help="The ARN of a simulation job that is running, or <batch>/<index>.")
+    ],
     store: StoreUrl = None,
 ) -> None:
     """Restart a running job: it is simulated once more, with the bundles of its batch."""
     from flows.resource.answers import restart_named_job as restart_named
     from tasks.storage.store_url import open_existing_store
 
-    restart_named(open_existing_store(store), arn)
-    echo(f"restarting {arn}")
+    restart_named(open_existing_store(store), name)
+    echo(f"restarting {name}")
 
 
 def list_(

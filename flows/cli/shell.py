@@ -9,6 +9,7 @@ import typer
 
 from flows.cli.app_commands import app_app
 from flows.cli.batch.batch_commands import compare, replay, report, shrink
+from flows.cli.batch.gate_command import gate
 from flows.cli.batch.trend_command import trend
 from flows.cli.document.document_commands import plan, run, validate
 from flows.cli.exit_codes import run_and_end_process
@@ -28,7 +29,7 @@ app.add_typer(app_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
 # In the order in which --help lists them.
-for command in (run, plan, validate, report, trend, replay, compare, shrink, describe, cancel, restart):
+for command in (run, plan, validate, gate, report, trend, replay, compare, shrink, describe, cancel, restart):
     app.command()(command)
 app.command("list")(list_)
 for command in (gc, reap, up, down):

@@ -118,6 +118,10 @@ def _seconds(text: str, option: str) -> float:
 
 
 def reap(
+    *,
+    outdated: Annotated[
+        bool, typer.Option("--outdated", help="Cancel runs whose document was changed and has ended since, too.")
+    ] = False,
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
@@ -133,7 +137,7 @@ def reap(
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    found = reap_store(opened)
+    found = reap_store(opened, outdated=outdated)
     for each in found:
         change = each.status if each.status == each.was else f"{each.was} -> {each.status}"
         echo(f"{each.arn}  {change}: {each.meaning}")

@@ -1,4 +1,4 @@
-"""The commands of `simyard world`: preview, sheet, add. Each imports what it needs when it runs."""
+"""The commands of `simyard world`: template, furniture, preview, sheet, add. Each imports what it needs."""
 # ruff: noqa: PLC0415 - see above
 
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flows.cli.output import echo
+from flows.cli.output import TerminalConsole, echo, echo_json, json_lines, show_rows
 from specs.data.world import ROBOT_RADIUS_M
 
 world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
@@ -20,6 +20,50 @@ _StoreUrl = Annotated[
     str | None,
     typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
 ]
+
+
+@world_app.command("template")
+def template(
+    *,
+    rooms: Annotated[
+        str,
+        typer.Option(
+            help="From 1 to 6 of bedroom, bathroom, living, dining, kitchen, hallway and closet, with commas."
+        ),
+    ] = "hallway,living,kitchen,bedroom,bathroom",
+    version: Annotated[str, typer.Option(help="1, or 2, which has doors.")] = "2",
+    output: Annotated[
+        Path, typer.Option(help="The file to write: YAML with comments, or .json. It must not be there yet.")
+    ] = Path("template.yaml"),
+) -> None:
+    """Write a template to begin with: complete, commented, and valid as it stands."""
+    from flows.preview.starter_file import next_steps, write_starter
+
+    write_starter(output, rooms, version)
+    echo(str(output))
+    for line in next_steps(output):
+        echo(line, err=True)
+
+
+@world_app.command("furniture")
+def furniture(
+    *,
+    pictures: Annotated[
+        Path | None, typer.Option(help="A folder for a picture of each kind (SVG), all at one scale.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON document a line.")] = False,
+) -> None:
+    """List the kinds of furniture that a template may wish: sizes (m), floor kept free, rooms that have them anyway."""
+    from flows.preview.furniture_catalogue import furniture_kinds, furniture_rows, write_furniture_pictures
+
+    if as_json:
+        for line in json_lines(furniture_kinds()):
+            echo_json(line)
+    else:
+        show_rows(furniture_rows(), TerminalConsole())
+    if pictures:
+        files = write_furniture_pictures(pictures)
+        echo(f"{len(files)} pictures in {pictures}", err=True)
 
 
 @world_app.command("preview")

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from pydantic import JsonValue
 
+from flows.document.measured_names import check_planned_names
 from flows.document.robot_files import check_robot_files
 from flows.document.shipped_parts import judged_shipment
 from flows.document.tested_batch import (
@@ -17,6 +18,7 @@ from flows.document.tested_batch import (
     tested_bundles,
     world_digests,
 )
+from flows.document.version_room import publish_brought
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound
@@ -26,7 +28,7 @@ from specs.pipeline.section_requests import fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet, SimulationBatch
 from specs.robomaker.bundle import LATEST, ApplicationKind, Version
 from specs.template.body import template_digest
-from tasks.applications.registry import find_by_digest, publish_bundle, resolve
+from tasks.applications.registry import find_by_digest, resolve
 from tasks.deploy.rollout.resolved_request import preflight
 from tasks.deploy.trust.trust_choice import condition_fault, trust_faults
 from tasks.deploy.trust.trust_record import Signer
@@ -62,7 +64,7 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
     own: dict[str, Version] = {}
     _keep(faults, lambda: check_robot_files(spec, base))
     for source in spec.applications:
-        _keep(faults, lambda source=source: own.update(_publish(source, store, base)))
+        _keep(faults, lambda source=source: own.update(_publish(source, store, base, spec)))
     find = finder(store, own)
     if spec.worldGeneration:
         template = spec.worldGeneration.template
@@ -78,6 +80,7 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
         batch = spec.simulationBatch
         plan = _keep(faults, lambda: _checked_plan(batch, store, find))
         found |= {"batch": _batch_pins(plan)} if plan else {}
+        _keep(faults, lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         _keep(faults, lambda: found.update(_compared_pin(spec.gate, batch, find)))
     if spec.deployment and not faults:
         deployment, other = spec.deployment, str(found.get("comparedWith", ""))
@@ -161,9 +164,9 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
     return version
 
 
-def _publish(source: ApplicationSource, store: Store, base: Path) -> dict[str, Version]:
+def _publish(source: ApplicationSource, store: Store, base: Path, spec: PipelineSpec) -> dict[str, Version]:
     kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
-    return {_key(kind, source.name): publish_bundle(store, kind, source.name, base / source.source)}
+    return {_key(kind, source.name): publish_brought(store, kind, source.name, base / source.source, spec)}
 
 
 def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from functools import cache
 
-from specs.arn import parse_reference
+from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.errors import ObjectNotFound, ResourceNotFound
@@ -133,6 +133,6 @@ def _world_digest(path: str, store: Store) -> str:
     try:
         body = world_bytes(store, path)
     except ObjectNotFound as exc:
-        fault = Fault(path="worlds", value=repr(path), allowed=f"a world in {store.url}; see simyard list worlds")
+        fault = Fault(path="worlds", value=repr(path), allowed=absence(["world"], store.url))
         raise ResourceNotFound([fault]) from exc
     return hashlib.sha256(body).hexdigest()

@@ -30,7 +30,7 @@ from tasks.results.gate.gate import GateVerdict, columns_needed, count_rows, jud
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.statistics.pairs import PairCounts, count_pairs
-from tasks.results.statistics.success import EpisodeCounts
+from tasks.results.statistics.room_coverage import ROOM_COLUMNS, RoomCoverage, table_coverage
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND, plan_of
@@ -42,6 +42,8 @@ from tasks.storage.jobs.records import JobRecord, advance, read
 from tasks.storage.jobs.voucher import Voucher, owner_voucher
 from tasks.storage.store_url import open_store
 
+# They tell the tested version from another one in the same batch, and count its episodes.
+_EPISODES = ("robot_digest", "status", "success")
 _GATE, _BASELINE, _SEAL = "gate", "baseline", "Seal"
 
 
@@ -52,6 +54,7 @@ class GateAnswer(Spec):
         batch: Id of the batch that was judged.
         evidence_url: Where its evidence is.
         evidence: SHA-256 of it.
+        rooms: How much of its worlds the robots were in; None where nothing says that.
     """
 
     batch: str
@@ -59,6 +62,7 @@ class GateAnswer(Spec):
     sentence: str
     evidence_url: str
     evidence: str
+    rooms: RoomCoverage | None = None
 
 
 class BatchJudgement(NamedTuple):
@@ -124,7 +128,12 @@ def gate_answer(
     name = parse_reference(batch.arn).path
     verdict, url, digest = judged(store.url, name, gate, other=_baseline(gate, batch, store, run), ships=ships)
     answer = GateAnswer(
-        batch=batch.id, verdict=verdict.verdict, sentence=verdict.sentence, evidence_url=url, evidence=digest
+        batch=batch.id,
+        verdict=verdict.verdict,
+        sentence=verdict.sentence,
+        evidence_url=url,
+        evidence=digest,
+        rooms=verdict.rooms,
     )
     if pinned not in (None, answer):
         raise _another_answer(store, run, pinned, answer)
@@ -145,7 +154,9 @@ def read_baseline(store: Store, run: JobRecord) -> Baseline | None:
     return Baseline.model_validate(found[_BASELINE]) if vouched else None
 
 
-def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) -> GateMaterial:
+def gate_material(
+    gate: Gate, batch: JobRecord, store: Store, other: Baseline | NoBaseline | None, *, later: bool = False
+) -> GateMaterial:
     """Returns what the gate judges a batch by: of the tested version alone, where another one is in the batch too.
 
     Args:
@@ -153,27 +164,28 @@ def gate_material(gate: Gate, batch: JobRecord, store: Store, other: Baseline | 
         batch: An ended batch.
         store: Where it is.
         other: The version to compare with, or why there is none; None if nobody asks.
+        later: Whether the gate may be another one than that of the batch's run. What may have ended the batch is the
+            run's gate then: its confidence sequence holds for any bar, and no other interval does.
     """
-    counts, rows = EpisodeCounts.model_validate(batch.detail["counts"]), None
-    needed = columns_needed(gate)
-    if needed:
-        rows = _rows(store, batch, needed)
-    if rows is not None and isinstance(other, Baseline):
+    rows = _rows(store, batch, list(dict.fromkeys([*columns_needed(gate), *ROOM_COLUMNS, *_EPISODES])))
+    if isinstance(other, Baseline):
         meant = candidates(plan_of(batch), other.digest)
         rows = rows.filter(pc.field("robot_digest").isin(list(meant)))
-        counts = count_rows(rows)
+    counts = count_rows(rows)
     stop = cast("dict[str, JsonValue]", batch.detail.get("stopped_early", {}))
-    left_out = cast("int", stop["left_out"]) if stop.get("gate") == gate.model_dump(mode="json") else 0
+    ended_by_it = later or stop.get("gate") == gate.model_dump(mode="json")
+    left_out = cast("int", stop["left_out"]) if stop and ended_by_it else 0
     return GateMaterial(
         counts=counts,
         lacks=Completeness(
             canceled=counts.canceled - left_out,
             left_out=left_out,
-            sequential=bool(gate.stopEarly) and plan_of(batch).shuffled,
+            sequential=(later or bool(gate.stopEarly)) and plan_of(batch).shuffled,
         ),
         rows=rows,
         pairs=_pairs(batch, store, other),
         audit=cast("dict[str, JsonValue] | None", batch.detail.get("audit")),
+        rooms=table_coverage(rows),
     )
 
 

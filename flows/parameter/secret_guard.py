@@ -1,4 +1,4 @@
-"""A flow whose parameters carry no secret: who calls it with one is refused before Prefect keeps or logs it.
+"""A flow whose parameters carry no secret, and may name a file: a secret is refused before Prefect keeps or logs it.
 
 Prefect makes the run, with its parameters, before it looks at them, and logs what it refuses
 (docs/reference/prefect.md, section 4). So this module looks first, where Prefect writes parameters as JSON.
@@ -9,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from prefect import Flow
 
+from flows.parameter.document_parameter import with_document
 from flows.parameter.store_parameter import ALLOWED, has_secret
 from specs.base import Fault
 from specs.errors import DocumentError
@@ -19,7 +20,7 @@ _STORE = "store"
 
 
 class GuardedFlow(Flow[P, R]):
-    """A flow that refuses a store with a password in it, however it is called."""
+    """A flow that refuses a store with a password in it, and reads its document from a file, however it is called."""
 
     def serialize_parameters(self, parameters: dict[str, Any]) -> dict[str, Any]:
         """Returns the parameters as JSON for a run that is about to be made.
@@ -34,10 +35,10 @@ class GuardedFlow(Flow[P, R]):
         """Returns the parameters as the flow's types; Prefect would log those that are none, with the secret.
 
         Raises:
-            DocumentError: The store carries a secret.
+            DocumentError: The store carries a secret, or the file that is to be the document is none.
         """
         _require_no_secret(parameters)
-        return super().validate_parameters(parameters)
+        return super().validate_parameters(with_document(self.fn, parameters))
 
     def with_options(self, **options: Any) -> "GuardedFlow[P, R]":  # noqa: ANN401 - Prefect's, handed on
         """Returns a flow with other options, which refuses the same."""

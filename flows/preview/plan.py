@@ -5,9 +5,12 @@ from pathlib import Path
 
 from flows.document.references import finder, pinned_shipment, pins
 from flows.document.tested_batch import compared_digest, failing_sources
+from flows.document.version_room import version_lines
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines
+from specs.base import Fault
+from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
@@ -21,6 +24,7 @@ from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.store import Store
 
+_ROBOTS = "simulationBatch.createSimulationJobRequests[*].robotApplications"
 _BASES: Mapping[Basis, str] = {
     "this very program": "from what this program took here",
     "other programs": "from what other programs took here",
@@ -32,24 +36,22 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     """Yields lines for a person: each stage, what it makes, and the fields that have no effect.
 
     Raises:
-        DocumentError: The document refers to what does not exist; all of it at once.
+        DocumentError: The document refers to what does not exist, or names robots that no engine takes; before the
+            first line, all of it at once.
     """
     trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
     found, own = pins(spec, trial, base)
+    batch, plan = _planned(spec, trial, finder(trial, own))
     yield f"{spec.name}, on {store.url}"
-    worlds = 0
+    yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
     if spec.worldGeneration:
-        count = spec.worldGeneration.worldCount
-        worlds = count.floorplanCount * count.interiorCountPerFloorplan
         yield _generation_line(spec.worldGeneration)
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
-    judged, audited, programs, batch = GateBasis(0, 0), 0, 1, None
-    if spec.simulationBatch:
+    judged, audited, programs = GateBasis(0, 0), 0, 1
+    if spec.simulationBatch and batch and plan:
         section, find = spec.simulationBatch, finder(trial, own)
-        batch = _batch(section, worlds, find)
-        plan = engine_plan(batch, _folders(batch, trial))
         audited, programs = plan.audited, plan.compilations
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
@@ -75,10 +77,27 @@ def _generation_line(section: WorldGeneration) -> str:
     return f"worldGeneration   {worlds} ({product}), {seeded}"
 
 
-def _batch(section: SimulationBatch, worlds: int, find: FindVersion) -> BatchPlan:
-    """Returns the batch, over stand-ins for worlds that are not made yet."""
+def _planned(spec: PipelineSpec, store: Store, find: FindVersion) -> tuple[BatchPlan, EnginePlan] | tuple[None, None]:
+    """Returns the batch, over stand-ins for worlds that are not made yet, and how it would be simulated.
+
+    Raises:
+        DocumentError: No engine takes a robot; carries each refusal of each robot.
+    """
+    if spec.simulationBatch is None:
+        return None, None
+    count = spec.worldGeneration.worldCount if spec.worldGeneration else None
+    worlds = count.floorplanCount * count.interiorCountPerFloorplan if count else 0
     names = [f"planned/world-{number}" for number in range(worlds)]
-    return plan_batch(section, matrix_worlds(section, names), {}, find)
+    batch = plan_batch(spec.simulationBatch, matrix_worlds(spec.simulationBatch, names), {}, find)
+    plan = engine_plan(batch, _folders(batch, store))
+    faults = [
+        Fault(path=_ROBOTS, value=robot.robot, allowed=f"a robot that an engine takes. {' '.join(line.split())}")
+        for robot in plan.robots
+        for line in robot.refusal.splitlines()
+    ]
+    if faults:
+        raise DocumentError(list(dict.fromkeys(faults)))
+    return batch, plan
 
 
 def _folders(batch: BatchPlan, store: Store) -> dict[str, Path]:
@@ -89,10 +108,7 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -
     longest_s = max((template.duration_s for template in batch.templates), default=0.0)
     yield f"simulationBatch   {_count(plan.episodes, 'episode')} of at most {longest_s:g} simulated seconds"
     for robot in plan.robots:
-        if robot.choice is None:
-            refusal = " ".join(robot.refusal.split())
-            yield f"                  {robot.robot}: NO ENGINE, its episodes will fail: {refusal}"
-        else:
+        if robot.choice:
             yield f"                  {robot.robot}: engine {robot.choice.engine}, {robot.choice.why}"
     chunks = f"{_count(plan.chunks, 'chunk')} of {_count(plan.lanes, 'lane')}"
     devices = _count(plan.devices, f"{plan.device} device")

@@ -89,9 +89,33 @@ def select_worlds(reference: str, store: Store, base: Path, count: int, asked: W
     """
     if _names_job(reference):
         return _of_job(store, parse_reference(reference).path, count)
-    return _of_template(
+    return worlds_of_template(
         find_template(reference, store, base), f"{Path(reference).name}, seed {asked.seed}", count, asked
     )
+
+
+def worlds_of_template(template: TemplateBody, title: str, count: int, asked: WorldRequest) -> WorldSelection:
+    """Returns the first floor plans that a template gives, each with its first interior.
+
+    Args:
+        template: What worlds are made from.
+        title: What they have in common.
+        count: How many floor plans are tried.
+        asked: What decides worlds beside their template.
+
+    Raises:
+        WorldRejected: It gives no world.
+    """
+    worlds: list[World] = []
+    rejected: list[WorldRejected] = []
+    for floorplan in range(1, count + 1):
+        try:
+            worlds.append(make_world(template, asked, floorplan, 1))
+        except WorldRejected as exc:
+            rejected.append(exc)
+    if not worlds:
+        raise rejected[0]
+    return WorldSelection(title=title, worlds=tuple(worlds), total=len(worlds), rejected=tuple(map(str, rejected)))
 
 
 def write_drawing(output: Path, drawing: str) -> None:
@@ -129,19 +153,6 @@ def _of_job(store: Store, job: str, count: int) -> WorldSelection:
         raise DocumentError([Fault(path=KIND, value=repr(job), allowed="a job that has made worlds")])
     worlds = tuple(read_world(store, reference, job) for reference in references[:count])
     return WorldSelection(title=job, worlds=worlds, total=len(references))
-
-
-def _of_template(template: TemplateBody, title: str, count: int, asked: WorldRequest) -> WorldSelection:
-    worlds: list[World] = []
-    rejected: list[WorldRejected] = []
-    for floorplan in range(1, count + 1):
-        try:
-            worlds.append(make_world(template, asked, floorplan, 1))
-        except WorldRejected as exc:
-            rejected.append(exc)
-    if not worlds:
-        raise rejected[0]
-    return WorldSelection(title=title, worlds=tuple(worlds), total=len(worlds), rejected=tuple(map(str, rejected)))
 
 
 def _write(path: Path, body: bytes) -> None:

@@ -6,21 +6,21 @@ and that shows that the job is abandoned. RoboMaker has no word for this, so the
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
 from flows.resource.kinds import KINDS
-from specs.arn import parse_reference
+from specs.arn import list_name, parse_reference
 from specs.base import Spec
 from specs.errors import DocumentError, ResourceNotFound, SimyardError
-from specs.job_kinds import JOB_KINDS
+from specs.job_kinds import JOB_KINDS, JobKind
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim_state import ClaimWatch
 from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
 from tasks.storage.jobs.runs import KIND as RUN
-from tasks.storage.jobs.runs import run_of
+from tasks.storage.jobs.runs import run_document, run_of
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.5
@@ -62,10 +62,16 @@ def kind_notes(store: Store, plural: str) -> Iterator[str]:
 
     Where a process on another machine may live, nothing is said: to find that out takes seconds, and `reap_jobs` does.
     """
-    for kind in JOB_KINDS:
-        if KINDS[kind].plural == plural:
-            for record in records(store, kind):
-                yield from _note(store, record)
+    kinds: list[JobKind] = [kind for kind in JOB_KINDS if KINDS[kind].plural == plural]
+    left = [record for kind in kinds for record in records(store, kind) if _is_left(store, record)]
+    runs = records(store, RUN) if left else []
+    outdated = [record for record in left if _is_outdated(record, runs)]
+    yield from (_note(store, record, runs) for record in left if record not in outdated)
+    if outdated:
+        several = len(outdated) > 1
+        what = f"{len(outdated)} abandoned {list_name(kinds[0]) if several else kinds[0]}"
+        whose = "of documents that were changed and have" if several else "of a document that was changed and has"
+        yield f"{what}, {whose} ended since: simyard reap --outdated cancels {'them' if several else 'it'}"
 
 
 def job_notes(store: Store, arn: str) -> Iterator[str]:
@@ -73,16 +79,42 @@ def job_notes(store: Store, arn: str) -> Iterator[str]:
     reference = parse_reference(arn)
     for kind in JOB_KINDS:
         if reference.kind == kind:
-            yield from _note(store, read(store, kind, reference.path))
+            record = read(store, kind, reference.path)
+            if _is_left(store, record):
+                yield _note(store, record, records(store, RUN))
 
 
-def _note(store: Store, record: JobRecord) -> Iterator[str]:
-    if not is_terminal(record) and _suspect(store, record).is_left():
-        yield f"{record.arn} is {record.status}, and nobody works on it: {_continuation(store, record)}"
+def _is_left(store: Store, record: JobRecord) -> bool:
+    return not is_terminal(record) and _suspect(store, record).is_left()
+
+
+def _note(store: Store, record: JobRecord, runs: Sequence[JobRecord]) -> str:
+    return f"{record.arn} is {record.status}, and nobody works on it: {_continuation(store, record, runs)}"
+
+
+def _is_outdated(record: JobRecord, runs: Sequence[JobRecord]) -> bool:
+    """Returns whether the document that a job is of was changed, and has run to its end in its new form.
+
+    A document is known by its name. Whether it will ever be given in its old form again, nobody can tell.
+    """
+    own = record.id if record.kind == RUN else run_of(record.token)
+    run = next((each for each in runs if each.id == own), None)
+    return run is not None and any(
+        is_terminal(each)
+        and each.created_at_s > run.created_at_s
+        and each.request_digest != run.request_digest
+        and each.request.get("flow") == run.request.get("flow") == "pipeline"
+        and run_document(each) == run_document(run)
+        for each in runs
+    )
 
 
 def reap_jobs(
-    store: Store, sleep: Callable[[float], None] = time.sleep, now_s: Callable[[], float] = time.monotonic
+    store: Store,
+    sleep: Callable[[float], None] = time.sleep,
+    now_s: Callable[[], float] = time.monotonic,
+    *,
+    outdated: bool = False,
 ) -> list[ReapedJob]:
     """Ends or releases the abandoned jobs, and returns them, oldest first of each kind; other jobs are not touched.
 
@@ -94,14 +126,17 @@ def reap_jobs(
         store: Where the jobs are.
         sleep: Waits so many seconds.
         now_s: A clock that never goes back.
+        outdated: Whether to cancel those whose document was changed and has ended since, too.
     """
     found = list[ReapedJob]()
     active = [record for kind in JOB_KINDS for record in records(store, kind) if not is_terminal(record)]
+    runs = records(store, RUN)
+    canceled = {record.id for record in active if outdated and _is_outdated(record, runs)}
     suspects = [_suspect(store, record, now_s) for record in active]
     end_s = now_s() + _PATIENCE_S
     while suspects and now_s() < end_s:
         left = [suspect for suspect in suspects if suspect.is_left()]
-        found += [_reap_or_explain(store, suspect) for suspect in left]
+        found += [_reap_or_explain(store, suspect, runs, canceled) for suspect in left]
         suspects = [each for each in suspects if each not in left and not each.is_alive()]
         if suspects:
             sleep(_LOOK_S)
@@ -116,22 +151,25 @@ def _suspect(store: Store, record: JobRecord, now_s: Callable[[], float] = time.
     return _Suspect(record, tuple(ClaimWatch(store, key, now_s) for key in keys))
 
 
-def _reap_or_explain(store: Store, suspect: _Suspect) -> ReapedJob:
+def _reap_or_explain(
+    store: Store, suspect: _Suspect, runs: Sequence[JobRecord], canceled: Collection[str]
+) -> ReapedJob:
     record = suspect.record
     try:
-        return _reap_job(store, suspect)
+        return _reap_job(store, suspect, runs, canceled)
     except SimyardError as exc:  # of this job alone; the others are not left for it
         return ReapedJob(arn=record.arn, was=record.status, status=record.status, meaning=f"cannot be reaped: {exc}")
 
 
-def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
+def _reap_job(store: Store, suspect: _Suspect, runs: Sequence[JobRecord], canceled: Collection[str]) -> ReapedJob:
     # `simyard list` and `describe` answer without what these import.
     from flows.resource.cancel import cancel_resource  # noqa: PLC0415 - see above
     from flows.resource.stopped_batches import close_stopped_batch  # noqa: PLC0415 - see above
     from tasks.deploy.rollout.controller import CANCELED  # noqa: PLC0415 - see above
 
     record = suspect.record
-    if record.status == "Canceling" or CANCELED in record.detail or _is_orphan(store, record):
+    stopped = record.status == "Canceling" or CANCELED in record.detail
+    if stopped or record.id in canceled or _is_orphan(store, record):
         with suppress(DocumentError):  # it ended since it was read, or is about to
             cancel_resource(store, record.arn)
     elif record.kind == "simulation-job-batch":
@@ -140,7 +178,7 @@ def _reap_job(store: Store, suspect: _Suspect) -> ReapedJob:
     if is_terminal(after):
         return ReapedJob(arn=record.arn, was=record.status, status=after.status, meaning=after.failure_reason)
     free = suspect.watches[0].release()
-    meaning = _continuation(store, record) if free else "somebody works on it again"
+    meaning = _continuation(store, record, runs) if free else "somebody works on it again"
     return ReapedJob(arn=record.arn, was=record.status, status=after.status, meaning=meaning)
 
 
@@ -153,12 +191,16 @@ def _is_orphan(store: Store, record: JobRecord) -> bool:
         return False
 
 
-def _continuation(store: Store, record: JobRecord) -> str:
+def _continuation(store: Store, record: JobRecord, runs: Sequence[JobRecord]) -> str:
     """Returns how a job is continued."""
     run: JobRecord | None = record if record.kind == RUN else None
     with suppress(ResourceNotFound):
         run = run or read(store, RUN, run_of(record.token) or "none")
     spec = run.request.get("spec") if run else None
     if run and isinstance(spec, dict) and run.request.get("flow") == "pipeline":
+        if _is_outdated(record, runs):
+            return (
+                f"{spec.get('name')} was changed and has ended since; simyard cancel, or reap --outdated, ends this one"
+            )
         return f"simyard run of {spec.get('name')} continues it"
     return "the same request continues it"

@@ -7,23 +7,21 @@ What a kind needs is imported when it is asked for, so that the shell answers at
 from collections.abc import Iterable, Sequence
 
 from flows.resource.kinds import KINDS, PageRequest, Resource
-from specs.arn import Reference, parse_reference
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
 from tasks.storage.base.store import Store
+from tasks.storage.resource_names import find_resource
 
 
 def describe_resource(store: Store, text: str) -> Spec:
-    """Returns what the Describe call for an ARN answers; for a run of a document, its record.
+    """Returns what the Describe call for an ARN, an id or a name answers; for a run of a document, its record.
 
     Raises:
         ResourceNotFound: The store has no such resource.
-        DocumentError: The text is no ARN.
+        DocumentError: The text is an ARN of no kind of resource, or the name of several.
     """
-    reference = _reference(text)
-    if reference.kind is None:
-        raise _refused("arn", text, f"an ARN, arn:simyard:<kind>:...; kinds are {', '.join(KINDS)}")
-    return KINDS[reference.kind].load().describe(store, reference.path)
+    kind, path = find_resource(store, text, KINDS)
+    return KINDS[kind].load().describe(store, path)
 
 
 def describe_jobs(store: Store, arns: Sequence[str]) -> Spec:
@@ -68,19 +66,17 @@ def list_page(store: Store, kind: str, request: PageRequest) -> Spec:
 
 
 def restart_named_job(store: Store, text: str) -> None:
-    """Restarts the simulation job that an ARN names.
+    """Restarts the simulation job that an ARN or ``<batch>/<index>`` names.
 
     Raises:
         ResourceNotFound: The store has no such job.
-        DocumentError: The text is no ARN of a job, or the job is not running.
+        DocumentError: The text names something else, or the job is not running.
     """
-    reference = _reference(text)
-    if reference.kind != "simulation-job":
-        raise _refused("arn", text, "an ARN of a simulation-job")
+    path = find_resource(store, text, ("simulation-job",)).path
     from flows.resource.stopped_batches import close_stopped_batch
     from tasks.simulate.batch.cancel_restart import restart_job
 
-    restart_job(store, close_stopped_batch(store, reference.path))
+    restart_job(store, close_stopped_batch(store, path))
 
 
 def _resource(plural: str) -> Resource:
@@ -88,13 +84,6 @@ def _resource(plural: str) -> Resource:
     if plural not in kinds:
         raise _refused("kind", plural, f"one of {', '.join(kinds)}")
     return kinds[plural].load()
-
-
-def _reference(text: str) -> Reference:
-    try:
-        return parse_reference(text)
-    except ValueError as exc:
-        raise _refused("arn", text, str(exc)) from exc
 
 
 def _refused(path: str, value: str, allowed: str) -> DocumentError:

@@ -1,18 +1,19 @@
-"""`simyard cancel`: cancels the job that an ARN names, or the job under way of a run."""
+"""`simyard cancel`: cancels a job, or the job under way of a run."""
 
 from collections.abc import Collection
 from contextlib import suppress
 
 from flows.resource.kinds import KINDS
-from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from specs.job_kinds import JOB_KINDS
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim_unless_alive
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
 from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import jobs_of
+from tasks.storage.resource_names import find_resource
 
 REASON = "canceled on request"
 CANCELED = "Canceled"
@@ -20,21 +21,19 @@ _GOING = frozenset({"Pending", "Running", "Canceling"})
 
 
 def cancel_resource(store: Store, text: str) -> None:
-    """Cancels what an ARN names: a process that works on it stops within seconds; without one, it ends here and now.
+    """Cancels a job or a run, by its ARN or id.
+
+    A process that works on it stops within seconds; without one, it ends here and now.
 
     Raises:
         ResourceNotFound: The store has no such resource.
-        DocumentError: The text is no ARN, or its kind is none that is cancelled, or it has ended.
+        DocumentError: It is of a kind that is not cancelled, or it has ended.
     """
-    try:
-        reference = parse_reference(text)
-    except ValueError as exc:
-        raise _refused(text, str(exc)) from exc
-    cancel_one = KINDS[reference.kind].load().cancel if reference.kind else None
+    kind, path = find_resource(store, text, ("simulation-job", *JOB_KINDS))
+    cancel_one = KINDS[kind].load().cancel
     if cancel_one is None:
-        cancelled = [kind for kind, each in KINDS.items() if each.load().cancel]
-        raise _refused(text, f"an ARN of a {' or '.join(cancelled)}")
-    cancel_one(store, reference.path)
+        raise _refused(text, f"what can be cancelled; a {kind} cannot")
+    cancel_one(store, path)
 
 
 def cancel_run(store: Store, run: str) -> JobRecord:

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from pydantic import JsonValue
 
-from specs.arn import ResourceKind
+from specs.arn import ResourceKind, list_name
 from specs.base import Spec
 from specs.field_types import FilteredPage
 from specs.job_kinds import JobKind
@@ -189,20 +189,21 @@ def _pipeline_run() -> Resource:
     )
 
 
-KINDS: Mapping[ResourceKind, Kind] = {
-    "world-template": Kind("world-templates", _world_template),
-    "world-generation-job": Kind("world-generation-jobs", _world_generation_job),
-    "world": Kind("worlds", _world),
-    "world-export-job": Kind("world-export-jobs", _world_export_job),
-    "robot-application": Kind("robot-applications", _robot_application),
-    "simulation-application": Kind("simulation-applications", _simulation_application),
-    "simulation-job": Kind("simulation-jobs", _simulation_job),
-    "simulation-job-batch": Kind("simulation-job-batches", _simulation_job_batch),
-    "deployment-fleet": Kind("fleets", _fleet),
-    "robot": Kind("robots", _robot),
-    "deployment-job": Kind("deployment-jobs", _deployment_job),
-    "pipeline-run": Kind("pipeline-runs", _pipeline_run),
+_LOADS: Mapping[ResourceKind, Callable[[], Resource]] = {
+    "world-template": _world_template,
+    "world-generation-job": _world_generation_job,
+    "world": _world,
+    "world-export-job": _world_export_job,
+    "robot-application": _robot_application,
+    "simulation-application": _simulation_application,
+    "simulation-job": _simulation_job,
+    "simulation-job-batch": _simulation_job_batch,
+    "deployment-fleet": _fleet,
+    "robot": _robot,
+    "deployment-job": _deployment_job,
+    "pipeline-run": _pipeline_run,
 }
+KINDS: Mapping[ResourceKind, Kind] = {kind: Kind(list_name(kind), load) for kind, load in _LOADS.items()}
 
 
 def _checked(request: type[R], page: Callable[[Store, R], Spec]) -> Callable[[Store, PageRequest], Spec]:

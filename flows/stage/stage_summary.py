@@ -11,6 +11,8 @@ from specs.errors import DocumentError, StageFailed
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.trust.trust_choice import UNSIGNED_ALARM
 from tasks.deploy.trust.trust_record import is_unsigned
+from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings
+from tasks.results.tables.table_record import ROOMS
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 
@@ -65,10 +67,15 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     stage = _stage("simulationBatch", record, summary, seconds, artefacts)
     if "audit" in detail:
         stage = _with_audit(stage, cast("dict[str, JsonValue]", detail["audit"]))
+    if ROOMS in detail:
+        found = RoomCoverage.model_validate(detail[ROOMS])
+        stage = _with_rooms(stage.model_copy(update={"summary": f"{stage.summary}; {coverage_line(found)}"}), found)
     return with_alarm(stage, f"There is no report: {detail['report_failed']}") if "report_failed" in detail else stage
 
 
-def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: float) -> StageReport:
+def gate_report(
+    verdict: Verdict, sentence: str, evidence_url: str, seconds: float, rooms: RoomCoverage | None = None
+) -> StageReport:
     """Returns what the gate answered; the verdict is the status, so the summary leaves it out.
 
     Args:
@@ -76,10 +83,12 @@ def gate_report(verdict: Verdict, sentence: str, evidence_url: str, seconds: flo
         sentence: Why, beginning with the verdict.
         evidence_url: Where the evidence is.
         seconds: How long judging took.
+        rooms: How much of its worlds the robots were in; None where nothing says that.
     """
     evidence = Artefact(label="evidence", url=evidence_url)
     said = sentence.removeprefix(f"{verdict}: ")
-    return StageReport(name="gate", arn="", status=verdict, summary=said, seconds=seconds, artefacts=(evidence,))
+    stage = StageReport(name="gate", arn="", status=verdict, summary=said, seconds=seconds, artefacts=(evidence,))
+    return _with_rooms(stage, rooms)
 
 
 def deployment_report(record: JobRecord, seconds: float) -> StageReport:
@@ -165,6 +174,16 @@ def _with_audit(stage: StageReport, audit: dict[str, JsonValue]) -> StageReport:
     if verdict in _ALARMING:
         facts["alarm"] = f"The parity audit is {verdict}: {sentence}"
     return stage.model_copy(update={"summary": f"{stage.summary}; audit {verdict}: {sentence}", "facts": facts})
+
+
+def _with_rooms(stage: StageReport, found: RoomCoverage | None) -> StageReport:
+    """Returns a stage's report with the rooms that robots were in, and an alarm where they were kept out of some."""
+    if found is None:
+        return stage
+    stage = stage.model_copy(update={"facts": {**stage.facts, ROOMS: found.model_dump(mode="json")}})
+    for warning in coverage_warnings(found):
+        stage = with_alarm(stage, warning)
+    return stage
 
 
 def _stage(

@@ -156,7 +156,7 @@ def judge_batch_stage(
     orchestrator().announce_asset(evidence_of(store, answer))
     # Again by who goes on with the run: the event of a process that was killed may not have been sent.
     orchestrator().announce_verdict(answer, run, batch)
-    return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds),)
+    return (gate_report(answer.verdict, answer.sentence, answer.evidence_url, seconds, answer.rooms),)
 
 
 def deploy(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) -> Reports:

@@ -95,11 +95,16 @@ class EpisodeResult(Spec):
         collisions: Control steps in which a contact began.
         impulse_ns: What contacts pushed the robot with, summed up.
         max_impulse_ns: The most of it within a control step.
-        min_clearance_m: Smallest distance from the robot's hull to a solid.
+        min_clearance_m: Smallest distance, seen from above, from the robot's hull to a solid at its heights.
         energy_j: Integral of |actuator force x velocity|.
         final_x_m: Final pose.
         odometry_error_m: How far the robot's believed place was from its final one; None for one without odometry.
         metrics: What the scenario measures by itself, by name.
+        rooms_entered: Names of the rooms that the robot's position was in, in the order in which it came to them.
+        rooms_unreachable: Names of the rooms that a disc of the hull's radius cannot get to from the start, with doors
+            as they stand.
+        rooms_total: How many rooms the world has; 0 if the episode did not start.
+        goals_reachable: How many of the goals such a disc can get to; None where goals are no destinations.
         trajectory: Downsampled poses (t_s, x_m, y_m, yaw_rad), kept for failed episodes, else empty.
         recording: Name of the file with the episode's recording, beside others of the batch, or empty.
         engine: The engine that drove it, or empty if it did not start or was stopped.
@@ -129,6 +134,10 @@ class EpisodeResult(Spec):
     final_yaw_rad: float
     odometry_error_m: float | None = None
     metrics: dict[str, float] = Field(default_factory=dict[str, float])
+    rooms_entered: tuple[str, ...] = ()
+    rooms_unreachable: tuple[str, ...] = ()
+    rooms_total: int = 0
+    goals_reachable: int | None = None
     trajectory: tuple[tuple[float, float, float, float], ...]
     recording: str = ""
     engine: str = ""

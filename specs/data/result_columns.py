@@ -13,11 +13,19 @@ from typing import Literal, NamedTuple
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.outcome_reasons import OUTCOME_REASONS
 
-SCHEMA_VERSION = "3"
+SCHEMA_VERSION = "4"
 """Of names, types and meanings: they change only together with it."""
 
 ColumnType = Literal[
-    "string", "int32", "int64", "double", "bool", "list<double>", "map<string, double>", "map<string, string>"
+    "string",
+    "int32",
+    "int64",
+    "double",
+    "bool",
+    "list<double>",
+    "list<string>",
+    "map<string, double>",
+    "map<string, string>",
 ]
 
 
@@ -162,7 +170,14 @@ _SHORTEST = (
     "robot's radius; null where there is none, or where goals are no destinations."
 )
 _SPL = "Success weighted by path length, 0 to 1 (Anderson et al. 2018, arXiv:1807.06757); null without a shortest way."
+_ENTERED = "Names of the rooms that the robot's position was in, in the order in which it came to them."
+_UNREACHABLE = (
+    "Names of the rooms that a disc of the robot's radius cannot get to from the start, doors as they stand; rooms "
+    "that it entered are never among them."
+)
+_REACHABLE = "How many of the goals such a disc can get to; null where goals are no destinations."
 _ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
+_CLEARANCE = "Smallest distance, seen from above, from the hull to a solid at its heights; below 0 only in contact."
 MEASURED = (
     _measured("simulated_s", "double", "s", "Simulated time until the episode ended."),
     _measured("goals_reached", "int32", "", "How many of the scenario's goals were reached."),
@@ -174,12 +189,16 @@ MEASURED = (
     _measured("collisions", "int32", "", "Control steps in which a contact began."),
     _measured("impulse_ns", "double", "Ns", "What contacts pushed the robot with in the plane, summed up."),
     _measured("max_impulse_ns", "double", "Ns", "The most of it within one control step of 50 ms."),
-    _measured("min_clearance_m", "double", "m", "Smallest distance from the robot's hull to a solid."),
+    _measured("min_clearance_m", "double", "m", _CLEARANCE),
     _measured("energy_j", "double", "J", "Integral of |actuator force x velocity| over time."),
     _measured("final_x_m", "double", "m", "Final position, x."),
     _measured("final_y_m", "double", "m", "Final position, y."),
     _measured("final_yaw_rad", "double", "rad", "Final heading, counter-clockwise from +x."),
     _measured("odometry_error_m", "double", "m", _ODOMETRY, nullable=True),
+    _answered("rooms_entered", "list<string>", "", _ENTERED),
+    _answered("rooms_unreachable", "list<string>", "", _UNREACHABLE),
+    _answered("rooms_total", "int32", "", "How many rooms the world has; 0 if the episode did not start."),
+    _measured("goals_reachable", "int32", "", _REACHABLE, nullable=True),
     _measured("metrics", "map<string, double>", "", "What the scenario measures by itself, by name."),
 )
 """What was measured."""

@@ -59,6 +59,11 @@ class PipelineReport(Spec):
         """Whether nothing that was asked for was refused: the run's red or green."""
         return self.verdict in (None, "PASS") and self.shipped in (None, True)
 
+    @property
+    def undecided(self) -> bool:
+        """Whether the gate had too few episodes to say anything: neither red nor green."""
+        return self.verdict == "INCONCLUSIVE"
+
 
 class RunSummary(Spec):
     """A run of a document in a list; a kind that RoboMaker did not have, named as it would have named it."""

@@ -11,6 +11,7 @@ from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
 from specs.rules import Finding, Ruled, broken, items, part
+from specs.spelling import meant
 
 MAX_QUANTILES = 20
 _STOP_EARLY = "stopEarly"
@@ -21,7 +22,9 @@ _METRIC = re.compile(r"metrics\..+")
 def _column(name: str) -> str:
     if name in MEASURES or _METRIC.fullmatch(name):
         return name
-    raise broken(f"one of {', '.join(MEASURES)}, or metrics.<name> for what the scenario measures")
+    raise broken(
+        f"{meant(name, MEASURES)}one of {', '.join(MEASURES)}, or metrics.<name> for what the scenario measures"
+    )
 
 
 Confidence = Annotated[Number, Field(ge=0.5, le=0.9999)]

@@ -23,6 +23,7 @@ from specs.field_types import (
     TagMap,
     WorldReference,
 )
+from specs.pipeline.shared_variables import two_values
 from specs.pipeline.untested_parts import UntestedBuilds, UntestedVariables
 from specs.pipeline.world_sections import Destination, Seed, WorldChoice
 from specs.robomaker.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
@@ -192,8 +193,9 @@ class SimulationBatch(Ruled):
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
-        """Yields jobs that last longer than those of a batch may, and more of them than a single call makes."""
+        """Yields jobs that last too long for a batch, too many jobs for a call, and variables with two values."""
         requests = items(part(data, "createSimulationJobRequests"))
+        yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))
         if part(data, "operation") == "CreateSimulationJob":
             if len(requests) > 1:
                 allowed = "one; a CreateSimulationJob makes one job"

@@ -44,6 +44,7 @@ class Version(Spec):
         size_bytes: Of the archive.
         created_at_s: Seconds since 1970.
         shipped: Whether it came with Simyard and was published by being referred to.
+        brought: Whether a run of a document published it, and no command did; such a version may make room for another.
         builds: One for each architecture; none for a bundle that is the same on all of them.
         revision: The application's when the version was made.
     """
@@ -55,6 +56,7 @@ class Version(Spec):
     size_bytes: Bytes
     created_at_s: float
     shipped: bool = False
+    brought: bool = False
     builds: tuple[Build, ...] = ()
     revision: str = ""
 

@@ -58,6 +58,7 @@ def publish_bundle(
     source: Path | Mapping[Architecture, Path],
     *,
     shipped: bool = False,
+    brought: bool = False,
     current_revision: str | None = None,
 ) -> Version:
     """Returns the version that stands for the folder's content: an old one for old content, else the next number.
@@ -70,6 +71,7 @@ def publish_bundle(
         name: The application; made by its first version.
         source: The bundle, which is for all architectures; or one for each of some.
         shipped: Whether it came with Simyard.
+        brought: Whether a document brings it along.
         current_revision: The application's as the caller has seen it; None for any.
 
     Raises:
@@ -78,8 +80,9 @@ def publish_bundle(
     """
     folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
     bundles = [_pack(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
+    mark = {"shipped": shipped, "brought": brought}
     made = add_version(
-        store, kind, name, bundles, whole=isinstance(source, Path), shipped=shipped, current_revision=current_revision
+        store, kind, name, bundles, whole=isinstance(source, Path), current_revision=current_revision, **mark
     )
     for each in missing_bundles(store, bundles):
         _pack(store, each, folders[each])
@@ -103,6 +106,7 @@ def add_version(
     *,
     whole: bool,
     shipped: bool = False,
+    brought: bool = False,
     current_revision: str | None = None,
 ) -> Version:
     """Returns the version that stands for bundles which are in the store; the rest as in `publish`.
@@ -114,13 +118,14 @@ def add_version(
         bundles: The builds of the version, one an architecture.
         whole: Whether the only bundle is for all architectures.
         shipped: Whether the application comes with Simyard.
+        brought: Whether a document brings it along.
         current_revision: The revision that the caller knows; None to change whatever is there.
     """
 
     def step(before: Application | None, number: int) -> Application:
         application = before or Application(kind=kind, name=name, versions=())
         require_revision(application, current_revision)
-        return with_version(application, bundles, whole=whole, shipped=shipped, number=number)
+        return with_version(application, bundles, whole=whole, shipped=shipped, brought=brought, number=number)
 
     made = known_version(change(store, kind, name, step), bundles, whole=whole)
     if made is None:

@@ -66,7 +66,7 @@ def change(
 
 
 def with_version(
-    before: Application, bundles: Sequence[Build], *, whole: bool, shipped: bool, number: int
+    before: Application, bundles: Sequence[Build], *, whole: bool, shipped: bool, number: int, brought: bool = False
 ) -> Application:
     """Returns the application with one more version, or as it is when it has one of these bundles already.
 
@@ -76,15 +76,19 @@ def with_version(
         whole: Whether the only bundle is for all architectures.
         shipped: Whether it came with Simyard.
         number: The version's.
+        brought: Whether a document brings it along; one that a command publishes as well is no document's any more.
 
     Raises:
         LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
     """
     builds = () if whole else tuple(bundles)
-    if known_version(before, bundles, whole=whole):
-        return before
+    if known := known_version(before, bundles, whole=whole):
+        return before if brought or not known.brought else _kept(before, known)
     if len(before.versions) >= VERSIONS_AT_MOST:
-        value, allowed = f"a new version of {before.name}", f"at most {VERSIONS_AT_MOST} versions; delete one"
+        value, allowed = (
+            f"a new version of {before.name}",
+            f"at most {VERSIONS_AT_MOST} versions; delete one: simyard app delete",
+        )
         raise LimitExceeded([Fault(path="application", value=value, allowed=allowed)], source=before.name)
     main = next((build for build in bundles if build.architecture == "X86_64"), bundles[0])
     revision = next_revision(before, [number, *(build.digest for build in bundles)])
@@ -96,10 +100,16 @@ def with_version(
         size_bytes=main.size_bytes,
         created_at_s=time.time(),
         shipped=shipped,
+        brought=brought,
         builds=builds,
         revision=revision,
     )
     return before.model_copy(update={"versions": (*before.versions, version), "revision": revision})
+
+
+def _kept(before: Application, known: Version) -> Application:
+    same = (each.model_copy(update={"brought": False}) if each == known else each for each in before.versions)
+    return before.model_copy(update={"versions": tuple(same)})
 
 
 def known_version(application: Application, bundles: Sequence[Build], *, whole: bool) -> Version | None:

@@ -1,9 +1,8 @@
 """Says pydantic's errors in plain words: where, what stands there, what may stand there instead."""
 
-import difflib
 import json
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, get_args
 
 from annotated_types import Ge, Le
@@ -15,9 +14,18 @@ from specs import field_types
 from specs.base import Fault
 from specs.rules import RULE
 from specs.template.interior import NAMES_PATTERN
+from tasks.documents.key_places import Place, is_tag, models_at
+from tasks.documents.shape_text import (
+    list_text,
+    meant_text,
+    missing_text,
+    number_text,
+    object_text,
+    same_word,
+    unknown_key_text,
+)
 
 MAX_SHOWN = 60
-Place = tuple[str | int, ...]
 
 _PATTERNS = {
     field_types.ARN_PATTERN: "an ARN, arn:...",
@@ -38,11 +46,8 @@ _PATTERNS = {
 }
 _TYPES = {
     "int_type": "a whole number",
-    "float_type": "a number",
     "finite_number": "a finite number",
     "bool_type": "true or false",
-    "tuple_type": "a list",
-    "list_type": "a list",
     "dict_type": "keys and values",
 }
 
@@ -65,17 +70,20 @@ def fault_of(error: ErrorDetails, model: type[BaseModel]) -> Fault:
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     path = path_of(error["loc"])
     if kind == "missing":
-        return Fault(path=path, value="missing", allowed="required")
+        return Fault(path=path, value="missing", allowed=missing_text(model, error["loc"]))
     if kind == "extra_forbidden":
-        known = known_keys(model, error["loc"][:-1])
-        return Fault(path=path, value="unknown key", allowed=_known(str(error["loc"][-1]), known))
+        return Fault(path=path, value="unknown key", allowed=unknown_key_text(model, error["loc"]))
     words = _WORDS.get(kind)
     allowed = words(context, value) if words else _TYPES.get(kind, error["msg"])
     if kind in ("model_type", "model_attributes_type"):
-        allowed = _object(known_keys(model, error["loc"]))
+        allowed = object_text(model, error["loc"], value)
+    if kind in ("tuple_type", "list_type"):
+        allowed = list_text(model, error["loc"], value)
     if kind in ("greater_than_equal", "less_than_equal"):
         allowed = _bounds(model, error["loc"]) or allowed
-    return Fault(path=path, value=short_json(value), allowed=error["msg"] if kind == RULE else allowed)
+    if kind == RULE:
+        allowed = _rule_text(error["msg"], value)
+    return Fault(path=path, value=short_json(value), allowed=allowed)
 
 
 def path_of(place: Place) -> str:
@@ -84,7 +92,7 @@ def path_of(place: Place) -> str:
     for step in place:
         if isinstance(step, int):
             path += f"[{step}]"
-        elif not _is_tag(step):
+        elif not is_tag(step):
             path += f".{_printable(step)}"
     return path.removeprefix(".") or "document"
 
@@ -95,28 +103,10 @@ def short_json(value: object) -> str:
     return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 4]} ..."
 
 
-def known_keys(model: type[BaseModel], place: Place) -> list[str]:
-    """Returns the keys that an object at a place in a document may have."""
-    return list(dict.fromkeys(name for one in _models_at(model, place) for name in one.model_fields))
-
-
-def _models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
-    models = [model]
-    for step in place:
-        if isinstance(step, int):
-            continue
-        if _is_tag(step):
-            models = [one for one in models if f"<{one.__name__}>" == step] or models
-        else:
-            fields = [one.model_fields[step] for one in models if step in one.model_fields]
-            models = [below for field in fields for below in _models(field.annotation)] or models
-    return models
-
-
 def _bounds(model: type[BaseModel], place: Place) -> str | None:
     """Returns both bounds of a number where only one was broken."""
-    keys = [number for number, step in enumerate(place) if isinstance(step, str) and not _is_tag(step)]
-    parents = _models_at(model, place[: keys[-1]]) if keys else []
+    keys = [number for number, step in enumerate(place) if isinstance(step, str) and not is_tag(step)]
+    parents = models_at(model, place[: keys[-1]]) if keys else []
     fields = [one.model_fields[str(place[keys[-1]])] for one in parents if place[keys[-1]] in one.model_fields]
     marks = [mark for field in fields for mark in (*field.metadata, *_metadata(field.annotation))]
     lows = [mark.ge for mark in marks if isinstance(mark, Ge)]
@@ -131,32 +121,14 @@ def _metadata(annotation: Any) -> list[object]:  # noqa: ANN401 - any type expre
     return [*inner, *marks, *nested]
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any type expression
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for part in get_args(annotation) for model in _models(part)]
-
-
-def _is_tag(step: str) -> bool:
-    return step == "[key]" or (step.startswith("<") and step.endswith(">"))
-
-
 def _printable(text: str) -> str:
     return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
 
 
-def _known(key: str, known: list[str]) -> str:
-    return f"{_meant(key, known)}known keys are {', '.join(known)}" if known else "no such key"
-
-
-def _meant(text: str, known: Iterable[str]) -> str:
-    lowered = {one.lower(): one for one in known}
-    close = difflib.get_close_matches(text.lower(), list(lowered), n=1, cutoff=0.6)
-    return f'did you mean "{lowered[close[0]]}"? ' if close else ""
-
-
-def _object(known: list[str]) -> str:
-    return f"an object with keys {', '.join(known)}" if known else "an object"
+def _rule_text(rule: str, value: object) -> str:
+    """Returns what a rule allows, and which of its words is meant by one in other capitals."""
+    meant = same_word(value, re.findall(r"[A-Z][\w.]*\w", rule)) if isinstance(value, str) else ""
+    return f'did you mean "{meant}"? {rule}' if meant and meant != value else rule
 
 
 def _text(context: dict[str, Any], value: object) -> str:  # noqa: ARG001 - one signature for all
@@ -169,7 +141,7 @@ def _one_of(context: dict[str, Any], value: object) -> str:
     if not isinstance(value, str):
         quotable = str(value) in members
         return f'text; write "{value}" in quotes' if quotable else f"one of {', '.join(members)}"
-    return f"{_meant(value, members)}one of {', '.join(members)}" if len(members) > 1 else members[0]
+    return f"{meant_text(value, members)}one of {', '.join(members)}" if len(members) > 1 else members[0]
 
 
 def _pattern(context: dict[str, Any], value: object) -> str:  # noqa: ARG001 - one signature for all
@@ -181,14 +153,19 @@ def _says(template: str) -> Callable[[dict[str, Any], object], str]:
     return lambda context, _: template.format(**context)
 
 
+def _count(bound: str, key: str) -> Callable[[dict[str, Any], object], str]:
+    return lambda context, _: f"{bound} {context[key]} item{'' if context[key] == 1 else 's'}"
+
+
 _WORDS: dict[str, Callable[[dict[str, Any], object], str]] = {
     "string_type": _text,
     "literal_error": _one_of,
     "string_pattern_mismatch": _pattern,
     "string_too_short": _says("at least {min_length} characters"),
     "string_too_long": _says("at most {max_length} characters"),
-    "too_short": _says("at least {min_length} items"),
-    "too_long": _says("at most {max_length} items"),
+    "too_short": _count("at least", "min_length"),
+    "too_long": _count("at most", "max_length"),
+    "float_type": lambda _, value: number_text(value),
     "greater_than_equal": _says("{ge} or more"),
     "less_than_equal": _says("{le} or less"),
 }

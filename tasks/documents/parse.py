@@ -5,13 +5,18 @@ from itertools import islice
 from typing import TypeVar
 
 from pydantic import BaseModel, JsonValue, ValidationError
+from pydantic_core import ErrorDetails
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from tasks.documents.fault_text import Place, fault_of, only_repeats, path_of
+from tasks.documents.corrected_keys import with_corrected_keys
+from tasks.documents.fault_text import fault_of, only_repeats, path_of
+from tasks.documents.key_places import Place
 
 MAX_FAULTS = 100
 """More than a person reads; the rest is counted."""
+
+_ROUNDS = 10
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -32,7 +37,7 @@ def parse(model: type[Model], data: JsonValue, source: str = "document") -> Mode
     try:
         document = model.model_validate(data)
     except ValidationError as exc:
-        faults, more = _with_errors(exc, model, faults)
+        faults, more = _with_errors(_all_errors(exc, model, data), model, faults)
     else:
         if not faults:
             return document
@@ -40,11 +45,34 @@ def parse(model: type[Model], data: JsonValue, source: str = "document") -> Mode
     raise DocumentError([*faults.values(), *rest], source)
 
 
+def _all_errors(exc: ValidationError, model: type[BaseModel], data: JsonValue) -> list[ErrorDetails]:
+    """Returns what is wrong with data, also below keys that are in the wrong capitals or on the wrong level.
+
+    Pydantic does not look below a key that it does not know. Each round corrects such keys as far as that is certain;
+    the last one tells what else is wrong, and all of them tell the keys.
+    """
+    unknown: list[ErrorDetails] = []
+    errors = exc.errors(include_url=False)
+    for _ in range(_ROUNDS):
+        corrected = with_corrected_keys(data, model, errors)
+        if corrected is None:
+            break
+        unknown += [error for error in errors if error["type"] == "extra_forbidden"]
+        data = corrected
+        try:
+            model.model_validate(data)
+        except ValidationError as again:
+            errors = again.errors(include_url=False)
+        else:
+            return unknown
+    return [*unknown, *errors]
+
+
 def _with_errors(
-    exc: ValidationError, model: type[BaseModel], faults: dict[str, Fault]
+    errors: list[ErrorDetails], model: type[BaseModel], faults: dict[str, Fault]
 ) -> tuple[dict[str, Fault], int]:
     """Returns the faults with pydantic's errors added, and how many are left out as nobody would read them."""
-    errors = [error for error in exc.errors(include_url=False) if not only_repeats(error)]
+    errors = [error for error in errors if not only_repeats(error)]
     found = dict(faults)
     for number, error in enumerate(errors):
         if len(found) >= MAX_FAULTS:

@@ -30,17 +30,30 @@ def read_pipeline(path: Path) -> PipelineSpec:
     Raises:
         DocumentError: With every fault of the document, of its template, and of the paths that it names.
     """
-    data = read_document(path)
+    return pipeline_of(read_document(path), path, path.parent)
+
+
+def pipeline_of(data: JsonValue, source: Path, folder: Path) -> PipelineSpec:
+    """Returns the pipeline that data is, as for a file.
+
+    Args:
+        data: What was read, or what a program made.
+        source: Where it comes from, for messages; names the pipeline of a request.
+        folder: Where relative paths start.
+
+    Raises:
+        DocumentError: As for a file.
+    """
     if is_simulation_request(data):
-        return pipeline_of_request(data, path)
-    _refuse_bare_request(data, path)
-    beside = [*_template_faults(data, path.parent), *_missing_sources(data, path.parent)]
+        return pipeline_of_request(data, source)
+    _refuse_bare_request(data, source)
+    beside = [*_template_faults(data, folder), *_missing_sources(data, folder)]
     try:
-        spec = parse(PipelineSpec, data, str(path))
+        spec = parse(PipelineSpec, data, str(source))
     except DocumentError as exc:
-        raise DocumentError([*exc.faults, *beside], str(path)) from exc
+        raise DocumentError([*exc.faults, *beside], str(source)) from exc
     if beside:
-        raise DocumentError(beside, str(path))
+        raise DocumentError(beside, str(source))
     return spec
 
 

@@ -51,7 +51,7 @@ def open_store(url: str | None = None) -> Store:
         StoreAccessDenied: The credentials or permissions do not suffice.
         StoreUnsafe: It ignores conditions on writes.
     """
-    store = connect(_chosen(url))
+    store = connect(chosen_url(url))
     if _record(store) is None:
         _probe(store)
         _introduce(store)
@@ -69,7 +69,7 @@ def open_existing_store(url: str | None = None) -> Store:
         StoreUnreachable: There is no store, or nothing answers there.
         StoreAccessDenied: The credentials or permissions do not suffice.
     """
-    store = connect(_chosen(url))
+    store = connect(chosen_url(url))
     if _record(store) is None:
         raise StoreUnreachable(f"no store there: {store.url}; simyard run makes one, --store names another")
     return store
@@ -98,7 +98,8 @@ def connect(url: str) -> Store:
     return S3Store(checked_bucket(bucket), checked_key(prefix) if prefix else "")
 
 
-def _chosen(url: str | None) -> str:
+def chosen_url(url: str | None) -> str:
+    """Returns the URL of the store that is meant; None as for ``open_store``."""
     return url or os.environ.get("SIMYARD_STORE") or (Path.cwd() / ".simyard").as_uri()
 
 

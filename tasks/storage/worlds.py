@@ -7,6 +7,7 @@ import hashlib
 
 from pydantic import ValidationError
 
+from specs.arn import absence
 from specs.base import Fault
 from specs.data.world import World
 from specs.digest import canonical_json
@@ -77,7 +78,7 @@ def read_world(store: Store, reference: str, source: str) -> World:
     try:
         return decode_world(world_bytes(store, reference))
     except ObjectNotFound as exc:
-        fault = Fault(path="worlds", value=reference, allowed=f"a world in {store.url}; see simyard list worlds")
+        fault = Fault(path="worlds", value=reference, allowed=absence(["world"], store.url))
         raise ResourceNotFound([fault], source=source) from exc
     except ValidationError as exc:
         fault = Fault(path="worlds", value=reference, allowed="a world that this version of Simyard wrote")

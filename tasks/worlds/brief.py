@@ -90,6 +90,7 @@ def _holds(rooms: RoomNameList | RoomTypeList, room: FloorplanRoom) -> bool:
     return room.Name in rooms.RoomNames if isinstance(rooms, RoomNameList) else room.Type in rooms.RoomTypes
 
 
+DEFAULT_AREA_M2: float = FloorplanRoom.model_fields["DesiredShape"].default.Area
 PassageKind = Literal["Doorway", "Opening"]
 AnySet = TypeVar("AnySet", FurnitureArrangementSet, InteriorMaterialSet)
 
@@ -104,7 +105,8 @@ class RoomWish:
         walls: Material types to draw the walls from; empty leaves it to the generator.
         furniture: Model types to draw from; None leaves it to the room's type, empty leaves the room empty.
         density: How full of furniture.
-        density_wished: Whether the template says so; rooms that no arrangement targets are moderately full.
+        density_wished: Whether the template says so. Rooms that no arrangement targets are moderately full, and so are
+            those whose arrangement lists furniture and nothing else.
     """
 
     name: str
@@ -179,7 +181,7 @@ def _room_wish(room: FloorplanRoom, interior: InteriorTemplate) -> RoomWish:
         walls=_materials(interior.Walls.MaterialSets, room),
         furniture=None if sample is None else sample.ModelTypes,
         density="Moderate" if furnishing is None else furnishing.DesiredSpatialDensity,
-        density_wished=furnishing is not None,
+        density_wished=furnishing is not None and (sample is None or furnishing.DesiredSpatialDensity != "Moderate"),
     )
 
 

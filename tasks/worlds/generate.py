@@ -50,7 +50,7 @@ def _is_passable(brief: Brief, plan: FloorPlan) -> bool:
     return all(reaches_room(reached, clearance, floor, brief.robot_radius_m) for floor in plan.floors)
 
 
-GENERATOR = "simyard-2"
+GENERATOR = "simyard-3"
 """Changes whenever the same template, seed and indices would give another world."""
 _LIGHT_DROP_M = 0.1
 # A world that breaks a guarantee is drawn again, with the next sub-seed.

@@ -21,7 +21,7 @@ ADDED = (
     "failure code",
     "sensor",
 )
-HOUSES = ("specs", "tasks", "flows", "tests", "benchmarks")
+HOUSES = ("specs", "tasks", "flows", "simyard", "tests", "benchmarks")
 MOST_MODULES = 12
 # The field's own words, and things rather than deeds.
 # `reaping` is the name under which people deploy the flow.
@@ -49,13 +49,13 @@ def terms() -> list[str]:
 
 
 def test_every_module_that_the_page_names_is_there():
-    named = re.findall(r"`((?:specs|tasks|flows|tests)/[\w/]+\.py)`", ARCHITECTURE)
+    named = re.findall(r"`((?:specs|tasks|flows|simyard|tests)/[\w/]+\.py)`", ARCHITECTURE)
     assert len(named) > 60
     assert [path for path in named if not (ROOT / path).is_file()] == []
 
 
 def test_every_path_that_the_recipes_name_is_there():
-    named = re.findall(r"`((?:specs|tasks|flows|tests)/[\w/.-]+)`", CONTRIBUTING)
+    named = re.findall(r"`((?:specs|tasks|flows|simyard|tests)/[\w/.-]+)`", CONTRIBUTING)
     assert len(named) > 20
     assert [path for path in named if not (ROOT / path).exists()] == []
 

@@ -15,7 +15,7 @@ from specs.job_kinds import JOB_KINDS
 from tests.repository import ROOT
 
 PAGE = ROOT / "docs/architecture.md"
-ROOTS = ("specs", "tasks", "flows")
+ROOTS = ("specs", "tasks", "flows", "simyard")
 KEYS = Path("tasks/storage/base/keys.py")
 
 

@@ -57,7 +57,7 @@ def test_an_unknown_key_in_a_member_of_a_union_is_told_with_that_members_keys():
             "unknown key",
             'did you mean "localAgents"? known keys are name, localAgents',
         ),
-        "deployment.deploymentApplicationConfigs": ("[]", "at least 1 items"),
+        "deployment.deploymentApplicationConfigs": ("[]", "at least 1 item"),
     }
 
 

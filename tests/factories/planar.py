@@ -34,6 +34,7 @@ COURIER: Parts = {
     "more": "",
 }
 ROUGH: Parts = {"hull/condim": "3", "hull/friction": "0.5"}
+DRUM: Parts = {"hull/type": "cylinder", "hull/size": "0.18 0.1"}
 CAPSULE: Parts = {"hull/type": "capsule", "hull/size": "0.18 0.1"}
 # A weight off the axis, so that the mass matrix turns with the base.
 LOAD = '<geom type="box" size=".02 .02 .02" pos="0.12 0.05 0" mass="3" contype="0" conaffinity="0"/>'

@@ -65,7 +65,7 @@ def test_a_pinned_world_is_refused_when_it_is_another(file_store: Store) -> None
 
 
 def test_a_world_that_is_gone_or_no_world_is_a_fault_of_the_document(file_store: Store) -> None:
-    with pytest.raises(ResourceNotFound, match="see simyard list worlds"):
+    with pytest.raises(ResourceNotFound, match="simyard list worlds shows what is there"):
         read_world(file_store, "g/w", "test")
     write_world(file_store, "g/w", b"{}")
     with pytest.raises(DocumentError, match="this version of Simyard wrote"):

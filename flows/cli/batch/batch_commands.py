@@ -6,11 +6,14 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.exit_codes import NOT_PASSED, UNDECIDED
 from flows.cli.output import TerminalConsole, echo, echo_json
 
 
 def replay(
-    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job.", show_default=False)],
+    job: Annotated[
+        str, typer.Argument(metavar="JOB", help="A simulation job: its ARN, or <batch>/<index>.", show_default=False)
+    ],
     *,
     output: Annotated[
         Path | None, typer.Option(help="Folder for the files. Default: replay-<batch>-<index>.", show_default=False)
@@ -40,10 +43,17 @@ def replay(
     for path in write_files(again, folder, wanted):
         echo(str(path))
     if not again.same:
-        raise typer.Exit(1)
+        raise typer.Exit(NOT_PASSED)
 
 
-_Batch = Annotated[str, typer.Argument(help="A simulation job batch: its ARN or id.", show_default=False)]
+_Batch = Annotated[
+    str,
+    typer.Argument(
+        help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id. BATCH@VERSION picks one of "
+        "several versions.",
+        show_default=False,
+    ),
+]
 
 
 def compare(
@@ -57,42 +67,52 @@ def compare(
         typer.Option(help="Folder for a map of each world with flips; none by default.", show_default=False),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a comment for a pull request.")] = False,
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
     ] = None,
 ) -> None:
-    """Compare two batches over the episodes that both have; 0 if B is shown to be no worse than A, else 1."""
+    """Compare two batches over the episodes that both have; 0: B is no worse than A; 1: worse; 4: not shown."""
     from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
-    from flows.cli.batch.batch_text import show_comparison
+    from flows.cli.batch.batch_text import comparison_comment, show_comparison
     from tasks.results.compare.comparison_verdict import comparison
     from tasks.simulate.batch.seal import unvouched_notice
     from tasks.storage.store_url import open_existing_store
 
-    opened = open_existing_store(store)
+    if as_json and markdown:
+        raise typer.BadParameter("one of --json and --markdown; a comment is no JSON document")
+    quiet, opened = as_json or markdown, open_existing_store(store)
     first, second = find_batch(opened, batch_a), find_batch(opened, batch_b)
     pairs = common_episodes(first, second)
-    found = comparison(first.work.id, second.work.id, pairs, margin=margin, confidence=confidence)
+    found = comparison(first.name, second.name, pairs, margin=margin, confidence=confidence)
     if as_json:
         echo_json(found.model_dump_json(indent=2))
+    elif markdown:
+        echo(comparison_comment(first, second, found).rstrip())
     else:
         show_comparison(found, TerminalConsole())
     for notice in filter(None, map(unvouched_notice, (first.work, second.work))):
         echo(notice, err=True)
     if output is not None and not pairs.flips:
-        echo(f"nothing was written to {output}: no episode came out differently", err=as_json)
+        echo(f"nothing was written to {output}: no episode came out differently", err=quiet)
     elif output is not None:
         output.mkdir(parents=True, exist_ok=True)
         for each in flip_maps(first, second, pairs.flips):
             path = output / f"flips-{each.world.replace('/', '-')}.svg"
             path.write_text(each.svg, encoding="utf-8")
-            echo(str(path), err=as_json)
+            echo(str(path), err=quiet)
     if found.answer != "NO WORSE":
-        raise typer.Exit(1)
+        raise typer.Exit(UNDECIDED if found.answer == "INCONCLUSIVE" else NOT_PASSED)
 
 
 def shrink(
-    job: Annotated[str, typer.Argument(metavar="JOB_ARN", help="A simulation job that failed.", show_default=False)],
+    job: Annotated[
+        str,
+        typer.Argument(
+            metavar="JOB", help="A simulation job that failed: its ARN, or <batch>/<index>.", show_default=False
+        ),
+    ],
     *,
     output: Annotated[
         Path | None, typer.Option(help="Folder for the files. Default: shrunk-<batch>-<index>.", show_default=False)
@@ -127,7 +147,9 @@ def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
 def report(
     arn: Annotated[
         str,
-        typer.Argument(metavar="ARN", help="A simulation job batch, one of its jobs, or a pipeline run."),
+        typer.Argument(
+            metavar="NAME", help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id."
+        ),
     ],
     *,
     show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,

@@ -1,15 +1,21 @@
 """The terminal output of `simyard compare` and `simyard replay`."""
 
+from functools import partial
+
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from flows.batch.compare_batches import ComparedBatch
 from flows.batch.replay_episode import JobReplay
+from flows.ci.run_report import store_option
 from specs.data.result_columns import REQUESTED
+from tasks.results.ci.comparison_markdown import comparison_markdown
 from tasks.results.compare.comparison_svg import flip_text
 from tasks.results.compare.comparison_verdict import Comparison
 from tasks.results.playback.deviations import ColumnDeviation
 from tasks.results.statistics.intervals import wilson
+from tasks.simulate.batch.seal import unvouched_notice
 
 FLIPS_SHOWN = 40
 # What it was asked for says nothing of what came of it.
@@ -39,6 +45,18 @@ def show_comparison(found: Comparison, console: Console) -> None:
     if warned := warning(found):
         console.print(Text(warned, style="bold yellow"), soft_wrap=True)
     console.print(Text(comparison_answer(found), style=_STYLES[found.answer]), soft_wrap=True)
+
+
+def comparison_comment(first: ComparedBatch, second: ComparedBatch, found: Comparison) -> str:
+    """Returns a comparison as a comment for a pull request."""
+    notes = [*filter(None, map(unvouched_notice, (first.work, second.work))), *comparison_notes(found)]
+    option = store_option(second.work.store.url)
+
+    def command(batch: ComparedBatch, index: int) -> str:
+        return " ".join(filter(None, ["simyard replay", batch.job(index), option]))
+
+    replays = (partial(command, first), partial(command, second))
+    return comparison_markdown(found, [*filter(None, [warning(found)]), *notes], replays)
 
 
 def comparison_notes(found: Comparison) -> list[str]:

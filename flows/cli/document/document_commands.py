@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
+from flows.cli.exit_codes import exit_code_of
 from flows.cli.output import TerminalConsole, echo, show_report
+from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed
 
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
@@ -25,22 +28,48 @@ def run(
     direct: Annotated[
         bool, typer.Option("--direct", help="Without a Prefect server: no pages, artifacts, events, or other workers.")
     ] = False,
+    junit: Annotated[
+        Path | None, typer.Option(help="Write a JUnit file, however the run ends.", show_default=False)
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the whole report as one JSON document; all else goes to stderr.")
+    ] = False,
 ) -> None:
     """Run a document from its first section to its last; continues a run that was killed."""
-    from tasks.documents.pipeline_file import read_pipeline
+    from flows.ci.run_files import AskedRun
+    from flows.cli.document.ci_answers import CiWishes, run_for_ci
+    from tasks.storage.store_url import chosen_url
 
-    console, spec = TerminalConsole(), read_pipeline(file)
+    console = TerminalConsole(stderr=as_json)
+    wishes = CiWishes(file, AskedRun(_name(file), chosen_url(store)), junit, as_json)
     try:
-        with _name_file(file):
-            if direct:
-                from flows.cli.document.direct_command import run_directly as run_document
-            else:
-                from flows.cli.document.run_command import run_document
-            report = run_document(spec, file.resolve().parent, store, console)
+        report = run_for_ci(wishes, lambda: _run(file, store, console, direct=direct))
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
-        raise typer.Exit(1) from exc
+        raise typer.Exit(exit_code_of(exc)) from exc
     show_report(report, console)
+
+
+def _name(file: Path) -> str:
+    """Returns the document's name; the file's, if it holds no document."""
+    from tasks.documents.pipeline_file import read_pipeline
+
+    try:
+        return read_pipeline(file).name
+    except DocumentError:
+        return file.stem
+
+
+def _run(file: Path, store: str | None, console: Console, *, direct: bool) -> PipelineReport:
+    from tasks.documents.pipeline_file import read_pipeline
+
+    spec = read_pipeline(file)
+    with _name_file(file):
+        if direct:
+            from flows.cli.document.direct_command import run_directly as run_document
+        else:
+            from flows.cli.document.run_command import run_document
+        return run_document(spec, file.resolve().parent, store, console)
 
 
 def plan(file: Document, store: StoreUrl = None) -> None:
@@ -57,12 +86,12 @@ def plan(file: Document, store: StoreUrl = None) -> None:
 
 def validate(file: Document) -> None:
     """Check a document and tell all its faults at once."""
-    from flows.document.robot_files import check_robot_files
+    from flows.document.own_bundles import check_own_bundles
     from tasks.documents.pipeline_file import read_pipeline
 
     spec = read_pipeline(file)
     with _name_file(file):
-        check_robot_files(spec, file.resolve().parent)
+        check_own_bundles(spec, file.resolve().parent)
     echo(f"{file}: {spec.name}: valid")
 
 

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from flows.cli.document.progress_bars import progress_bars
 from flows.document.references import pins
+from flows.document.version_room import version_lines
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, StageFailed
@@ -63,7 +64,10 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         SimyardError: The document, the store or a stage is at fault.
     """
     store = open_store(store_url)
-    pins(spec, OverlayStore(store), base)  # a document with faults is refused before a server starts
+    trial = OverlayStore(store)
+    pins(spec, trial, base)  # a document with faults is refused before a server starts
+    for line in version_lines(spec, store, trial):
+        console.print(line, markup=False, highlight=False)
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
         prefect_server(lambda: _prepare_engine(spec)) as server,

@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 
-from specs.arn import parse_reference
+from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from tasks.deploy.fleet.damaged_records import read_listed
@@ -49,7 +49,7 @@ def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[
     try:
         stored = store.get(key)
     except ObjectNotFound as exc:
-        raise _missing(reference, f"a fleet in {store.url}; see simyard list fleets") from exc
+        raise _missing(reference, absence(["deployment-fleet"], store.url)) from exc
     record = decode_document(FleetRecord, stored, store, key)
     if record.deleted and not deleted:
         raise _missing(reference, f"a fleet in {store.url}; this one is being deleted")

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from pydantic import ValidationError
 
-from specs.arn import parse_reference
+from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig, ResourceNotFound
 from specs.field_types import Architecture
@@ -99,7 +99,7 @@ def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
     try:
         stored = store.get(key)
     except ObjectNotFound as exc:
-        raise _missing(reference, f"a robot in {store.url}; see simyard list robots") from exc
+        raise _missing(reference, absence(["robot"], store.url)) from exc
     return decode_document(RobotRecord, stored, store, key), stored.etag
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from specs.errors import StoreError
 from tasks.deploy.fleet.robots import read_desired
 from tasks.deploy.fleet.states import Desired
+from tasks.deploy.fleet.store_rights import REMEDY, missing_rights
 from tasks.deploy.robot.account import chosen_account, hide_memory, make_home
 from tasks.deploy.robot.disk import Disk, lock_folder
 from tasks.deploy.robot.launch import LaunchPlace
@@ -103,6 +104,8 @@ def _run(options: argparse.Namespace) -> int:
     try:
         with _lock_folder_alone(disk, stop):
             store = connect(options.store)
+            for lack in missing_rights(store, options.robot):
+                _LOG.error("%s; %s", lack, REMEDY)
             place = _place(options, disk, stop)
             robot = RobotUpdater(store, place, Reporter(store, options.robot), _check(options, store, disk))
             try:

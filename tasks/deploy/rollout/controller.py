@@ -21,6 +21,7 @@ from pydantic import JsonValue, TypeAdapter
 from specs.errors import StoreError, StoreUnreachable
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired, RobotProgress
+from tasks.deploy.fleet.store_rights import silence_note
 from tasks.deploy.rollout.observation import (
     ABORTED,
     RobotWatch,
@@ -46,6 +47,7 @@ CANCELED = "canceled"
 """The keys of an operator's wish in a job's detail (tasks.deploy.rollout.operator_commands)."""
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
+_SILENT_S, _NAMED_AT_MOST = 25.0, 5  # an agent looks after 19 s at the latest
 _PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and no other controller can take over
 
 
@@ -132,6 +134,7 @@ class _Controller:
         self._progress = progress
         self._signer = signer
         self._withdrawn = False
+        self._silent = set[str]()
         self._known = recorded_progress(record)
         self._watch = RobotWatch(store, plan, record.id, signer.is_own if signer else None)
 
@@ -151,6 +154,7 @@ class _Controller:
             return self._advance(end.status, seen, end.failure_code, end.failure_reason)
         if statuses(seen) != statuses(self._known):
             record = self._advance("InProgress", seen)
+        self._warn_of_silence(seen)
         self._tell(seen)  # after the record: a listener may read it
         self._known = seen
         if not is_terminal(record):
@@ -185,6 +189,17 @@ class _Controller:
         return {
             robot: taken_back for robot in silent if withdraw_request(self._store, robot, self._job, self._check_claim)
         }
+
+    def _warn_of_silence(self, seen: Mapping[str, RobotProgress]) -> None:
+        """Logs the robots that have not answered for longer than any agent pauses between two looks, each once."""
+        before_s = self._pace.now_s() - _SILENT_S
+        waiting = (robot for robot, each in seen.items() if each.status == "PendingNewDeployment")
+        silent = [robot for robot in waiting if seen[robot].started_at_s < before_s and robot not in self._silent]
+        if silent:
+            self._silent.update(silent)
+            names = ", ".join(silent[:_NAMED_AT_MOST]) + (", ..." if len(silent) > _NAMED_AT_MOST else "")
+            why = silence_note(self._store, silent[0]) or "its log says why, if it is on"
+            _LOG.warning("no answer for %.0f s from %d robots (%s): %s", _SILENT_S, len(silent), names, why)
 
     def _tell(self, seen: Mapping[str, RobotProgress]) -> None:
         if count_ended(seen) != count_ended(self._known):

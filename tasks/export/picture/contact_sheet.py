@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from xml.etree import ElementTree as ET
 
-from specs.data.world import Rectangle, World
+from specs.data.world import Certificate, Rectangle, World
 from tasks.export.drawing.door_symbols import draw_doors, draw_passages, draw_windows
 from tasks.export.drawing.floor_patterns import area_m2, floor_color
 from tasks.export.drawing.floor_plan import PLAN_STYLE
@@ -123,6 +123,15 @@ def summary(worlds: Sequence[World], count: int) -> str:
     return " · ".join(parts)
 
 
+def wishes_kept(certificate: Certificate) -> str:
+    """Returns what became of a world's wishes, in a few words."""
+    wishes = len(certificate.wishes)
+    if not wishes:
+        return "no wishes"
+    unmet = len(certificate.unmet)
+    return f"{unmet} of {wishes} wishes not fulfilled" if unmet else "every wish fulfilled"
+
+
 def _cell(root: ET.Element, world: World, box: PageBox, units_per_m: float) -> None:
     area = world.footprint
     height = (area.y_max_m - area.y_min_m) * units_per_m
@@ -178,16 +187,16 @@ def _place(inner: PageBox, width: float, across: float, down: float) -> PageBox:
 def _caption(root: ET.Element, world: World, box: PageBox) -> None:
     certificate = world.certificate
     total_m2 = sum(area_m2(room.floor) for room in world.rooms)
-    unmet = len(certificate.unmet)
     facts = (
         f"{total_m2:.1f} m² · {100 * certificate.free_floor_share:.0f} % free · "
         f"robot up to {certificate.reachable_robot_radius_m:.2f} m"
     )
-    wishes = f"{unmet} of {len(certificate.wishes)} wishes not fulfilled" if unmet else "every wish fulfilled"
     name = fit_text(world.name, _NAME_SIZE, box.width)
     element(root, "text", name, x=box.left, y=box.bottom + 19, font_size=_NAME_SIZE, class_="name")
     shown = fit_text(facts, _FACT_SIZE, box.width)
     element(root, "text", shown, x=box.left, y=box.bottom + 35, font_size=_FACT_SIZE, class_="quiet")
     if certificate.wishes:
-        kept = "unkept" if unmet else "kept"
-        element(root, "text", wishes, x=box.left, y=box.bottom + 50, font_size=_FACT_SIZE, class_=kept)
+        kept = "unkept" if certificate.unmet else "kept"
+        element(
+            root, "text", wishes_kept(certificate), x=box.left, y=box.bottom + 50, font_size=_FACT_SIZE, class_=kept
+        )

@@ -7,7 +7,7 @@ import numpy as np
 
 from specs.data.world import World
 from tasks.export.drawing.floor_patterns import area_m2
-from tasks.export.picture.contact_sheet import MOST_WORLDS
+from tasks.export.picture.contact_sheet import MOST_WORLDS, wishes_kept
 from tasks.export.picture.render import CAPTION_LINE, open_renderer
 from tasks.export.surface.png import encode_rgb
 
@@ -46,10 +46,9 @@ def render_sheet_png(worlds: Iterable[World], most: int = MOST_WORLDS) -> bytes 
 def _caption(world: World) -> tuple[str, ...]:
     certificate = world.certificate
     total_m2 = sum(area_m2(room.floor) for room in world.rooms)
-    unmet = len(certificate.unmet)
     return (
         world.name,
         f"{total_m2:.1f} m2, {100 * certificate.free_floor_share:.0f} % free, "
         f"robot up to {certificate.reachable_robot_radius_m:.2f} m",
-        f"{unmet} of {len(certificate.wishes)} wishes not fulfilled" if unmet else "every wish fulfilled",
+        wishes_kept(certificate),
     )

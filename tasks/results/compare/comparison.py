@@ -71,6 +71,7 @@ def _listing(values: list[str]) -> str:
 
 _LAUNCHED = ("robot", "simulation")
 _ORIGINS = ("robot_version", "robot_digest", "simulation_digest", "duration_s", "engine", "device")
+_ASKED = ("simulation_digest", "duration_s")
 _COLUMNS = ("index", "world", "seed", "environment", "success", "status", "failure_code", "outcome_reason", "recording")
 
 
@@ -204,14 +205,16 @@ def _episode(row: Mapping[str, object]) -> ComparedEpisode:
 def _distinguishing_columns(first: pa.Table, second: pa.Table) -> list[str]:
     """Returns the columns that tell applications apart.
 
-    Where each batch has a single robot, or a single scenario, it is what is compared, whatever its name.
+    Where each batch has a single robot, or a single scenario, it is what is compared, whatever its name. Where a batch
+    has several versions of a scenario, or durations, they are part of what makes an episode the same, as for a gate.
     """
     columns: list[str] = []
     for kind in _LAUNCHED:
         names = [f"{kind}_{part}" for part in ("application", "package", "launch_file")]
         alone = all(len(_distinct(table, name)) == 1 for table in (first, second) for name in names)
         columns += [] if alone else names
-    return columns
+    more = [name for name in _ASKED if any(len(_distinct(table, name)) > 1 for table in (first, second))]
+    return columns + more
 
 
 def _origins(first: pa.Table, second: pa.Table) -> Iterable[str]:

@@ -16,12 +16,13 @@ from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate import GateVerdict
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.gate.shipped_builds import Shipment
+from tasks.results.statistics.room_coverage import RoomCoverage
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 
 EVIDENCE_FILE = "evidence.json"
-EVIDENCE_VERSION = "4"
+EVIDENCE_VERSION = "5"
 _RAN_ON = frozenset({"engine", "device", "lanes"})
 
 
@@ -96,9 +97,10 @@ class Evidence(TestedBatch):
         baseline: The version that ``noWorseThan`` compared with; it is in ``robots`` too if the batch drove it, and the
             verdict is not about it.
         ships: What the document ships; None where it deploys nothing.
+        rooms: How much of its worlds the robots were in; None where nothing says that.
     """
 
-    version: Literal["4"] = EVIDENCE_VERSION
+    version: Literal["5"] = EVIDENCE_VERSION
     batch: str
     verdict: Verdict
     sentence: str
@@ -108,6 +110,7 @@ class Evidence(TestedBatch):
     left_out: int = 0
     baseline: Baseline | None = None
     ships: Shipment | None = None
+    rooms: RoomCoverage | None = None
 
     def judged_robots(self) -> tuple[ApplicationEvidence, ...]:
         """Returns the robot applications that the verdict is about."""
@@ -185,6 +188,7 @@ def gather(
         left_out=left_out,
         baseline=baseline,
         ships=ships,
+        rooms=verdict.rooms,
     )
 
 

@@ -17,6 +17,7 @@ from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
 from tasks.results.gate.rules.quantiles import QUANTILES
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, RuleVerdict, Share
 from tasks.results.gate.rules.success_rate import SUCCESS_RATE
+from tasks.results.statistics.room_coverage import RoomCoverage
 from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings
 
 if TYPE_CHECKING:
@@ -31,12 +32,20 @@ _WEIGHT: tuple[Verdict, ...] = ("FAIL", "INCONCLUSIVE", "PASS")
 
 
 class GateVerdict(Spec):
-    """The gate's answer, why for a person, a line for each of several rules, and the answer of each of its rules."""
+    """The gate's answer.
+
+    Attributes:
+        sentence: Why, for a person; a line for each of several rules.
+        counts: What the judged episodes came to.
+        rules: The answer of each rule.
+        rooms: How much of its worlds the robots were in; None where nothing says that. It decides nothing.
+    """
 
     verdict: Verdict
     sentence: str
     counts: EpisodeCounts
     rules: tuple[RuleVerdict, ...]
+    rooms: RoomCoverage | None = None
 
 
 def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
@@ -44,7 +53,8 @@ def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
     counted = replace(material, shares=_shares(gate, material))
     rules = tuple(rule.judge(asked, counted, label) for rule in GATE_RULES for label, asked in rule.asked(gate))
     answer = combine([rule.verdict for rule in rules])
-    return GateVerdict(verdict=answer, sentence=_sentence(answer, rules), counts=material.counts, rules=rules)
+    sentence = _sentence(answer, rules)
+    return GateVerdict(verdict=answer, sentence=sentence, counts=material.counts, rules=rules, rooms=material.rooms)
 
 
 def combine(answers: Sequence[Verdict]) -> Verdict:

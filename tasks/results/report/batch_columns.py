@@ -11,6 +11,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Float, Int
 
+from tasks.results.statistics.room_coverage import ROOM_COLUMNS, RoomCoverage, table_coverage
+
 NOT_SET = "(not set)"
 PASSED, FAILED, CANCELED = 1, 0, -1
 _COUNTED = ("world", "success", "environment", "final_x_m", "final_y_m")
@@ -115,6 +117,12 @@ def read_episodes(path: Path, variables: Sequence[str]) -> Episodes:
         final_m=_points(table, "final_x_m", "final_y_m"),
         variables={name: _labels(_variable_values(table.column("environment"), name)) for name in variables},
     )
+
+
+def read_coverage(path: Path) -> RoomCoverage | None:
+    """Returns the rooms that robots were in, by ``results.parquet``; None if an older version wrote it."""
+    there = frozenset(pq.read_schema(path).names)
+    return table_coverage(pq.read_table(path, columns=[name for name in ROOM_COLUMNS if name in there]))
 
 
 def read_failures(path: Path) -> Failures:

@@ -5,20 +5,16 @@ scripts and requests besides. Prefect's pages show the picture and the Markdown.
 """
 
 import functools
-import re
 from collections.abc import Sequence
 from typing import Any, cast
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from specs.artifact_text import escape_markdown
+from specs.artifact_text import escape_markdown, xml_text
 from specs.data.outcome_reasons import MARKS
 from tasks.results.report.rows import RateRow
-from tasks.results.report.view import ReportView
-
-# What XML cannot hold, and what turns the direction of the text around it.
-_UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+from tasks.results.report.view import ReportView, RoomsView
 
 
 def report_page(view: ReportView) -> bytes:
@@ -58,7 +54,7 @@ def _colors(ground: str) -> str:
 
 
 def _fit(value: object) -> object:
-    return _UNFIT.sub("\ufffd", value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    return xml_text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 _MARKS = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}
@@ -77,8 +73,17 @@ def report_markdown(view: ReportView, url: str) -> str:
     ]
     reasons = [f"- {row.count:,} x {escape_markdown(row.reason)} ({row.share} of failures)" for row in view.reasons]
     return "\n\n".join(
-        [title, sentence, _table(rows), "\n".join(reasons) or "No failures.", f"Report: {escape_markdown(url)}"]
+        [
+            *(title, sentence, _table(rows), "\n".join(reasons) or "No failures."),
+            *([_rooms(view.rooms)] if view.rooms else []),
+            f"Report: {escape_markdown(url)}",
+        ]
     )
+
+
+def _rooms(rooms: RoomsView) -> str:
+    line = escape_markdown(f"{rooms.line[0].upper()}{rooms.line[1:]}.")
+    return "\n".join([line, *(f"- ⚠️ {escape_markdown(warning)}" for warning in rooms.warnings)])
 
 
 def _captioned_rows(caption: str, rows: Sequence[RateRow]) -> list[RateRow]:

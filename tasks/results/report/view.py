@@ -7,7 +7,14 @@ from pathlib import Path
 from specs.base import Spec
 from specs.data.outcome_reasons import mark_of
 from tasks.results.report.audit_section import AuditView, audit_view
-from tasks.results.report.batch_columns import NOT_SET, Episodes, Failures, read_episodes, read_failures
+from tasks.results.report.batch_columns import (
+    NOT_SET,
+    Episodes,
+    Failures,
+    read_coverage,
+    read_episodes,
+    read_failures,
+)
 from tasks.results.report.episode_groups import group_episodes, reasons, reasons_by_world, total_group
 from tasks.results.report.facts import BatchFacts, Judgement, RuleAnswer
 from tasks.results.report.maps import WorldMap, world_maps
@@ -27,6 +34,7 @@ from tasks.results.report.rows import (
     short_world,
     worst_first,
 )
+from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings, goals_share
 from tasks.results.statistics.summary import EpisodeGroup
 
 _CONFIDENCE = 0.95
@@ -67,6 +75,22 @@ class JudgedRate(Spec):
     bar: Bar
 
 
+class RoomsView(Spec):
+    """The rooms that robots were in.
+
+    Attributes:
+        line: In words.
+        warnings: What keeps the verdict from being about the whole of its worlds.
+        coverage: In numbers.
+        goals_share: The share of goals that a robot could get to; empty where goals are no destinations.
+    """
+
+    line: str
+    warnings: tuple[str, ...]
+    coverage: RoomCoverage
+    goals_share: str
+
+
 class ReportView(Spec):
     """All that the template shows.
 
@@ -78,6 +102,7 @@ class ReportView(Spec):
         judged: The rate that was judged, or that of all episodes, on the axis of the verdict.
         sequential: Whether the batch might have ended early, which Wilson intervals know nothing of.
         columns: Tables of rates, in the columns of a wide page.
+        rooms: How much of its worlds the robots were in; None where the tables do not say.
         audit: None where none was made.
         stages: The slowest first.
     """
@@ -98,6 +123,7 @@ class ReportView(Spec):
     worlds: int
     failures: int
     simulated: str
+    rooms: RoomsView | None
     audit: AuditView | None
     stages: tuple[StageRow, ...]
 
@@ -133,6 +159,7 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
         worlds=len(facts.worlds),
         failures=failed.table.num_rows,
         simulated=_duration(facts.simulated_s),
+        rooms=_rooms(read_coverage(results)),
         audit=audit_view(facts.audit) if facts.audit else None,
         stages=_stages(facts),
     )
@@ -225,6 +252,17 @@ def _samples(failed: Failures) -> dict[str, str]:
     for row, code in enumerate(failed.reason.codes.tolist()):
         firsts.setdefault(code, row)
     return {failure.reason: failure.failure_reason for failure in failed.read_rows(list(firsts.values()))}
+
+
+def _rooms(found: RoomCoverage | None) -> RoomsView | None:
+    if found is None:
+        return None
+    return RoomsView(
+        line=coverage_line(found),
+        warnings=tuple(coverage_warnings(found)),
+        coverage=found,
+        goals_share=goals_share(found) if found.goals else "",
+    )
 
 
 def _stages(facts: BatchFacts) -> tuple[StageRow, ...]:

@@ -7,6 +7,7 @@ from typing import Self
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.statistics.intervals import Interval, wilson
+from tasks.results.statistics.room_coverage import RoomCoverage, RoomRow, RoomTally
 from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending_of, pair_results
 
 _NOT_SET = "(not set)"
@@ -90,6 +91,7 @@ class EpisodeTally:
         self._samples: dict[str, str] = {}
         self._engines: set[str] = set()
         self._devices: set[str] = set()
+        self._rooms = RoomTally()
 
     def add(self, requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]) -> None:
         """Counts episodes.
@@ -102,6 +104,7 @@ class EpisodeTally:
             self.simulated_s += result.simulated_s
             self._engines.add(result.engine)
             self._devices.add(result.device)
+            self._rooms.add(RoomRow.of_episode(request, result))
             self._total[ended] += 1
             self._worlds.setdefault(request.world, Counter())[ended] += 1
             for name, groups in self._variables.items():
@@ -112,6 +115,10 @@ class EpisodeTally:
     def counts(self) -> EpisodeCounts:
         """Returns what a gate judges by."""
         return count_endings(self._total)
+
+    def rooms(self) -> RoomCoverage | None:
+        """Returns how much of its worlds the robots were in; None if no episode started."""
+        return self._rooms.coverage()
 
     def ran_on(self) -> dict[str, str]:
         """Returns ``engine`` and ``device``, comma-separated where episodes differ; ``none`` if nothing ran."""

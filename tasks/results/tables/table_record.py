@@ -10,6 +10,9 @@ from tasks.results.tables.result_files import EpisodePart, Variables, recounted_
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
+ROOMS = "rooms"
+"""Where a batch's record says which rooms robots were in, as a `RoomCoverage`."""
+
 
 def write_batch_tables(
     store: Store,
@@ -46,6 +49,9 @@ def write_batch_tables(
         "failed_inside": sum(count for name, count, _ in tally.why_not() if name == "InternalServiceError"),
         "why_not": why_not,
     }
+    rooms = tally.rooms()
+    if rooms:
+        detail[ROOMS] = rooms.model_dump(mode="json")
     return detail, tally
 
 

@@ -28,6 +28,7 @@ _ARROW_TYPES: Mapping[ColumnType, pa.DataType] = {
     "double": pa.float64(),
     "bool": pa.bool_(),
     "list<double>": pa.list_(pa.float64()),
+    "list<string>": pa.list_(pa.string()),
     "map<string, double>": pa.map_(pa.string(), pa.float64()),
     "map<string, string>": pa.map_(pa.string(), pa.string()),
 }

@@ -9,6 +9,7 @@ other sources, and none is written.
 
 import importlib
 import inspect
+import linecache
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,7 @@ from importlib.machinery import (
 )
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Literal, ParamSpec, TypeVar
+from typing import Literal, NamedTuple, ParamSpec, TypeVar
 
 from specs.data.episode import ApplicationLaunch, Failure
 from specs.errors import SimyardError
@@ -30,6 +31,7 @@ from tasks.simulate.application.call_clock import CallKind, timed_call
 
 CrashCode = Literal["RobotApplicationCrash", "SimulationApplicationCrash"]
 _REASON_LENGTH = 1000
+_SOURCE_LENGTH = 160
 _NAMESPACE = re.compile(r"simyard_bundle_[0-9a-f]{64}\.")
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -40,13 +42,22 @@ class BundleCrash(SimyardError):  # noqa: N818 - RoboMaker's name
 
     Attributes:
         code: RoboMaker's failure code.
-        reason: The exception, for a person, as one line.
+        reason: The exception and its place in the bundle, for a person, as one line.
     """
 
-    def __init__(self, code: CrashCode, reason: str) -> None:
+    def __init__(self, code: CrashCode, reason: str, place: str = "") -> None:
+        """Makes it.
+
+        Args:
+            code: RoboMaker's failure code.
+            reason: What went wrong; cut where it is too long.
+            place: Where, as `` (file, line n: source)``; it is never cut.
+        """
         self.code: CrashCode = code
         # One line, as RoboMaker's reasons are, and with the author's module names instead of the bundle's namespace.
-        self.reason = " ".join(_NAMESPACE.sub("", reason).split())[:_REASON_LENGTH]
+        what, where = (" ".join(_NAMESPACE.sub("", text).split()) for text in (reason, place))
+        where = f" {where}" if where else ""
+        self.reason = what[: _REASON_LENGTH - len(where)] + where
         super().__init__(f"{code}: {self.reason}")
 
     @property
@@ -95,11 +106,10 @@ def crash_of(exc: BaseException, launches: Mapping[CrashCode, ApplicationLaunch]
         exc: What was raised, also out of a compiled program that calls the application back.
         launches: The applications, by what a crash of theirs is called.
     """
-    name, place = _bundle_frame(exc)
-    said = _text(exc)
+    frame = _bundle_frame(exc)
     for code, launch in launches.items():
-        if launch.digest in (name or said):
-            return BundleCrash(code, f"{launch.name}: {said}{place}")
+        if launch.digest in (frame.module if frame else _words(exc)):
+            return _crash(code, launch.name, exc)
     return None
 
 
@@ -126,25 +136,72 @@ def _called(kind: CallKind, code: CrashCode, doing: str, function: Callable[[], 
     except BundleCrash:
         raise
     except BaseException as exc:  # an application may raise anything, and it is a row, not our failure
-        raise BundleCrash(code, f"{doing}: {_text(exc)}{_bundle_frame(exc)[1]}") from exc
+        raise _crash(code, doing, exc) from exc
 
 
-def _bundle_frame(exc: BaseException) -> tuple[str, str]:
-    """Returns the innermost module of a bundle that an exception passed through, and its `` (file, line n)``."""
-    found, trace = ("", ""), exc.__traceback__
+class _Frame(NamedTuple):
+    """A line of a bundle that an exception passed through."""
+
+    module: str
+    line: int
+    source: str
+
+    def __str__(self) -> str:
+        """Returns ``nav/nav.py, line 12: x = way["goal"]``."""
+        source = self.source if len(self.source) <= _SOURCE_LENGTH else f"{self.source[:_SOURCE_LENGTH]}..."
+        return f"{_module_file(self.module)}, line {self.line}" + (f": {source}" if source else "")
+
+
+def _crash(code: CrashCode, doing: str, exc: BaseException) -> BundleCrash:
+    frame = _bundle_frame(exc)
+    return BundleCrash(code, f"{doing}: {_text(exc)}", f"({frame})" if frame else "")
+
+
+def _bundle_frame(exc: BaseException) -> _Frame | None:
+    """Returns the innermost line of a bundle that an exception passed through, or is about; None if there is none."""
+    if isinstance(exc, SyntaxError) and (frame := _syntax_frame(exc)):
+        return frame  # it has passed through no line of the file that it is about
+    found, trace = None, exc.__traceback__
     while trace is not None:
         name = str(trace.tb_frame.f_globals.get("__name__", ""))
         if _NAMESPACE.match(name):
-            found = name, f" ({_module_file(name)}, line {trace.tb_lineno})"
+            found = _Frame(name, trace.tb_lineno, _source(trace.tb_frame.f_code.co_filename, trace.tb_lineno))
         trace = trace.tb_next
     return found
 
 
+def _syntax_frame(exc: SyntaxError) -> _Frame | None:
+    for root, folder in _bundle_folders().items():
+        if exc.filename and exc.lineno and exc.filename.startswith(f"{folder}/"):
+            inner = exc.filename.removeprefix(f"{folder}/").removesuffix(".py").replace("/", ".")
+            return _Frame(f"{root}.{inner}", exc.lineno, (exc.text or "").strip())
+    return None
+
+
+def _source(file: str, line: int) -> str:
+    linecache.checkcache(file)
+    return linecache.getline(file, line).strip()
+
+
 def _text(exc: BaseException) -> str:
+    """Returns an exception's type and words, with paths as the bundle's author knows them."""
+    said = _words(exc)
+    for folder in _bundle_folders().values():
+        said = said.replace(f"{folder}/", "")
+    return said
+
+
+def _words(exc: BaseException) -> str:
     try:
-        return f"{type(exc).__name__}: {exc}"
+        return f"{type(exc).__name__}: {exc.msg if isinstance(exc, SyntaxError) else exc}"
     except Exception:  # noqa: BLE001 - an application's exception may not even be able to tell what it is
         return type(exc).__name__
+
+
+def _bundle_folders() -> dict[str, str]:
+    """Returns the folder of each bundle that modules were imported from, by the name of its namespace."""
+    roots = ((name, module) for name, module in list(sys.modules.items()) if _NAMESPACE.fullmatch(f"{name}."))
+    return {name: next(iter(getattr(module, "__path__", ())), "") for name, module in roots}
 
 
 def _module_file(name: str) -> str:

@@ -100,7 +100,7 @@ class Truth(NamedTuple):
         time_s: At the step's end.
         pose: At the step's end: (x m, y m, yaw rad).
         velocity: At the step's end, along the world's axes.
-        clearance_m: From the hull to the nearest solid, below 0 when pressed into it.
+        clearance_m: From the hull to the nearest solid at its heights, seen from above; below 0 when pressed into it.
         impulse_ns: What contacts pushed the robot with during the step, newton seconds in the plane.
         inside: Whether the robot is within the apartment's outer faces.
     """

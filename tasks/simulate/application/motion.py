@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 
     Attributes:
         body: The robot at the step's end.
-        clearance_m: From its hull to the nearest solid then, below 0 when pressed into it.
+        clearance_m: From its hull to the nearest solid then, seen from above; below 0 where they overlap.
     """
 
     body: Body

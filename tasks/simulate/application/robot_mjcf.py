@@ -11,6 +11,7 @@ from jaxtyping import Float64
 
 from specs.data.episode import CONTROL_S
 from tasks.simulate.application.mjcf_check import check_mjcf
+from tasks.simulate.application.part_names import body_label
 from tasks.simulate.refusal import RobotRefused
 
 _JOINTS = (
@@ -86,7 +87,7 @@ def base_of(model: mujoco.MjModel) -> Base:
     """
     moving = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
     if len(moving) != 1:
-        names = ", ".join(repr(model.body(body).name or f"#{body}") for body in moving) or "none"
+        names = ", ".join(body_label(model, body).removeprefix("body ") for body in moving) or "none"
         raise RobotRefused(
             f"robot.xml: bodies in the world: {names}: one must be the robot's base, and hold all the others"
         )
@@ -190,14 +191,14 @@ def _require_planar(model: mujoco.MjModel, body: int, joints: list[int]) -> None
     if found != [(int(kind), axis) for kind, axis in _JOINTS]:
         names = ", ".join(_described(model, joint) for joint in joints) or "none"
         raise RobotRefused(
-            f"robot.xml: joints of body {model.body(body).name!r}: {names}: it could not be driven about a floor: a "
+            f"robot.xml: joints of {body_label(model, body)}: {names}: it could not be driven about a floor: a "
             "base has either a free joint, or slide along x, slide along y, hinge about z, in that order and no "
             "others: put <freejoint/> in their place if it walks or rolls by itself, else those three"
         )
     upright = np.allclose(model.body_quat[body], (1, 0, 0, 0)) and np.allclose(model.body_pos[body][:2], 0)
     if not upright:
         raise RobotRefused(
-            f"robot.xml: body {model.body(body).name!r}: a planar base hangs in the world at x = y = 0, unturned"
+            f"robot.xml: {body_label(model, body)}: a planar base hangs in the world at x = y = 0, unturned"
         )
 
 
@@ -207,7 +208,7 @@ def _described(model: mujoco.MjModel, joint: int) -> str:
     along = [letter for letter, part in zip("xyz", model.jnt_axis[joint], strict=True) if abs(part) > _LEVEL]
     way = {"slide": "slide along", "hinge": "hinge about"}.get(kind)
     moves = f"{way} {along[0]}" if way and along else kind
-    return f"{model.joint(joint).name or f'#{joint}'} ({moves})"
+    return f"{model.joint(joint).name or 'one without a name'} ({moves})"
 
 
 def _collides(model: mujoco.MjModel, geom: int) -> bool:

@@ -2,7 +2,9 @@
 
 import functools
 import itertools
+import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
@@ -22,8 +24,11 @@ from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.store_url import open_store
 from tasks.storage.worlds import decode_world, pinned_world_bytes
 
+logger = logging.getLogger(__name__)
 # As many as a chunk of the default size has at most.
 _WORLDS_KEPT = 256
+# Different reasons why jobs of a chunk failed that the log gets, the most frequent first.
+_REASONS_TOLD = 3
 
 
 class ChunkPart(NamedTuple):
@@ -107,8 +112,16 @@ def run_chunk(
         by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
     ordered = [by_index.get(each.index) or failed_result(each.index, unable[each.index]) for each in chunk.requests]
     rows = commit(batch.store, batch.id, number, ordered, batch.voucher)
+    _tell_failures(number, rows)
     took = work_of(timings, simulated_s=sum(row.simulated_s for row in rows), wall_s=time.monotonic() - start_s)
     return ChunkEnd(len(rows), lanes, took)
+
+
+def _tell_failures(number: int, rows: Iterable[EpisodeResult]) -> None:
+    """Tells the log why jobs of a chunk failed, each reason once; the rows hold them all."""
+    reasons = Counter(f"{row.failure_code}: {row.failure_reason}" for row in rows if row.status == "Failed")
+    for reason, count in reasons.most_common(_REASONS_TOLD):
+        logger.warning("chunk %d: %d failed: %s", number, count, reason)
 
 
 def _simulated(work: "_Work", lanes: int) -> tuple[dict[int, EpisodeResult], int]:

@@ -39,7 +39,7 @@ class RobotPlan(Spec):
     """What is going to drive a robot application.
 
     Attributes:
-        robot: The application's name.
+        robot: The application's name; where a batch has several of it, with what tells them apart, such as the version.
         choice: Its engine and why; None if none takes the robot.
         refusal: Why none does, with the remedies; or empty.
     """
@@ -89,7 +89,8 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
         folders: Unpacked folders of its applications, by digest.
     """
     layout, kind = Layout(plan), device_kind()
-    choices = {launch: _robot(plan.engine, launch, folders, kind) for launch in _robots(plan)}
+    launches = _robots(plan)
+    choices = {launch: _robot(plan.engine, launch, folders, kind, _label(launch, launches)) for launch in launches}
     programs = [
         _Program(request, episodes, choice.engine, kind, plan.lanes)
         for request, episodes in layout.programs()
@@ -155,11 +156,28 @@ def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
     return list(dict.fromkeys(template.robot for template in plan.templates))
 
 
-def _robot(asked: str, launch: ApplicationLaunch, folders: Mapping[str, Path], kind: DeviceKind) -> RobotPlan:
+def _label(launch: ApplicationLaunch, launches: Sequence[ApplicationLaunch]) -> str:
+    """Returns the name of a robot application, with what no other of that name in the batch has."""
+    namesakes = [each for each in launches if each.name == launch.name]
+
+    def parts(each: ApplicationLaunch) -> tuple[str, str, str, str]:
+        architecture = each.architecture or "every architecture"
+        return f"version {each.version}", architecture, f"{each.package}/{each.launch_file}", each.digest[:8]
+
+    columns = zip(*map(parts, namesakes), strict=True)
+    told = [part for part, column in zip(parts(launch), columns, strict=True) if len(set(column)) > 1]
+    if len(told) > 1:  # another version has another digest, which says nothing more
+        told = [part for part in told if part != launch.digest[:8]]
+    return " ".join([launch.name, *told])
+
+
+def _robot(
+    asked: str, launch: ApplicationLaunch, folders: Mapping[str, Path], kind: DeviceKind, label: str
+) -> RobotPlan:
     folder = folders[launch.digest]
     module = folder / launch.package / f"{launch.launch_file}.py"
     answer = recall_choice(asked, launch.digest, folder / "robot.xml", module, kind)
-    return RobotPlan(robot=launch.name, choice=answer.choice, refusal=answer.refusal)
+    return RobotPlan(robot=label, choice=answer.choice, refusal=answer.refusal)
 
 
 def _lane_steps(plan: BatchPlan) -> int:

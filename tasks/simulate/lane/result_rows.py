@@ -12,6 +12,7 @@ from tasks.simulate.application.contract import REASONS
 from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.sensor.odometry import ODOMETRY
+from tasks.simulate.surroundings.rooms import visit
 
 # One pose in half a simulated second is kept of a failed episode.
 POSE_STEPS = CONTROL_HZ // 2
@@ -41,6 +42,9 @@ def finished_row(
     reason, (code, why) = REASONS[int(state.reason[position])], _CRASHES[int(state.crash[position])]
     steps, tally, pose, passed = int(state.step[position]), state.tally, state.body.qpos[position], reason == ""
     driven = float(tally.path_length_m[position])
+    way = _way(lane, position, steps, poses)
+    rooms = lane.stage.rooms
+    went = visit(rooms, lane.placement, way[:, :2], known_way=lane.shortest_path_m is not None)
     return EpisodeResult(
         index=lane.request.index,
         status="Failed" if code else "Completed",
@@ -65,16 +69,24 @@ def finished_row(
         final_yaw_rad=float(pose[2]),
         odometry_error_m=_odometry_error_m(state, position),
         metrics={name: float(each[position]) for name, each in state.metrics.items() if np.isfinite(each[position])},
-        trajectory=() if passed else _trajectory(lane, position, steps, poses),
+        rooms_entered=went.entered,
+        rooms_unreachable=went.unreachable,
+        rooms_total=len(rooms.names),
+        goals_reachable=went.goals_reachable,
+        trajectory=() if passed else _trajectory(way),
     )
 
 
-def _trajectory(
+def _way(
     lane: Lane, position: int, steps: int, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
-) -> tuple[tuple[float, float, float, float], ...]:
-    """Returns the poses from the start, every half second, to the last."""
+) -> Float32[np.ndarray, "steps 3"]:
+    """Returns the pose at the start and at the end of each control step."""
     start = lane.placement.start.astype(np.float32)[None]
-    driven = np.concatenate([start, *(each[position] for each in poses)])[: steps + 1]
+    return np.concatenate([start, *(each[position] for each in poses)])[: steps + 1]
+
+
+def _trajectory(driven: Float32[np.ndarray, "steps 3"]) -> tuple[tuple[float, float, float, float], ...]:
+    """Returns the poses from the start, every half second, to the last."""
     kept = sorted({*range(0, len(driven), POSE_STEPS), len(driven) - 1})
     return tuple((round(k * CONTROL_S, 6), float(driven[k, 0]), float(driven[k, 1]), float(driven[k, 2])) for k in kept)
 

@@ -38,7 +38,9 @@ def settle(
         decided: By the controller.
         motion: What the engine made of it.
     """
-    body, work, clearance_m = motion
+    body, work, apart_m = motion
+    # Seen from above a hull may lean over an edge that it does not touch: only what pushes it is below 0.
+    clearance_m = jnp.where(work.impulse_ns > 0.0, apart_m, jnp.maximum(apart_m, 0.0))
     step = state.step + 1
     truth = _truth(inputs, body, work, clearance_m, step)
     scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)

@@ -19,6 +19,7 @@ from tasks.simulate.sensor.lidar import Lidar
 from tasks.simulate.sensor.noise import seed_words
 from tasks.simulate.surroundings.floor_map import floor_maps
 from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
+from tasks.simulate.surroundings.rooms import RoomMap, room_map
 from tasks.simulate.surroundings.shortest_path import shortest_paths_m
 from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, pad_silhouettes, silhouettes
 
@@ -26,11 +27,12 @@ _SEEN_M = 1e-3  # half the thickness of the lidar's plane
 
 
 class Stage(NamedTuple):
-    """One world as arrays: what is touched, what is seen, and the map."""
+    """One world as arrays: what is touched, what is seen, the map, and the rooms on it."""
 
     touched: Obstacles
     seen: HostSilhouettes
     floor: HostMap
+    rooms: RoomMap
 
 
 class Lane(NamedTuple):
@@ -47,7 +49,8 @@ def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[
     touched = [obstacles(world, hull.low_m, hull.high_m) for world in worlds.values()]
     seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
     floors = floor_maps(list(worlds.values()), touched)
-    stages = map(Stage, pad_obstacles(touched), pad_silhouettes(map(silhouettes, seen)), floors)
+    rooms = [room_map(world.rooms, floor, hull.radius_m) for world, floor in zip(worlds.values(), floors, strict=True)]
+    stages = map(Stage, pad_obstacles(touched), pad_silhouettes(map(silhouettes, seen)), floors, rooms)
     return dict(zip(worlds, stages, strict=True))
 
 

@@ -7,11 +7,6 @@ from jaxtyping import Float
 from tasks.simulate.surroundings.lidar import Boxes, Cylinders
 
 
-def distance_of_all_m(boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
-    """Returns how far a point is from the nearest of all obstacles; at most 0 inside one."""
-    return jnp.minimum(to_boxes_m(boxes, center_m).min(), to_cylinders_m(cylinders, center_m).min())
-
-
 def to_boxes_m(boxes: Boxes, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, "boxes"]:
     """Returns how far a point is from each box; 0 inside one."""
     dx, dy = center_m[0] - boxes[:, 0], center_m[1] - boxes[:, 1]

@@ -12,7 +12,7 @@ import os
 import shutil
 import time
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -42,7 +42,8 @@ from tasks.storage.base.disk_space import room_in
 from tasks.storage.base.keys import checked_key
 from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
 
-_LOCKS = ".locks"
+LOCKS = ".locks"
+"""The folder of a store in which whoever writes takes a lock."""
 _LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
@@ -158,8 +159,8 @@ class LocalStore:
 
     def now_s(self) -> float:
         """Returns the time by the clock of the disk."""
-        with self._explained(_LOCKS):
-            return disk_now_s(self.root / _LOCKS)
+        with self._explained(LOCKS):
+            return disk_now_s(self.root / LOCKS)
 
     def delete_unchanged(self, entry: Entry) -> bool:
         """Removes the object unless it was written since, in one step; returns whether it is gone now."""
@@ -251,9 +252,9 @@ class LocalStore:
     def _locked(self, key: str) -> Generator[None]:
         # A few shared lock files instead of one beside every object; nothing takes two, so nothing deadlocks. Nobody
         # waits for a disk while it has one, so that hardly anybody is paused with it.
-        make_folder(self.root / _LOCKS)
-        path = self.root / _LOCKS / hashlib.blake2b(key.encode(), digest_size=1).hexdigest()
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        make_folder(self.root / LOCKS)
+        path = self.root / LOCKS / hashlib.blake2b(key.encode(), digest_size=1).hexdigest()
+        descriptor = _open_lock(path)
         try:
             self._lock(descriptor, key)
             yield
@@ -287,3 +288,17 @@ class LocalStore:
 def _mark(key: str) -> str:
     """Returns what the hidden names of a key's uploads have in common."""
     return f"{hashlib.blake2b(key.encode(), digest_size=8).hexdigest()}-"
+
+
+def _open_lock(path: Path) -> int:
+    """Returns a lock's file, opened, having made it if there was none.
+
+    One that another account made can often only be read: that is enough to lock it, but for disks of other machines.
+    """
+    if not path.exists():
+        with hidden_file(path.parent) as (_, hidden), suppress(FileExistsError):
+            path.hardlink_to(hidden)
+    try:
+        return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except PermissionError:
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -12,6 +12,7 @@ from typing import BinaryIO
 from specs.errors import ObjectExists, StoreAccessDenied, StoreError, StoreFull, StoreUnreachable
 from tasks.storage.base.atomic_file import HIDDEN, flush_to_disk, hidden_file
 from tasks.storage.base.disk_space import NO_ROOM, full_disk_message
+from tasks.storage.base.folder_rights import missing_right
 from tasks.storage.base.store import Entry
 
 NOTHING_THERE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR)
@@ -33,7 +34,9 @@ def disk_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
         key: What was worked on.
     """
     if exc.errno in _REFUSED:
-        return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; make the folder writable or choose another")
+        why = missing_right(Path(exc.filename)) if exc.filename and exc.errno != errno.EROFS else ""
+        remedy = f"{why}; docs/operate/robot.md" if why else "make the folder writable or choose another"
+        return StoreAccessDenied(f"{url}: {key}: {exc.strerror}; {remedy}")
     if exc.errno in (*NOTHING_THERE, errno.EEXIST):
         return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
     if exc.errno in NO_ROOM:

@@ -11,11 +11,14 @@ from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
+from tasks.storage.base.folder_rights import share_file, share_folder
+
 HIDDEN = ".tmp-"
+_EVERYBODYS = 0o666
 
 
 @contextmanager
-def hidden_file(folder: Path, mark: str = "", mode: int = 0o666) -> Generator[tuple[BinaryIO, Path]]:
+def hidden_file(folder: Path, mark: str = "", mode: int = _EVERYBODYS) -> Generator[tuple[BinaryIO, Path]]:
     """Makes a file under a hidden name, which begins with ``HIDDEN`` and the mark, and removes that name at the end.
 
     The caller writes, calls ``flush_to_disk``, and links or renames; a writer that is killed leaves a name that starts
@@ -26,6 +29,8 @@ def hidden_file(folder: Path, mark: str = "", mode: int = 0o666) -> Generator[tu
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
     try:
         with os.fdopen(descriptor, "wb") as file:
+            if mode == _EVERYBODYS:
+                share_file(descriptor, folder)
             yield file, path
     finally:
         path.unlink(missing_ok=True)
@@ -66,5 +71,11 @@ def make_folder(folder: Path) -> None:
     if folder.is_dir():
         return
     make_folder(folder.parent)
-    folder.mkdir(exist_ok=True)
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        if not folder.is_dir():
+            raise
+    else:
+        share_folder(folder)
     settle_names(folder.parent)

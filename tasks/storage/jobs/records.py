@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from specs.arn import RUN_KIND, arn
+from specs.arn import RUN_KIND, absence, arn
 from specs.base import Fault, Spec
 from specs.errors import (
     IdempotentParameterMismatch,
@@ -272,6 +272,6 @@ def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
     try:
         stored = store.get(key)
     except ObjectNotFound as exc:
-        fault = Fault(path=kind, value=repr(wanted), allowed=f"a job of this kind in {store.url}; see simyard list")
+        fault = Fault(path=kind, value=repr(wanted), allowed=absence([kind], store.url))
         raise ResourceNotFound([fault], source="store") from exc
     return decode_document(JobRecord, stored, store, key), stored.etag

@@ -1,16 +1,22 @@
-"""What became of each wish of the template, measured on the finished world."""
+"""What became of each wish of the template, measured on the finished world.
+
+What a template has where its author said nothing is no wish: proportions of 1:1, a room that is 20 m2 and 1:1, and
+moderate density beside a list of furniture. Whether these were written or filled in cannot be told: nobody can write a
+room's area without its proportions, RoboMaker's samples write all of it, and writing it gives the same worlds.
+"""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 
 from specs.data.world import Door, Furniture, Passage, Room, RoomFigures, Wish
-from tasks.worlds.brief import FREE_FLOOR, Brief, ConnectionWish, RoomWish
+from tasks.worlds.brief import DEFAULT_AREA_M2, FREE_FLOOR, Brief, ConnectionWish, RoomWish
 from tasks.worlds.geometry.boxes import rounded
 from tasks.worlds.materials import FLOORINGS, WALLS, SurfaceMaterial, known_name
 
 AREA_TOLERANCE = 0.03
 ASPECT_TOLERANCE = 0.25
+_SQUARE = 1.0
 
 
 def weigh_wishes(
@@ -39,11 +45,13 @@ def weigh_wishes(
         pieces = [piece.model_type for piece in furniture if piece.room == wish.name]
         by_room += [_shape(wish, room), _surfaces(wish, room), _furnishing(wish, pieces, figure)]
     footprint = _aspect("footprint", "footprint", outline_m, brief.footprint_aspect)
-    return (footprint, *chain(*by_room), *_connections(brief, passages), *_doors(brief, passages, doors))
+    return (*footprint, *chain(*by_room), *_connections(brief, passages), *_doors(brief, passages, doors))
 
 
 def _shape(wish: RoomWish, room: Room) -> Iterator[Wish]:
     width, depth = room.floor.x_max_m - room.floor.x_min_m, room.floor.y_max_m - room.floor.y_min_m
+    if (wish.area_m2, wish.aspect) == (DEFAULT_AREA_M2, _SQUARE):
+        return
     area = width * depth
     error = abs(area - wish.area_m2) / wish.area_m2
     yield Wish(
@@ -54,13 +62,15 @@ def _shape(wish: RoomWish, room: Room) -> Iterator[Wish]:
         met=error <= AREA_TOLERANCE,
         error=rounded(error),
     )
-    yield _aspect("aspect", wish.name, (width, depth), wish.aspect)
+    yield from _aspect("aspect", wish.name, (width, depth), wish.aspect)
 
 
-def _aspect(kind: str, subject: str, extents: tuple[float, float], wished: float) -> Wish:
+def _aspect(kind: str, subject: str, extents: tuple[float, float], wished: float) -> Iterator[Wish]:
+    if wished == _SQUARE:
+        return
     found = extents[0] / extents[1]
     error = max(found / wished, wished / found) - 1.0
-    return Wish.model_validate(
+    yield Wish.model_validate(
         {
             "kind": kind,
             "subject": subject,

@@ -7,7 +7,7 @@ from pathlib import PurePosixPath
 
 from pydantic import JsonValue, TypeAdapter
 
-from specs.arn import arn, store_id_of
+from specs.arn import ResourceKind, absence, arn, store_id_of
 from specs.base import Fault, Spec
 from specs.data.world import World
 from specs.digest import canonical_json
@@ -195,8 +195,8 @@ def _arn(store: Store, name: str) -> str:
     return arn("world-template", store_id(store), name)
 
 
-def _read_object(store: Store, key: str, kind: str, path: str) -> bytes:
+def _read_object(store: Store, key: str, kind: ResourceKind, path: str) -> bytes:
     try:
         return store.get(key).body
     except ObjectNotFound as exc:
-        raise ResourceNotFound([Fault(path=kind, value=repr(path), allowed=f"a {kind} in {store.url}")]) from exc
+        raise ResourceNotFound([Fault(path=kind, value=repr(path), allowed=absence([kind], store.url))]) from exc

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 import pytest
@@ -55,6 +56,22 @@ def test_a_silent_fleet_stops_the_roll_out(yard: Yard) -> None:
 
     assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
     assert len(robots.asked()) == 2
+
+
+def test_who_waits_for_a_silent_robot_learns_soon_and_once_who_may_write_where_it_reports(
+    yard: Yard, caplog: pytest.LogCaptureFixture
+) -> None:
+    robots = PuppetRobots(yard.store, 3, step_s=10_000.0)
+    robots.silent = {"r1"}
+    version = yard.publish({"run.sh": STAYS_UP})
+    folder = Path(yard.store.url.removeprefix("file://")) / "robots" / "r1"
+    folder.chmod(0o755)
+
+    run(yard, robots, yard.request(version, "one"), version.digest)
+
+    (told,) = [each for each in caplog.messages if each.startswith("no answer for")]
+    assert "25 s from 1 robots (r1): only " in told
+    assert f"may write in {folder}" in told
 
 
 @pytest.mark.parametrize("after", [False, True])

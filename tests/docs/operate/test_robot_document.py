@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,10 +14,12 @@ from tasks.deploy.fleet.robots import read_reported
 from tasks.deploy.fleet.states import Reported
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.processes import end_all
+from tasks.storage.backends.local import LocalStore
 from tasks.storage.store_url import open_store
 from tests.deploy.kit.robot_image import command, environment, install
 from tests.deploy.reach import open_folder
 from tests.repository import ROOT
+from tests.storage.two_accounts import GROUP, as_nobody, as_two_accounts, shared_store
 
 DOCUMENT = (ROOT / "docs/operate/robot.md").read_text()
 STATE = "image/var/lib/simyard/r1"
@@ -87,6 +90,30 @@ def test_a_robots_owner_installs_deploys_breaks_sees_it_go_back_repairs_and_sync
     assert (first.status, broken.status, repaired.status) == ("InSync", "Failed", "InSync")
     assert broken.running_digest == first.running_digest != repaired.running_digest
     assert not re.search(r"jaxlib|numpy|mujoco", modules)
+
+
+@pytest.fixture
+def account_store() -> Iterator[LocalStore]:
+    with shared_store() as store:
+        yield store
+
+
+@as_two_accounts
+@pytest.mark.parametrize("how", ["rights", "acl"])
+def test_the_commands_that_share_a_folder_let_the_agents_account_report_and_no_more(
+    how: str, account_store: LocalStore
+) -> None:
+    (block,) = blocks(how)
+    if how == "acl" and shutil.which("setfacl") is None:
+        pytest.skip("the package acl is not installed")
+    block = re.sub("(?m)^(groupadd|usermod).*\n", "", block).replace("/srv/store", str(account_store.root))
+    block = block.replace("chgrp -R robots ", f"chgrp -R {GROUP} ").replace("u:simyard:", "u:nobody:")
+    subprocess.run(["bash", "-euc", block.replace("u:alice:", "u:root:")], check=True)
+    account_store.create("robots/r2/record.json", b"1")
+
+    for robot in ("r1", "r2"):
+        assert as_nobody(account_store, f"store.put('robots/{robot}/reported.json', b'1')", GROUP) == ""
+    assert "may not write in" in as_nobody(account_store, "store.put('fleets/guides.json', b'1')", GROUP)
 
 
 def test_the_table_of_its_disk_names_what_is_there(tmp_path: Path) -> None:

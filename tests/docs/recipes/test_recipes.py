@@ -249,7 +249,7 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
     commands = "flows/resource/kinds.py"
     tree.add_before(
         commands,
-        "KINDS: Mapping[ResourceKind, Kind] = {\n",
+        "_LOADS: Mapping[ResourceKind, Callable[[], Resource]] = {\n",
         "def _map_survey_job() -> Resource:\n"
         "    from tasks.storage.jobs.cancellation import cancel_watched_job\n\n"
         '    kind: JobKind = "map-survey-job"\n'
@@ -258,9 +258,7 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
         "        lambda store: records(store, kind),\n"
         "        cancel=lambda store, path: cancel_watched_job(store, kind, path),\n    )\n\n\n",
     )
-    tree.add_before(
-        commands, '    "pipeline-run": Kind(', '    "map-survey-job": Kind("map-survey-jobs", _map_survey_job),\n'
-    )
+    tree.add_before(commands, '    "pipeline-run": _pipeline_run', '    "map-survey-job": _map_survey_job,\n')
     made = tree.run(
         "from pathlib import Path\n"
         "from flows.resource.answers import describe_resource, list_resources\n"

@@ -68,7 +68,7 @@ def test_the_queries_of_the_documents_run(sql: str, place: str, tmp_path: Path, 
 
 
 def test_there_are_queries():
-    assert (len(QUERIES), len(RECORDING_QUERIES)) == (5, 3)
+    assert (len(QUERIES), len(RECORDING_QUERIES)) == (6, 3)
 
 
 def _collision(index: int) -> dict[str, np.ndarray]:

@@ -162,7 +162,7 @@ def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
 
 
 def test_an_arn_of_something_else_is_refused(batch: OpenBatch):
-    with pytest.raises(DocumentError, match="an ARN of a simulation-job"):
+    with pytest.raises(DocumentError, match="a simulation-job, such as"):
         replay_job(batch.store, f"arn:simyard:{KIND}:0:{batch.id}")
 
 

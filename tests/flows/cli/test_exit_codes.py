@@ -1,4 +1,4 @@
-"""How `simyard` ends: exit code 1 is a verdict, and nothing else."""
+"""How `simyard` ends: exit codes 1 and 4 are verdicts, and nothing else."""
 
 import signal
 import subprocess
@@ -39,6 +39,8 @@ def _code(command: Callable[[], object]) -> object:
     ("exc", "code"),
     [
         (PipelineNotPassed(PipelineReport(run="run-1", name="nightly", stages=(), verdict="FAIL", shipped=None)), 1),
+        (PipelineNotPassed(PipelineReport(run="r", name="n", stages=(), verdict="INCONCLUSIVE", shipped=None)), 4),
+        (PipelineNotPassed(PipelineReport(run="r", name="n", stages=(), verdict="PASS", shipped=False)), 1),
         (DocumentError([Fault(path="a", value="1", allowed="2")]), 2),
         (StageFailed("InternalServiceError", "why"), 3),
         (SimyardError("why"), 3),
@@ -46,7 +48,7 @@ def _code(command: Callable[[], object]) -> object:
         (OSError("why"), 3),
     ],
 )
-def test_only_a_verdict_exits_with_1(exc: Exception, code: int, capsys: pytest.CaptureFixture[str]):
+def test_only_a_verdict_exits_with_1_or_4(exc: Exception, code: int, capsys: pytest.CaptureFixture[str]):
     assert _code(_raises(exc)) == code
     assert "Traceback" not in capsys.readouterr().err
 

@@ -183,3 +183,48 @@ def test_looking_at_worlds_loads_neither_jax_nor_prefect_nor_mujoco():
     )
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=False)
     assert done.stderr.strip().endswith("[]")
+
+
+def test_a_starter_is_a_template_as_it_stands_and_says_what_to_do_next():
+    done = world("template", "--rooms", "bedroom,Kitchen", "--output", "homes/mine.yaml")
+    assert done.stdout == "homes/mine.yaml\n"
+    assert "simyard world preview homes/mine.yaml" in done.stderr
+    body = find_template("homes/mine.yaml", open_store(Path("store").resolve().as_uri()), Path())
+    assert [room.Name for room in body.Buildings[0].Floors[0].Floorplan.Rooms] == ["Bedroom", "Kitchen"]
+    assert world("preview", "homes/mine.yaml").exit_code == 0
+
+
+def test_a_starter_never_overwrites_a_file():
+    Path("template.yaml").write_text("mine")
+    with pytest.raises(DocumentError, match=r"template\.yaml is there already"):
+        world("template")
+    assert Path("template.yaml").read_text() == "mine"
+
+
+def test_all_that_is_wrong_with_the_wish_for_a_starter_is_told_at_once():
+    with pytest.raises(DocumentError) as caught:
+        world("template", "--rooms", "bedrom,,attic", "--version", "3", "--output", "mine.txt")
+    told = [str(fault) for fault in caught.value.faults]
+    assert [line.split(":")[0] for line in told] == ["--rooms", "--rooms", "--rooms", "--version", "--output"]
+    assert 'did you mean "bedroom"?' in told[0]
+    assert list(Path().iterdir()) == []
+
+
+def test_the_kinds_of_furniture_are_listed_with_their_sizes():
+    rows = world("furniture").stdout.splitlines()
+    assert len(rows) == 1 + 31
+    assert "Sofas" in rows[-6]
+    assert "1.6-2.7" in rows[-6]
+
+
+def test_each_kind_of_furniture_gets_a_picture_and_programs_get_json():
+    done = world("furniture", "--json", "--pictures", "kinds")
+    kinds = [json.loads(line) for line in done.stdout.splitlines()]
+    assert sorted(f"{each['kind']}.svg" for each in kinds) == sorted(file.name for file in Path("kinds").iterdir())
+    assert all(each["width_m"][0] <= each["width_m"][1] for each in kinds)
+
+
+def test_pictures_of_furniture_that_cannot_be_written_are_refused():
+    Path("kinds").write_text("a file")
+    with pytest.raises(DocumentError, match="--pictures: kinds"):
+        world("furniture", "--pictures", "kinds")

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from flows.preview.plan import plan_lines
+from specs.errors import DocumentError
+from specs.pipeline.document import PipelineSpec
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
@@ -51,6 +53,42 @@ def test_what_is_turned_off_is_said(lines: Tell):
     assert "no recordings; no audit" in told
 
 
+UNDRIVEN = """
+<mujoco><worldbody><body name="base"><joint name="x" type="slide" axis="1 0 0"/>
+<joint name="y" type="slide" axis="0 1 0"/><joint name="yaw" axis="0 0 1"/><geom size="0.2" pos="0 0 0.2"/>
+</body></worldbody></mujoco>"""
+
+
+def own_robots(folder: Path, **models: str) -> PipelineSpec:
+    """Returns a document that drives robots of its own."""
+    for name, model in models.items():
+        robot = shutil.copytree(ROOT / "applications/courier", folder / name)
+        (robot / "robot.xml").write_text(model)
+    quickstart = read_pipeline(ROOT / "examples/quickstart.yaml").model_dump(mode="json", exclude_none=True)
+    request = quickstart["simulationBatch"]["createSimulationJobRequests"][0]
+    (launch,) = request["robotApplications"]
+    requests = [{**request, "robotApplications": [{**launch, "application": name}]} for name in models]
+    batch = {**quickstart["simulationBatch"], "createSimulationJobRequests": requests}
+    sources = [{"name": name, "source": str(folder / name)} for name in models]
+    template = str(ROOT / "examples/templates/two-rooms.json")
+    generation = {**quickstart["worldGeneration"], "template": template}
+    return PipelineSpec.model_validate(
+        {"name": "own", "applications": sources, "worldGeneration": generation, "simulationBatch": batch}
+    )
+
+
+def test_all_robots_that_no_engine_takes_are_faults_before_the_first_line(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    courier = (ROOT / "applications/courier/robot.xml").read_text()
+    spec = own_robots(tmp_path, one=UNDRIVEN, two=courier, three=UNDRIVEN)
+    with pytest.raises(DocumentError) as caught:
+        next(plan_lines(spec, tmp_path, file_store))
+    assert [fault.value for fault in caught.value.faults] == ["one", "three"]
+    assert "no actuator: nothing could drive the robot" in caught.value.faults[0].allowed
+
+
 def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
     told = lines(matrix={"seeds": 10_000, "environmentVariables": {"MAX_SPEED": ["0.6"]}}, engine="mujoco")
     assert "80,000 episodes" in told
@@ -72,6 +110,8 @@ def test_the_gates_page_is_planned_with_the_tested_versions_episodes(file_store:
     document = tmp_path / "gate.yaml"
     document.write_text(f"name: gate\n{worlds}\n{block}")
     told = "\n".join(plan_lines(read_pipeline(document), ROOT / "examples", file_store))
+    tested = re.findall(r"courier version (\d): engine planar", told)
+    assert tested == ["4", "3"]
     assert "8 x 24 = 192 pairs then, and 384 episodes" in " ".join(page.split())
     assert "384 episodes" in told
     assert "if equal, and 0 % end otherwise, 189 driven by both are needed: 192 are enough" in told

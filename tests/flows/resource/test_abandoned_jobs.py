@@ -193,3 +193,44 @@ def a_left_export(store: Store, name: str) -> JobRecord:
     job = submit(store, EXPORT, {}, name)
     left_by_another_machine(store, EXPORT, job.id, ttl_s=1.0)  # a cancellation really waits for it
     return advance(store, EXPORT, job.id, "Canceling")
+
+
+def outdated_run(store: Store) -> tuple[JobRecord, JobRecord]:
+    """A run that was abandoned with its job, and whose document was then changed and has run to its end."""
+    with begin_run(store, {"flow": "pipeline", "spec": SPEC}) as run:
+        advance(store, KIND, run.id, "Running")
+    job = submit(store, "world-generation-job", {}, stage_token(run, "worlds"))
+    with begin_run(store, {"flow": "pipeline", "spec": {**SPEC, "worldExport": {}}}) as newer:
+        advance(store, KIND, newer.id, "Completed")
+    return run, job
+
+
+def test_runs_of_a_document_that_has_ended_in_another_form_since_are_only_counted(file_store: Store) -> None:
+    run, job = outdated_run(file_store)
+    why = "of a document that was changed and has ended since: simyard reap --outdated cancels it"
+    for kind in ("pipeline-run", "world-generation-job"):
+        assert list(kind_notes(file_store, f"{kind}s")) == [f"1 abandoned {kind}, {why}"]
+    (told,) = job_notes(file_store, run.arn)
+    assert told.endswith("nightly was changed and has ended since; simyard cancel, or reap --outdated, ends this one")
+    assert next(job_notes(file_store, job.arn)).endswith("ends this one")
+
+
+def test_a_run_of_another_document_or_one_that_goes_on_outdates_nothing(file_store: Store) -> None:
+    with begin_run(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
+        advance(file_store, KIND, run.id, "Running")
+    with begin_run(file_store, {"flow": "pipeline", "spec": {**SPEC, "name": "weekly"}}) as other:
+        advance(file_store, KIND, other.id, "Completed")
+    with begin_run(file_store, {"flow": "pipeline", "spec": {**SPEC, "worldExport": {}}}) as newer:
+        advance(file_store, KIND, newer.id, "Running")
+        (told,) = kind_notes(file_store, "pipeline-runs")
+    assert told.endswith("simyard run of nightly continues it")
+
+
+def test_reap_cancels_outdated_runs_only_if_asked(file_store: Store) -> None:
+    run, job = outdated_run(file_store)
+    assert {each.status for each in reaped(file_store).values()} == {"Running", "Pending"}
+    told = CliRunner().invoke(app, ["reap", "--outdated", "--store", file_store.url])
+    assert told.exit_code == 0, told
+    assert f"{run.arn}  Running -> Canceled" in told.stdout
+    assert read(file_store, KIND, run.id).status == read(file_store, job.kind, job.id).status == "Canceled"
+    assert list(kind_notes(file_store, "pipeline-runs")) == []

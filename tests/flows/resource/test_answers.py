@@ -7,6 +7,8 @@ from flows.resource.cancel import cancel_resource
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
 from specs.robomaker.simulation_descriptions import BatchDescribeSimulationJobResponse
+from tasks.deploy.fleet.robots import create_robot
+from tasks.simulate.batch.job import canceled_jobs
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
@@ -17,12 +19,29 @@ from tests.factories.planned_batches import begun
 from tests.factories.worlds import apartment
 
 
-@pytest.mark.parametrize(
-    "text", ["arn:simyard:world:0:g/w", "arn:simyard:robot:0:r2", "simb-1", "arn:simyard:planet:0:mars", "nonsense"]
-)
+@pytest.mark.parametrize("text", ["arn:simyard:world:0:g/w", "arn:simyard:robot:0:r2", "r2"])
 def test_what_is_never_cancelled_is_refused(file_store: Store, text: str):
-    with pytest.raises(DocumentError, match="arn"):
+    put_worlds(file_store, {"g/w": apartment()})
+    create_robot(file_store, "r2")
+    with pytest.raises(DocumentError, match=r"a simulation-job or a world-generation-job or .*; this is a"):
         cancel_resource(file_store, text)
+
+
+@pytest.mark.parametrize("text", ["simb-1", "arn:simyard:planet:0:mars", "nonsense"])
+def test_what_names_nothing_is_not_cancelled(file_store: Store, text: str):
+    with pytest.raises(DocumentError, match=r"not in the store|names no kind of resource"):
+        cancel_resource(file_store, text)
+
+
+def test_bare_ids_and_names_do_for_describe_and_cancel(file_store: Store):
+    batch, robot = begun(file_store), create_robot(file_store, "r2")
+    assert describe_resource(file_store, batch.id) == describe_resource(file_store, batch.record().arn)
+    assert describe_resource(file_store, f"{batch.id}/0").model_dump()["name"] == f"{batch.id}-0"
+    assert describe_resource(file_store, robot.name).model_dump()["name"] == "r2"
+    cancel_resource(file_store, f"{batch.id}/0")
+    assert canceled_jobs(batch.record()) == {0}
+    cancel_resource(file_store, batch.id)
+    assert batch.record().status == "Canceled"
 
 
 def test_a_batch_that_does_not_exist_is_not_cancelled(file_store: Store):

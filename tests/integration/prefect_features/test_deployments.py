@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -51,20 +52,20 @@ def worker(
         process.wait(60)
 
 
-def test_the_nightly_document_is_the_quickstart_word_for_word():
+def test_the_nightly_document_is_the_quickstart():
     deployed = yaml.safe_load((ROOT / "prefect.yaml").read_text())["deployments"]
     (nightly,) = [deployment for deployment in deployed if deployment["name"] == "nightly"]
-    assert nightly["parameters"]["base"] == "examples"
-    assert nightly["parameters"]["spec"] == yaml.safe_load((ROOT / "examples/quickstart.yaml").read_text())
+    assert nightly["parameters"] == {"spec": {"document": "examples/quickstart.yaml"}}
+    assert (ROOT / nightly["parameters"]["spec"]["document"]).is_file()
 
 
 @pytest.mark.long
 @pytest.mark.usefixtures("worker")
-def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: str, store_url: str):
-    parameters = {
-        "spec": {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}, "seed": 99},
-        "base": "examples",
-    }
+def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: str, store_url: str, tmp_path: Path):
+    section = {"template": "two-rooms.json", "worldCount": {"floorplanCount": 1}, "seed": 99}
+    (tmp_path / "night.yaml").write_text(json.dumps({"name": "night", "worldGeneration": section}))
+    shutil.copy(ROOT / "examples/templates/two-rooms.json", tmp_path)
+    parameters = {"spec": {"document": "night.yaml"}, "base": str(tmp_path)}
     entrypoint = "flows.world_generation.world_generation"
     every_minute = ("--name", "every-minute", "--pool", "local", "--cron", "* * * * *")
     _prefect("--no-prompt", "deploy", entrypoint, *every_minute, "--params", json.dumps(parameters))

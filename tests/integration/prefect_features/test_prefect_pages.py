@@ -3,6 +3,7 @@
 Where SIMYARD_PICTURES names a folder, the pictures of docs/operate/operations.md are taken anew into it.
 """
 
+import json
 import os
 import re
 import subprocess
@@ -12,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from tests.integration.runs import finished, simyard, small_document, write_document
 from tests.integration.stopped.operated import asked, commands, prefect, until
+from tests.repository import ROOT
 from tests.servers.chromium import Page, browsing
 from tests.servers.prefect_pages import complaints, painted, pictured, say_password, shown, turned_to
 
@@ -195,18 +198,22 @@ def test_an_asset_is_an_event_with_what_it_was_made_of(watched: Watched, page: P
 
 
 @pytest.mark.soak
-def test_the_form_of_the_nightly_run_shows_the_document_field_by_field(prefect_server: str, page: Page):
+def test_the_form_of_a_deployment_shows_its_document_field_by_field_or_as_a_file(prefect_server: str, page: Page):
     (_, *create_pool), (_, *deploy) = commands("docs/operate/operations.md", "deployments")
     prefect({}, *create_pool, "--overwrite")  # other tests of the session may have made it
     prefect({}, *deploy)
-    nightly = asked(prefect_server, "/deployments/name/pipeline/nightly")
+    document = yaml.safe_load((ROOT / "examples/quickstart.yaml").read_text())
+    written = ("--name", "written-out", "--pool", "local", "--params", json.dumps({"spec": document}))
+    prefect({}, "--no-prompt", "deploy", "simyard.flow.pipeline", *written)
+    written_out = asked(prefect_server, "/deployments/name/pipeline/written-out")
     pages = prefect_server.removesuffix("/api")
 
-    form = shown(page, f"{pages}/deployments/deployment/{nightly['id']}/run", "Robot radius", height=1200)
+    form = shown(page, f"{pages}/deployments/deployment/{written_out['id']}/run", "Robot radius", height=1200)
     pictured(page, "form")
 
     for text in ("World generation", "Every room is reachable for a robot of this radius", "Success rate"):
         assert text in form
+    assert "Its path, from the base" in form
 
 
 def test_no_task_has_an_input_that_prefects_pages_cannot_show(prefect_server: str, small_run: Path):

@@ -8,7 +8,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.compare.comparison import CommonEpisodes, compare_tables
 from tasks.results.compare.comparison_verdict import comparison
 from tasks.results.tables.tables import results_table
-from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed, request
+from tests.factories.episodes import ROBOT, SCENARIO, canceled, collided, crashed, passed, request
 
 Row = tuple[EpisodeRequest, EpisodeResult]
 
@@ -50,6 +50,18 @@ def test_who_is_alone_or_canceled_is_left_out_and_counted():
     second = [(request(0, seed=1), canceled(0)), (request(1, seed=2), passed(1)), (request(2, seed=7), passed(2))]
     found = _pairs(first, second)
     assert (found.pairs, found.first_alone, found.second_alone, found.canceled) == (1, 1, 1, 1)
+
+
+def test_episodes_of_several_durations_and_scenarios_are_paired_by_these_and_not_by_their_turn():
+    def row(index: int, duration_s: float, scenario: str, result: EpisodeResult) -> Row:
+        launch = SCENARIO.model_copy(update={"digest": scenario * 64})
+        asked = request(index).model_copy(update={"duration_s": duration_s, "scenario": launch})
+        return asked, result
+
+    first = [row(0, 30.0, "b", passed(0)), row(1, 60.0, "b", collided(1)), row(2, 60.0, "c", passed(2))]
+    second = [row(0, 60.0, "c", passed(0)), row(1, 60.0, "b", collided(1)), row(2, 30.0, "b", passed(2))]
+    found = _pairs(first, second)
+    assert (found.pairs, found.flips, found.first_alone, found.second_alone) == (3, (), 0, 0)
 
 
 def test_what_only_one_batch_was_asked_for_is_named():

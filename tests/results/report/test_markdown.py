@@ -5,7 +5,7 @@ from pathlib import Path
 from specs.artifact_text import escape_markdown
 from tasks.results.report.facts import Judgement
 from tasks.results.report.page import report_markdown
-from tests.factories.episodes import crashed, request
+from tests.factories.episodes import crashed, passed, request
 from tests.factories.reports import view
 
 URL = "file:///tmp/report.html"
@@ -27,6 +27,15 @@ def test_it_says_when_nobody_judged_and_when_nothing_failed(tmp_path: Path):
     text = report_markdown(view(tmp_path, [], [], judgement=None), URL)
     assert "# Not judged" in text
     assert "No failures." in text
+
+
+def test_it_warns_of_rooms_that_the_robot_was_kept_out_of(tmp_path: Path):
+    known = {"rooms_entered": ("Hall", "Attic"), "rooms_unreachable": ("<b>",), "rooms_total": 3}
+    kept_out = passed(0).model_copy(update=known)
+    text = report_markdown(view(tmp_path, [request(0)], [kept_out]), URL)
+    assert "Rooms entered: 2 of 3." in text
+    assert "- ⚠️ The robot cannot get to 1 of 3 rooms" in text
+    assert "<b>" not in text
 
 
 def test_no_name_becomes_markup(tmp_path: Path):

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from specs.data.episode import EpisodeRequest
+from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.run_report import Verdict
 from tasks.results.report.facts import Judgement, Link, RuleAnswer
 from tasks.results.report.page import report_page, report_picture, report_styles
@@ -66,7 +66,15 @@ def hostile(folder: Path) -> bytes:
         for index in range(8)
     ]
     results = [
-        crashed(index).model_copy(update={"failure_code": EVIL, "failure_reason": f"\x00\u202e{EVIL}"})
+        crashed(index).model_copy(
+            update={
+                "failure_code": EVIL,
+                "failure_reason": f"\x00\u202e{EVIL}",
+                "rooms_entered": (EVIL,),
+                "rooms_unreachable": (f"2{EVIL}\u202e",),
+                "rooms_total": 3,
+            }
+        )
         for index in range(8)
     ]
     rules = tuple(RuleAnswer(name=EVIL, verdict="FAIL", sentence=EVIL) for _ in range(2))
@@ -103,6 +111,25 @@ def test_no_name_turns_the_text_around_it_or_breaks_the_file(tmp_path: Path):
     page = hostile(tmp_path).decode()
     assert "\u202e" not in page
     assert "\x00" not in page
+
+
+def in_rooms(index: int, *unreachable: str) -> EpisodeResult:
+    entered = ("Hall", "Kitchen") if unreachable else ("Hall", "Kitchen", "Bedroom")
+    known = {"rooms_entered": entered, "rooms_unreachable": unreachable, "rooms_total": 3}
+    return passed(index).model_copy(update=known)
+
+
+def test_a_batch_that_was_kept_out_of_a_room_says_so_before_its_numbers(tmp_path: Path):
+    page = report_page(view(tmp_path, [request(0)], [in_rooms(0, "Bedroom")])).decode()
+    alarm = page.index('<p class="alarm">The robot cannot get to 1 of 3 rooms')
+    assert alarm < page.index('<dl class="tiles">') < page.index("<b>Rooms entered: 2 of 3.</b>")
+    assert '<td class="number">2 of 3</td>\n<td>Hall, Kitchen</td>\n<td>Bedroom</td>' in page
+
+
+def test_a_batch_that_was_in_all_rooms_warns_of_nothing(tmp_path: Path):
+    page = report_page(view(tmp_path, [request(0)], [in_rooms(0)])).decode()
+    assert "<b>Rooms entered: 3 of 3.</b>" in page
+    assert 'class="alarm"' not in page
 
 
 def test_it_refers_to_nothing_outside(tmp_path: Path):

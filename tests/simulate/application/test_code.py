@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import ApplicationLaunch
-from tasks.simulate.application.code import BundleCrash, load_factory
+from tasks.simulate.application.code import BundleCrash, call_bundle, load_factory
 from tests.factories.simulations import FAULTY, FOLDERS, PUSHER
 
 
@@ -88,4 +88,40 @@ def test_a_crash_is_told_in_one_line_with_the_authors_own_module_names(tmp_path:
     (folder / "pack" / "drive.py").write_text("raise ValueError('first line\\n  ' + __name__)\n")
     with pytest.raises(BundleCrash) as crash:
         load_factory(folder, launch("7" * 64), "controller", "RobotApplicationCrash")
-    assert crash.value.reason.endswith("ValueError: first line pack.drive (pack/drive.py, line 1)")
+    place = r"(pack/drive.py, line 1: raise ValueError('first line\n ' + __name__))"
+    assert crash.value.reason.endswith(f"ValueError: first line pack.drive {place}")
+
+
+def crashed(folder: Path, source: str, digest: str) -> str:
+    """Returns why an application crashes when it is imported and its controller is made."""
+    bundle(folder, 1)
+    (folder / "pack" / "drive.py").write_text(source)
+    try:
+        made = load_factory(folder, launch(digest * 64), "controller", "RobotApplicationCrash")
+        call_bundle("RobotApplicationCrash", "controller(environment)", made, {})
+    except BundleCrash as crash:
+        return crash.reason
+    return "nothing"
+
+
+def test_a_syntax_error_has_the_file_in_the_bundle_and_the_line(tmp_path: Path):
+    reason = crashed(tmp_path / "app", "x = 1\ndef controller(environment)\n", "b")
+    assert reason.endswith("SyntaxError: expected ':' (pack/drive.py, line 2: def controller(environment))")
+
+
+def test_an_import_that_fails_tells_no_folder_of_this_machine(tmp_path: Path):
+    reason = crashed(tmp_path / "app", "from .number import NOTHING\n", "c")
+    assert str(tmp_path) not in reason
+    assert reason.endswith("(pack/drive.py, line 1: from .number import NOTHING)")
+
+
+def test_a_long_message_does_not_push_the_place_out(tmp_path: Path):
+    reason = crashed(tmp_path / "app", "def controller(environment):\n    return environment['x' * 5000]\n", "d")
+    assert reason.endswith("xxx (pack/drive.py, line 2: return environment['x' * 5000])")
+    assert len(reason) == 1000
+
+
+def test_a_long_line_is_cut(tmp_path: Path):
+    reason = crashed(tmp_path / "app", f"def controller(environment):\n    return {{}}['{'y' * 3000}']\n", "e")
+    assert reason.endswith("yyy...)")
+    assert "(pack/drive.py, line 2: return {}['yyy" in reason

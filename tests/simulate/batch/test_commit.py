@@ -2,7 +2,7 @@
 
 import pytest
 
-from specs.data.episode import EpisodeResult
+from specs.data.episode import EpisodeResult, Failure, failed_result
 from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
 from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
@@ -186,3 +186,14 @@ def test_the_same_world_is_read_again_when_it_comes_back(file_store: Store):
     run_chunk(again, 1, all_pass, lanes=4, left_s=9.0)
     assert {row.status for row in committed_chunk(file_store, batch.id, 1) or ()} == {"Failed"}
     assert {row.status for row in committed_chunk(file_store, again.id, 1) or ()} == {"Completed"}
+
+
+def test_the_log_tells_why_jobs_of_a_chunk_failed_each_reason_once(file_store: Store, caplog: pytest.LogCaptureFixture):
+    def crash(part: ChunkPart) -> list[EpisodeResult]:
+        why = Failure("RobotApplicationCrash", "controller.step: KeyError: 'x' (nav/nav.py, line 3: ways['x'])")
+        return [failed_result(request.index, why) for request in part.chunk.requests]
+
+    run_chunk(begun(file_store), 0, crash, lanes=4, left_s=9.0)
+    assert caplog.messages == [
+        "chunk 0: 4 failed: RobotApplicationCrash: controller.step: KeyError: 'x' (nav/nav.py, line 3: ways['x'])"
+    ]

@@ -103,7 +103,7 @@ def test_the_command_restarts_a_job_and_nothing_else(file_store: Store):
     job = batch.record().arn.replace("simulation-job-batch", "simulation-job")
     restart_named_job(file_store, f"{job}/1")
     assert describe_job(file_store, f"{batch.id}/1").status == "Restarting"
-    with pytest.raises(DocumentError, match="an ARN of a simulation-job"):
+    with pytest.raises(DocumentError, match="a simulation-job, such as"):
         restart_named_job(file_store, batch.record().arn)
     with pytest.raises(ResourceNotFound):
         restart_named_job(file_store, f"{job}/6")

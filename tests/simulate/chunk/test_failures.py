@@ -70,7 +70,11 @@ def test_a_scenario_that_raises_in_one_world_fails_there_alone(
     ("launch", "reason"),
     [
         ("unimportable", "a_library_that_nobody_has"),
-        ("raising", "RuntimeError: no idea where to go"),
+        (
+            "raising",
+            "controller.step: RuntimeError: no idea where to go "
+            '(faulty/raising.py, line 13: raise RuntimeError("no idea where to go"))',
+        ),
         ("growing", "state of another form"),
         ("absent", "ModuleNotFoundError"),
     ],

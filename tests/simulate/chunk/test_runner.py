@@ -14,6 +14,7 @@ from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.chunk.timings import recall_timings
 from tasks.simulate.plan.chunks import Chunk, program_key
 from tests.factories.simulations import delivery, pushing
+from tests.factories.worlds import PAINT, box
 from tests.simulate.conftest import FOLDERS, LANES, PUSHER_LANES, Simulate
 
 GOALS = 2
@@ -73,6 +74,22 @@ def test_episodes_with_more_goals_run_beside_those_with_fewer(deliver: Simulate,
     assert [row.goals_total for row in found] == [2, 3, 2]
     assert found[0].model_copy(update={"index": 2}) == found[2]
     assert found[0] == deliver(mixed[:1])[0]
+
+
+def test_a_delivery_to_other_rooms_enters_them(rows: list[EpisodeResult]):
+    for row in (row for row in rows if row.outcome == "Passed"):
+        assert row.rooms_entered == ("Living room", "Kitchen")
+        assert (row.rooms_total, row.rooms_unreachable) == (2, ())
+        assert row.goals_reachable == GOALS
+
+
+def test_a_delivery_behind_a_shut_door_stays_in_its_room(deliver: Simulate, apartments: dict[str, World]):
+    world = apartments["hand/apartment-0"]
+    leaf = box("leaf", (2.5, 0.05, 0.0), (2.6, 0.95, 2.0), PAINT)
+    shut = {"hand/shut": world.model_copy(update={"walls": (*world.walls, leaf)})}
+    (row,) = deliver([delivery(0, world="hand/shut", seed=100)], shut)
+    assert row.outcome == "Passed"
+    assert (row.rooms_entered, row.rooms_unreachable) == (("Living room",), ("Kitchen",))
 
 
 def test_driving_costs_energy(rows: list[EpisodeResult]):

@@ -145,8 +145,12 @@ def test_an_application_that_ends_its_process_has_its_row_and_the_others_are_as_
 @pytest.mark.parametrize(
     ("launch_file", "reason"),
     [
-        ("exits", "hostile: importing hostile/exits.py: SystemExit: 0 (hostile/exits.py, line 6)"),
-        ("interrupts", "hostile: importing hostile/interrupts.py: KeyboardInterrupt:  (hostile/interrupts.py, line 4)"),
+        ("exits", "hostile: importing hostile/exits.py: SystemExit: 0 (hostile/exits.py, line 6: sys.exit(0))"),
+        (
+            "interrupts",
+            "hostile: importing hostile/interrupts.py: KeyboardInterrupt: "
+            " (hostile/interrupts.py, line 4: raise KeyboardInterrupt)",
+        ),
         ("leaves", "the process ended with exit code 0 during hostile: importing hostile/leaves.py"),
         ("hangs", "hostile: importing hostile/hangs.py took longer than 2 s (SIMYARD_IMPORT_LIMIT_S)"),
     ],

@@ -51,8 +51,24 @@ def test_an_area_is_met_within_three_percent(error: float, *, met: bool) -> None
 
 
 def test_a_footprint_is_weighed_by_its_outer_faces() -> None:
-    wish = weighed(template(room("A"), footprint=(1.0, 1.0)), made(template(room("A"))))["footprint", "footprint"]
-    assert (wish.found, wish.met, wish.error) == ("8.00 x 4.00 m, 2:1", False, 1.0)
+    wish = weighed(template(room("A"), footprint=(1.0, 2.0)), made(template(room("A"))))["footprint", "footprint"]
+    assert (wish.found, wish.met, wish.error) == ("8.00 x 4.00 m, 2:1", False, 3.0)
+
+
+def test_what_nobody_said_is_no_wish_however_far_it_is_missed() -> None:
+    spoiled = weighed(template(room("A"), room("B")), made(template(room("A", aspect=(4.0, 1.0)), room("B"))), 0.1)
+    assert spoiled == {}
+
+
+def test_a_default_that_is_spelled_out_reads_as_one_that_is_left_out() -> None:
+    said = template(room("A", area_m2=20.0, aspect=(1.0, 1.0)), footprint=(2.0, 2.0))
+    assert made(said).certificate.wishes == ()
+    assert made(TemplateBody()).certificate.wishes == ()
+
+
+def test_an_area_of_its_own_is_a_wish_and_its_square_shape_is_none() -> None:
+    body = template(room("A", area_m2=30.0))
+    assert [wish.kind for wish in made(body).certificate.wishes] == ["area"]
 
 
 def test_connections_are_counted_by_pair_and_kind() -> None:
@@ -101,6 +117,14 @@ def test_furniture_that_nobody_listed_breaks_the_wish() -> None:
 def test_a_density_is_a_wish_only_where_an_arrangement_says_so() -> None:
     assert wishes(template(room("A")), "density") == []
     assert len(wishes(template(room("A"), arrangements=(furniture(A, density="Sparse"),)), "density")) == 1
+    assert len(wishes(template(room("A"), arrangements=(furniture(A, density="Moderate"),)), "density")) == 1
+
+
+def test_a_list_of_furniture_alone_wishes_no_density() -> None:
+    """One toilet never makes a room of 30 m2 moderately full."""
+    body = template(room("A", area_m2=30.0), arrangements=(furniture(A, ["Toilets"]),))
+    assert wishes(body, "density") == []
+    assert len(wishes(body, "furniture")) == 1
 
 
 @pytest.mark.parametrize("free", [0.2, 0.99])

@@ -1,10 +1,14 @@
 """The rule ``quantiles``: a quantile of a column of the results lies where it must."""
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from specs.pipeline.gate_section import QuantileRule
+from specs.base import Fault
+from specs.data.result_columns import MEASURES
+from specs.pipeline.gate_section import Gate, QuantileRule
+from specs.spelling import meant
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_above,
@@ -66,6 +70,33 @@ def _values(rows: "pa.Table", column: str) -> tuple[list[float], int]:
     known = [value for value, ended in zip(found, sound, strict=True) if ended and value is not None]
     values = [float(value) for value in known if not math.isnan(value)]
     return values, len(found) - len(values)
+
+
+def measured_names(rows: "pa.Table") -> frozenset[str]:
+    """Returns the names of all metrics that an episode has; none if no rule looks at that column."""
+    if _METRICS not in rows.column_names:
+        return frozenset()
+    return frozenset(str(name) for metrics in rows.column(_METRICS).to_pylist() for name, _ in metrics)
+
+
+def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
+    """Returns a fault for each rule about a metric that is not among those that are known."""
+    return [
+        Fault(
+            path=f"gate.quantiles[{number}].column",
+            value=json.dumps(asked.column),
+            allowed=metric_rule(asked.column.removeprefix(_PREFIX), known),
+        )
+        for number, asked in enumerate(gate.quantiles or ())
+        if asked.column.startswith(_PREFIX) and asked.column.removeprefix(_PREFIX) not in known
+    ]
+
+
+def metric_rule(name: str, known: Sequence[str]) -> str:
+    """Returns which metrics a rule may ask for, the one that was probably meant first."""
+    if not known:
+        return f"one of {', '.join(MEASURES)}; the scenario measures nothing by itself"
+    return f"{meant(name, known)}the scenario measures {', '.join(f'{_PREFIX}{each}' for each in known)}"
 
 
 def _interval(values: Sequence[float], unknown: int, asked: QuantileRule) -> Interval:

@@ -16,6 +16,7 @@ from specs.data.episode import CANCELED
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
 from tasks.results.statistics.pairs import PairCounts
+from tasks.results.statistics.room_coverage import RoomCoverage
 from tasks.results.statistics.success import EpisodeCounts
 
 if TYPE_CHECKING:
@@ -116,6 +117,7 @@ class GateMaterial:
         rows: The columns that the gate's rules need, of the same episodes; None if no rule needs any.
         pairs: How the tested version compares with the other one; or why it cannot be said.
         audit: What the batch's record says of its parity audit; None if there was none.
+        rooms: How much of its worlds the robots were in; None where nothing says that.
         shares: What rules that count episodes have counted, by the rule's name; the gate fills it in.
     """
 
@@ -124,6 +126,7 @@ class GateMaterial:
     rows: "pa.Table | None" = None
     pairs: PairCounts | str = "there is no other version to compare with"
     audit: Mapping[str, JsonValue] | None = None
+    rooms: RoomCoverage | None = None
     shares: Mapping[str, Share] = field(default_factory=dict[str, Share])
 
     def ended_rows(self) -> "pa.Table":

@@ -13,9 +13,10 @@ from tasks.simulate.application.coordinates import coordinates_at, pose_of, velo
 from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel, load_robot
-from tasks.simulate.engine.mjx.window import nearest_obstacles, window_distance_m, with_window
+from tasks.simulate.engine.mjx.window import nearest_obstacles, with_window
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.step import Mechanics
+from tasks.simulate.surroundings.hull_distance import hull_distance_m
 
 
 def mjx_mechanics(path: Path) -> Mechanics:
@@ -72,7 +73,7 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Float[jax.
 
     nothing = Work(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
     (after, work), _ = jax.lax.scan(physics_step, (body, nothing), None, length=robot.physics_steps)
-    return Motion(after, work, window_distance_m(window, after.qpos[:2]) - robot.hull.radius_m)
+    return Motion(after, work, hull_distance_m(robot.parts, window.boxes, window.cylinders, after.qpos))
 
 
 def _body(robot: RobotModel, joints: Joints, act: jax.Array, warmstart: jax.Array) -> Body:

@@ -22,6 +22,7 @@ from tasks.simulate.application.robot_mjcf import (
 from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.refusals import refuse_what_mjx_lacks
 from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.surroundings.hull_outline import HullPart, hull_parts
 from tasks.simulate.surroundings.obstacles import PARKING_M
 
 # Against C MuJoCo with all hundred obstacles: median 1.5e-5 m after 10 s of bumping
@@ -48,6 +49,7 @@ class RobotModel:
         rest_act: Its actuators' activations then.
         box_slots: Geom ids of the boxes in ``model``.
         cylinder_slots: Geom ids of the capsules that stand for cylinders.
+        parts: Of the hull, for its clearance.
         physics_steps: In one control step.
     """
 
@@ -60,6 +62,7 @@ class RobotModel:
     box_slots: Int[np.ndarray, "boxes"]
     cylinder_slots: Int[np.ndarray, "cylinders"]
     hull: Hull
+    parts: tuple[HullPart, ...]
     physics_steps: int
 
     @property
@@ -103,6 +106,7 @@ def load_robot(path: Path) -> RobotModel:
         box_slots=np.array([host.geom(name).id for name in boxes]),
         cylinder_slots=np.array([host.geom(name).id for name in cylinders]),
         hull=hull,
+        parts=hull_parts(alone),
         physics_steps=round(CONTROL_S / host.opt.timestep),
     )
 

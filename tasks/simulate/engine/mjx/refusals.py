@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import mujoco
 
+from tasks.simulate.application.part_names import geom_label, word_of
 from tasks.simulate.refusal import RobotRefused
 
 _ELSEWHERE = "or set engine: mujoco"
@@ -35,31 +36,23 @@ def refuse_what_mjx_lacks(model: mujoco.MjModel) -> None:
 
 def _options(model: mujoco.MjModel) -> Iterator[str]:
     if model.opt.integrator not in _INTEGRATORS:
-        found = _word(mujoco.mjtIntegrator(model.opt.integrator), "mjINT_")
+        found = word_of(mujoco.mjtIntegrator(model.opt.integrator), "mjINT_")
         yield f"option integrator {found}: MJX steps Euler, RK4 and implicitfast: set one of them"
     frictionless = [geom for geom in _colliding(model) if model.geom_condim[geom] == 1]
     if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC and frictionless:
-        name = _name(model, frictionless[0])
-        yield f"option cone elliptic: MJX has no frictionless contacts then, as of geom {name}: set pyramidal"
+        name = geom_label(model, frictionless[0])
+        yield f"option cone elliptic: MJX has no frictionless contacts then, as of {name}: set pyramidal"
 
 
 def _geoms(model: mujoco.MjModel) -> Iterator[str]:
     for geom in _colliding(model):
-        kind, name = mujoco.mjtGeom(model.geom_type[geom]), _name(model, geom)
+        kind, name = mujoco.mjtGeom(model.geom_type[geom]), geom_label(model, geom)
         if kind not in _AMONG_BOXES:
-            word = _word(kind, "mjGEOM_")
-            yield f"geom {name}: MJX cannot collide a {word} with boxes: use a sphere, a capsule, a box or a mesh"
+            word = word_of(kind, "mjGEOM_")
+            yield f"{name}: MJX cannot collide a {word} with boxes: use a sphere, a capsule, a box or a mesh"
         if model.geom_margin[geom] and kind == mujoco.mjtGeom.mjGEOM_MESH:
-            yield f"geom {name}: margin {model.geom_margin[geom]:g}: MJX gives meshes none: set 0"
+            yield f"{name}: margin {model.geom_margin[geom]:g}: MJX gives meshes none: set 0"
 
 
 def _colliding(model: mujoco.MjModel) -> list[int]:
     return [geom for geom in range(model.ngeom) if model.geom_contype[geom] or model.geom_conaffinity[geom]]
-
-
-def _name(model: mujoco.MjModel, geom: int) -> str:
-    return repr(model.geom(geom).name or f"#{geom}")
-
-
-def _word(member: object, prefix: str) -> str:
-    return str(getattr(member, "name", member)).removeprefix(prefix).lower()

@@ -13,15 +13,14 @@ from jaxtyping import Float
 from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.model import RobotModel
 from tasks.simulate.surroundings.lidar import Boxes, Cylinders
-from tasks.simulate.surroundings.obstacle_distance import distance_of_all_m, to_boxes_m, to_cylinders_m
+from tasks.simulate.surroundings.obstacle_distance import to_boxes_m, to_cylinders_m
 
 
 class ObstacleWindow(NamedTuple):
-    """The nearest obstacles of one lane, and the distance of the nearest of all to the robot's centre."""
+    """The nearest obstacles of one lane."""
 
     boxes: Boxes
     cylinders: Cylinders
-    window_distance_m: Float[jax.Array, ""]
 
 
 def nearest_obstacles(
@@ -37,14 +36,9 @@ def nearest_obstacles(
         cylinder_count: How many cylinders.
     """
     to_boxes, to_cylinders = to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)
-    near_boxes, box_index = jax.lax.top_k(-to_boxes, box_count)
-    near_cylinders, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
-    return ObstacleWindow(boxes[box_index], cylinders[cylinder_index], -jnp.maximum(near_boxes[0], near_cylinders[0]))
-
-
-def window_distance_m(window: ObstacleWindow, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, ""]:
-    """Returns how far a point is from the window's nearest obstacle; at most 0 inside one."""
-    return distance_of_all_m(window.boxes, window.cylinders, center_m)
+    _, box_index = jax.lax.top_k(-to_boxes, box_count)
+    _, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
+    return ObstacleWindow(boxes[box_index], cylinders[cylinder_index])
 
 
 def with_window(robot: RobotModel, window: ObstacleWindow) -> mjx.Model:

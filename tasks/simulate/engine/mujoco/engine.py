@@ -31,7 +31,8 @@ from tasks.simulate.lane.sense import decide, observe
 from tasks.simulate.lane.settle import settle
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
-from tasks.simulate.surroundings.obstacle_distance import distance_of_all_m
+from tasks.simulate.surroundings.hull_distance import hull_distance_m
+from tasks.simulate.surroundings.hull_outline import HullPart
 
 # Those parts of a controller's state that a step changed, by place: what it hands on, such as a plan, stays put.
 Changed = dict[int, Array]
@@ -164,7 +165,7 @@ def host_program(
         begin=jax.jit(split(_begin_lane, 2)),
         sense=jax.jit(split(observe, 2)),
         decide=jax.jit(split(_decide_lane, 2)),
-        settle=jax.jit(split(functools.partial(_settle_lane, robot.hull), 5), donate_argnums=1),
+        settle=jax.jit(split(functools.partial(_settle_lane, robot.parts), 5), donate_argnums=1),
         plain=applications.make_controller if plain else None,
     )
 
@@ -181,7 +182,7 @@ def _decide_lane(applications: Applications, inputs: LaneInputs, state: LaneStat
 
 
 def _settle_lane(  # noqa: PLR0917 - as the program maps it
-    hull: Hull,
+    parts: tuple[HullPart, ...],
     applications: Applications,
     inputs: LaneInputs,
     state: LaneState,
@@ -190,7 +191,7 @@ def _settle_lane(  # noqa: PLR0917 - as the program maps it
     work: Work,
 ) -> tuple[LaneState, StepRecord]:
     changed, control, ranges_m = decided
-    clearance_m = distance_of_all_m(inputs.boxes, inputs.cylinders, body.qpos[:2]) - hull.radius_m
+    clearance_m = hull_distance_m(parts, inputs.boxes, inputs.cylinders, body.qpos)
     kept = _with_changes(state.controller, changed)
     return settle(applications, inputs, state, Decision(kept, control, ranges_m), Motion(body, work, clearance_m))
 

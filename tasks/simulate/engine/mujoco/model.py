@@ -21,6 +21,7 @@ from tasks.simulate.application.robot_mjcf import (
     read_robot_mjcf,
     rest_position,
 )
+from tasks.simulate.surroundings.hull_outline import HullPart, hull_parts
 from tasks.simulate.surroundings.obstacles import PARKING_M
 
 _SOLIDS = "simyard/solids"
@@ -41,6 +42,7 @@ class HostRobot:
         alone: The robot without any.
         rest: Its coordinates before it is placed at a start.
         rest_act: Its actuators' activations then.
+        parts: Of the hull, for its clearance.
         physics_steps: In one control step.
     """
 
@@ -48,6 +50,7 @@ class HostRobot:
     alone: mujoco.MjModel
     base: Base
     hull: Hull
+    parts: tuple[HullPart, ...]
     rest: Float64[np.ndarray, "coordinates"]
     rest_act: Float64[np.ndarray, "activations"]
     physics_steps: int
@@ -72,6 +75,7 @@ def host_robot(path: Path) -> HostRobot:
         alone=alone,
         base=base_of(alone),
         hull=hull_of(alone),
+        parts=hull_parts(alone),
         rest=rest_position(alone),
         rest_act=np.array(alone.key_act[0] if alone.nkey else np.zeros(alone.na)),
         physics_steps=round(CONTROL_S / alone.opt.timestep),

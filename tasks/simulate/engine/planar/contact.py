@@ -1,8 +1,10 @@
 """Contacts of a disc with obstacles, as the constraint rows that MuJoCo makes of them.
 
 Geometry: MuJoCo's sphere-box, sphere-cylinder, capsule-box and capsule-cylinder contacts, for spheres and upright
-capsules among boxes and cylinders that stand upright. Rows: MuJoCo documentation, chapter Computation, "Contact" and
-"Constraint model", with frictionless contacts (condim 1) and pyramidal cones (condim 3).
+capsules among boxes and cylinders that stand upright. An upright cylinder touches them where its disc does, which is
+what MuJoCo finds at flat sides; at corners its convex collider turns the normal by up to a right angle. Rows: MuJoCo
+documentation, chapter Computation, "Contact" and "Constraint model", with frictionless contacts (condim 1) and
+pyramidal cones (condim 3).
 """
 
 from typing import NamedTuple
@@ -122,14 +124,14 @@ def touch(disc: Disc, obstacle: Obstacle, how: Bearing, x: Scalar, y: Scalar) ->
     beyond = jnp.sqrt(squared)
     scale = jnp.where(inside, 1.0, 1.0 / jnp.maximum(beyond, _TINY_M))
     in_plane = jnp.where(inside, -jnp.minimum(to_x, to_y), beyond - obstacle.radius)
-    level, rise, distance = _slope(in_plane, how)
+    level, rise, distance = _level_slope(in_plane, how, disc) if disc.flat else _slope(in_plane, how)
     return Touch(
         x=(obstacle.cos * out_x - obstacle.sin * out_y) * scale,
         y=(obstacle.sin * out_x + obstacle.cos * out_y) * scale,
         level=level,
         rise=rise,
         distance=distance - disc.radius_m,
-        contacts=_contacts(disc, obstacle, how, past_x, past_y) if disc.capsule else 1.0,
+        contacts=_contact_count(disc, obstacle, how, past_x, past_y),
     )
 
 
@@ -187,7 +189,29 @@ def _slope(in_plane: Scalar, how: Bearing) -> tuple[Scalar, Scalar, Scalar]:
     return level, jnp.where(beside, 0.0, how.rise * scale), jnp.where(beside, in_plane, slanted)
 
 
-def _contacts(disc: Disc, obstacle: Obstacle, how: Bearing, past_x: Scalar, past_y: Scalar) -> Scalar:
+def _level_slope(in_plane: Scalar, how: Bearing, disc: Disc) -> tuple[Scalar, Scalar, Scalar]:
+    """Returns the same for a cylinder, whose side is met beside it and whose rim above and below it.
+
+    The distance is to its axis all the same: where the cylinder's surface is nearest, and a radius more.
+    """
+    gap = jnp.maximum(in_plane - disc.radius_m, 0.0)
+    slanted = jnp.sqrt(gap**2 + how.rise**2)
+    beside = how.rise <= 0.0
+    scale = 1.0 / jnp.maximum(slanted, _TINY_M)
+    # What is deeper under or over an obstacle's edge than beside it is pushed up or down: not at all.
+    trapped = beside & (in_plane - disc.radius_m < -how.cover)
+    level = jnp.where(beside, jnp.where(trapped, 0.0, 1.0), gap * scale)
+    return level, jnp.where(beside, 0.0, how.rise * scale), jnp.where(beside, in_plane, slanted + disc.radius_m)
+
+
+def _contact_count(disc: Disc, obstacle: Obstacle, how: Bearing, past_x: Scalar, past_y: Scalar) -> Scalar | float:
+    """Returns how many contacts MuJoCo makes; a cylinder's side has two with a box, one above the other."""
+    if disc.flat:
+        return jnp.where(obstacle.round, 1.0, 2.0)
+    return _capsule_contacts(disc, obstacle, how, past_x, past_y) if disc.capsule else 1.0
+
+
+def _capsule_contacts(disc: Disc, obstacle: Obstacle, how: Bearing, past_x: Scalar, past_y: Scalar) -> Scalar:
     """Returns how many contacts MuJoCo makes of a capsule and a box; all lie at the same place, seen from above.
 
     The second is left out where the capsule's nearest end points away from the box's nearest corner or edge by

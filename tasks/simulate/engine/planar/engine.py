@@ -18,12 +18,13 @@ from tasks.simulate.engine.planar.algebra import Moving, Planar, Scalar, Symmetr
 from tasks.simulate.engine.planar.contact import Bearing, Contact, bearing, contact, touch
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.motors import Push, push
-from tasks.simulate.engine.planar.parts import PlanarRobot
+from tasks.simulate.engine.planar.parts import Disc, PlanarRobot
 from tasks.simulate.engine.planar.solver import contact_force, minimizer
 from tasks.simulate.engine.planar.window import Obstacle, distance_m, window
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.step import Mechanics
 from tasks.simulate.surroundings.lidar import Boxes, Cylinders
+from tasks.simulate.surroundings.obstacles import PARKING_M
 
 # Obstacles that a robot may touch in one control step. They are those nearest to its axis: around it three were always
 # enough, but an arm's length from it six (heavy contact in dense clutter, against C among all obstacles).
@@ -120,7 +121,26 @@ def drive_among(
     activations = jnp.stack(end.activations) if end.activations else body.act
     after = Body(place, jnp.stack(end.rate), activations, jnp.stack(end.acceleration))
     work = Work(spent.impulse_ns, jnp.stack([spent.push_x_ns, spent.push_y_ns]), spent.energy_j)
-    return Motion(after, work, distance_m(obstacles, end.moved.x, end.moved.y) - robot.hull.radius_m)
+    return Motion(after, work, _clearance_m(robot, around, end.moved))
+
+
+def _clearance_m(robot: PlanarRobot, around: _Surroundings, moved: Planar) -> Scalar:
+    """Returns how far the nearest disc is, seen from above, from the nearest obstacle at its heights."""
+    place = plus(around.origin, moved)
+    moving = Moving(place, jnp.cos(place.yaw), jnp.sin(place.yaw), moved)
+    nearest = jnp.full_like(moved.x, PARKING_M)
+    for disc in robot.discs:
+        beside = around.obstacles if len(robot.discs) == 1 else [_kept(disc, each) for each in around.obstacles]
+        x, y = moving.turned(disc.forward_m, disc.left_m) if disc.forward_m or disc.left_m else (0.0, 0.0)
+        nearest = jnp.minimum(nearest, distance_m(beside, moved.x + x, moved.y + y) - disc.radius_m)
+    return nearest
+
+
+def _kept(disc: Disc, obstacle: Obstacle) -> Obstacle:
+    """Returns an obstacle, or one far away if it is above or below a disc."""
+    half_m = disc.half_length_m if disc.flat else disc.half_length_m + disc.radius_m
+    beside = jnp.abs(disc.height_m - obstacle.height) < half_m + obstacle.half_height
+    return obstacle._replace(x=jnp.where(beside, obstacle.x, PARKING_M))
 
 
 def _window_size(robot: PlanarRobot) -> int:

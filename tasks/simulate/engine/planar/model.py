@@ -75,6 +75,7 @@ def _disc(data: mujoco.MjData, probe: int, geom: int) -> Disc:
     model = data.model
     contact = next(each for each in data.contact if set(each.geom) == {probe, geom})
     capsule = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
+    flat = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER
     axis = data.xpos[model.jnt_bodyid[0]]
     forward_m, left_m, _ = data.geom_xpos[geom] - axis
     return Disc(
@@ -82,8 +83,9 @@ def _disc(data: mujoco.MjData, probe: int, geom: int) -> Disc:
         left_m=float(left_m),
         height_m=float(data.geom_xpos[geom][2]),
         radius_m=float(model.geom_size[geom][0]),
-        half_length_m=float(model.geom_size[geom][1]) if capsule else 0.0,
+        half_length_m=float(model.geom_size[geom][1]) if capsule or flat else 0.0,
         capsule=bool(capsule),
+        flat=bool(flat),
         upturned=bool(data.geom_xmat[geom][8] < 0),
         friction=float(contact.friction[0]) if contact.dim > 1 else None,
         margin_m=float(contact.includemargin),

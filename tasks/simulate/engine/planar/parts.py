@@ -24,13 +24,14 @@ class Softness:
 
 @dataclass(frozen=True)
 class Disc:
-    """A sphere or an upright capsule of the hull: a disc, seen from above.
+    """A sphere, or an upright capsule or cylinder of the hull: a disc, seen from above.
 
     Attributes:
         forward_m, left_m: Its axis in the base's frame.
         height_m: Of its middle above the floor.
-        half_length_m: Of a capsule's straight part; 0 for a sphere.
+        half_length_m: Of a capsule's or cylinder's straight part; 0 for a sphere.
         capsule: Whether boxes touch it as MuJoCo's capsules.
+        flat: Whether its ends are level, as a cylinder's.
         upturned: Whether a capsule's own axis points down.
         friction: Sliding friction coefficient, or None where contacts are frictionless (condim 1).
         margin_m: Distance below which a contact pushes.
@@ -42,6 +43,7 @@ class Disc:
     radius_m: float
     half_length_m: float
     capsule: bool
+    flat: bool
     upturned: bool
     friction: float | None
     margin_m: float

@@ -5,11 +5,15 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from tasks.simulate.application.part_names import actuator_label, geom_label, joint_label, word_of
 from tasks.simulate.application.robot_mjcf import base_of
 from tasks.simulate.refusal import RobotRefused
 
 _ELSEWHERE = "or set engine: auto or mujoco"
-_ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE)
+_UPRIGHT = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+_ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, *_UPRIGHT)
+# Half a degree: what rounded angles, and fromto, lean by. The outline then is off by a hundredth of the height.
+_MOST_LEAN = 0.009
 _INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _WITHOUT = (
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,
@@ -33,9 +37,8 @@ _DYNAMICS = (
 )
 _GAINS = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE)
 _BIASES = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
-# MuJoCo's convex collider gives an upright cylinder contacts at corners whose normals are off by a thousandth and, with
-# multiccd, at times by a right angle: a robot ends millimetres, or metres, from where exact contacts take it.
-_INSTEAD = "a capsule of its radius touches upright obstacles as a cylinder does"
+_KNOWN = "spheres, and capsules and cylinders that stand upright"
+_INSTEAD = "give it a cylinder as wide as it is, with pos and size"
 _ELEMENTS = ("tendon", "eq", "flex", "plugin", "pair", "exclude", "mocap")
 
 
@@ -61,14 +64,14 @@ def _base(model: mujoco.MjModel) -> Iterator[str]:
     slides_and_hinge = set() if base_of(model).free else {0, 1, 2}
     for joint in range(model.njnt):
         if joint not in slides_and_hinge:
-            kind = _word(mujoco.mjtJoint(model.jnt_type[joint]), "mjJNT_")
-            yield f"joint {_joint(model, joint)}: {kind}: a planar base slides along x and y and turns: remove it"
+            kind = word_of(mujoco.mjtJoint(model.jnt_type[joint]), "mjJNT_")
+            yield f"{joint_label(model, joint)}: {kind}: a planar base slides along x and y and turns: remove it"
 
 
 def _options(model: mujoco.MjModel) -> Iterator[str]:
     option = model.opt
     if option.integrator not in _INTEGRATORS:
-        found = _word(mujoco.mjtIntegrator(option.integrator), "mjINT_")
+        found = word_of(mujoco.mjtIntegrator(option.integrator), "mjINT_")
         yield f"option integrator {found}: it steps Euler and implicitfast: set one of them"
     if option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC and (model.geom_condim[colliding_geoms(model)] > 1).any():
         yield "option cone elliptic: its friction cones are pyramids: set pyramidal, or condim 1 on the hull"
@@ -86,10 +89,10 @@ def _options(model: mujoco.MjModel) -> Iterator[str]:
 def _flags(option: mujoco.MjOption) -> Iterator[str]:
     for bit in _WITHOUT:
         if option.disableflags & bit:
-            yield f"option flag {_word(bit, 'mjDSBL_')} disable: it is always on: leave it enabled"
+            yield f"option flag {word_of(bit, 'mjDSBL_')} disable: it is always on: leave it enabled"
     for bit in _WITH:
         if option.enableflags & bit:
-            yield f"option flag {_word(bit, 'mjENBL_')} enable: it is unknown here: leave it disabled"
+            yield f"option flag {word_of(bit, 'mjENBL_')} enable: it is unknown here: leave it disabled"
 
 
 def _elements(model: mujoco.MjModel) -> Iterator[str]:
@@ -101,7 +104,7 @@ def _elements(model: mujoco.MjModel) -> Iterator[str]:
 
 def _joints(model: mujoco.MjModel) -> Iterator[str]:
     for joint in range(model.njnt):
-        name = f"joint {_joint(model, joint)}"
+        name = joint_label(model, joint)
         dof = model.jnt_dofadr[joint]
         if model.jnt_limited[joint]:
             yield f"{name}: range {model.jnt_range[joint].tolist()}: only walls stop the robot: remove the range"
@@ -112,8 +115,8 @@ def _joints(model: mujoco.MjModel) -> Iterator[str]:
         if model.qpos0[joint]:
             yield f"{name}: ref {model.qpos0[joint]:g}: the base hangs at 0: remove it"
     if np.any(model.jnt_pos[model.njnt - 1][:2]):
-        name, place = model.joint(model.njnt - 1).name, model.jnt_pos[model.njnt - 1]
-        yield f"joint {name!r}: pos {place.tolist()}: it turns about the base's origin: move geoms and sites instead"
+        name, place = joint_label(model, model.njnt - 1), model.jnt_pos[model.njnt - 1]
+        yield f"{name}: pos {place.tolist()}: it turns about the base's origin: move geoms and sites instead"
 
 
 def _hull(model: mujoco.MjModel) -> Iterator[str]:
@@ -124,24 +127,29 @@ def _hull(model: mujoco.MjModel) -> Iterator[str]:
     mujoco.mj_kinematics(model, at_rest)
     base = int(model.jnt_bodyid[0])
     for geom in geoms:
-        name = f"geom {model.geom(geom).name or f'#{geom}'!r}"
+        name = geom_label(model, geom)
         kind = mujoco.mjtGeom(model.geom_type[geom])
         if model.body_weldid[model.geom_bodyid[geom]] != base:
             yield f"{name}: it is fixed to the world: worlds bring their own obstacles: remove it"
         if kind not in _ROUND:
-            yield f"{name}: a {_word(kind, 'mjGEOM_')}: it knows spheres and upright capsules: {_INSTEAD}"
+            yield f"{name}: {_article(word_of(kind, 'mjGEOM_'))}: it knows {_KNOWN}: {_INSTEAD}"
         lean = float(np.hypot(*at_rest.geom_xmat[geom][[2, 5]]))
-        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE and lean > 0.0:
-            yield f"{name}: a capsule that leans by {lean:.2g}: write it upright with pos and size, not fromto or euler"
+        if kind in _UPRIGHT and lean > _MOST_LEAN:
+            found = f"a {word_of(kind, 'mjGEOM_')} that leans by {lean:.2g} from upright"
+            yield f"{name}: {found}: it knows {_KNOWN}: {_INSTEAD}, or make it a wheel that does not collide"
         if model.geom_condim[geom] not in {1, 3}:
             yield f"{name}: condim {model.geom_condim[geom]}: it knows 1 and 3: set one of them"
         if model.geom_adhesion[geom] or np.any(model.geom_surfacevel[geom]):
             yield f"{name}: an adhesion or a surface velocity: remove it"
 
 
+def _article(noun: str) -> str:
+    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
+
+
 def _actuators(model: mujoco.MjModel) -> Iterator[str]:
     for number in range(model.nactuator):
-        name = f"actuator {model.actuator(number).name or f'#{number}'!r}"
+        name = actuator_label(model, number)
         kinds = (
             (mujoco.mjtTrn(model.actuator_trntype[number]), _TRANSMISSIONS, "mjTRN_", "joint and site transmissions"),
             (mujoco.mjtDyn(model.actuator_dyntype[number]), _DYNAMICS, "mjDYN_", "integrators and filters"),
@@ -150,7 +158,7 @@ def _actuators(model: mujoco.MjModel) -> Iterator[str]:
         )
         for found, known, prefix, what in kinds:
             if found not in known:
-                yield f"{name}: {_word(found, prefix)}: it knows {what}: use one of them"
+                yield f"{name}: {word_of(found, prefix)}: it knows {what}: use one of them"
         site = model.actuator_trntype[number] == mujoco.mjtTrn.mjTRN_SITE
         if site and model.actuator_trnid[number][1] >= 0:
             yield f"{name}: refsite: a site's force acts relative to the site itself: remove refsite"
@@ -162,11 +170,3 @@ def _actuators(model: mujoco.MjModel) -> Iterator[str]:
             or model.actuator_dampingpoly[number].any()
         ):
             yield f"{name}: a damping or an armature of its own: give them to the joint"
-
-
-def _joint(model: mujoco.MjModel, joint: int) -> str:
-    return repr(model.joint(joint).name or f"#{joint}")
-
-
-def _word(member: object, prefix: str) -> str:
-    return str(getattr(member, "name", member)).removeprefix(prefix).lower()

@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tasks.simulate.engine.mjx.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel, load_robot
-from tasks.simulate.engine.mjx.window import nearest_obstacles, window_distance_m, with_window
+from tasks.simulate.engine.mjx.window import nearest_obstacles, with_window
+from tasks.simulate.surroundings.hull_distance import hull_distance_m
+from tasks.simulate.surroundings.hull_outline import HullPart
 from tasks.simulate.surroundings.obstacles import obstacles, pad_obstacles
 from tests.factories.simulations import COURIER, FOLDERS, cluttered
 
@@ -39,11 +41,13 @@ def test_no_obstacle_outside_the_window_is_nearer_than_one_inside(x: float, y: f
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-2.3, 6.4), st.floats(-1.8, 1.8))
-def test_the_window_knows_the_distance_of_the_nearest_obstacle_of_all(x: float, y: float):
+def test_the_nearest_obstacle_of_all_is_in_the_window(x: float, y: float):
     window = nearest_obstacles(BOXES, CYLINDERS, jnp.array([x, y]), BOX_SLOTS, CYLINDER_SLOTS)
     round_ones = np.hypot(OBSTACLES.cylinders[:, 0] - x, OBSTACLES.cylinders[:, 1] - y) - OBSTACLES.cylinders[:, 3]
     boxes = min(to_box(box, x, y) for box in OBSTACLES.boxes if box[0] < 500)
-    assert float(window_distance_m(window, jnp.array([x, y]))) == pytest.approx(min(boxes, round_ones.min()), abs=0.02)
+    point = HullPart(np.zeros((1, 2)), 0.0, 0.0, 1.0)
+    found = hull_distance_m([point], window.boxes, window.cylinders, jnp.array([x, y, 0.0]))
+    assert float(found) == pytest.approx(min(boxes, round_ones.min()), abs=0.02)
 
 
 def test_the_model_gets_the_windows_obstacles_in_its_slots(robot: RobotModel):

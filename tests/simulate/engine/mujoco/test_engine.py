@@ -42,6 +42,10 @@ def test_robots_bump_into_things(together: list[EpisodeResult]):
     assert all(row.energy_j > 0.1 for row in together)
 
 
+def test_rows_say_which_rooms_robots_were_in(together: list[EpisodeResult]):
+    assert {(row.rooms_entered, row.rooms_total) for row in together} == {(("Living room",), 1)}
+
+
 @pytest.mark.parametrize("position", [0, 4])
 def test_a_lane_alone_is_the_lane_in_a_batch(
     requests: list[EpisodeRequest], together: list[EpisodeResult], pens: dict[str, World], position: int

@@ -39,10 +39,25 @@ def test_a_rerun_gives_the_same_bits(sound: list[EpisodeResult], pens: dict[str,
 @pytest.mark.parametrize(
     ("fault", "reason", "simulated_s"),
     [
-        (UNMADE, "controller(environment): ValueError: nobody makes me (plain/counting.py, line 25)", 0.0),
-        (RAISING, "controller.reset: RuntimeError: no idea where to go (plain/counting.py, line 33)", 0.0),
+        (
+            UNMADE,
+            "controller(environment): ValueError: nobody makes me "
+            '(plain/counting.py, line 25: raise ValueError("nobody makes me"))',
+            0.0,
+        ),
+        (
+            RAISING,
+            "controller.reset: RuntimeError: no idea where to go "
+            '(plain/counting.py, line 33: raise RuntimeError("no idea where to go"))',
+            0.0,
+        ),
         (MISSHAPEN, "controller.step: control of shape (1,), not (3,)", 0.0),
-        (LATE_RAISING, "controller.step: RuntimeError: tired of this (plain/counting.py, line 38)", 1.0),
+        (
+            LATE_RAISING,
+            "controller.step: RuntimeError: tired of this "
+            '(plain/counting.py, line 38: raise RuntimeError("tired of this"))',
+            1.0,
+        ),
     ],
 )
 def test_what_a_controller_raises_is_the_row_of_its_lane_alone(

@@ -5,7 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.factories.planar import MOTORS, NO_BOXES, NO_CYLINDERS, ROUGH, Obstacles, Parts, both, box, write_robot
+from tests.factories.planar import (
+    CAPSULE,
+    DRUM,
+    MOTORS,
+    NO_BOXES,
+    NO_CYLINDERS,
+    ROUGH,
+    Obstacles,
+    Parts,
+    both,
+    box,
+    write_robot,
+)
 
 pytestmark = pytest.mark.long
 
@@ -39,6 +51,42 @@ def test_a_robot_moves_as_in_c(tmp_path: Path, parts: Parts, obstacles: Obstacle
     assert motion.work.impulse_ns.max() > 0.01
     np.testing.assert_allclose(motion.body.qpos, theirs.pose, atol=PLACE_M)
     np.testing.assert_allclose(motion.body.qvel, theirs.velocity, atol=RATE)
+
+
+@pytest.mark.parametrize("parts", [DRUM, {**DRUM, **ROUGH}], ids=["smooth", "rough"])
+@pytest.mark.parametrize(
+    ("obstacles", "control", "off_m"),
+    [
+        pytest.param(WALL, ahead(0.8), 2e-6, id="head on into a wall"),
+        pytest.param(WALL, ahead(0.8, 0.9), 1e-5, id="along a wall"),
+        # C's normals are off by a thousandth between two cylinders.
+        pytest.param(POST, ahead(0.7), 2e-3, id="round a post"),
+    ],
+)
+def test_an_upright_cylinder_moves_as_in_c(
+    tmp_path: Path, parts: Parts, obstacles: Obstacles, control: np.ndarray, off_m: float
+):
+    motion, theirs = both(write_robot(tmp_path, parts), obstacles, [0.0, 0.0, 0.1], control)
+    assert motion.work.impulse_ns.max() > 0.01
+    np.testing.assert_allclose(motion.body.qpos[:, :2], theirs.pose[:, :2], atol=off_m)
+
+
+@pytest.mark.parametrize("obstacles", [CORNER, WEDGE], ids=["corner", "wedge"])
+def test_at_corners_an_upright_cylinder_moves_as_a_capsule_does_in_c(tmp_path: Path, obstacles: Obstacles):
+    """C turns a cylinder's normals at corners by up to a right angle, and a capsule's by nothing."""
+    start, control = [0.0, 0.0, 0.1], ahead(0.7)
+    motion, _ = both(write_robot(tmp_path, DRUM), obstacles, start, control)
+    _, capsules = both(write_robot(tmp_path, CAPSULE), obstacles, start, control)
+    assert motion.work.impulse_ns.max() > 0.01
+    np.testing.assert_allclose(motion.body.qpos[:, :2], capsules.pose[:, :2], atol=1e-3)
+
+
+@pytest.mark.parametrize(("bottom_m", "contacts"), [(0.28, True), (0.301, False)])
+def test_a_cylinder_passes_under_what_is_above_its_level_end(tmp_path: Path, bottom_m: float, *, contacts: bool):
+    table = Obstacles(np.array([box(0.6, 0.0, 0.2, 0.5, z=bottom_m + 0.03, half_z=0.03)]), NO_CYLINDERS)
+    motion, theirs = both(write_robot(tmp_path, DRUM), table, [0.0, 0.0, 0.0], ahead(0.5))
+    np.testing.assert_allclose(motion.body.qpos[:, :2], theirs.pose[:, :2], atol=1e-4)
+    assert (motion.work.impulse_ns.max() > 0.0) == contacts
 
 
 def test_a_robot_at_rest_presses_as_deep_into_a_wall_as_in_c(tmp_path: Path):
@@ -84,3 +132,11 @@ def test_a_robot_that_starts_inside_an_obstacle_is_pushed_out_as_in_c(tmp_path: 
     motion, theirs = both(write_robot(tmp_path, {}), block, [0.05, 0.02, 0.0], ahead(0.0))
     np.testing.assert_allclose(motion.body.qpos, theirs.pose, atol=1e-5)
     assert theirs.pose[-1, 0] < -0.1
+
+
+def test_the_clearance_is_that_of_the_nearest_disc(tmp_path: Path):
+    arm: Parts = {"hull/size": "0.1", "more": '<geom name="arm" size="0.05" pos="0.25 0 0" mass="0.1"/>'}
+    wall = Obstacles(np.array([box(0.0, 0.35, 2.0, 0.1)]), NO_CYLINDERS)
+    motion, _ = both(write_robot(tmp_path, arm), wall, [0.0, 0.0, 0.0], ahead(0.0))
+    assert not motion.work.impulse_ns.any()
+    np.testing.assert_allclose(motion.clearance_m, 0.15, atol=1e-5)

@@ -6,7 +6,7 @@ import pytest
 
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.refusal import RobotRefused
-from tests.factories.planar import CAPSULE, MOTORS, Parts, write_robot
+from tests.factories.planar import CAPSULE, DRUM, MOTORS, Parts, write_robot
 
 ELSEWHERE = "or set engine: auto or mujoco"
 REFUSED: list[tuple[str, Parts, tuple[str, ...]]] = [
@@ -21,11 +21,19 @@ REFUSED: list[tuple[str, Parts, tuple[str, ...]]] = [
     ("stiffness", {"y/stiffness": "3"}, ("joint 'y'", "stiffness 3", "set 0")),
     ("place", {"yaw/pos": "0.1 0 0"}, ("joint 'yaw'", "pos [0.1, 0.0, 0.0]", "move geoms and sites")),
     ("reference", {"x/ref": "1"}, ("joint 'x'", "ref 1", "remove it")),
-    ("cylinder", {"hull/type": "cylinder", "hull/size": "0.2 0.1"}, ("geom 'hull'", "a cylinder", "capsule")),
-    ("box", {"hull/type": "box", "hull/size": "0.2 0.1 0.1"}, ("geom 'hull'", "a box", "spheres and upright capsules")),
-    ("leaning", {**CAPSULE, "hull/euler": "10 0 0"}, ("geom 'hull'", "leans by 0.17", "pos and size")),
-    # MuJoCo turns it by a last bit, and how many contacts it then makes at corners depends on the yaw.
-    ("fromto", {"hull/type": "capsule", "hull/fromto": "0 0 -0.1 0 0 0.1"}, ("geom 'hull'", "leans", "not fromto")),
+    ("lying", {**DRUM, "hull/euler": "90 0 0"}, ("geom 'hull': a cylinder that leans by 1", "upright", "pos and size")),
+    ("box", {"hull/type": "box", "hull/size": "0.2 0.1 0.1"}, ("geom 'hull': a box", "spheres", "give it a cylinder")),
+    (
+        "egg",
+        {"hull/type": "ellipsoid", "hull/size": "0.2 0.1 0.1"},
+        ("geom 'hull': an ellipsoid", "give it a cylinder"),
+    ),
+    (
+        "no name",
+        {"more": '<geom type="box" size="0.2 0.1 0.1"/>'},
+        ("the 2nd geom (box) of body 'base': a box", "spheres, and capsules and cylinders that stand upright"),
+    ),
+    ("leaning", {**CAPSULE, "hull/euler": "10 0 0"}, ("geom 'hull': a capsule that leans by 0.17", "pos and size")),
     ("condim", {"hull/condim": "4"}, ("geom 'hull'", "condim 4", "set one of them")),
     ("ghost", {"hull/contype": "0", "hull/conaffinity": "0"}, ("no geom collides", "contype")),
     ("muscle", {"motors": '<general name="arm" joint="x" dyntype="muscle"/>'}, ("actuator 'arm'", "muscle", "filters")),
@@ -63,7 +71,22 @@ def test_all_that_is_wrong_is_said_at_once(tmp_path: Path):
         assert words in str(refusal.value)
 
 
-@pytest.mark.parametrize("parts", [{}, CAPSULE, {"motors": MOTORS}], ids=["sphere", "capsule", "motors"])
+FROMTO: Parts = {**DRUM, "hull/size": "0.18", "hull/fromto": "0 0 -0.1 0 0 0.1"}
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {},
+        CAPSULE,
+        DRUM,
+        {**DRUM, "hull/euler": "0.4 0 0"},
+        FROMTO,
+        {**FROMTO, "hull/type": "capsule"},
+        {"motors": MOTORS},
+    ],
+    ids=["sphere", "capsule", "cylinder", "nearly upright", "fromto", "capsule fromto", "motors"],
+)
 def test_a_planar_base_is_read(tmp_path: Path, parts: Parts):
     robot = planar_robot(write_robot(tmp_path, parts))
     assert robot.actuators == 3

@@ -1,0 +1,49 @@
+"""The command `simyard gate`. It imports what it needs when it runs."""
+# ruff: noqa: PLC0415 - see above
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.text import Text
+
+from flows.cli.exit_codes import NOT_PASSED, UNDECIDED
+from flows.cli.output import TerminalConsole, echo, echo_json
+
+_STYLES = {"PASS": "bold green", "FAIL": "bold red", "INCONCLUSIVE": "bold yellow"}
+
+
+def gate(
+    batch: Annotated[
+        str,
+        typer.Argument(metavar="BATCH", help="A simulation job batch or a run of a document: its ARN or id."),
+    ],
+    *,
+    document: Annotated[
+        Path, typer.Option("--document", help="The document whose section gate judges.", show_default=False)
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Judge a batch that has ended by a document's gate, without simulating; 0 PASS, 1 FAIL, 4 INCONCLUSIVE."""
+    from flows.batch.judge_again import judge_again
+    from tasks.documents.pipeline_file import read_pipeline
+    from tasks.storage.store_url import open_existing_store
+
+    found = judge_again(open_existing_store(store), batch, read_pipeline(document))
+    if as_json:
+        echo_json(found.model_dump_json(indent=2))
+    else:
+        console = TerminalConsole()
+        for number, line in enumerate(found.lines()):
+            style = _STYLES[found.verdict] if number == 0 else "bold yellow" if line in found.warnings else ""
+            console.print(Text(line, style=style), soft_wrap=True)
+        echo(f"evidence {found.evidence.url}")
+        echo("this is a later judgement and ships nothing: to deploy, run the document")
+    if found.notice:
+        echo(found.notice, err=True)
+    if found.verdict != "PASS":
+        raise typer.Exit(UNDECIDED if found.verdict == "INCONCLUSIVE" else NOT_PASSED)

@@ -1,0 +1,32 @@
+"""What `simyard validate` looks at in the bundles that a document brings along: robots, and names of metrics."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from flows.document.measured_names import check_own_names
+from flows.document.robot_files import check_robot_files
+from specs.base import Fault
+from specs.errors import DocumentError
+from specs.pipeline.document import PipelineSpec
+
+_CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (check_robot_files, check_own_names)
+
+
+def check_own_bundles(spec: PipelineSpec, base: Path) -> None:
+    """Refuses a document whose own bundles do not fit it.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With every fault.
+    """
+    faults: list[Fault] = []
+    for check in _CHECKS:
+        try:
+            check(spec, base)
+        except DocumentError as exc:
+            faults += exc.faults
+    if faults:
+        raise DocumentError(faults)

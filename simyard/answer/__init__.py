@@ -1,0 +1,1 @@
+"""What the functions of `simyard` return: frozen objects that a notebook shows. Only `simyard` imports it."""

@@ -1,0 +1,254 @@
+"""Counts a batch in groups of episodes that differ in their seeds alone, for reports that list tests."""
+
+import functools
+from collections import Counter, defaultdict
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, cast
+
+import pyarrow as pa
+
+from specs.data.run_report import Verdict
+from tasks.results.ci.full_report import (
+    CountedBatch,
+    FailureExample,
+    GroupReport,
+    GroupState,
+    ReasonCount,
+    WorldReport,
+)
+from tasks.results.statistics.intervals import Interval, wilson
+
+MOST_GROUPS = 5_000
+"""More are counted and not listed: what shows a JUnit file reads some 10 MB and no more."""
+MOST_EXAMPLES = 3
+_LONGEST = 300
+_ROWS_AT_ONCE = 8_192
+# What a group has in common, besides its world and its variables.
+_APPLICATIONS = (
+    *("robot_application", "robot_version", "robot_digest", "robot_package", "robot_launch_file"),
+    *("simulation_application", "simulation_version", "simulation_digest", "simulation_package"),
+    *("simulation_launch_file", "duration_s"),
+)
+_KEY = ("world", "environment", *_APPLICATIONS)
+RESULT_COLUMNS = (*_KEY, "status", "success", "simulated_s")
+"""What is read of ``results.parquet``."""
+FAILURE_COLUMNS = (*_KEY, "job", "index", "seed", "reason", "failure_reason", "goals_reached", "goals_total")
+"""What is read of ``failures.parquet``."""
+_ALWAYS_NAMED = ("robot_application", "robot_launch_file", "simulation_application", "simulation_launch_file")
+_DIGITS = 12
+
+
+class GroupRules(NamedTuple):
+    """By what groups are called failed, and how their episodes are named.
+
+    Attributes:
+        verdict: The gate's; None if no gate answered.
+        bar: The success rate that it asks for; None if it asks for none.
+        confidence: Of the intervals.
+        compared_with: Digests of robot applications that the gate only compares with.
+        job_arn: What the ARNs of jobs begin with, up to their id.
+        store_option: What a command needs to find the store, such as ``--store s3://bucket/prefix``; or empty.
+    """
+
+    verdict: Verdict | None = None
+    bar: float | None = None
+    confidence: float = 0.95
+    compared_with: Collection[str] = ()
+    job_arn: str = ""
+    store_option: str = ""
+
+
+@dataclass
+class _Group:
+    passed: int = 0
+    failed: int = 0
+    crashed: int = 0
+    canceled: int = 0
+    simulated_s: float = 0.0
+    reasons: Counter[str] = field(default_factory=Counter[str])
+    # The worst episodes by reason: (share of goals, index), what is known.
+    worst: dict[str, list[tuple[tuple[float, int], Mapping[str, object]]]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+
+
+_Groups = dict[Hashable, _Group]
+
+
+def count_groups(arn: str, results: pa.Table, failures: pa.Table, rules: GroupRules) -> CountedBatch:
+    """Returns a batch in groups.
+
+    Args:
+        arn: The batch's.
+        results: ``RESULT_COLUMNS`` of its results.
+        failures: ``FAILURE_COLUMNS`` of its failures.
+        rules: By what groups are called failed.
+    """
+    groups = _counted(results)
+    _add_failures(groups, failures)
+    names = _names(list(groups))
+    states = {key: _state(key, group, rules) for key, group in groups.items()}
+    shown = _shown(states)
+    passed, ended = sum(each.passed for each in groups.values()), sum(map(_ended, groups.values()))
+    return CountedBatch(
+        arn=arn,
+        episodes=ended,
+        passed=passed,
+        canceled=sum(each.canceled for each in groups.values()),
+        rate=passed / ended if ended else None,
+        interval=_interval(passed, ended, rules.confidence),
+        confidence=rules.confidence,
+        bar=rules.bar,
+        worlds=tuple(_worlds({key: each for key, each in groups.items() if key in shown}, names, states, rules)),
+        left_out=len(groups) - len(shown),
+        left_out_failed=sum(state in {"failed", "error"} for key, (state, _) in states.items() if key not in shown),
+    )
+
+
+def _counted(results: pa.Table) -> _Groups:
+    groups: _Groups = {}
+    for key, row in _rows(results):
+        group = groups.get(key)
+        if group is None:
+            group = groups[key] = _Group()
+        success = row["success"]
+        group.simulated_s += cast("float", row["simulated_s"])
+        group.passed += success is True
+        group.failed += success is False
+        group.canceled += success is None
+        group.crashed += row["status"] == "Failed"
+    return groups
+
+
+def _add_failures(groups: _Groups, failures: pa.Table) -> None:
+    """Adds why episodes did not pass, and the worst of them: those that came least far."""
+    for key, row in _rows(failures):
+        group, reason = groups.get(key), str(row["reason"])
+        if group is None:
+            continue
+        group.reasons[reason] += 1
+        goals = cast("int", row["goals_total"])
+        place = (cast("int", row["goals_reached"]) / goals if goals else 0.0, cast("int", row["index"]))
+        kept = group.worst[reason]
+        kept.append((place, row))
+        kept.sort(key=lambda each: each[0])
+        del kept[MOST_EXAMPLES:]
+
+
+def _rows(table: pa.Table) -> Iterator[tuple[Hashable, Mapping[str, object]]]:
+    """Yields each row with the key of its group: world, applications, variables."""
+    for part in table.to_batches(_ROWS_AT_ONCE):
+        for row in part.to_pylist():
+            environment = tuple(sorted(cast("Sequence[tuple[str, str]]", row["environment"])))
+            yield (row["world"], tuple(row[name] for name in _APPLICATIONS), environment), row
+
+
+def _names(keys: Sequence[Hashable]) -> dict[Hashable, str]:
+    """Returns what groups are called: what they drive, and whatever is not the same in all of them."""
+    parts = {key: _parts(key) for key in keys}
+    values: dict[str, set[str | None]] = defaultdict(set)
+    all_names = dict.fromkeys(name for found in parts.values() for name in found)
+    for found in parts.values():
+        for name in all_names:
+            values[name].add(found.get(name))
+    several = [name for name in all_names if len(values[name]) > 1 and name not in _ALWAYS_NAMED]
+    return {key: _name(found, several) for key, found in parts.items()}
+
+
+def _parts(key: Hashable) -> dict[str, str]:
+    _, applications, environment = cast("tuple[str, tuple[object, ...], tuple[tuple[str, str], ...]]", key)
+    found = dict(zip(_APPLICATIONS, map(str, applications), strict=True))
+    for name in ("robot_digest", "simulation_digest"):
+        found[name] = found[name][:_DIGITS]
+    # A variable may be called like a column.
+    return found | {f"${name}": value for name, value in environment}
+
+
+def _name(parts: Mapping[str, str], several: Sequence[str]) -> str:
+    robot, launch, scenario, rooms = (parts[name] for name in _ALWAYS_NAMED)
+    more = [f"{name.removeprefix('$')}={parts[name]}" for name in several if name in parts]
+    return ", ".join([f"{robot} {launch} in {scenario} {rooms}", *more])
+
+
+def _state(key: Hashable, group: _Group, rules: GroupRules) -> tuple[GroupState, str]:
+    """Returns what a group is called, and why that is not what its rate seems to say."""
+    ended = _ended(group)
+    if not ended:
+        return "skipped", "all of its episodes were canceled"
+    _, applications, _ = cast("tuple[str, tuple[object, ...], object]", key)
+    below = group.passed / ended < (1.0 if rules.bar is None else rules.bar)
+    if not below:
+        return "passed", ""
+    if applications[_APPLICATIONS.index("robot_digest")] in rules.compared_with:
+        return "passed", "this version is only compared with"
+    if rules.verdict == "PASS":
+        return "passed", "not all passed, but the gate is about all episodes together, and says PASS"
+    return ("error" if group.crashed else "failed"), ""
+
+
+def _shown(states: Mapping[Hashable, tuple[GroupState, str]]) -> frozenset[Hashable]:
+    """Returns which groups are listed: those that are not as they should be before others."""
+    order = sorted(states, key=lambda key: states[key][0] not in {"failed", "error"})
+    return frozenset(order[:MOST_GROUPS])
+
+
+def _worlds(
+    groups: _Groups, names: Mapping[Hashable, str], states: Mapping[Hashable, tuple[GroupState, str]], rules: GroupRules
+) -> Iterator[WorldReport]:
+    by_world: dict[str, list[Hashable]] = defaultdict(list)
+    for key in groups:
+        by_world[cast("tuple[str, object, object]", key)[0]].append(key)
+    one = len({world.partition("/")[0] for world in by_world}) == 1
+    for world, keys in by_world.items():
+        label = world.partition("/")[2] or world if one else world
+        found = tuple(_report(names[key], groups[key], states[key], rules) for key in keys)
+        yield WorldReport(world=world, label=label, groups=found)
+
+
+def _report(name: str, group: _Group, state: tuple[GroupState, str], rules: GroupRules) -> GroupReport:
+    ended = _ended(group)
+    return GroupReport(
+        name=name,
+        state=state[0],
+        note=state[1],
+        episodes=ended,
+        passed=group.passed,
+        crashed=group.crashed,
+        canceled=group.canceled,
+        rate=group.passed / ended if ended else None,
+        interval=_interval(group.passed, ended, rules.confidence),
+        simulated_s=group.simulated_s,
+        reasons=tuple(ReasonCount(reason=reason, episodes=count) for reason, count in _most_frequent(group.reasons)),
+        examples=tuple(_examples(group, rules)),
+    )
+
+
+def _examples(group: _Group, rules: GroupRules) -> Iterator[FailureExample]:
+    """Yields the worst episode of each reason, most frequent reasons first; then the next worst of each."""
+    ranks = [
+        (rank, row) for reason, _ in _most_frequent(group.reasons) for rank, (_, row) in enumerate(group.worst[reason])
+    ]
+    ranks.sort(key=lambda each: each[0])
+    for _, row in ranks[:MOST_EXAMPLES]:
+        job = f"{rules.job_arn}{row['job']}"
+        yield FailureExample(
+            job=job,
+            seed=cast("int", row["seed"]),
+            reason=str(row["reason"]),
+            explanation=str(row["failure_reason"])[:_LONGEST],
+            replay=" ".join(filter(None, ["simyard replay", job, rules.store_option])),
+        )
+
+
+def _most_frequent(reasons: Counter[str]) -> list[tuple[str, int]]:
+    return sorted(reasons.items(), key=lambda each: (-each[1], each[0]))
+
+
+def _ended(group: _Group) -> int:
+    return group.passed + group.failed
+
+
+@functools.lru_cache(maxsize=4096)
+def _interval(passed: int, episodes: int, confidence: float) -> Interval:
+    return wilson(passed, episodes, confidence)

@@ -1,0 +1,130 @@
+"""Which rooms of a world a robot was in, and which rooms and goals it cannot get to, with all doors as they stand.
+
+Rooms entered are counted by the robot's position at every control step. What a robot cannot get to is found on the
+floor map, for a disc of its hull's radius. A cell may be off the best way by half its diagonal, and is forgiven that
+much: a room is called out of reach only where there is no way, and never because of the grid.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+import numpy as np
+from jaxtyping import Bool, Float, Int32
+from scipy import ndimage
+
+from specs.data.world import Room
+from tasks.simulate.application.contract import HostMap, Placement
+
+_HALF_DIAGONAL = math.sqrt(0.5)
+# The clearance of floor that is free at all, for robots that are smaller than a cell.
+_FREE_M = 1e-6
+
+
+class RoomMap(NamedTuple):
+    """The rooms of a world, and the floor that hangs together for a robot.
+
+    Attributes:
+        names: Of the rooms.
+        low_m: Lowest x and y of each room's floor; ``high_m`` has the highest.
+        parts: A number for each part of the floor that the robot can drive about on, 0 where it has no room.
+        held: The parts that each room has floor of.
+    """
+
+    names: tuple[str, ...]
+    low_m: Float[np.ndarray, "rooms 2"]
+    high_m: Float[np.ndarray, "rooms 2"]
+    floor: HostMap
+    parts: Int32[np.ndarray, "rows columns"]
+    held: tuple[frozenset[int], ...]
+
+
+class Visit(NamedTuple):
+    """Where an episode took a robot, and where it cannot get to from its start.
+
+    Attributes:
+        entered: Names of the rooms that it was in, in the order in which it came to them.
+        unreachable: Names of those that it cannot get to.
+        goals_reachable: How many of its goals it can get to; None where goals are no destinations.
+    """
+
+    entered: tuple[str, ...]
+    unreachable: tuple[str, ...]
+    goals_reachable: int | None
+
+
+def room_map(rooms: Sequence[Room], floor: HostMap, radius_m: float) -> RoomMap:
+    """Returns the rooms of a world as a robot finds them.
+
+    Args:
+        rooms: The world's.
+        floor: Its map.
+        radius_m: Of the robot's hull.
+    """
+    low = np.array([(room.floor.x_min_m, room.floor.y_min_m) for room in rooms], np.float64).reshape(-1, 2)
+    high = np.array([(room.floor.x_max_m, room.floor.y_max_m) for room in rooms], np.float64).reshape(-1, 2)
+    least_m = max(radius_m - _HALF_DIAGONAL * float(floor.cell_m), _FREE_M)
+    labels, _ = cast("tuple[np.ndarray, int]", ndimage.label(floor.clearance_m >= least_m, structure=np.ones((3, 3))))
+    parts = labels.astype(np.int32)
+    held = tuple(_parts_within(floor, parts, *corners) for corners in zip(low, high, strict=True))
+    return RoomMap(tuple(room.name for room in rooms), low, high, floor, parts, held)
+
+
+def visit(rooms: RoomMap, placement: Placement, way_m: Float[np.ndarray, "steps 2"], *, known_way: bool) -> Visit:
+    """Returns where an episode took its robot.
+
+    Args:
+        rooms: The world's.
+        placement: Start and goals.
+        way_m: Its positions at the start and at the end of each control step.
+        known_way: Whether a shortest way to all goals is known, so that all of them can be reached.
+    """
+    entered = rooms_entered(rooms, way_m)
+    begin = placement.start[:2]
+    near_m = float(rooms.floor.cell_m)
+    reached = _parts_within(rooms.floor, rooms.parts, begin - near_m, begin + near_m)
+    unreachable = tuple(
+        name for name, held in zip(rooms.names, rooms.held, strict=True) if not held & reached and name not in entered
+    )
+    goals = len(placement.goals_m)
+    if placement.arrived_m is None or known_way:
+        return Visit(entered, unreachable, None if placement.arrived_m is None else goals)
+    found = sum(_is_near(rooms, reached, goal, placement.arrived_m) for goal in placement.goals_m)
+    return Visit(entered, unreachable, min(found, goals - 1))
+
+
+def rooms_entered(rooms: RoomMap, way_m: Float[np.ndarray, "steps 2"]) -> tuple[str, ...]:
+    """Returns the names of the rooms that a way leads through, in the order in which it comes to them."""
+    inside = _inside(way_m, rooms.low_m, rooms.high_m)
+    firsts = np.argmax(inside, axis=1)
+    found = sorted((int(firsts[room]), room) for room in np.flatnonzero(inside.any(axis=1)))
+    return tuple(rooms.names[room] for _, room in found)
+
+
+def _inside(
+    points_m: Float[np.ndarray, "points 2"], low_m: Float[np.ndarray, "rooms 2"], high_m: Float[np.ndarray, "rooms 2"]
+) -> Bool[np.ndarray, "rooms points"]:
+    x, y = points_m[:, 0], points_m[:, 1]
+    return (
+        (x >= low_m[:, :1]) & (x <= high_m[:, :1]) & (y >= low_m[:, 1:]) & (y <= high_m[:, 1:])
+    )  # rooms first: each row is looked at as a whole
+
+
+def _parts_within(
+    floor: HostMap,
+    parts: Int32[np.ndarray, "rows columns"],
+    low_m: Float[np.ndarray, "2"],
+    high_m: Float[np.ndarray, "2"],
+) -> frozenset[int]:
+    """Returns the parts of the floor that have a cell's centre in a rectangle."""
+    first = np.ceil((low_m - floor.origin_m) / floor.cell_m).astype(int).clip(0)
+    last = np.floor((high_m - floor.origin_m) / floor.cell_m).astype(int).clip(-1)
+    found = np.unique(parts[first[1] : last[1] + 1, first[0] : last[0] + 1])
+    return frozenset(found.tolist()) - {0}
+
+
+def _is_near(rooms: RoomMap, reached: frozenset[int], goal_m: Float[np.ndarray, "2"], arrived_m: float) -> bool:
+    """Returns whether the robot can come as near to a goal as it must."""
+    floor = rooms.floor
+    near_m = arrived_m + float(floor.cell_m)
+    return bool(_parts_within(floor, rooms.parts, goal_m - near_m, goal_m + near_m) & reached)

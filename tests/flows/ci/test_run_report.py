@@ -1,0 +1,113 @@
+"""The whole report of a run, from real records: what passed, what failed, and what cannot be read any more."""
+
+from pathlib import Path
+
+import pytest
+
+from flows.ci.run_files import AskedRun
+from flows.ci.run_report import batch_counts, report_of_failure, report_of_run, store_option
+from flows.gate.judge import gate_answer
+from flows.stage.stage_summary import batch_report, gate_report
+from specs.base import Fault
+from specs.data.episode import EpisodeResult
+from specs.data.run_report import PipelineReport
+from specs.errors import DocumentError, PipelineNotPassed, StageFailed
+from specs.pipeline.gate_section import Gate
+from tasks.results.gate.evidence import read_evidence
+from tasks.simulate.batch.commit import ChunkPart
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
+from tests.factories.episodes import collided, passed
+from tests.factories.judged_batches import courier, delivery, ended, run_of
+
+GATE = Gate.model_validate({"successRate": {"atLeast": 0.9}})
+
+
+def _half(part: ChunkPart) -> list[EpisodeResult]:
+    """Fails every second seed of the world w1."""
+    return [
+        (collided if each.world == "g/w1" and each.seed % 2 else passed)(each.index) for each in part.chunk.requests
+    ]
+
+
+def _judged(store: Store, folder: Path) -> tuple[JobRecord, PipelineReport]:
+    batch = ended(store, courier(store, folder, "one"), scenario=delivery(store, folder), simulate=_half)
+    answer = gate_answer(GATE, batch, store, run := run_of(store))
+    stages = (batch_report(batch, 1.0), gate_report(answer.verdict, answer.sentence, answer.evidence_url, 0.1))
+    return batch, PipelineReport(run=run.id, name="nightly", stages=stages, verdict=answer.verdict)
+
+
+def test_a_run_that_failed_is_reported_with_its_rules_its_worlds_and_commands(file_store: Store, tmp_path: Path):
+    batch, report = _judged(file_store, tmp_path)
+    found = report_of_failure(AskedRun("nightly", file_store.url), PipelineNotPassed(report), 1)
+    assert (found.answer, found.exit_code, found.verdict, found.problems) == ("NOT PASSED", 1, "FAIL", ())
+    assert found.gate
+    assert [(rule.rule, rule.verdict) for rule in found.gate.rules] == [("successRate", "FAIL")]
+    assert found.batch
+    assert [(world.label, world.passed, world.episodes) for world in found.batch.worlds] == [
+        ("w0", 40, 40),
+        ("w1", 20, 40),
+    ]
+    (group,) = found.batch.worlds[1].groups
+    assert (group.state, found.batch.bar) == ("failed", 0.9)
+    job = group.examples[0].job
+    assert job.startswith("arn:simyard:simulation-job:")
+    assert job.rpartition("/")[0].endswith(batch.id)
+    assert group.examples[0].replay == f"simyard replay {job} --store {file_store.url}"
+
+
+def test_the_version_that_is_only_compared_with_is_not_failed(file_store: Store, tmp_path: Path):
+    older, newer = (courier(file_store, tmp_path, text) for text in ("one", "two"))
+    batch = ended(file_store, older, newer, scenario=delivery(file_store, tmp_path), simulate=_half)
+    gate = Gate.model_validate({"noWorseThan": {"applicationVersion": older.version, "margin": 0.2}})
+    gate_answer(gate, batch, file_store, run_of(file_store))
+    counts = batch_counts(file_store, batch, read_evidence(file_store, batch.id))
+    notes = {
+        group.name: group.note for world in counts.worlds for group in world.groups if group.passed < group.episodes
+    }
+    assert [note for name, note in notes.items() if "robot_version=1" in name] == ["this version is only compared with"]
+
+
+def test_results_that_are_gone_are_a_problem_and_not_another_answer(file_store: Store, tmp_path: Path):
+    batch, report = _judged(file_store, tmp_path)
+    key = str(batch.detail["results_url"]).removeprefix(f"{file_store.url}/")
+    file_store.put(key, b"something else")
+    found = report_of_run(AskedRun("nightly", file_store.url), report, 1)
+    assert (found.answer, found.batch) == ("NOT PASSED", None)
+    assert "is not what the batch wrote" in found.problems[0]
+
+
+def test_a_document_that_is_refused_is_reported_with_its_faults():
+    fault = Fault(path="gate.successRate", value="2", allowed="0 to 1")
+    found = report_of_failure(AskedRun("nightly", "file:///x"), DocumentError([fault], "nightly.yaml"), 2)
+    assert found.answer == "REFUSED"
+    assert found.failure
+    assert (found.failure.code, found.failure.faults) == ("DocumentError", (fault,))
+
+
+@pytest.mark.parametrize(
+    ("arn", "stage"),
+    [
+        ("arn:simyard:simulation-job-batch:0:simb-1", "simulationBatch"),
+        ("arn:simyard:pipeline-run:0:run-1", None),
+        ("", None),
+    ],
+)
+def test_a_stage_that_failed_is_named_even_if_its_record_is_gone(arn: str, stage: str | None, tmp_path: Path):
+    failure = StageFailed("InternalServiceError", "no answer", arn)
+    found = report_of_failure(AskedRun("nightly", (tmp_path / "none").as_uri()), failure, 3)
+    assert (found.answer, found.exit_code) == ("FAILED", 3)
+    assert found.failure
+    assert (found.failure.stage, found.failure.reason) == (stage, "no answer")
+
+
+def test_a_defect_is_reported_as_one():
+    found = report_of_failure(AskedRun("nightly", "file:///x"), RuntimeError("oh"), 3)
+    assert found.failure
+    assert (found.failure.code, found.failure.reason) == ("RuntimeError", "this is a defect of Simyard: oh")
+
+
+def test_commands_name_the_store_unless_it_is_the_one_they_would_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    assert store_option((tmp_path / ".simyard").as_uri()) == ""
+    assert store_option("s3://bucket/a b") == "--store 's3://bucket/a b'"

@@ -1,0 +1,39 @@
+"""What a control step makes of a lane, as far as the scenario is told."""
+
+from pathlib import Path
+
+import pytest
+
+from specs.data.episode import ApplicationLaunch, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.chunk.runner import simulate_lanes
+from tasks.simulate.plan.chunks import plan_chunks
+from tests.factories.simulations import DRIFT, FAULTY, FOLDERS, pushing
+
+LANES = 8
+BOX = "b" * 64
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory, pens: dict[str, World]) -> list[EpisodeResult]:
+    """A long box, driven blindly on C MuJoCo among posts and blocks."""
+    folder: Path = tmp_path_factory.mktemp("box")
+    (folder / "faulty").symlink_to(FOLDERS[FAULTY] / "faulty")
+    text = (FOLDERS[FAULTY] / "robot.xml").read_text()
+    hull = '<geom name="body" type="box" size="0.3 0.08 0.1" mass="2"/>'
+    start, end = text.index('<geom name="body"'), text.index("/>", text.index('<geom name="body"')) + 2
+    (folder / "robot.xml").write_text(text[:start] + hull + text[end:])
+    robot = ApplicationLaunch(name="box", version="1", digest=BOX, package="faulty", launch_file="pushing")
+    asked = [pushing(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=2.0) for k in range(LANES)]
+    requests = [each.model_copy(update={"robot": robot}) for each in asked]
+    (chunk,) = plan_chunks(requests, LANES)
+    bundles = {BOX: folder, DRIFT: FOLDERS[DRIFT]}
+    return simulate_lanes(chunk, pens, bundles, lanes=LANES, engine="mujoco", should_stop=lambda: False)
+
+
+def test_the_clearance_of_a_hull_that_is_not_round_is_negative_in_contact_alone(rows: list[EpisodeResult]):
+    assert {row.failure_reason for row in rows} == {""}
+    free = [row.min_clearance_m for row in rows if not row.collisions]
+    assert free
+    assert min(free) >= 0.0
+    assert all(row.min_clearance_m < 1e-3 for row in rows if row.collisions)

@@ -1,0 +1,43 @@
+"""Robot and scenario share the variables of a request."""
+
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from specs.pipeline.simulation_section import SimulationBatch
+
+
+def section(robot: dict[str, str], scenario: dict[str, str], **matrix: object) -> SimulationBatch:
+    """Returns a section whose robot and scenario have variables."""
+
+    def use(variables: dict[str, str]) -> dict[str, Any]:
+        return {"application": "mine", "launchConfig": {"environmentVariables": variables}}
+
+    request = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [use(robot)],
+        "simulationApplications": [use(scenario)],
+    }
+    return SimulationBatch.model_validate({"createSimulationJobRequests": [request], "matrix": matrix})
+
+
+def test_two_values_of_one_variable_are_refused_and_both_fields_are_named():
+    with pytest.raises(ValidationError) as caught:
+        section({"RANGE": "2"}, {"RANGE": "4"})
+    (error,) = caught.value.errors()
+    use = "launchConfig.environmentVariables.RANGE"
+    assert ".".join(map(str, error["loc"])) == f"createSimulationJobRequests.0.simulationApplications.0.{use}"
+    assert error["input"] == "4"
+    assert error["msg"] == (
+        f"'2' as in createSimulationJobRequests[0].robotApplications[0].{use}, or another name: robot and scenario see "
+        "the same variables"
+    )
+
+
+def test_an_equal_value_or_other_names_are_fine():
+    assert section({"RANGE": "2", "SPEED": "1"}, {"RANGE": "2", "GOALS": "1"})
+
+
+def test_a_swept_variable_may_have_two_values_that_nobody_uses():
+    assert section({"RANGE": "2"}, {"RANGE": "4"}, environmentVariables={"RANGE": ["1", "3"]})
