@@ -26,8 +26,8 @@ from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import MOST_SERIES, WHOLE
 from tasks.results.trend.view import MOST_ROWS, Alarm
 from tasks.storage.base.store import Store
-from tests.factories.histories import history
-from tests.factories.stored_nights import stored_night
+from tests.flows.trend.stored_nights import stored_night
+from tests.results.trend.histories import history
 from tests.results.trend.test_trend_page import view
 
 DOCUMENT = PAGE.read_text()
