@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from simyard.answer.html import Html, badge, block, heading, paragraph, table, text
 from tasks.results.trend.view import Alarm, NightRow, TrendView
 
-_NIGHTS = 24
+_NIGHTS, _ALARMS = 24, 12
 
 
 @dataclass(frozen=True, repr=False)
@@ -41,7 +41,7 @@ class Trend:
             heading(self.view.document, text(self.view.words), text(self.view.chosen)),
             *(
                 paragraph(Html(f"{badge('lower' if each.fell else 'higher')} {text(each.sentence)}"))
-                for each in self.alarms
+                for each in self.alarms[:_ALARMS]
             ),
             table(("night", "counted", "rate", "interval", ""), rows, self.view.nights, " nights; .page has them"),
             *map(paragraph, filter(None, [self.view.notice])),
