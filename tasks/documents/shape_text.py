@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from specs.spelling import nearest
+from specs.rules import nearest
 from tasks.documents.key_places import (
     KeyPlace,
     Place,

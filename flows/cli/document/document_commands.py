@@ -46,8 +46,17 @@ def run(
         report = run_for_ci(wishes, lambda: _run(file, store, console, direct=direct))
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
+        _show_next_steps(exc.report, store, console)
         raise typer.Exit(exit_code_of(exc)) from exc
     show_report(report, console)
+
+
+def _show_next_steps(report: PipelineReport, store: str | None, console: Console) -> None:
+    from flows.cli.document.next_steps import next_steps
+    from tasks.storage.store_url import open_store
+
+    for line in next_steps(report, open_store(store)):
+        console.print(line, soft_wrap=True, highlight=False)
 
 
 def _name(file: Path) -> str:
