@@ -229,3 +229,9 @@ def test_pictures_of_furniture_that_cannot_be_written_are_refused():
     Path("kinds").write_text("a file")
     with pytest.raises(DocumentError, match="--pictures: kinds"):
         world("furniture", "--pictures", "kinds")
+
+
+def test_a_starter_that_cannot_be_written_says_why():
+    Path("homes").write_text("a file")
+    with pytest.raises(DocumentError, match="cannot be written"):
+        world("template", "--output", "homes/mine.yaml")
