@@ -131,6 +131,10 @@ def _answer(report: PipelineReport) -> Text:
     if report.passed and behind:
         why = "as many as may fail; simyard fleet watch tells who, and why"
         return Text(f"Done, but robots that are not in sync: {behind}, {why}.", style="bold yellow")
+    unmet = next((stage.facts["unmet_wishes"] for stage in report.stages if "unmet_wishes" in stage.facts), None)
+    if report.passed and unmet:
+        said = f"Done, but wishes of the template that its worlds do not fulfil: {unmet}; the contact sheet shows them."
+        return Text(said, style="bold yellow")
     if report.passed:
         return Text("Done, and everything that was asked for passed.", style="bold green")
     if report.verdict not in (None, "PASS"):

@@ -7,6 +7,7 @@ from flows.document.tested_batch import candidates
 from flows.gate.equal_worlds import world_identities
 from specs.errors import BucketNotFound, ResourceNotFound
 from specs.pipeline.gate_section import NoWorseThan
+from specs.settings import OWNER_KEY
 from tasks.applications.registry import resolve
 from tasks.results.gate.evidence import Baseline
 from tasks.results.statistics.pairs import PAIRED_COLUMNS, count_pairs, outcomes
@@ -49,9 +50,16 @@ def find_baseline(rule: NoWorseThan, batch: JobRecord, store: Store) -> Baseline
             return Baseline(
                 version=rule.applicationVersion, digest=digest, batch=record.id, sha256=results_digest(record)
             )
+    version = f"version {rule.applicationVersion} of {names[0]} ({digest[:12]})"
+    if foreign := _vouched_elsewhere(digest, batch, store):
+        return NoBaseline(
+            f"batch {foreign} drove {version}, but this machine's key does not vouch for it; bring the "
+            f"owner's key of the machine that ran it (its cache's owner/key), and name the file in {OWNER_KEY}, "
+            "or put both versions into createSimulationJobRequests"
+        )
     return NoBaseline(
-        f"no batch that Completed drove version {rule.applicationVersion} of {names[0]} ({digest[:12]}) on the same "
-        "episodes, and is vouched for by this owner; put both versions into createSimulationJobRequests"
+        f"no batch that Completed drove {version} on the same episodes, and is vouched for by this owner; put both "
+        "versions into createSimulationJobRequests"
     )
 
 
@@ -92,6 +100,17 @@ def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[Jo
             vouched = sealed_record(store, record.id)
             if vouched is not None:
                 yield vouched
+
+
+def _vouched_elsewhere(digest: str, batch: JobRecord, store: Store) -> str:
+    """Returns the newest batch that drove a version on this one's seeds without this owner's seal, or nothing."""
+    seeds = set(plan_of(batch).seeds)
+    for record in reversed(records(store, KIND)):
+        if record.id == batch.id or record.status != "Completed" or not _drove(record, digest):
+            continue
+        if seeds & set(plan_of(record).seeds) and sealed_record(store, record.id) is None:
+            return record.id
+    return ""
 
 
 def _drove(record: JobRecord, digest: str) -> bool:

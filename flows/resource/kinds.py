@@ -236,7 +236,7 @@ def _episodes_done(store: Store, record: JobRecord) -> StageProgress:
 
 
 def _robots_done(_store: Store, record: JobRecord) -> StageProgress:
-    from tasks.deploy.rollout.observation import count_ended, recorded_progress
+    from tasks.deploy.rollout.observation import count_in_sync, recorded_progress
 
     seen = recorded_progress(record)
-    return "Deployment", count_ended(seen), max(1, len(seen))
+    return "Deployment", count_in_sync(seen), max(1, len(seen))

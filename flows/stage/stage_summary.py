@@ -1,24 +1,29 @@
 """The report of a stage: one line for a person, made from the job's record, and links to its files."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import cast
 
 from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
-from specs.errors import DocumentError, StageFailed
+from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.trust.trust_choice import UNSIGNED_ALARM
 from tasks.deploy.trust.trust_record import is_unsigned
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings
 from tasks.results.tables.table_record import ROOMS
+from tasks.storage.base.keys import contact_sheet_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
+from tasks.storage.worlds import read_world
 
 _SAMPLES_SHOWN = 2
 _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
 _SAMPLE_CHARACTERS = 200
+_WORLDS_READ = 64  # of a job of thousands, reading all would take longer than the line is worth
 
 
 def recorded_report(run: JobRecord) -> PipelineReport:
@@ -38,8 +43,34 @@ def recorded_report(run: JobRecord) -> PipelineReport:
 
 def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:
     """Returns what a generation job made."""
-    folder = Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")
-    return _stage("worldGeneration", record, _generation_summary(record), seconds, (folder,))
+    artefacts = [Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")]
+    if store.exists(contact_sheet_key(record.id)):
+        artefacts.append(Artefact(label="contact sheet", url=f"{store.url}/{contact_sheet_key(record.id)}"))
+    stage = _stage("worldGeneration", record, _generation_summary(record), seconds, tuple(artefacts))
+    unmet = _unmet_wishes(record, store)
+    if not unmet:
+        return stage
+    return stage.model_copy(
+        update={"summary": f"{stage.summary}; {_unmet_sentence(record, unmet)}", "facts": {"unmet_wishes": len(unmet)}}
+    )
+
+
+def _unmet_wishes(record: JobRecord, store: Store) -> list[str]:
+    """Returns the wishes that the first worlds of a job do not fulfil; worlds that are gone say nothing."""
+    found: list[str] = []
+    for reference in texts(record.detail, "worlds")[:_WORLDS_READ]:
+        with suppress(ResourceNotFound):
+            found += read_world(store, reference, record.id).certificate.unmet
+    return found
+
+
+def _unmet_sentence(record: JobRecord, unmet: Sequence[str]) -> str:
+    worlds = len(texts(record.detail, "worlds"))
+    of_first = f" of the first {_WORLDS_READ} worlds" if worlds > _WORLDS_READ else ""
+    often = Counter(unmet).most_common(_SAMPLES_SHOWN)
+    named = "; ".join(f"{wish}" + (f" ({count} worlds)" if count > 1 else "") for wish, count in often)
+    more = "; ..." if len(set(unmet)) > len(often) else ""
+    return f"{_number(len(unmet), 'wish', 'wishes')}{of_first} not fulfilled: {named}{more}"
 
 
 def export_report(record: JobRecord, seconds: float) -> StageReport:
@@ -159,8 +190,8 @@ def texts(detail: Mapping[str, JsonValue], key: str) -> list[str]:
     return [str(item) for item in cast("list[JsonValue]", detail.get(key, []))]
 
 
-def _number(number: int, thing: str) -> str:
-    return f"{number} {thing}" + ("" if number == 1 else "s")
+def _number(number: int, thing: str, things: str = "") -> str:
+    return f"{number} {thing if number == 1 else things or f'{thing}s'}"
 
 
 def _mappings(detail: Mapping[str, JsonValue], key: str) -> Mapping[str, Mapping[str, JsonValue]]:

@@ -46,8 +46,17 @@ def run(
         report = run_for_ci(wishes, lambda: _run(file, store, console, direct=direct))
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
+        _show_next_steps(exc.report, store, console)
         raise typer.Exit(exit_code_of(exc)) from exc
     show_report(report, console)
+
+
+def _show_next_steps(report: PipelineReport, store: str | None, console: Console) -> None:
+    from flows.cli.document.next_steps import next_steps
+    from tasks.storage.store_url import open_store
+
+    for line in next_steps(report, open_store(store)):
+        console.print(line, soft_wrap=True, highlight=False)
 
 
 def _name(file: Path) -> str:
@@ -85,10 +94,20 @@ def plan(file: Document, store: StoreUrl = None) -> None:
 
 
 def validate(file: Document) -> None:
-    """Check a document and tell all its faults at once."""
+    """Check a document, or a template alone, and tell all its faults at once."""
     from flows.document.own_bundles import check_own_bundles
     from tasks.documents.pipeline_file import read_pipeline
+    from tasks.documents.template_source import read_template_alone
 
+    template = read_template_alone(file)
+    if template is not None:
+        from tasks.worlds.certificate.unused_sets import unused_sets
+
+        rooms = len(template.Buildings[0].Floors[0].Floorplan.Rooms)
+        echo(f"{file}: a template of version {template.Version} with {rooms} room{'' if rooms == 1 else 's'}: valid")
+        for line in unused_sets(template):
+            echo(f"no effect: {line}")
+        return
     spec = read_pipeline(file)
     with _name_file(file):
         check_own_bundles(spec, file.resolve().parent)

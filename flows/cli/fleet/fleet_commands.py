@@ -158,7 +158,7 @@ def sync(
         opened,
         fleet,
         token=uuid4().hex,
-        progress=lambda ended, robots: echo(f"{ended} of {robots} robots"),
+        progress=lambda in_sync, robots: echo(f"{in_sync} of {robots} robots in sync"),
         only_failed=failed,
         signer=signer,
     )

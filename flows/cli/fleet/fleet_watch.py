@@ -78,7 +78,16 @@ def fleet_notes(store: Store, fleet: str) -> list[str]:
     """
     name, job = read_fleet(store, fleet)[0].name, active_deployment(store, fleet)
     robots = robots_now(store, (robot.name for robot in members(store, name)))
-    return [*(wish_notes(store, job) if job else ()), *(f"{robot.name} runs {robot.runs}" for robot in robots)]
+    return [*(wish_notes(store, job) if job else ()), *map(_has_line, robots)]
+
+
+def _has_line(robot: RobotNow) -> str:
+    """Returns what a robot had when its agent reported last: nobody else knows whether it still runs."""
+    if robot.reported_s is None:
+        return f"{robot.name} has {robot.runs}; its agent has never reported"
+    minutes = max(0.0, time.time() - robot.reported_s) / 60
+    age = f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.0f} h"
+    return f"{robot.name} has {robot.runs}; its agent last reported {age} ago"
 
 
 def wish_notes(store: Store, job: str) -> list[str]:

@@ -10,7 +10,7 @@ from specs.robomaker.bundle import Application
 from tasks.deploy.fleet.robots import read_desired, read_reported
 from tasks.deploy.fleet.states import Desired, progress_of
 from tasks.storage.base.encoding import decode_document
-from tasks.storage.base.keys import application_key
+from tasks.storage.base.keys import application_key, reported_key
 from tasks.storage.base.store import Store
 
 
@@ -22,7 +22,8 @@ class RobotNow:
         deployment: Id of the job that asked it last.
         status: As RoboMaker names it.
         why: What went wrong, or empty.
-        runs: Such as ``courier 3``, or ``nothing``.
+        runs: Such as ``courier 3``, or ``nothing``, as it reported last.
+        reported_s: When that was, by the store's clock; None if it never did.
     """
 
     name: str
@@ -30,6 +31,7 @@ class RobotNow:
     status: str
     why: str
     runs: str
+    reported_s: float | None
 
 
 def robots_now(store: Store, names: Iterable[str]) -> list[RobotNow]:
@@ -49,8 +51,15 @@ def robots_now(store: Store, names: Iterable[str]) -> list[RobotNow]:
         digest = reported.running_digest if reported else ""
         numbers = {**versions(desired.application), desired.digest: desired.version}
         runs = _version_text(desired, digest, numbers.get(digest))
-        found.append(RobotNow(name, desired.deployment, now.status, now.failure_reason, runs))
+        found.append(RobotNow(name, desired.deployment, now.status, now.failure_reason, runs, _reported_s(store, name)))
     return found
+
+
+def _reported_s(store: Store, robot: str) -> float | None:
+    try:
+        return store.entry(reported_key(robot)).written_s
+    except ObjectNotFound:
+        return None
 
 
 def _version_text(desired: Desired, digest: str, number: int | None) -> str:

@@ -26,7 +26,7 @@ from tasks.deploy.robot.shutdown import Stop, StopRequested
 from tasks.deploy.robot.sweep import adopt_orphans
 from tasks.deploy.robot.update import Check, RobotUpdater
 from tasks.progress.log_lines import chosen_log_format, log_in_chosen_format
-from tasks.storage.base.keys import checked_name
+from tasks.storage.base.keys import checked_name, robot_record_key
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect
 
@@ -107,6 +107,7 @@ def _run(options: argparse.Namespace) -> int:
             for lack in missing_rights(store, options.robot):
                 _LOG.error("%s; %s", lack, REMEDY)
             place = _place(options, disk, stop)
+            _warn_if_unknown(store, options.robot)
             robot = RobotUpdater(store, place, Reporter(store, options.robot), _check(options, store, disk))
             try:
                 serve(robot, store, options.robot, stop, Poll(options.poll_s, options.longest_poll_s, random.Random()))  # noqa: S311 - jitter
@@ -115,6 +116,21 @@ def _run(options: argparse.Namespace) -> int:
     except StopRequested:
         _LOG.info("%s ends", options.robot)
     return 0
+
+
+def _warn_if_unknown(store: Store, robot: str) -> None:
+    """Logs that the store has no such robot: it may be registered later, or this is the wrong store."""
+    try:
+        known = store.exists(robot_record_key(robot))
+    except StoreError:  # it is away, or this is not to be read: what is desired will tell
+        return
+    if not known:
+        _LOG.warning(
+            "no robot %s in the store %s: register it (simyard fleet register FLEET %s), or correct --store; waiting",
+            robot,
+            store.url,
+            robot,
+        )
 
 
 def _place(options: argparse.Namespace, disk: Disk, stop: Stop) -> LaunchPlace:

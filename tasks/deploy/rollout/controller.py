@@ -25,7 +25,7 @@ from tasks.deploy.fleet.store_rights import silence_note
 from tasks.deploy.rollout.observation import (
     ABORTED,
     RobotWatch,
-    count_ended,
+    count_in_sync,
     phases,
     progress_document,
     recorded_progress,
@@ -202,8 +202,8 @@ class _Controller:
             _LOG.warning("no answer for %.0f s from %d robots (%s): %s", _SILENT_S, len(silent), names, why)
 
     def _tell(self, seen: Mapping[str, RobotProgress]) -> None:
-        if count_ended(seen) != count_ended(self._known):
-            self._progress(count_ended(seen), len(seen))
+        if count_in_sync(seen) != count_in_sync(self._known):
+            self._progress(count_in_sync(seen), len(seen))
 
     def _ask(self, robots: Sequence[str]) -> None:
         for robot in robots:

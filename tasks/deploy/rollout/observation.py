@@ -131,9 +131,9 @@ def phase_of(progress: RobotProgress) -> Phase:
     return Phase.ABORTED if progress.failure_code == ABORTED else _PHASES[progress.status]
 
 
-def count_ended(seen: Mapping[str, RobotProgress]) -> int:
-    """Returns how many robots have ended, or will never begin."""
-    return sum(phase_of(robot) not in {Phase.WAITING, Phase.IN_FLIGHT} for robot in seen.values())
+def count_in_sync(seen: Mapping[str, RobotProgress]) -> int:
+    """Returns how many robots run what was asked: what a bar shows as done, so that a failed roll-out fills none."""
+    return sum(phase_of(robot) is Phase.IN_SYNC for robot in seen.values())
 
 
 def statuses(seen: Mapping[str, RobotProgress]) -> dict[str, str]:

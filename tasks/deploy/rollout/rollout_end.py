@@ -10,6 +10,7 @@ from tasks.deploy.rollout.observation import phase_of
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.rollout.waves import Move, Phase
 
+_NAMED = 5
 _WHY: Mapping[str, str] = {
     "canary": "a canary failed",
     "time": "the fleet's time was over",
@@ -43,12 +44,13 @@ def rollout_end(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]
 
 
 def _failures(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]) -> str:
-    failed = {robot: each.failure_code for robot, each in seen.items() if phase_of(each) is Phase.FAILED}
-    names = ", ".join(f"{robot}: {code}" for robot, code in list(failed.items())[:5])
+    failed = {robot: each for robot, each in seen.items() if phase_of(each) is Phase.FAILED}
+    names = ", ".join(f"{robot}: {each.failure_code}" for robot, each in list(failed.items())[:_NAMED])
+    why = next((f"; {robot}: {each.failure_reason}" for robot, each in failed.items() if each.failure_reason), "")
     what = f"{len(failed)} of {len(seen)} robots failed" + (f" ({names})" if names else "")
     if move.why in _WHY:
-        return f"{_WHY[move.why]}; {what}"
-    return f"{what}, and {plan.failures} stop the roll-out"
+        return f"{_WHY[move.why]}; {what}{why}"
+    return f"{what}, and {plan.failures} stop the roll-out{why}"
 
 
 def _left_out(reason: str, seen: Mapping[str, RobotProgress]) -> str:

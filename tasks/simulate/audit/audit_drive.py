@@ -2,7 +2,7 @@
 
 C MuJoCo steps them in double precision among all solids. The engine that made the rows drives the sample again too:
 that gives the ways to compare, and shows whether the rows are what it makes of their requests. Rows that C MuJoCo made
-are made again and compared with nothing: that an engine agrees with itself is no evidence.
+are made again and compared with nothing: that an engine agrees with itself says only that the rows are its own.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -113,7 +113,7 @@ def audit(
         lanes: Lanes of a program: no more than there are episodes, since a program's idle lanes cost as much.
         engine: What the batch asked for.
         drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
-        progress: Told how many episodes were driven again, on either engine.
+        progress: Told how many of two drives for each episode are done, or will not be made.
 
     Raises:
         BundleCrash: An application that made rows before now fails.
@@ -129,7 +129,7 @@ def audit(
             theirs = drive_sample(others, worlds, bundles, lanes=lanes, engine=REFERENCE)
         except BundleCrash as crash:
             why = crash.reason
-    progress(len(here) + len(others))
+    progress(2 * len(sample))
     return with_verdict(_report(sample, ours, theirs, max(drawn, len(sample))), why)
 
 

@@ -108,13 +108,13 @@ def with_verdict(found: AuditReport, why_not_compared: str = "") -> AuditReport:
         why_not_compared: Why there are none of the reference, if so.
     """
     alarms = _alarms(found)
-    said = f"{found.lanes} lanes made again" if not found.unreproduced else ""
+    said = f"{found.lanes} of {found.lanes} rows were the same when driven again" if not found.unreproduced else ""
     if found.compared:
         p90 = f", p90 {found.way.p90_m:.1g} m apart" if found.way else ""
         failed = f", {found.failed.text()} failed ones" if found.failed.lanes else ""
         said = f"{found.compared} lanes on C MuJoCo: {found.spread.text()} outcomes flipped{failed}{p90}"
     elif not found.unreproduced:
-        said += f", not compared: {why_not_compared}" if why_not_compared else ", not compared"
+        said += f"; not compared: {why_not_compared}" if why_not_compared else "; not compared"
     enough = found.compared > 0 and 2 * found.compared >= max(found.sampled, found.lanes)
     if found.compared and not enough:
         said += f"; no more than {found.compared} of the {max(found.sampled, found.lanes)} drawn could be compared"

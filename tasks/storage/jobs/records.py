@@ -27,6 +27,7 @@ from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.request_changes import changes_text
 from tasks.storage.jobs.transitions import Transition, announce_transition
 from tasks.storage.store_url import store_id
 
@@ -98,7 +99,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
     """
     digest = request_digest(request)
     new = _Token(token=token, request_digest=digest, id=job_id(kind, token))
-    _record_token(store, kind, new)
+    _record_token(store, kind, new, request)
     now_s = time.time()
     record = JobRecord(
         kind=kind,
@@ -117,10 +118,10 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
     try:
         store.create(job_key(kind, new.id), encode_document(record))
     except ObjectExists:
-        return _as_requested(read(store, kind, new.id), new)
+        return _as_requested(store, read(store, kind, new.id), new, request)
     # Housekeeping removes the token of a job without a record, then looks whether there is a record: one of us sees it.
     if not store.exists(token_key(kind, token)):
-        _record_token(store, kind, new)
+        _record_token(store, kind, new, request)
     return record
 
 
@@ -239,31 +240,32 @@ def _one_line(reason: str) -> str:
     return " ".join(reason.split())[:_LONGEST_REASON]
 
 
-def _as_requested(record: JobRecord, new: _Token) -> JobRecord:
+def _as_requested(store: Store, record: JobRecord, new: _Token, request: dict[str, JsonValue]) -> JobRecord:
     """Returns the record of a job whose token was missing for a moment, if it was made for this very request."""
     if record.request_digest != new.request_digest:
         old = _Token(token=record.token, request_digest=record.request_digest, id=record.id)
-        raise _mismatch(record.kind, old, new)
+        raise _mismatch(store, record.kind, old, request)
     return record
 
 
-def _record_token(store: Store, kind: JobKind, new: _Token) -> None:
+def _record_token(store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue]) -> None:
     key = token_key(kind, new.token)
     try:
         store.create(key, encode_document(new))
     except ObjectExists:
         old = decode_document(_Token, store.get(key), store, key)
         if old.request_digest != new.request_digest:
-            raise _mismatch(kind, old, new) from None
+            raise _mismatch(store, kind, old, request) from None
 
 
-def _mismatch(kind: JobKind, old: _Token, new: _Token) -> IdempotentParameterMismatch:
-    fault = Fault(
-        path="clientRequestToken",
-        value=repr(new.token),
-        allowed=f"came before with request {old.request_digest} ({old.id}), now with {new.request_digest}; "
-        "send the same request, or another token",
-    )
+def _mismatch(store: Store, kind: JobKind, old: _Token, request: dict[str, JsonValue]) -> IdempotentParameterMismatch:
+    try:
+        what = f": {changes_text(read(store, kind, old.id).request, request)}"
+    except ResourceNotFound:  # who sent it died before the record
+        what = ""
+    digests = f"request {old.request_digest}, now {request_digest(request)}"
+    allowed = f"came before with another request ({old.id}){what}; send the same one, or another token ({digests})"
+    fault = Fault(path="clientRequestToken", value=repr(old.token), allowed=allowed)
     return IdempotentParameterMismatch([fault], source=kind)
 
 

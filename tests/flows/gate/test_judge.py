@@ -130,6 +130,17 @@ def test_where_nobody_drove_it_the_rule_is_open_and_says_what_to_do(file_store: 
     assert "put both versions into createSimulationJobRequests" in verdict.sentence
 
 
+def test_a_batch_that_another_owner_vouches_for_is_named_with_the_key_to_bring(
+    file_store: Store, shelf: Shelf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    before = ended(file_store, shelf.old, scenario=shelf.scenario, name="before")
+    monkeypatch.setenv("SIMYARD_OWNER_KEY", str(tmp_path / "fresh machine" / "key"))
+    found = find_baseline(RULE, ended(file_store, shelf.new, scenario=shelf.scenario), file_store)
+    assert isinstance(found, NoBaseline)
+    assert f"batch {before.id} drove version 1 of courier" in found.why
+    assert "bring the owner's key" in found.why
+
+
 def test_a_version_that_does_not_exist_is_refused(file_store: Store, shelf: Shelf):
     batch = ended(file_store, shelf.new, scenario=shelf.scenario)
     with pytest.raises(ResourceNotFound, match="applicationVersion"):

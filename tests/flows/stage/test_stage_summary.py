@@ -18,11 +18,14 @@ from flows.stage.stage_summary import (
     with_alarm,
 )
 from specs.data.run_report import PipelineReport, StageReport, Verdict
+from specs.digest import canonical_document, canonical_json
 from specs.errors import DocumentError, StageFailed
 from specs.job_kinds import JobKind
 from specs.robomaker.failure_codes import JobFailureCode
+from tasks.storage.base.keys import contact_sheet_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
+from tests.factories.worlds import apartment
 
 
 def _ended(
@@ -63,6 +66,22 @@ def test_a_partial_generation_says_how_many_worlds_failed(file_store: Store):
     failures: dict[str, JsonValue] = {"InvalidInput": {"count": 2, "sample_reason": "too small"}}
     record = _ended(file_store, "world-generation-job", "PartialFailed", {"worlds": ["g/a"], "failures": failures})
     assert generation_report(record, file_store, 1.0).summary == "1 world, 2 failed"
+
+
+def test_worlds_tell_which_wishes_they_do_not_fulfil_and_where_the_sheet_is(file_store: Store):
+    worlds: list[JsonValue] = []
+    for name in ("a", "b"):
+        world = apartment(generation="g", name=name, unmet=("Sofa: 0, wished 1",))
+        file_store.create(world_key("g", name), canonical_json(canonical_document(world)))
+        worlds.append(f"g/{name}")
+    record = _ended(file_store, "world-generation-job", "Completed", {"worlds": worlds})
+    file_store.create(contact_sheet_key(record.id), b"<svg/>")
+    stage = generation_report(record, file_store, 1.0)
+    assert stage.summary.startswith("2 worlds; 2 wishes not fulfilled: Sofa: 0, wished 1")
+    assert stage.artefacts[1].url == f"{file_store.url}/{contact_sheet_key(record.id)}"
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_report(PipelineReport(run="run-1", name="worlds", stages=(stage,)), console)
+    assert "Done, but wishes of the template that its worlds do not fulfil: 2;" in console.export_text()
 
 
 def test_a_batch_tells_passes_and_where_its_tables_lie(file_store: Store):

@@ -80,8 +80,11 @@ def test_rows_of_another_kind_of_device_are_compared_but_not_made_again(
 def test_rows_that_mujoco_made_are_made_again_and_not_called_evidence(pens: dict[str, World]):
     requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k) for k in range(4)]
     made = _mujoco(requests, pens)
-    found = audit(sample(requests, made), pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco")
+    driven: list[int] = []
+    drawn = sample(requests, made)
+    found = audit(drawn, pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", progress=driven.append)
     assert (found.verdict, found.engine, found.compared, found.unreproduced) == ("NOT COMPARED", "mujoco", 0, ())
+    assert driven[-1] == 2 * len(requests)  # a full bar
     assert (found.final, found.way, found.spread.rate) == (None, None, None)
     tampered = [row.model_copy(update={"energy_j": 1e-6}) for row in made[:1]]
     assert audit(sample(requests[:1], tampered), pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco").unreproduced

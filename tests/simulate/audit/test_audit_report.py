@@ -64,7 +64,7 @@ def test_a_comparison_of_an_engine_with_itself_is_none():
     found = with_verdict(AuditReport(verdict="NOT RUN", sentence="", lanes=4), "the rows were made by mujoco")
     assert (found.verdict, found.sentence) == (
         "NOT COMPARED",
-        "4 lanes made again, not compared: the rows were made by mujoco",
+        "4 of 4 rows were the same when driven again; not compared: the rows were made by mujoco",
     )
 
 

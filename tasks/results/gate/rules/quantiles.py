@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from specs.base import Fault
 from specs.data.result_columns import MEASURES
 from specs.pipeline.gate_section import Gate, QuantileRule
-from specs.spelling import meant
+from specs.rules import nearest
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_above,
@@ -94,9 +94,11 @@ def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
 
 def metric_rule(name: str, known: Sequence[str]) -> str:
     """Returns which metrics a rule may ask for, the one that was probably meant first."""
+    close = name if name in MEASURES else f"{_PREFIX}{near}" if (near := nearest(name, known)) else ""
+    hint = f'did you mean "{close}"? ' if close else ""
     if not known:
-        return f"one of {', '.join(MEASURES)}; the scenario measures nothing by itself"
-    return f"{meant(name, known)}the scenario measures {', '.join(f'{_PREFIX}{each}' for each in known)}"
+        return f"{hint}one of {', '.join(MEASURES)}; the scenario measures nothing by itself"
+    return f"{hint}the scenario measures {', '.join(f'{_PREFIX}{each}' for each in known)}"
 
 
 def _interval(values: Sequence[float], unknown: int, asked: QuantileRule) -> Interval:

@@ -126,7 +126,11 @@ def test_an_ended_deployment_is_shown_as_it_ended_and_who_is_otherwise_since(fil
 
 def test_each_robot_of_a_fleet_is_told_with_what_it_runs(file_store: Store, tmp_path: Path) -> None:
     deployed(file_store, tmp_path)
-    assert fleet_notes(file_store, FLEET) == ["r0 runs courier 2", "r1 runs nothing", "r2 runs courier 1"]
+    assert fleet_notes(file_store, FLEET) == [
+        "r0 has courier 2; its agent last reported 0 min ago",
+        "r1 has nothing; its agent last reported 0 min ago",
+        "r2 has courier 1; its agent last reported 0 min ago",
+    ]
 
 
 def test_the_next_deployment_is_waited_for_and_one_under_way_is_not(file_store: Store, tmp_path: Path) -> None:
