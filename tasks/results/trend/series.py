@@ -14,7 +14,7 @@ import numpy as np
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR, Change, NightCount, find_changes
-from tasks.results.statistics.intervals import wilson_bounds
+from tasks.results.statistics.interval_arrays import wilson_bounds
 from tasks.results.tables.history_rows import Cell
 from tasks.results.trend.night import Night
 
