@@ -28,5 +28,7 @@ def test_the_first_fields_that_differ_are_told_with_both_values(before: JsonValu
 
 def test_a_reused_token_names_the_field_that_changed(file_store: Store):
     submit(file_store, "simulation-job-batch", {"seeds": [1], "lanes": 8}, "batch-1")
-    with pytest.raises(IdempotentParameterMismatch, match=r"'batch-1': came before .*: lanes was 8 and is 16; send the same one"):
+    with pytest.raises(
+        IdempotentParameterMismatch, match=r"'batch-1': came before .*: lanes was 8 and is 16; send the same one"
+    ):
         submit(file_store, "simulation-job-batch", {"seeds": [1], "lanes": 16}, "batch-1")
