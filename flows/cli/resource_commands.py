@@ -90,7 +90,7 @@ def restart(
 
 
 def list_(
-    kind: Annotated[str, typer.Argument(help=_KINDS)],
+    kind: Annotated[str | None, typer.Argument(help=_KINDS, show_default=False)] = None,
     *,
     store: StoreUrl = None,
     as_json: Annotated[
@@ -106,6 +106,8 @@ def list_(
     ] = None,
 ) -> None:
     """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
+    if kind is None:
+        raise typer.BadParameter(f"say what to list, one of {_KINDS}", param_hint="KIND")
     from flows.resource.abandoned_jobs import kind_notes
     from flows.resource.answers import list_page, list_resources
     from tasks.storage.store_url import open_existing_store

@@ -24,7 +24,7 @@ class _Launch(NamedTuple):
 
 
 def check_launch_files(spec: PipelineSpec, base: Path) -> None:
-    """Refuses launch files that the document's own bundles do not have, and bundles that are no folders.
+    """Refuses launch files that the document's own bundles do not have.
 
     Args:
         spec: The document.
@@ -34,14 +34,10 @@ def check_launch_files(spec: PipelineSpec, base: Path) -> None:
         DocumentError: With a fault for each.
     """
     own = {(each.kind, each.name): base / each.source for each in spec.applications}
-    faults = [
-        Fault(path=f"applications[{number}].source", value=repr(each.source), allowed="a folder; there is none")
-        for number, each in enumerate(spec.applications)
-        if not (base / each.source).is_dir()
-    ]
+    faults: list[Fault] = []
     for launch in _launches(spec):
         folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
-        if folder and folder.is_dir() and not (folder / launch.file).is_file():
+        if folder and not (folder / launch.file).is_file():
             allowed = f"{launch.meant} in {launch.application}'s bundle; it has no {launch.file}"
             faults.append(Fault(path=launch.path, value=repr(Path(launch.file).name), allowed=allowed))
     if faults:

@@ -16,7 +16,7 @@ def _use(application: str, package: str, file: str) -> dict[str, Any]:
     return {"application": application, "launchConfig": {"packageName": package, "launchFile": file}}
 
 
-def _spec(folder: Path, robot: dict[str, Any], source: str = "mine", **sections: object) -> PipelineSpec:
+def _spec(folder: Path, robot: dict[str, Any], **sections: object) -> PipelineSpec:
     if not (folder / "mine").exists():
         shutil.copytree(ROOT / "applications/courier", folder / "mine")
     request = {
@@ -25,7 +25,7 @@ def _spec(folder: Path, robot: dict[str, Any], source: str = "mine", **sections:
         "simulationApplications": [_use("delivery", "delivery", "rooms")],
     }
     batch = {"matrix": {"worlds": ["g/w"]}, "createSimulationJobRequests": [request]}
-    own = [{"name": "mine", "source": source}]
+    own = [{"name": "mine", "source": "mine"}]
     return PipelineSpec.model_validate({"name": "n", "applications": own, "simulationBatch": batch, **sections})
 
 
@@ -39,11 +39,6 @@ def test_a_script_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
     spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"), deployment=deployment)
     with pytest.raises(DocumentError, match=r"deploymentApplicationConfigs\[0\].launchConfig.launchFile: 'walk.sh'"):
         check_launch_files(spec, tmp_path)
-
-
-def test_a_bundle_that_is_no_folder_is_told_in_words(tmp_path: Path):
-    with pytest.raises(DocumentError, match=r"applications\[0\].source: 'mime': a folder; there is none"):
-        check_launch_files(_spec(tmp_path, _use("mine", "courier", "x"), source="mime"), tmp_path)
 
 
 def test_what_is_there_is_not_refused(tmp_path: Path):
