@@ -92,7 +92,9 @@ def _empty_keys(data: JsonValue) -> Iterator[Fault]:
     while pending:
         place, value = pending.pop()
         if value is None:
-            yield Fault(path=path_of(place), value="nothing", allowed="a value; or leave the key out")
+            yield Fault(
+                path=path_of(place), value="nothing", allowed="a value, indented below the key; or leave the key out"
+            )
         elif isinstance(value, list):
             pending.extend(((*place, number), item) for number, item in reversed(list(enumerate(value))))
         elif isinstance(value, dict):

@@ -95,6 +95,7 @@ def plan(file: Document, store: StoreUrl = None) -> None:
 
 def validate(file: Document) -> None:
     """Check a document, or a template alone, and tell all its faults at once."""
+    from flows.document.launch_files import unchecked_references
     from flows.document.own_bundles import check_own_bundles
     from tasks.documents.pipeline_file import read_pipeline
     from tasks.documents.template_source import read_template_alone
@@ -112,6 +113,8 @@ def validate(file: Document) -> None:
     with _name_file(file):
         check_own_bundles(spec, file.resolve().parent)
     echo(f"{file}: {spec.name}: valid")
+    if left := unchecked_references(spec):
+        echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does")
 
 
 @contextmanager
