@@ -13,7 +13,7 @@ _VARIABLES = ("PREFECT_API_URL", "PREFECT_API_AUTH_STRING", "PREFECT_HOME", "PRE
 _one_counts = Lock()
 
 
-class _Holder:
+class Holder:
     """A thread that holds the server for as long as somebody uses it."""
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class _Holder:
             self._ready.set()
 
 
-_holders: list[_Holder] = []
+holders: list[Holder] = []
 
 
 @contextmanager
@@ -67,11 +67,11 @@ def shared_server() -> Generator[dict[str, str], None, None]:
         StageFailed: There is none, and none comes up.
     """
     with _one_counts:
-        if not _holders:
-            holder = _Holder()
+        if not holders:
+            holder = Holder()
             holder.start()
-            _holders.append(holder)
-        holder = _holders[-1]
+            holders.append(holder)
+        holder = holders[-1]
         holder.users += 1
     try:
         yield dict(holder.variables)
@@ -79,5 +79,5 @@ def shared_server() -> Generator[dict[str, str], None, None]:
         with _one_counts:
             holder.users -= 1
             if not holder.users:
-                _holders.remove(holder)
+                holders.remove(holder)
                 holder.end()

@@ -4,7 +4,8 @@ Pydantic skips a model's own validators as soon as one of its fields is wrong, s
 the next. A `Ruled` document looks at the raw data instead, and raises everything at once.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self, cast
 
@@ -118,6 +119,25 @@ def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
     if twice:
         raise broken(f"each value once; {twice[0]!r} occurs more than once")
     return values
+
+
+def nearest(text: str, known: Iterable[str], alike: float = 0.6) -> str:
+    """Returns the known name that a text is most like, whatever its capitals; empty if it is like none.
+
+    Args:
+        text: The name, perhaps misspelled.
+        known: The names that there are.
+        alike: How much alike they must be, 0-1, as difflib counts.
+    """
+    lowered = {one.lower(): one for one in known}
+    close = difflib.get_close_matches(text.lower(), list(lowered), n=1, cutoff=alike)
+    return lowered[close[0]] if close else ""
+
+
+def meant(text: str, known: Iterable[str]) -> str:
+    """Returns ``did you mean "..."? `` with the known name that a text is most like; empty if it is like none."""
+    found = nearest(text, known)
+    return f'did you mean "{found}"? ' if found else ""
 
 
 def _line(finding: Finding) -> InitErrorDetails:

@@ -18,7 +18,8 @@ from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Baseline, gather
 from tasks.results.gate.gate import GateVerdict, judge
 from tasks.results.gate.later_evidence import LaterEvidence, WrittenEvidence, write_later_evidence
-from tasks.results.gate.rules.quantiles import measured_names, metric_faults
+from tasks.results.gate.rules.metric_names import metric_faults
+from tasks.results.gate.rules.quantiles import measured_names
 from tasks.results.gate.rules.rule import GateMaterial, RuleVerdict
 from tasks.results.report.judgement import read_judgement
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings

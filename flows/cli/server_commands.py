@@ -14,6 +14,8 @@ def up() -> None:
 
     home = prefect_home()
     server, password = keep(home), shlex.quote(str(password_file(home)))
+    if server.notice:
+        echo(server.notice, err=True)
     # A shell takes all of it: eval "$(simyard up)"
     echo(f"# Prefect: {server.api_url.removesuffix('/api')}  (log: {server.log})")
     echo(f"# its pages ask for the password in {password}")

@@ -3,6 +3,7 @@
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,6 +14,7 @@ from flows.cli.output import TerminalConsole, echo, echo_json
 
 if TYPE_CHECKING:
     from tasks.housekeeping.findings import FindingRow, GcReport
+    from tasks.housekeeping.machine import MachineReport, MachineRow
     from tasks.storage.base.store import Store
 
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
@@ -38,6 +40,9 @@ def gc(
     grace: _Age = "24h",
     older_than: _EndedAge = None,
     unused: _UnusedAge = "30d",
+    machine: Annotated[
+        bool, typer.Option("--machine", help="Tell what lies outside of stores on this machine, to uninstall Simyard.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
     store: Annotated[
         str | None,
@@ -52,6 +57,9 @@ def gc(
     from tasks.storage.base.cache_folder import cache_folder
     from tasks.storage.store_url import open_existing_store
 
+    if machine:
+        _machine(cache_folder(), remove=yes, as_json=as_json)
+        return
     ages = Ages(
         _seconds(grace, "--grace"),
         _seconds(older_than, "--older-than") if older_than else None,
@@ -66,6 +74,33 @@ def gc(
         echo(f"{report.store}: {each.record} cannot be read: {each.why}; {', '.join(each.keeps)} stay", err=True)
     if report.unread:
         raise typer.Exit(3)
+
+
+def _machine(cache: Path, *, remove: bool, as_json: bool) -> None:
+    from tasks.housekeeping.machine import clean_machine
+
+    report = clean_machine(cache, Path.home(), remove=remove)
+    if as_json:
+        echo_json(report.model_dump_json(indent=2))
+        return
+    for line in _machine_lines(report):
+        echo(line)
+
+
+def _machine_lines(report: "MachineReport") -> Iterator[str]:
+    """Yields a line for what is of one sort in one folder, and then what it comes to."""
+    groups: dict[tuple[str, str, str, str], list[MachineRow]] = {}
+    for row in report.rows:
+        groups.setdefault((row.what, row.owner, row.place.rpartition("/")[0], row.fate), []).append(row)
+    for (what, owner, folder, fate), rows in groups.items():
+        word, _, why = fate.partition(": ")
+        word = "gone" if report.removed and rows[0].goes else word
+        where = rows[0].place if len(rows) == 1 else f"{len(rows)} in {folder}"
+        yield f"{word:<6}{_size(sum(row.bytes for row in rows)):>10}  {owner}  {what}: {where}" + (
+            f" ({why})" if why else ""
+        )
+    total = _size(sum(row.bytes for row in report.rows if row.goes))
+    yield f"{total} {'gone' if report.removed else 'would go with --yes'}; stores and robots: docs/guide/uninstall.md"
 
 
 def _show(report: "GcReport", console: Console) -> None:

@@ -10,7 +10,7 @@ from specs.pipeline.gate_section import Gate
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import LATEST
 from tasks.applications.registry import unpack
-from tasks.results.gate.rules.quantiles import metric_faults
+from tasks.results.gate.rules.metric_names import metric_faults
 from tasks.simulate.application.declared_metrics import declared_metrics
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.cache_folder import cache_folder

@@ -23,6 +23,9 @@ from tasks.documents.parse import parse
 from tasks.documents.pipeline_file import read_pipeline
 
 _SPEC, _BASE, _FILE = "spec", "base", "document"
+# Not by "required": Prefect's server leaves that out where it checks the parameters of a deployment, to which a run may
+# add others.
+_NAMES_A_FILE = {"not": {"properties": {_FILE: {"not": {}}}}}
 
 
 class DocumentFile(Spec):
@@ -46,7 +49,7 @@ class _OrFile:
         given, file = handler(core_schema), DocumentFile.model_json_schema()
         fields = {**file["properties"], **handler.resolve_ref_schema(given)["properties"]}
         shown = {name: {**below, "position": position} for position, (name, below) in enumerate(fields.items())}
-        return {"type": "object", "properties": shown, "if": {"required": [_FILE]}, "then": file, "else": given}
+        return {"type": "object", "properties": shown, "if": _NAMES_A_FILE, "then": file, "else": given}
 
 
 DocumentParameter = Annotated[PipelineSpec, _OrFile()]

@@ -14,7 +14,11 @@ from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
+from specs.template.body import TemplateBody
 from tasks.applications.registry import unpack
+from tasks.documents.parse import parse
+from tasks.documents.pipeline_file import names_a_file
+from tasks.documents.source_text import read_document
 from tasks.simulate.forecast.cost import Span
 from tasks.simulate.forecast.forecast import Basis, EnginePlan, engine_plan
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -23,6 +27,7 @@ from tasks.simulate.process.confinement import confinement
 from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.store import Store
+from tasks.worlds.certificate.unused_sets import unused_sets
 
 _ROBOTS = "simulationBatch.createSimulationJobRequests[*].robotApplications"
 _BASES: Mapping[Basis, str] = {
@@ -65,8 +70,20 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         find = finder(trial, own)
         lines = deployment_lines(spec.deployment, trial, find, ships, batch, judged=spec.gate is not None)
         yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(lines))
-    for field in inert_fields(spec):
+    for field in (*inert_fields(spec), *_unused_in_template(spec.worldGeneration, base)):
         yield f"no effect         {field}"
+
+
+def _unused_in_template(section: WorldGeneration | None, base: Path) -> list[str]:
+    """Returns what in a template beside the document, or in it, has no effect."""
+    if section is None:
+        return []
+    template = section.template
+    if isinstance(template, str):
+        if not names_a_file(template):
+            return []
+        template = parse(TemplateBody, read_document(base / template), template)
+    return [f"worldGeneration.template: {line}" for line in unused_sets(template)]
 
 
 def _generation_line(section: WorldGeneration) -> str:

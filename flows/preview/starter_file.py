@@ -8,7 +8,8 @@ from specs.base import Fault
 from specs.data.world import RoomType
 from specs.errors import DocumentError
 from tasks.documents.shape_text import meant_text, same_word
-from tasks.worlds.starter import Version, starter_json, starter_template, starter_yaml
+from tasks.worlds.starter.commented_yaml import commented_yaml
+from tasks.worlds.starter.starter_template import Version, starter_json, starter_template
 
 _MOST_ROOMS = 6
 _ROOM_TYPES: dict[str, RoomType] = {str(kind): kind for kind in get_args(RoomType)}
@@ -31,7 +32,7 @@ def write_starter(output: Path, rooms: str, version: str) -> None:
     if faults:
         raise DocumentError(faults, "simyard world template")
     body = starter_template([_ROOM_TYPES[same_word(word, _ROOM_TYPES)] for word in _words(rooms)], _VERSIONS[version])
-    text = starter_json(body) if output.suffix.lower() == ".json" else starter_yaml(body)
+    text = starter_json(body) if output.suffix.lower() == ".json" else commented_yaml(body)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         with output.open("x", encoding="utf-8") as file:

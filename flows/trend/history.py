@@ -158,7 +158,7 @@ def _with_cells(
     for each, cells in zip(found, count_cells(rows, is_good(rows.value, at_most), len(found)), strict=True):
         own = [names.index(name) for name in each.night.variables]
         kept = tuple(
-            cell.model_copy(update={"variables": tuple(cell.variables[at] for at in own)})
+            cell._replace(variables=tuple(cell.variables[at] for at in own))
             for cell in cells
             if cell.bundle != each.compared_with
         )

@@ -42,8 +42,8 @@ def badge(word: str) -> Html:
 
 
 def link(url: str, label: str = "") -> Html:
-    """Returns a link; of what no browser opens, such as an object of S3, the text alone."""
-    if urlsplit(url).scheme not in _LINKED:
+    """Returns a link; of what no browser opens, such as an object of S3, or no eye sees whole, the text alone."""
+    if urlsplit(url).scheme not in _LINKED or terminal_text(url) != url:
         return text(f"{label}: {url}" if label else url)
     return Html(f'<a href="{escape(url)}" target="_blank" rel="noopener">{text(label or url)}</a>')
 

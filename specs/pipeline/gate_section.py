@@ -10,8 +10,7 @@ from specs.base import Spec
 from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
-from specs.rules import Finding, Ruled, broken, items, part
-from specs.spelling import meant
+from specs.rules import Finding, Ruled, broken, items, meant, part
 
 MAX_QUANTILES = 20
 _STOP_EARLY = "stopEarly"

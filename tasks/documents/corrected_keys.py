@@ -13,18 +13,39 @@ from tasks.documents.shape_text import same_word
 _Object = dict[str, JsonValue]
 
 
-def with_corrected_keys(data: JsonValue, model: type[BaseModel], errors: Iterable[ErrorDetails]) -> JsonValue | None:
-    """Returns a copy of the data with keys in the right capitals and on the right level; None if none is certain.
+CORRECTABLE = ("extra_forbidden", "tuple_type")
+"""The types of errors that may hide others: unknown keys, and what should be a list."""
+
+
+def with_corrections(data: JsonValue, model: type[BaseModel], errors: Iterable[ErrorDetails]) -> JsonValue | None:
+    """Returns a copy of the data with keys in the right capitals and on the right level, and single objects in lists.
 
     Args:
         data: What was read.
         model: What the document is.
-        errors: What is wrong with it; only unknown keys are looked at.
+        errors: What is wrong with it.
+
+    Returns:
+        The copy; None where no correction is certain.
     """
-    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
-    found = copy.deepcopy(data) if unknown else data
-    done = [_correct(found, model, place) for place in unknown]
+    hiding = [error for error in errors if error["type"] in CORRECTABLE]
+    found = copy.deepcopy(data) if hiding else data
+    done = [
+        _listed(found, model, error["loc"]) if error["type"] == "tuple_type" else _correct(found, model, error["loc"])
+        for error in hiding
+    ]
     return found if any(done) else None
+
+
+def _listed(data: JsonValue, model: type[BaseModel], place: Place) -> bool:
+    """Puts an object into a list of its own, where a list of such objects belongs."""
+    parent, key = _object_at(data, place[:-1]), str(place[-1])
+    value = parent.get(key) if parent is not None else None
+    known = known_keys(model, place)
+    if parent is None or not isinstance(value, dict) or not any(same_word(each, known) for each in value):
+        return False
+    parent[key] = [value]
+    return True
 
 
 def _correct(data: JsonValue, model: type[BaseModel], place: Place) -> bool:

@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from tasks.documents.corrected_keys import with_corrected_keys
+from tasks.documents.corrected_keys import CORRECTABLE, with_corrections
 from tasks.documents.fault_text import fault_of, only_repeats, path_of
 from tasks.documents.key_places import Place
 
@@ -46,26 +46,26 @@ def parse(model: type[Model], data: JsonValue, source: str = "document") -> Mode
 
 
 def _all_errors(exc: ValidationError, model: type[BaseModel], data: JsonValue) -> list[ErrorDetails]:
-    """Returns what is wrong with data, also below keys that are in the wrong capitals or on the wrong level.
+    """Returns what is wrong with data, also below keys in wrong capitals, on the wrong level, or without their list.
 
-    Pydantic does not look below a key that it does not know. Each round corrects such keys as far as that is certain;
-    the last one tells what else is wrong, and all of them tell the keys.
+    Pydantic does not look below what it does not know. Each round corrects that as far as it is certain; the last one
+    tells what else is wrong, and all of them tell what they corrected.
     """
-    unknown: list[ErrorDetails] = []
+    hiding: list[ErrorDetails] = []
     errors = exc.errors(include_url=False)
     for _ in range(_ROUNDS):
-        corrected = with_corrected_keys(data, model, errors)
+        corrected = with_corrections(data, model, errors)
         if corrected is None:
             break
-        unknown += [error for error in errors if error["type"] == "extra_forbidden"]
+        hiding += [error for error in errors if error["type"] in CORRECTABLE]
         data = corrected
         try:
             model.model_validate(data)
         except ValidationError as again:
             errors = again.errors(include_url=False)
         else:
-            return unknown
-    return [*unknown, *errors]
+            return hiding
+    return [*hiding, *errors]
 
 
 def _with_errors(

@@ -11,8 +11,10 @@ from specs.rules import items, part
 from specs.template.body import TemplateBody
 from tasks.documents.bare_requests import is_simulation_request, pipeline_of_request
 from tasks.documents.parse import parse
+from tasks.documents.shape_text import same_word
 from tasks.documents.source_text import read_document
 
+_TEMPLATE_KEYS = ("templateBody", "Version", "Buildings", "Floors", "Floorplan", "Interior", "Rooms")
 _BARE_REQUESTS = {
     "deploymentApplicationConfigs": "deployment",
     "worldCount": "worldGeneration",
@@ -47,6 +49,8 @@ def pipeline_of(data: JsonValue, source: Path, folder: Path) -> PipelineSpec:
     if is_simulation_request(data):
         return pipeline_of_request(data, source)
     _refuse_bare_request(data, source)
+    if is_template(data):
+        raise DocumentError([_template_alone(source)], str(source))
     beside = [*_template_faults(data, folder), *_missing_sources(data, folder)]
     try:
         spec = parse(PipelineSpec, data, str(source))
@@ -57,9 +61,25 @@ def pipeline_of(data: JsonValue, source: Path, folder: Path) -> PipelineSpec:
     return spec
 
 
+def is_template(data: JsonValue) -> bool:
+    """Returns whether data is a template, right or wrong, and no pipeline."""
+    keys = list(data) if isinstance(data, dict) else []
+    if any(key in PipelineSpec.model_fields for key in keys if key != "name"):
+        return False
+    return any(same_word(key, _TEMPLATE_KEYS) for key in keys)
+
+
 def names_a_file(template: str) -> bool:
     """Returns whether a template is named by a path, and not by an ARN, a URL or a name in the store."""
     return not template.startswith(("arn:", "{")) and "://" not in template and ("/" in template or "." in template)
+
+
+def _template_alone(path: Path) -> Fault:
+    allowed = (
+        f"a document beside it makes worlds of it, with `name: ...` and `worldGeneration: {{template: {path.name}, "
+        f"worldCount: {{floorplanCount: 1}}}}`; `simyard world preview {path}` draws one"
+    )
+    return Fault(path="document", value="a template alone", allowed=allowed)
 
 
 def _refuse_bare_request(data: JsonValue, path: Path) -> None:

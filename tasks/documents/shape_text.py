@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from specs.spelling import nearest
+from specs.rules import nearest
 from tasks.documents.key_places import (
     KeyPlace,
     Place,
@@ -69,7 +69,7 @@ def list_text(model: type[BaseModel], place: Place, value: object) -> str:
         return f"a list; write {key}: [{quoted if len(quoted) <= _LONGEST_QUOTE else '...'}]"
     if inside is None:
         return "a list"
-    if isinstance(value, dict) and set(value) <= set(inside.model_fields):
+    if isinstance(value, dict) and any(same_word(each, inside.model_fields) for each in value):
         return f"a list; write {key}: [{{...}}], with [ ] around what stands there, or - before it in YAML"
     return f"a list; write {key}: [{object_sample(inside)}]"
 

@@ -7,6 +7,7 @@ from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
+from tasks.documents.pipeline_file import is_template
 from tasks.documents.source_text import decode_source_text, read_document
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
@@ -39,6 +40,16 @@ def find_template(template: str | TemplateBody, store: Store, base: Path) -> Tem
     if "/" in name or "." in name:
         raise _missing(template, f"a file ({path} is none), s3://bucket/key, or a template in {store.url}")
     return _parse_template(_read_stored(store, template_key(name), template), template)
+
+
+def read_template_alone(path: Path) -> TemplateBody | None:
+    """Returns the template that a file holds, None where it holds something else.
+
+    Raises:
+        DocumentError: It holds a template with faults, or cannot be read.
+    """
+    data = read_document(path)
+    return parse(TemplateBody, data, str(path)) if is_template(data) else None
 
 
 def _read_stored(store: Store, key: str, template: str) -> bytes:

@@ -69,19 +69,19 @@ def remove_entry(entry: CacheEntry) -> bool:
     if now.used_s > entry.used_s and not entry.path.name.startswith("."):
         _put_back(aside, entry.path)
         return False
-    _remove(aside)
+    remove_path(aside)
     return True
 
 
 def _put_back(aside: Path, path: Path) -> None:
     try:
-        if aside.is_dir():
+        if aside.is_dir() and not aside.is_symlink():
             aside.rename(path)
             return
         path.hardlink_to(aside)  # a rename would write over a newer one
     except OSError:  # made again meanwhile
         pass
-    _remove(aside)
+    remove_path(aside)
 
 
 def _cached(cache: Path) -> Iterator[CacheEntry]:
@@ -103,7 +103,7 @@ def _used_s(found: os.stat_result) -> float:
 
 
 def _names(path: Path) -> Iterator[tuple[str, str]]:
-    for base, folders, files in os.walk(path):
+    for base, folders, files in os.walk(path) if not path.is_symlink() else ():
         yield from ((base, name) for name in (*folders, *files))
 
 
@@ -114,9 +114,12 @@ def _stat(path: Path) -> os.stat_result | None:
         return None
 
 
-def _remove(path: Path) -> None:
-    """Removes a file, or a folder whose own folders may be read-only; another gc may remove it too, or move it."""
-    if not path.is_dir():
+def remove_path(path: Path) -> None:
+    """Removes a file, a link, or a folder whose own folders may be read-only.
+
+    Another gc may remove it, too, or move it. Nothing behind a link is touched.
+    """
+    if path.is_symlink() or not path.is_dir():
         path.unlink(missing_ok=True)
         return
     for base, _, _ in os.walk(path):

@@ -45,12 +45,14 @@ class Server:
         pid: Its process id.
         log: Where its output goes.
         password: What PREFECT_API_AUTH_STRING is to be; empty if it asks for none.
+        notice: What to tell who started it; empty if nothing.
     """
 
     api_url: str
     pid: int
     log: str
     password: str = field(default="", repr=False, compare=False)
+    notice: str = field(default="", compare=False)
 
     def environment(self) -> dict[str, str]:
         """Returns the variables by which Prefect's client reaches the server."""
@@ -77,16 +79,17 @@ def configured(environment: Mapping[str, str], name: str) -> str:
     return value if isinstance(value, str) else ""
 
 
-def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]:
-    """Starts a server on a free port of 127.0.0.1 and returns it at once; it is not healthy yet.
+def launch(home: Path, *, bound: bool, port: int = 0) -> tuple[Server, subprocess.Popen[bytes]]:
+    """Starts a server on 127.0.0.1 and returns it at once; it is not healthy yet.
 
     Args:
         home: Folder for its database and log.
         bound: Whether it is for this process alone, and the kernel ends it with this process; otherwise it stays.
+        port: Where it listens; 0 for any free port.
     """
     home.mkdir(mode=0o700, parents=True, exist_ok=True)
     _close_database(home)
-    port, password = _free_port(), new_password()
+    port, password = port or _free_port(), new_password()
     command = [sys.executable, "-m", "tasks.server.guarded_server", str(port)]
     if bound:
         command = [sys.executable, "-m", "tasks.server.bound_child", str(os.getpid()), *command]

@@ -1,9 +1,14 @@
 """A server that stays: noted in a file as soon as it is launched, so that it is found and ended whatever happens."""
 
+import fcntl
+import hashlib
 import os
+import random
 import signal
+import socket
 import subprocess
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -17,6 +22,9 @@ from tasks.server.start_lock import take_turn
 from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, process_of, this_process
 
 _SILENT_S = 30.0
+_CHECKOUT, _PORT = "checkout", "port"
+_LOWEST_PORT, _HIGHEST_PORT = 1024, 65535
+_PORTS = range(20_000, 30_000)
 # Handles of kept servers that this very process started: it has to reap them when it ends them.
 _started_here: dict[int, subprocess.Popen[bytes]] = {}
 
@@ -40,7 +48,8 @@ def keep(home: Path) -> Server:
         kept = kept_server(home)
         if kept is not None:
             return kept
-        server, process = launch(home, bound=False)
+        port, notice = lasting_port(home)
+        server, process = launch(home, bound=False, port=port)
         try:
             _write(home, server)
             wait_until_healthy(server, process)
@@ -48,8 +57,68 @@ def keep(home: Path) -> Server:
             end(process)
             _forget(home)
             raise
+        remember_port(home, port)
         _started_here[server.pid] = process
-        return server
+        return replace(server, notice=notice)
+
+
+def checkout_home(cache: Path, checkout: Path) -> Path:
+    """Returns the folder of a checkout's own Prefect server: ``prefect`` for the first one, another for each other.
+
+    A server of one checkout shows and serves the runs of that one alone; two that share a cache folder may have
+    different versions of Prefect, and different deployments.
+
+    Args:
+        cache: The cache folder, which checkouts of one account share.
+        checkout: Where the code is.
+    """
+    first = cache / "prefect"
+    first.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with (first / _CHECKOUT).open("a+") as marker:
+        fcntl.flock(marker, fcntl.LOCK_EX)
+        marker.seek(0)
+        owner = marker.read()
+        if not owner or not Path(owner).is_dir():
+            marker.truncate(0)
+            marker.write(str(checkout))
+            owner = str(checkout)
+    other = f"prefect-{hashlib.sha256(str(checkout).encode()).hexdigest()[:8]}"
+    return first if owner == str(checkout) else cache / other
+
+
+def lasting_port(home: Path) -> tuple[int, str]:
+    """Returns the port for a server that stays, the one that it had before if that is free, and what to say of it.
+
+    Pages, profiles of Prefect and workers name the port. A new one is chosen below those that the system hands out.
+    """
+    try:
+        before = int((home / _PORT).read_text())
+    except (FileNotFoundError, ValueError):
+        before = 0
+    known = _LOWEST_PORT <= before <= _HIGHEST_PORT
+    if known and _is_free(before):
+        return before, ""
+    port = next(filter(_is_free, random.sample(_PORTS, len(_PORTS))), 0)
+    moved = (
+        f"another program has port {before}, which this server had: open pages, profiles and workers need the new one"
+    )
+    return port, moved if known else ""
+
+
+def remember_port(home: Path, port: int) -> None:
+    """Notes the port of a server that stays, for its next start."""
+    home.mkdir(mode=0o700, parents=True, exist_ok=True)
+    (home / _PORT).write_text(str(port))
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: old connections may linger
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
 
 
 def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:
@@ -71,6 +140,12 @@ def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:
         return None if is_known_dead(note.process) else _server(home, note)
     reason = f"the kept Prefect server, process {note.pid}, is silent; end it with simyard down. Log: {note.log}"
     raise StageFailed("InternalServiceError", reason)
+
+
+def kept_process(home: Path) -> int:
+    """Returns the number of the kept server's process; 0 if none is kept, or it does not run on this machine."""
+    note = _read(home)
+    return note.pid if note is not None and _runs_here(note) else 0
 
 
 def end_kept(home: Path, timeout_s: float = 20.0) -> Server | None:

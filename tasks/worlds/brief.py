@@ -170,7 +170,7 @@ def _ratio(aspect: AspectRatio) -> float:
 
 
 def _room_wish(room: FloorplanRoom, interior: InteriorTemplate) -> RoomWish:
-    furnishing = _governing(interior.Furniture.FurnitureArrangements, room)
+    furnishing = governing_set(interior.Furniture.FurnitureArrangements, room)
     sample = None if furnishing is None else furnishing.SampleSet
     return RoomWish(
         name=room.Name,
@@ -186,11 +186,11 @@ def _room_wish(room: FloorplanRoom, interior: InteriorTemplate) -> RoomWish:
 
 
 def _materials(sets: Sequence[InteriorMaterialSet], room: FloorplanRoom) -> tuple[str, ...]:
-    chosen = _governing(sets, room)
+    chosen = governing_set(sets, room)
     return () if chosen is None or chosen.SampleSet is None else chosen.SampleSet.MaterialTypes
 
 
-def _governing(sets: Sequence[AnySet], room: FloorplanRoom) -> AnySet | None:
+def governing_set(sets: Sequence[AnySet], room: FloorplanRoom) -> AnySet | None:
     """Returns the set that governs a room (components page: name before type), or None."""
     return next(_by_rank(sets, room), None)
 

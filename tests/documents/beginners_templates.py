@@ -123,4 +123,27 @@ NUMBERS: Mapping[str, Body] = {
     "seven rooms": home({"Rooms": [{"Type": "Bedroom", "Name": f"Bed {number}"} for number in range(7)]}),
     "nothing behind a key": {"Buildings": [{"Floors": [{"Floorplan": {"Rooms": None}}]}]},
 }
-BEGINNERS: Mapping[str, Body] = {**LEVELS, **SHAPES, **WORDS, **NUMBERS}
+OWN_WORDS: Body = {
+    "version": 2,
+    "buildings": {
+        "floors": [
+            {
+                "floorplan": {
+                    "rooms": [
+                        {"name": "Living", "type": "LivingRoom", "area": "25 m2"},
+                        {"name": "Bath", "type": "Bathroom", "area": 8},
+                    ],
+                    "connections": [{"from": "Living", "to": "Bath", "type": "door"}],
+                },
+                "interior": {"furniture": {"Bath": ["shower"]}},
+            }
+        ]
+    },
+}
+BEGINNERS: Mapping[str, Body] = {
+    **LEVELS,
+    **SHAPES,
+    **WORDS,
+    **NUMBERS,
+    "a whole flat in one's own words": OWN_WORDS,
+}

@@ -74,3 +74,26 @@ def test_a_name_a_url_an_arn_and_a_body_are_no_file(template: str):
 
 def test_the_example_is_valid():
     assert read_pipeline(ROOT / "examples" / "quickstart.yaml").name == "apartment-regression"
+
+
+@pytest.mark.parametrize("key", ["Buildings", "buildings", "Rooms", "templateBody"])
+def test_a_template_alone_is_told_what_makes_worlds_of_it(tmp_path: Path, key: str):
+    file = tmp_path / "home.yaml"
+    file.write_text(f"{key}: []\n")
+
+    with pytest.raises(DocumentError) as caught:
+        read_pipeline(file)
+
+    (fault,) = caught.value.faults
+    assert fault.value == "a template alone"
+    assert "worldGeneration: {template: home.yaml" in fault.allowed
+
+
+def test_a_document_with_a_section_is_never_taken_for_a_template(tmp_path: Path):
+    file = tmp_path / "home.yaml"
+    file.write_text("name: a\nworldGeneration: {}\nVersion: 1\n")
+
+    with pytest.raises(DocumentError) as caught:
+        read_pipeline(file)
+
+    assert {fault.path for fault in caught.value.faults} >= {"Version", "worldGeneration.worldCount"}

@@ -57,11 +57,11 @@ def night(at: int, rates: Sequence[float], rng: np.random.Generator, *, version:
 def history(count: int, drop_at: int = 0, drop: float = 0.06, seed: int = 7) -> list[Night]:
     """Returns nights of a rate of 95 %, from which a new version drops at a night, if any."""
     rng = np.random.default_rng(seed)
-    rates = np.linspace(0.91, 0.99, len(WORLDS))
+    rates = [0.91 + 0.08 * at / (len(WORLDS) - 1) for at in range(len(WORLDS))]
     found: list[Night] = []
     for at in range(count):
         fell = bool(drop_at) and at >= drop_at
-        found.append(night(at, rates - drop if fell else rates, rng, version=2 + at // 30 + fell))
+        found.append(night(at, [rate - drop for rate in rates] if fell else rates, rng, version=2 + at // 30 + fell))
     return found
 
 

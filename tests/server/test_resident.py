@@ -19,7 +19,7 @@ def children(monkeypatch: pytest.MonkeyPatch) -> Generator[list[subprocess.Popen
     """What was launched; a launch starts a program that answers nowhere."""
     launched: list[subprocess.Popen[bytes]] = []
 
-    def launch(home: Path, *, bound: bool) -> tuple[Server, subprocess.Popen[bytes]]:
+    def launch(home: Path, *, bound: bool, port: int) -> tuple[Server, subprocess.Popen[bytes]]:
         assert not bound
         launched.append(subprocess.Popen(["sleep", "600"]))
         return Server(api_url=NOBODY, pid=launched[-1].pid, log="its.log"), launched[-1]

@@ -91,6 +91,7 @@ def test_the_command_says_it(tmp_path: Path):
     assert "hides Simyard's package `tasks`" in told(run(tmp_path, "-m", "simyard", "--help"))
 
 
+@pytest.mark.long
 def test_the_entrypoint_of_a_deployment_says_it(tmp_path: Path):
     (tmp_path / "flows.py").write_text("from prefect import flow")
     load = "from prefect.flows import load_flow_from_entrypoint as f; f('simyard.flow.pipeline')"

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 
+import simyard
 from tests.repository import ROOT
 
 HEAVY = {"jax", "jaxlib", "prefect", "mujoco", "scipy", "numpy", "pyarrow", "pandas", "polars", "pydantic", "fsspec"}
@@ -30,6 +31,4 @@ def test_a_document_is_checked_without_the_simulator_and_without_prefect():
 
 
 def test_each_name_that_is_offered_is_there():
-    import simyard  # noqa: PLC0415 - the import is what is tested
-
     assert [name for name in simyard.__all__ if not callable(getattr(simyard, name))] == []

@@ -35,7 +35,7 @@ from tasks.server.health import (
     succeeds_within,
     url_without_password,
 )
-from tasks.server.resident import kept_password, kept_server
+from tasks.server.resident import checkout_home, kept_password, kept_server
 from tasks.server.watchdog import WatchdogPace, WatchdogState, guard_run
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.backends.overlay import OverlayStore
@@ -211,10 +211,10 @@ def _guard_server(server: ServerChoice, console: Console) -> Generator[WatchdogS
 
 
 def prefect_home() -> Path:
-    """Returns the folder of Simyard's own Prefect server: PREFECT_HOME, else one in the cache folder."""
+    """Returns the folder of Simyard's own Prefect server: PREFECT_HOME, else this checkout's in the cache folder."""
     if "PREFECT_HOME" in os.environ:
         return Path(os.environ["PREFECT_HOME"])
-    return cache_folder() / "prefect"
+    return checkout_home(cache_folder(), Path(process.__file__).resolve().parents[2])
 
 
 def _prepare_engine(spec: PipelineSpec) -> None:

@@ -14,7 +14,10 @@ _TO_EYE = (math.sin(_TURN_RAD), math.cos(_TURN_RAD))
 _MARGIN = 8.0
 _TOP_LIGHT, _FRONT_LIGHT, _SIDE_LIGHT = 1.06, 0.94, 0.78
 _TOUCH_M = 1e-3
-_STYLE = "path,ellipse{stroke-width:.7;stroke-linejoin:round}.clear{fill:none;stroke:#1769d2;stroke-dasharray:4 3}"
+_STYLE = (
+    "svg{background:#fff}path,ellipse{stroke-width:.7;stroke-linejoin:round}"
+    ".clear{fill:none;stroke:#1769d2;stroke-dasharray:4 3}"
+)
 
 _Page = tuple[float, float]
 _Span = tuple[float, float]
@@ -38,7 +41,6 @@ def solid_view_svg(title: str, solids: Sequence[Solid], clear: Rectangle | None 
     )
     element(root, "title", title)
     element(root, "style", _STYLE)
-    element(root, "rect", "", width="100%", height="100%", fill="#fff")
     page = element(root, "g", "", transform=f"translate({-left:.1f} {-top:.1f})")
     if floor:
         element(page, "path", "", d=_outline(floor), class_="clear")

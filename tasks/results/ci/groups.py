@@ -138,10 +138,14 @@ def _add_failures(groups: _Groups, failures: pa.Table) -> None:
 
 def _rows(table: pa.Table) -> Iterator[tuple[Hashable, Mapping[str, object]]]:
     """Yields each row with the key of its group: world, applications, variables."""
+    others = [name for name in table.column_names if name not in _KEY]
     for part in table.to_batches(_ROWS_AT_ONCE):
-        for row in part.to_pylist():
-            environment = tuple(sorted(cast("Sequence[tuple[str, str]]", row["environment"])))
-            yield (row["world"], tuple(row[name] for name in _APPLICATIONS), environment), row
+        columns = {name: part.column(name).to_pylist() for name in part.schema.names}
+        applications = zip(*(columns[name] for name in _APPLICATIONS), strict=True)
+        variables = (tuple(sorted(each)) for each in columns["environment"])
+        keys = zip(columns["world"], applications, variables, strict=True)
+        for key, values in zip(keys, zip(*(columns[name] for name in others), strict=True), strict=True):
+            yield key, dict(zip(others, values, strict=True))
 
 
 def _names(keys: Sequence[Hashable]) -> dict[Hashable, str]:

@@ -126,9 +126,10 @@ class _Sums:
         scale = 1.0 / self._dispersion(start, begins, last)
         whole_s, whole_n = (each[last + 1] - each[start] for each in (self.successes, self.n))
         late_s, late_n = (each[last + 1] - each[begins] for each in (self.successes, self.n))
-        early = _log_marginal((whole_s - late_s) * scale, (whole_n - late_n) * scale)
-        late = _log_marginal(late_s * scale, late_n * scale)
-        return early + late - _log_marginal(whole_s * scale, whole_n * scale)
+        passed = np.stack([whole_s - late_s, late_s, np.full_like(late_s, whole_s)]) * scale
+        n = np.stack([whole_n - late_n, late_n, np.full_like(late_n, whole_n)]) * scale
+        early, late, whole = _log_marginals(passed, n)
+        return early + late - whole
 
     def _dispersion(self, start: int, begins: Int[np.ndarray, " begins"], last: int) -> Float[np.ndarray, " begins"]:
         """Returns how much more nights differ than by the chance of single episodes; 1 at least."""
@@ -169,10 +170,11 @@ def _at_nights(change: Change, used: Sequence[int]) -> Change:
     return Change(**at, before=change.before, after=change.after)
 
 
-def _log_marginal(successes: Float[np.ndarray, "..."], n: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def _log_marginals(successes: Float[np.ndarray, "..."], n: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Returns the logarithm of the chance of episodes in their order, whatever the rate, by Jeffreys' prior."""
-    passed, failed = successes + _PRIOR, n - successes + _PRIOR
-    return _log_gamma(passed) + _log_gamma(failed) - _log_gamma(passed + failed) - math.log(math.pi)
+    # All at once: of so few numbers each call costs more than what it computes.
+    passed, failed, both = _log_gamma(np.stack([successes + _PRIOR, n - successes + _PRIOR, n + 2.0 * _PRIOR]))
+    return passed + failed - both - math.log(math.pi)
 
 
 def _log_gamma(x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:

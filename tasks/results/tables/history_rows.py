@@ -6,15 +6,13 @@ a hundred.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
-from specs.base import Spec
 from specs.data.result_columns import MEASURES
 
 SUCCESS, COLLISION = "success", "collision"
@@ -55,7 +53,7 @@ class HistoryRows:
     variables: Mapping[str, Labels]
 
 
-class Cell(Spec):
+class Cell(NamedTuple):
     """Episodes of one batch in one world, of one bundle, with the same values of variables.
 
     Attributes:
@@ -102,15 +100,14 @@ def join_rows(tables: Sequence[pa.Table], measure: str, variables: Sequence[str]
         measure: As there.
         variables: Environment variables whose values are wanted.
     """
-    # Descriptions of columns differ from version to version; what is in them does not.
-    rows = pa.concat_tables([_plain(table) for table in tables])
+    rows = pa.concat_tables(tables)
     words = rows.column("environment") if variables else None
     return HistoryRows(
         batch=np.repeat(np.arange(len(tables)), [table.num_rows for table in tables]),
         value=_values(rows, measure),
         world=_labels(rows.column("world")),
         bundle=_labels(rows.column("robot_digest")),
-        variables={name: _labels(_looked_up(cast("pa.ChunkedArray", words), name)) for name in variables},
+        variables={name: _looked_up(cast("pa.ChunkedArray", words), name) for name in variables},
     )
 
 
@@ -128,41 +125,80 @@ def count_cells(rows: HistoryRows, good: Bool[np.ndarray, " rows"], batches: int
         code = code * len(each.names) + each.codes
     _, first, cell = np.unique(code, return_index=True, return_inverse=True)
     measured = ~np.isnan(rows.value)
-    n = np.bincount(cell, measured, len(first)).astype(np.int64)
-    successes = np.bincount(cell, measured & good, len(first)).astype(np.int64)
+    n = np.bincount(cell, measured, len(first)).astype(np.int64).tolist()
+    successes = np.bincount(cell, measured & good, len(first)).astype(np.int64).tolist()
+    columns = [[each.names[code] for code in each.codes[first].tolist()] for each in labels]
     found: list[list[Cell]] = [[] for _ in range(batches)]
-    for at, row in enumerate(first):
-        world, bundle, *values = (each.names[each.codes[row]] for each in labels)
-        found[rows.batch[row]].append(
-            Cell(world=world, bundle=bundle, variables=tuple(values), successes=int(successes[at]), n=int(n[at]))
-        )
+    names = zip(*columns, strict=True)
+    for batch, (world, bundle, *values), passed, count in zip(
+        rows.batch[first].tolist(), names, successes, n, strict=True
+    ):
+        found[batch].append(Cell(world, bundle, tuple(values), passed, count))
     return [tuple(cells) for cells in found]
-
-
-def _plain(table: pa.Table) -> pa.Table:
-    return pa.table(table.columns, names=table.column_names)
 
 
 def _values(rows: pa.Table, measure: str) -> Float[np.ndarray, " rows"]:
     """Returns each row's value; a canceled episode, whose success is null, has none."""
-    counted = rows.column("success").is_valid().to_numpy()
-    found = rows.column(measure_column(measure))
+    counted = _whole(rows.column("success").is_valid().cast(pa.int8()))
+    found = _whole(rows.column(measure_column(measure)))
     if measure.startswith(_METRICS):
-        found = _looked_up(found, measure.removeprefix(_METRICS))
-    if measure == SUCCESS:
-        found = found.cast(pa.int8())
-    value = found.cast(pa.float64()).fill_null(np.nan).to_numpy()
+        value = _metric(found, measure.removeprefix(_METRICS))
+    else:
+        value = _numbers(found.cast(pa.int8()) if measure == SUCCESS else found)
     if measure == COLLISION:
         value = np.where(value > 0, 0.0, 1.0)
-    return np.where(counted, value, np.nan)
+    return np.where(_numbers(counted) > 0, value, np.nan)
 
 
-def _looked_up(words: pa.ChunkedArray, name: str) -> pa.ChunkedArray:
-    return pc.call_function("map_lookup", [words], pc.MapLookupOptions(name, "first"))  # pyright: ignore[reportAttributeAccessIssue] - stubs
+# Arrow's own to_numpy, fill_null and map_lookup import pandas if it is there, which takes longer than to read a
+# thousand files.
+def _whole(column: pa.ChunkedArray) -> pa.Array:
+    found = column.combine_chunks()
+    return pa.concat_arrays(found.chunks) if isinstance(found, pa.ChunkedArray) else found
+
+
+def _numbers(column: pa.Array) -> Float[np.ndarray, " rows"]:
+    """Returns numbers; NaN for null."""
+    values = column.cast(pa.float64())
+    data = np.frombuffer(values.buffers()[1], np.float64)[values.offset : values.offset + len(values)]
+    if not values.null_count:
+        return data
+    there = values.is_valid().cast(pa.int8())
+    return np.where(_numbers(there) > 0, data, np.nan)
+
+
+def _metric(words: pa.Array, name: str) -> Float[np.ndarray, " rows"]:
+    """Returns the number that each row's map has under a name; NaN where there is none."""
+    at, rows = _entries(words, name)
+    found = np.full(len(words), np.nan)
+    found[rows] = _numbers(words.items)[at]
+    return found
+
+
+def _looked_up(words: pa.ChunkedArray, name: str) -> Labels:
+    """Returns the text that each row's map has under a name."""
+    whole = _whole(words)
+    at, rows = _entries(whole, name)
+    items = _encoded(whole.items)
+    codes = np.full(len(whole), len(items.names) - 1, np.int64)  # the last name says that there is none
+    codes[rows] = items.codes[at]
+    return Labels(items.names, codes)
+
+
+def _entries(words: pa.Array, name: str) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"]]:
+    """Returns where in a map's entries a name stands, and in which rows."""
+    keys = _encoded(words.keys)
+    at = np.flatnonzero(keys.codes == keys.names.index(name)) if name in keys.names else np.zeros(0, np.int64)
+    ends = _numbers(words.offsets).astype(np.int64)
+    return at, np.searchsorted(ends, at, side="right") - 1
 
 
 def _labels(column: pa.ChunkedArray) -> Labels:
-    encoded = column.cast(pa.string()).fill_null(NOT_SET).combine_chunks().dictionary_encode()
-    encoded = encoded.chunk(0) if isinstance(encoded, pa.ChunkedArray) else encoded
-    names = cast("list[str]", encoded.dictionary.to_pylist())
-    return Labels(tuple(names), encoded.indices.to_numpy(zero_copy_only=False).astype(np.int64))
+    return _encoded(_whole(column))
+
+
+def _encoded(column: pa.Array) -> Labels:
+    found = column.cast(pa.string()).dictionary_encode()
+    names = cast("list[str]", found.dictionary.to_pylist())
+    codes = _numbers(found.indices)
+    return Labels((*names, NOT_SET), np.where(np.isnan(codes), len(names), codes).astype(np.int64))

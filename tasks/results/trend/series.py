@@ -14,7 +14,7 @@ import numpy as np
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR, Change, NightCount, find_changes
-from tasks.results.statistics.intervals import wilson_bounds
+from tasks.results.statistics.interval_arrays import wilson_bounds
 from tasks.results.tables.history_rows import Cell
 from tasks.results.trend.night import Night
 
@@ -89,8 +89,14 @@ class Trend:
     left_out: int
 
     def alarms(self) -> list[tuple[Series, Change]]:
-        """Returns all alarms, the newest first, and those of all episodes before those of some."""
-        found = [(each, change) for each in self.series for change in each.changes]
+        """Returns all alarms, the newest first, and those of all episodes before those of some.
+
+        Where all episodes changed, some of them do so, too: that is no alarm of its own unless it was seen before.
+        """
+        whole = self.series[0].changes
+        found = [(self.series[0], change) for change in whole]
+        for each in self.series[1:]:
+            found += [(each, change) for change in each.changes if not any(_is_part(change, of) for of in whole)]
         return sorted(found, key=lambda alarm: -alarm[1].seen)
 
 
@@ -105,7 +111,9 @@ def make_trend(nights: Sequence[Night], choice: Choice, nights_a_false_alarm: fl
     Raises:
         DocumentError: No episode was chosen, though there are nights.
     """
-    cells = [tuple(cell for cell in night.cells if _is_chosen(night, cell, choice)) for night in nights]
+    cells = [night.cells for night in nights]
+    if choice != Choice():
+        cells = [tuple(cell for cell in night.cells if _is_chosen(night, cell, choice)) for night in nights]
     if any(night.cells for night in nights) and not any(cells):
         raise _none_chosen(nights, choice)
     repeats = _repeats(nights)
@@ -123,6 +131,11 @@ def world_name(night: Night, world: str) -> str:
     """Returns what a world is called on all nights: without the generation, where the run itself made it."""
     generation, _, name = world.partition("/")
     return name if generation == night.generation else world
+
+
+def _is_part(change: Change, whole: Change) -> bool:
+    overlap = change.earliest <= whole.latest and whole.earliest <= change.latest
+    return overlap and change.fell == whole.fell and change.seen >= whole.seen
 
 
 def _repeats(nights: Sequence[Night]) -> list[bool]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from specs.base import Spec
 from tasks.results.statistics.change_point import Change
-from tasks.results.statistics.intervals import wilson_bounds
+from tasks.results.statistics.interval_arrays import wilson_bounds
 from tasks.results.trend.chart import Chart, day, draw_chart, fitting_axis, relative
 from tasks.results.trend.night import Night
 from tasks.results.trend.series import CONFIDENCE, Point, Series, Trend

@@ -1,6 +1,7 @@
 """docs/operate/operations.md, Watching: its artifacts, figures, events and automations are the program's."""
 
 import re
+from pathlib import Path
 from typing import get_args
 from uuid import uuid4
 
@@ -46,8 +47,9 @@ def test_every_figure_is_named(figure: str) -> None:
 
 def test_every_kind_of_event_has_a_row_of_statuses_that_there_are() -> None:
     events = told_events()
-    assert set(events) == {*(declared.event for declared in JOB_KINDS.values()), "gate"}
+    assert set(events) == {*(declared.event for declared in JOB_KINDS.values()), "gate", "trend"}
     assert events.pop("gate") == set(get_args(Verdict))
+    assert events.pop("trend") == {"Fell", "Rose"}
     assert {status for statuses in events.values() for status in statuses} <= _STATUSES
 
 
@@ -56,19 +58,20 @@ def test_every_fact_of_a_logged_change_and_every_format_is_named() -> None:
     assert [form for form in get_args(LogFormat) if form not in SECTION] == []
 
 
-def test_the_example_is_one_that_prefect_takes_and_expects_events_that_there_are() -> None:
-    made = yaml.safe_load(EXAMPLE.read_text().replace("BLOCK", str(uuid4())))["automations"]
+@pytest.mark.parametrize("example", [EXAMPLE, EXAMPLE.with_name("rate-fell.yaml")])
+def test_the_example_is_one_that_prefect_takes_and_expects_events_that_there_are(example: Path) -> None:
+    made = yaml.safe_load(example.read_text().replace("BLOCK", str(uuid4())))["automations"]
     automations = [AutomationCore.model_validate(each) for each in made]
     possible = {f"simyard.{kind}.{status}" for kind, statuses in told_events().items() for status in statuses}
     assert [event for each in made for event in each["trigger"]["expect"] if event not in possible] == []
     assert {action.type for each in automations for action in each.actions} == {"send-notification"}
-    assert "examples/automations/what-went-wrong.yaml" in SECTION
+    assert f"examples/automations/{example.name}" in SECTION
 
 
 def test_the_example_expects_every_end_of_a_job_without_what_was_asked_of_it() -> None:
     made = yaml.safe_load(EXAMPLE.read_text())["automations"]
     expected = {event for each in made for event in each["trigger"]["expect"]}
-    jobs = {kind: statuses for kind, statuses in told_events().items() if kind not in {"pipeline", "gate"}}
+    jobs = {kind: statuses for kind, statuses in told_events().items() if kind not in {"pipeline", "gate", "trend"}}
     ends = {"Failed", "TimedOut", "Canceled"}
     assert {f"simyard.{kind}.{status}" for kind, statuses in jobs.items() for status in statuses & ends} <= expected
 

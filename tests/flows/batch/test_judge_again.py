@@ -125,7 +125,7 @@ def test_a_metric_that_no_episode_has_is_refused_with_the_one_that_was_meant(fil
         judge_again(file_store, batch.id, quantile("metrics.wating_s"))
     (fault,) = caught.value.faults
     assert (fault.path, fault.value) == ("gate.quantiles[0].column", '"metrics.wating_s"')
-    assert fault.allowed.startswith('did you mean "waiting_s"?')
+    assert fault.allowed.startswith('did you mean "metrics.waiting_s"?')
 
 
 def test_a_metric_of_a_scenario_that_measures_nothing_is_refused(file_store: Store, tmp_path: Path):

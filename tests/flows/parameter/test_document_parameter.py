@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.utilities.callables import parameter_schema
 from prefect.utilities.schema_tools.validation import ValidationError, validate
@@ -39,6 +40,11 @@ def refused(parameters: dict[str, object]) -> str:
 @pytest.mark.parametrize("name", FLOWS)
 def test_the_server_takes_a_file_for_a_document(name: str):
     validate({"spec": {"document": "examples/quickstart.yaml"}}, schema(name), raise_on_error=True)
+
+
+@pytest.mark.parametrize("spec", [yaml.safe_load((ROOT / "examples/quickstart.yaml").read_text()), EXAMPLE])
+def test_a_deployment_may_have_either_when_it_is_made(spec: object):
+    validate({"spec": spec}, schema("pipeline"), raise_on_error=True, ignore_required=True)
 
 
 @pytest.mark.parametrize(

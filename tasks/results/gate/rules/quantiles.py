@@ -1,14 +1,11 @@
 """The rule ``quantiles``: a quantile of a column of the results lies where it must."""
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from specs.base import Fault
-from specs.data.result_columns import MEASURES
-from specs.pipeline.gate_section import Gate, QuantileRule
-from specs.spelling import meant
+from specs.pipeline.gate_section import QuantileRule
+from tasks.results.gate.rules.metric_names import PREFIX
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_above,
@@ -25,11 +22,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _METRICS = "metrics"
-_PREFIX = f"{_METRICS}."
 
 
 def _columns(asked: QuantileRule) -> Sequence[str]:
-    return ("status", _METRICS if asked.column.startswith(_PREFIX) else asked.column)
+    return ("status", _METRICS if asked.column.startswith(PREFIX) else asked.column)
 
 
 def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdict:
@@ -61,8 +57,8 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
 
 def _values(rows: "pa.Table", column: str) -> tuple[list[float], int]:
     """Returns a column's values, and how many episodes have none to rely on: null, or the job failed."""
-    if column.startswith(_PREFIX):
-        name = column.removeprefix(_PREFIX)
+    if column.startswith(PREFIX):
+        name = column.removeprefix(PREFIX)
         found = [dict(metrics).get(name) for metrics in rows.column(_METRICS).to_pylist()]
     else:
         found = rows.column(column).to_pylist()
@@ -77,26 +73,6 @@ def measured_names(rows: "pa.Table") -> frozenset[str]:
     if _METRICS not in rows.column_names:
         return frozenset()
     return frozenset(str(name) for metrics in rows.column(_METRICS).to_pylist() for name, _ in metrics)
-
-
-def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
-    """Returns a fault for each rule about a metric that is not among those that are known."""
-    return [
-        Fault(
-            path=f"gate.quantiles[{number}].column",
-            value=json.dumps(asked.column),
-            allowed=metric_rule(asked.column.removeprefix(_PREFIX), known),
-        )
-        for number, asked in enumerate(gate.quantiles or ())
-        if asked.column.startswith(_PREFIX) and asked.column.removeprefix(_PREFIX) not in known
-    ]
-
-
-def metric_rule(name: str, known: Sequence[str]) -> str:
-    """Returns which metrics a rule may ask for, the one that was probably meant first."""
-    if not known:
-        return f"one of {', '.join(MEASURES)}; the scenario measures nothing by itself"
-    return f"{meant(name, known)}the scenario measures {', '.join(f'{_PREFIX}{each}' for each in known)}"
 
 
 def _interval(values: Sequence[float], unknown: int, asked: QuantileRule) -> Interval:

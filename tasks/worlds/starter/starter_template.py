@@ -1,7 +1,6 @@
-"""A template to begin with: complete, valid, and commented where its format has comments."""
+"""A template to begin with: complete, and valid as it stands."""
 
 import json
-import re
 from collections.abc import Sequence
 from typing import Literal
 
@@ -12,7 +11,7 @@ from tasks.worlds.furnishing.programme import PROGRAMMES
 
 STARTER_ROOMS: tuple[RoomType, ...] = ("Hallway", "Living", "Kitchen", "Bedroom", "Bathroom")
 Version = Literal["1", "2"]
-_Object = dict[str, JsonValue]
+Body = dict[str, JsonValue]
 
 _NAMES: dict[RoomType, str] = {
     "Living": "Living room",
@@ -34,27 +33,9 @@ _WAYS_OF_A_ROOM = 4
 _AJAR_PERCENT = 95
 """A robot of 0.25 m, for which worlds are made, still gets through."""
 _WET: tuple[RoomType, ...] = ("Bathroom", "Kitchen")
-_COMMENTS = {
-    "Version": '"1" or "2"; 2 has doors, and Target.All.',
-    "Buildings": "One building with one floor.",
-    "Footprint": "Proportions of the whole home, x to y, each from 1 to 4. 1 to 1 leaves them to Simyard.",
-    "Ceiling": "Metres, from 2.4 to 4.0.",
-    "Rooms": "From 1 to 6, each with a name of its own. Bedroom, Bathroom, Living, Dining, Kitchen, Hallway, Closet.",
-    "Area": "Square metres, from 10 to 300.",
-    "AspectRatio": "Extent along x to extent along y, each from 1 to 4. 1 to 1 leaves it to Simyard.",
-    "DesiredConnections": "Wished ways, at most 4 of a room: Doorway, or Opening (a wide gap). More come where needed.",
-    "Interior": "Each set is for rooms by RoomNames or by RoomTypes; a set that names a room wins.",
-    "Flooring": "Carpet, Concrete, Floorboards, Linoleum, Parquetry, Tiles: one of the list is drawn.",
-    "Walls": "Brick, Concrete, Stone, Tiles, Wood panels, Wall paint, Wallpaper.",
-    "Furniture": "Other rooms get what suits their type. An empty list of ModelTypes leaves a room empty.",
-    "DesiredSpatialDensity": "Sparse, Moderate or Dense.",
-    "Doorways": "Hinged doors: Percent from 0 (shut) to 100 (fully open), or Random in each world.",
-}
-_PLAIN_TEXT = re.compile(r"(?!(?:true|false|null|yes|no)$)[A-Za-z][A-Za-z0-9_. -]*\Z", re.IGNORECASE)
-_WIDTH = 100
 
 
-def starter_template(rooms: Sequence[RoomType], version: Version) -> _Object:
+def starter_template(rooms: Sequence[RoomType], version: Version) -> Body:
     """Returns the body of a template with these rooms, every part of it filled in.
 
     Args:
@@ -63,7 +44,7 @@ def starter_template(rooms: Sequence[RoomType], version: Version) -> _Object:
     """
     names = _room_names(rooms)
     interior = _interior(rooms, names, version)
-    plan: _Object = {
+    plan: Body = {
         "Footprint": {"DesiredAspectRatio": {"x": 1, "y": 1}},
         "Ceiling": {"Height": 2.7},
         "Rooms": [_room(kind, name) for kind, name in zip(rooms, names, strict=True)],
@@ -75,13 +56,7 @@ def starter_template(rooms: Sequence[RoomType], version: Version) -> _Object:
     return {"Version": version, "Buildings": [{"Floors": [{"Floorplan": plan, "Interior": interior}]}]}
 
 
-def starter_yaml(body: _Object) -> str:
-    """Returns a body as YAML with a comment where a key comes for the first time."""
-    head = "# A WorldForge template. Every key, with its bounds: docs/reference/templates.md\n"
-    return head + "\n".join(_lines(body, 0, set())) + "\n"
-
-
-def starter_json(body: _Object) -> str:
+def starter_json(body: Body) -> str:
     """Returns a body as JSON, which has no comments."""
     return json.dumps(body, indent=2) + "\n"
 
@@ -95,7 +70,7 @@ def _room_names(rooms: Sequence[RoomType]) -> list[str]:
     return names
 
 
-def _room(kind: RoomType, name: str) -> _Object:
+def _room(kind: RoomType, name: str) -> Body:
     return {
         "Type": kind,
         "Name": name,
@@ -118,14 +93,14 @@ def _way(one: RoomType, other: RoomType) -> str:
     return "Opening" if {one, other} in ({"Living", "Dining"}, {"Dining", "Kitchen"}) else "Doorway"
 
 
-def _interior(rooms: Sequence[RoomType], names: Sequence[str], version: Version) -> _Object:
+def _interior(rooms: Sequence[RoomType], names: Sequence[str], version: Version) -> Body:
     kinds: list[RoomType] = list(dict.fromkeys(rooms))
     wet: list[RoomType] = [kind for kind in kinds if kind in _WET]
     dry: list[RoomType] = [kind for kind in kinds if kind not in _WET]
     floors = [_materials("Tiled floors", wet, "Tiles"), _materials("Wooden floors", dry, "Floorboards", "Parquetry")]
     everywhere: JsonValue = "Target.All" if version == "2" else {"RoomTypes": [*kinds]}
     largest = max(range(len(rooms)), key=lambda room: _AREAS_M2[rooms[room]])
-    interior: _Object = {
+    interior: Body = {
         "Flooring": {"MaterialSets": [each for each in floors if each]},
         "Walls": {
             "MaterialSets": [
@@ -139,13 +114,13 @@ def _interior(rooms: Sequence[RoomType], names: Sequence[str], version: Version)
     return interior
 
 
-def _materials(name: str, kinds: Sequence[RoomType], *materials: str) -> _Object:
+def _materials(name: str, kinds: Sequence[RoomType], *materials: str) -> Body:
     if not kinds:
         return {}
     return {"Name": name, "TargetSet": {"RoomTypes": [*kinds]}, "SampleSet": {"MaterialTypes": [*materials]}}
 
 
-def _arrangement(kind: RoomType, room: str) -> _Object:
+def _arrangement(kind: RoomType, room: str) -> Body:
     programme = PROGRAMMES[kind]
     listed = [*(each for choice in programme.essential for each in choice), *programme.likely]
     return {
@@ -156,59 +131,12 @@ def _arrangement(kind: RoomType, room: str) -> _Object:
     }
 
 
-def _doors(kinds: Sequence[RoomType]) -> _Object:
+def _doors(kinds: Sequence[RoomType]) -> Body:
     """Returns the doors of the most private rooms, a little less than fully open."""
     private = max(kinds, key=_PUBLIC.index)
-    ends: _Object = {"From": {"RoomTypes": [private]}, "To": {"RoomTypes": [*kinds]}}
+    ends: Body = {"From": {"RoomTypes": [private]}, "To": {"RoomTypes": [*kinds]}}
     return {
         "Name": "Doors ajar",
         "TargetSet": ends,
         "Door": {"InitialState": {"OpenPosition": {"Percent": _AJAR_PERCENT}}},
     }
-
-
-def _lines(data: _Object, indent: int, told: set[str]) -> list[str]:
-    """Returns the lines of an object, with each comment once."""
-    space, lines = " " * indent, list[str]()
-    for key, value in data.items():
-        if key in _COMMENTS and key not in told:
-            lines.append(f"{space}# {_COMMENTS[key]}")
-            told.add(key)
-        flow = _flow(value)
-        if indent + len(key) + len(flow) <= _WIDTH and not _has_comments(value, told):
-            lines.append(f"{space}{key}: {flow}")
-        elif isinstance(value, dict):
-            lines += [f"{space}{key}:", *_lines(value, indent + 2, told)]
-        else:
-            lines += [f"{space}{key}:", *_items(value, indent, told)]
-    return lines
-
-
-def _items(value: JsonValue, indent: int, told: set[str]) -> list[str]:
-    """Returns the lines of a list, its dashes below the key."""
-    lines: list[str] = []
-    for item in value if isinstance(value, list) else ():
-        if isinstance(item, dict):
-            inside = _lines(item, indent + 2, told)
-            first = next(number for number, line in enumerate(inside) if not line.lstrip().startswith("#"))
-            lines += [*inside[:first], f"{' ' * indent}- {inside[first].lstrip()}", *inside[first + 1 :]]
-        else:
-            lines.append(f"{' ' * indent}- {_flow(item)}")
-    return lines
-
-
-def _has_comments(value: JsonValue, told: set[str]) -> bool:
-    if isinstance(value, list):
-        return any(_has_comments(item, told) for item in value)
-    if not isinstance(value, dict):
-        return False
-    return any((key in _COMMENTS and key not in told) or _has_comments(below, told) for key, below in value.items())
-
-
-def _flow(value: JsonValue) -> str:
-    """Returns a value on one line."""
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{key}: {_flow(below)}' for key, below in value.items())}}}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_flow, value))}]"
-    return value if isinstance(value, str) and _PLAIN_TEXT.match(value) else json.dumps(value)

@@ -13,7 +13,8 @@ from specs.data.world import ROBOT_RADIUS_M, RoomType
 from specs.template.body import TemplateBody, template_body
 from tasks.documents.yaml_data import load_yaml
 from tasks.worlds.generate import generate_world
-from tasks.worlds.starter import STARTER_ROOMS, Version, starter_json, starter_template, starter_yaml
+from tasks.worlds.starter.commented_yaml import commented_yaml
+from tasks.worlds.starter.starter_template import STARTER_ROOMS, Version, starter_json, starter_template
 from tests.worlds.templates import ROOM_TYPES
 
 VERSIONS: tuple[Version, ...] = get_args(Version)
@@ -26,7 +27,7 @@ ROOMS = st.lists(st.sampled_from(ROOM_TYPES), min_size=1, max_size=6)
 def test_any_rooms_give_a_valid_template_that_reads_back_as_it_was_meant(rooms: list[RoomType], version: Version):
     body = starter_template(rooms, version)
     assert [room.Type for room in template_body(body).Buildings[0].Floors[0].Floorplan.Rooms] == rooms
-    assert load_yaml(starter_yaml(body), 40) == body
+    assert load_yaml(commented_yaml(body), 40) == body
     assert json.loads(starter_json(body)) == body
 
 
@@ -44,7 +45,7 @@ def test_it_has_every_key_that_a_template_may_have_but_the_older_name_of_a_room(
 
 
 def test_every_part_with_bounds_has_a_comment():
-    lines = starter_yaml(starter_template(STARTER_ROOMS, "2")).splitlines()
+    lines = commented_yaml(starter_template(STARTER_ROOMS, "2")).splitlines()
     told = {line.split(":")[0].strip(" -") for before, line in pairwise(lines) if "#" in before}
     assert {"Version", "Rooms", "Area", "AspectRatio", "Ceiling", "Doorways", "DesiredSpatialDensity"} <= told
 

@@ -1,0 +1,1 @@
+"""A template to begin with, for any rooms. Flows may import it."""
