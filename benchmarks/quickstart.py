@@ -20,7 +20,7 @@ from importlib import import_module
 from pathlib import Path
 
 from benchmarks.repository import ROOT
-from flows.cli.document.run_command import flush_prefect, prefect_home
+from flows.server.prefect_server import flush_prefect, prefect_home
 from specs.job_kinds import JobKind
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.server.process import run_server, wait_until_healthy

@@ -108,13 +108,13 @@ def compare(
         DocumentError: They have no episodes in common.
     """
     from flows.batch.compare_batches import common_episodes, find_batch
-    from flows.cli.batch.batch_text import comparison_answer, comparison_notes, warning
     from simyard.answer.comparison import Comparison
+    from tasks.results.compare.comparison_sentences import comparison_answer, comparison_notes, comparison_warning
     from tasks.results.compare.comparison_verdict import comparison
 
     one, other = (find_batch(*_batch(each, store)) for each in (first, second))
     found = comparison(one.work.id, other.work.id, common_episodes(one, other), margin=margin, confidence=confidence)
-    notes = (*comparison_notes(found), *filter(None, [warning(found)]))
+    notes = (*comparison_notes(found), *filter(None, [comparison_warning(found)]))
     return Comparison(found, comparison_answer(found), notes)
 
 

@@ -44,7 +44,7 @@ class Holder:
         self._thread.join()
 
     def _hold(self) -> None:
-        from flows.cli.document.run_command import prefect_server  # noqa: PLC0415 - only where a server is wanted
+        from flows.server.prefect_server import prefect_server  # noqa: PLC0415 - only where a server is wanted
 
         try:
             with prefect_server():

@@ -84,7 +84,7 @@ def measured(crew: str, episodes: int, cache: Path) -> Run:
 
 def run_child(episodes: int, folder: Path) -> None:
     """Runs a batch in this process, and leaves what it took in the folder."""
-    from flows.cli.document.run_command import prefect_server  # noqa: PLC0415 - Prefect takes its settings from the child's environment
+    from flows.server.prefect_server import prefect_server  # noqa: PLC0415 - Prefect takes its settings from the child's environment
 
     store_url = (folder / "store").as_uri()
     with prefect_server():

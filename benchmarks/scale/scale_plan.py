@@ -204,7 +204,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--document", type=Path)
     given = parser.parse_args()
-    from flows.cli.document.run_command import prefect_home  # noqa: PLC0415 - so that a test of the simulation needs no server
+    from flows.server.prefect_server import prefect_home  # noqa: PLC0415 - so that a test of the simulation needs no server
     from tasks.server.process import run_server, wait_until_healthy  # noqa: PLC0415 - as above
 
     with run_server(prefect_home()) as (server, child):

@@ -8,7 +8,7 @@ def up() -> None:
     """Start a Prefect server that stays; `simyard run` uses it, and `eval "$(simyard up)"` lets `prefect` use it."""
     import shlex
 
-    from flows.cli.document.run_command import prefect_home
+    from flows.server.prefect_server import prefect_home
     from tasks.server.password import password_file
     from tasks.server.resident import keep
 
@@ -25,7 +25,7 @@ def up() -> None:
 
 def down() -> None:
     """End the server that `simyard up` started."""
-    from flows.cli.document.run_command import prefect_home
+    from flows.server.prefect_server import prefect_home
     from tasks.server.resident import end_kept
 
     server = end_kept(prefect_home())

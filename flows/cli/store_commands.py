@@ -187,7 +187,7 @@ def reap(
 
 def _end_flow_runs(store: "Store") -> list[str]:
     """Returns the ids of the flow runs that were ended; without a server, or without such runs, Prefect stays out."""
-    from flows.cli.document.run_command import known_server
+    from flows.server.prefect_server import known_server
     from tasks.storage.jobs.records import records
     from tasks.storage.jobs.runs import FLOW_RUN, KIND
 

@@ -1,12 +1,11 @@
 """A document's nights for Python: each with its rate, and where the rate changed."""
 
-from tests.factories.histories import history
-
 import simyard
 from simyard.answer.trend import Trend
 from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import Choice, make_trend
 from tasks.results.trend.view import trend_view
+from tests.results.trend.histories import history
 
 
 def trend_of(nights: int, drop_at: int = 0, drop: float = 0.3) -> Trend:

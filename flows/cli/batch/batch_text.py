@@ -11,6 +11,7 @@ from flows.batch.replay_episode import JobReplay
 from flows.ci.run_report import store_option
 from specs.data.result_columns import REQUESTED
 from tasks.results.ci.comparison_markdown import comparison_markdown
+from tasks.results.compare.comparison_sentences import comparison_answer, comparison_notes, comparison_warning
 from tasks.results.compare.comparison_svg import flip_text
 from tasks.results.compare.comparison_verdict import Comparison
 from tasks.results.playback.deviations import ColumnDeviation
@@ -42,7 +43,7 @@ def show_comparison(found: Comparison, console: Console) -> None:
         console.print(f"and {len(pairs.flips) - FLIPS_SHOWN} flips more; --json has all")
     for line in comparison_notes(found):
         console.print(Text(line), soft_wrap=True)
-    if warned := warning(found):
+    if warned := comparison_warning(found):
         console.print(Text(warned, style="bold yellow"), soft_wrap=True)
     console.print(Text(comparison_answer(found), style=_STYLES[found.answer]), soft_wrap=True)
 
@@ -56,43 +57,7 @@ def comparison_comment(first: ComparedBatch, second: ComparedBatch, found: Compa
         return " ".join(filter(None, ["simyard replay", batch.job(index), option]))
 
     replays = (partial(command, first), partial(command, second))
-    return comparison_markdown(found, [*filter(None, [warning(found)]), *notes], replays)
-
-
-def comparison_notes(found: Comparison) -> list[str]:
-    """Returns what was compared, and what not."""
-    pairs = found.pairs
-    lines = [f"not the same: {origin}" for origin in pairs.origins]
-    lines += [f"not asked of both: {each}" for each in pairs.apart]
-    if pairs.first_alone or pairs.second_alone or pairs.canceled:
-        lines.append(
-            f"left out: episodes of the first batch alone {pairs.first_alone}, of the second alone "
-            f"{pairs.second_alone}, canceled {pairs.canceled}"
-        )
-    return lines
-
-
-def warning(found: Comparison) -> str:
-    """Returns a warning where each batch has episodes that the other has not: what changed may not be compared."""
-    pairs = found.pairs
-    if not (pairs.first_alone and pairs.second_alone):
-        return ""
-    both = pairs.pairs + pairs.canceled
-    return (
-        f"WARNING: {pairs.first_alone} of {both + pairs.first_alone} episodes of the first batch and "
-        f"{pairs.second_alone} of {both + pairs.second_alone} of the second are not compared, and the answer says "
-        f"nothing about them: {'; '.join(pairs.apart) or 'their worlds, seeds and variables go together otherwise'}"
-    )
-
-
-def comparison_answer(found: Comparison) -> str:
-    """Returns the answer and its figures in one sentence."""
-    low, high = found.interval.lower, found.interval.upper
-    return (
-        f"{found.answer}: {found.pairs.gains} gained and {found.pairs.losses} lost of {found.pairs.pairs} pairs; "
-        f"difference {found.difference:+.3f} ({low:+.3f} to {high:+.3f}), margin {found.margin:g}, "
-        f"McNemar p = {found.p_value:.3g}"
-    )
+    return comparison_markdown(found, [*filter(None, [comparison_warning(found)]), *notes], replays)
 
 
 def show_replay(again: JobReplay, console: Console) -> None:

@@ -6,44 +6,30 @@ The server starts while Prefect, and what the document needs, are imported, so m
 import logging
 import os
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
 
 from rich.console import Console
 
 from flows.cli.document.progress_bars import progress_bars
 from flows.document.references import pins
 from flows.document.version_room import version_lines
+from flows.server.prefect_server import ServerChoice, flush_prefect, prefect_server
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, StageFailed
 from specs.pipeline.document import PipelineSpec
-from specs.settings import server_wait_s
 from specs.terminal_text import terminal_text
 from tasks.progress.listener import listen_to_progress
-from tasks.server import process
 from tasks.server.collector_pause import pause_collector
-from tasks.server.health import (
-    is_answering,
-    is_listening,
-    is_local,
-    proxy_exceptions,
-    refuses,
-    succeeds_within,
-    url_without_password,
-)
-from tasks.server.resident import checkout_home, kept_password, kept_server
+from tasks.server.health import is_listening, url_without_password
 from tasks.server.watchdog import WatchdogPace, WatchdogState, guard_run
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.backends.overlay import OverlayStore
-from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.store_url import open_store
 
-_RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
-_OWN_WAIT_S = 20
 _RESULT_BLOCK = "PREFECT_DEFAULT_RESULT_STORAGE_BLOCK"
 _NO_BLOCK = "Unable to find block document"  # as Prefect 3.8 says it, by a ValueError
 # What Prefect imports when the first flow and the first task begin, which the user waits for.
@@ -100,96 +86,6 @@ def _block_fault() -> DocumentError:
     return DocumentError([Fault(path=_RESULT_BLOCK, value=repr(os.environ.get(_RESULT_BLOCK)), allowed=allowed)])
 
 
-class ServerChoice(NamedTuple):
-    """The Prefect server of a run, and how many seconds it may be away."""
-
-    api_url: str
-    wait_s: int
-
-
-@contextmanager
-def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[ServerChoice, None, None]:
-    """Yields the server to use: the user's, the kept one, or a new one for this block, which nobody starts again.
-
-    Args:
-        prepare: Imports what the block needs; called when the server is chosen, while a new one starts.
-
-    Raises:
-        StageFailed: The server that the user chose, or the kept one, does not answer; or a new one does not come up.
-    """
-    home, wait_s = prefect_home(), server_wait_s()
-    if given := _chosen(home) or _kept(home):
-        url = given["PREFECT_API_URL"]
-        with _environment(**given, **_proxy_setting(url), **_retry_setting(wait_s)):
-            prepare()
-            yield ServerChoice(url, wait_s)
-        return
-    with (
-        process.run_server(home) as (server, child),
-        _environment(**server.environment(), PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
-    ):
-        prepare()
-        process.wait_until_healthy(server, child)
-        yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
-
-
-@contextmanager
-def known_server() -> Generator[str, None, None]:
-    """Yields the URL of the server that the user chose, or of the kept one; empty if none of them answers."""
-    home = prefect_home()
-    try:
-        given = _chosen(home) or _kept(home)
-    except StageFailed as exc:
-        logger.warning("%s", exc)
-        given = {}
-    url = given.get("PREFECT_API_URL", "")
-    with _environment(**given, **_proxy_setting(url)):
-        yield url
-
-
-def _chosen(home: Path) -> dict[str, str]:
-    """Returns the variables of the server that the user chose, which answers; none if there is no such choice."""
-    chosen = process.configured(os.environ, "PREFECT_API_URL")
-    if not chosen:
-        return {}
-    password = process.configured(os.environ, "PREFECT_API_AUTH_STRING") or kept_password(home, chosen)
-    _require(chosen, password)
-    return {"PREFECT_API_URL": chosen, **({"PREFECT_API_AUTH_STRING": password} if password else {})}
-
-
-def _kept(home: Path) -> dict[str, str]:
-    kept = kept_server(home)
-    return kept.environment() if kept else {}
-
-
-def _require(api_url: str, password: str) -> None:
-    if is_local(api_url) and refuses(api_url, password):
-        raise StageFailed(
-            "InternalServiceError",
-            f"the Prefect server at {url_without_password(api_url)} refuses its password, or has been given none; set "
-            "PREFECT_API_AUTH_STRING, as simyard up prints it",
-        )
-    if not succeeds_within(lambda: is_answering(api_url)):
-        remedy = "unset it, or simyard up and export what that prints"
-        raise StageFailed(
-            "InternalServiceError",
-            f"no Prefect server answers at PREFECT_API_URL={url_without_password(api_url)}; {remedy}",
-        )
-
-
-def _proxy_setting(api_url: str) -> dict[str, str]:
-    return proxy_exceptions(os.environ) if is_local(api_url) else {}
-
-
-def _retry_setting(wait_s: int) -> dict[str, str]:
-    """Returns the variable by which Prefect's client goes on asking for longer than so many seconds."""
-    if _RETRIES in os.environ:
-        return {}
-    # The n-th pause has 2^n seconds, and up to a fifth more or less (prefect.client.base).
-    retries = next(count for count in range(1, 64) if 0.8 * (2 ** (count + 1) - 2) >= wait_s)
-    return {_RETRIES: str(retries)}
-
-
 @contextmanager
 def _guard_server(server: ServerChoice, console: Console) -> Generator[WatchdogState, None, None]:
     """Ends the run with one message and exit code 3 when the server goes away during the block."""
@@ -208,13 +104,6 @@ def _guard_server(server: ServerChoice, console: Console) -> Generator[WatchdogS
     pace = WatchdogPace(patience_s=server.wait_s)
     with guard_run(lambda: is_listening(server.api_url), reason, leave, pace) as watch:
         yield watch
-
-
-def prefect_home() -> Path:
-    """Returns the folder of Simyard's own Prefect server: PREFECT_HOME, else this checkout's in the cache folder."""
-    if "PREFECT_HOME" in os.environ:
-        return Path(os.environ["PREFECT_HOME"])
-    return checkout_home(cache_folder(), Path(process.__file__).resolve().parents[2])
 
 
 def _prepare_engine(spec: PipelineSpec) -> None:
@@ -237,26 +126,3 @@ def _computing_modules(spec: PipelineSpec) -> list[str]:
     if spec.simulationBatch:
         modules.append("tasks.simulate.chunk.episodes")
     return modules
-
-
-def flush_prefect() -> None:
-    """Sends what Prefect still holds back; a server that ends with this run would not get it otherwise."""
-    from prefect.events.worker import EventsWorker  # noqa: PLC0415 - only once Prefect is loaded anyway
-    from prefect.logging.handlers import APILogWorker  # noqa: PLC0415
-
-    APILogWorker.drain_all(timeout=5)
-    EventsWorker.drain_all(timeout=5)
-
-
-@contextmanager
-def _environment(**values: str) -> Generator[None, None, None]:
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 from flows.cli.document import run_command
-from flows.cli.document.run_command import prefect_server
+from flows.server import prefect_server as server_module
+from flows.server.prefect_server import prefect_server
 from specs.errors import DocumentError, StageFailed
 from specs.pipeline.document import PipelineSpec
 from tasks.server.health import succeeds_within
@@ -31,7 +32,7 @@ print(json.dumps(sorted(sys.modules)))
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction] - used by every test
-    monkeypatch.setattr(run_command, "succeeds_within", lambda question: succeeds_within(question, for_s=0.0))
+    monkeypatch.setattr(server_module, "succeeds_within", lambda question: succeeds_within(question, for_s=0.0))
 
 
 def test_a_server_that_does_not_answer_is_told_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
@@ -54,7 +55,7 @@ def test_a_local_server_is_reached_past_the_proxy(monkeypatch: pytest.MonkeyPatc
 
 def test_a_chosen_server_wins_over_the_kept_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
-    monkeypatch.setattr(run_command, "kept_server", pytest.fail)
+    monkeypatch.setattr(server_module, "kept_server", pytest.fail)
     with answering() as api_url:
         monkeypatch.setenv("PREFECT_API_URL", api_url)
         with prefect_server() as used:
