@@ -32,10 +32,14 @@ class SimyardError(Exception):
     """The root of the tree: catching it catches what Simyard can explain, and nothing else."""
 
 
+NO_SOURCE = "document"
+"""What is at fault where nobody has said which document it is, as in a command that takes none."""
+
+
 class DocumentError(SimyardError):
     """A document is refused; carries all its faults, not the first one."""
 
-    def __init__(self, faults: Sequence[Fault], source: str = "document") -> None:
+    def __init__(self, faults: Sequence[Fault], source: str = NO_SOURCE) -> None:
         self.faults = tuple(faults)
         self.source = source
         plural = "" if len(self.faults) == 1 else "s"

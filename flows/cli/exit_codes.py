@@ -20,7 +20,7 @@ from typing import NoReturn
 from rich.text import Text
 
 from flows.cli.output import TerminalConsole
-from specs.errors import DocumentError, PipelineNotPassed, SimyardError
+from specs.errors import NO_SOURCE, DocumentError, PipelineNotPassed, SimyardError
 from tasks.storage.base.disk_space import NO_ROOM, full_machine_message
 
 NOT_PASSED, REFUSED, FAILED, UNDECIDED = 1, 2, 3, 4
@@ -78,7 +78,7 @@ def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -
     try:
         command()
     except SimyardError as exc:
-        return _fail(exc, exit_code_of(exc))
+        return _fail(_complaint(exc), exit_code_of(exc))
     except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
         if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
             raise
@@ -89,6 +89,13 @@ def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -
             raise
         return _fail(_accident(exc), FAILED)
     return 0
+
+
+def _complaint(exc: SimyardError) -> str:
+    """Returns the error; faults of no document without the heading of one."""
+    if isinstance(exc, DocumentError) and exc.source == NO_SOURCE:
+        return "\n".join(map(str, exc.faults))
+    return str(exc)
 
 
 def _accident(exc: Exception) -> str:

@@ -21,6 +21,7 @@ from specs.data.run_report import PipelineReport
 from specs.terminal_text import terminal_json, terminal_line, terminal_text, without_commands
 
 _WIDEST = 10_000
+_LONGEST_CELL = 80
 _GOOD = frozenset({"Completed", "Succeeded", "PASS", "InSync"})
 _UNDECIDED = frozenset({"PartialFailed", "INCONCLUSIVE", "Pending", "InProgress", "Running", "Preparing"})
 
@@ -161,4 +162,6 @@ def _cell(column: str, value: JsonValue) -> Text:
     if column.endswith(("At", "Time")) and isinstance(value, float):
         return Text(datetime.fromtimestamp(value, tz=UTC).isoformat(sep=" ", timespec="seconds"))
     line = terminal_line(str(value))
+    if column != "arn" and len(line) > _LONGEST_CELL:  # one long reason would pad all rows with blanks
+        line = f"{line[:_LONGEST_CELL]}..."
     return _status(line) if column == "status" else Text(line)

@@ -2,13 +2,16 @@
 # ruff: noqa: PLC0415 - see above
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from pydantic import JsonValue
 
 from flows.cli.output import TerminalConsole, echo, echo_json, json_lines, page_rows, show_rows
 from flows.resource.kinds import KINDS
+
+if TYPE_CHECKING:
+    from tasks.storage.base.store import Store
 
 _KINDS = ", ".join(kind.plural for kind in KINDS.values())
 StoreUrl = Annotated[
@@ -87,7 +90,7 @@ def restart(
 
 
 def list_(
-    kind: Annotated[str, typer.Argument(help=_KINDS)],
+    kind: Annotated[str | None, typer.Argument(help=_KINDS, show_default=False)] = None,
     *,
     store: StoreUrl = None,
     as_json: Annotated[
@@ -103,6 +106,8 @@ def list_(
     ] = None,
 ) -> None:
     """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
+    if kind is None:
+        raise typer.BadParameter(f"say what to list, one of {_KINDS}", param_hint="KIND")
     from flows.resource.abandoned_jobs import kind_notes
     from flows.resource.answers import list_page, list_resources
     from tasks.storage.store_url import open_existing_store
@@ -119,11 +124,21 @@ def list_(
         for line in lines:
             echo_json(line)
     else:
-        show_rows(rows, TerminalConsole())
+        show_rows(_with_columns(opened, kind, rows), TerminalConsole())
     if token:
         echo(f"the next page: --next-token {token}", err=True)
     for note in kind_notes(opened, kind):
         echo(note, err=True)
+
+
+def _with_columns(store: "Store", kind: str, rows: list[dict[str, JsonValue]]) -> list[dict[str, JsonValue]]:
+    """Returns the rows; those of batches with what RoboMaker's shapes have no field for, behind the ARN."""
+    if kind != KINDS["simulation-job-batch"].plural:
+        return rows
+    from flows.resource.batch_columns import batch_columns
+
+    known = batch_columns(store)
+    return [{"arn": row.get("arn"), **known.get(str(row.get("arn")), {}), **row} for row in rows]
 
 
 def _page_request(max_results: int | None, next_token: str | None, filters: list[str]) -> dict[str, JsonValue]:

@@ -5,6 +5,8 @@ What a command needs is imported when it runs, so that `--help`, `validate` and 
 """
 # ruff: noqa: PLC0415 - see above
 
+from typing import Annotated
+
 import typer
 
 from flows.cli.app_commands import app_app
@@ -14,6 +16,7 @@ from flows.cli.batch.trend_command import trend
 from flows.cli.document.document_commands import plan, run, validate
 from flows.cli.exit_codes import run_and_end_process
 from flows.cli.fleet.fleet_commands import fleet_app
+from flows.cli.output import echo
 from flows.cli.resource_commands import cancel, describe, list_, restart
 from flows.cli.server_commands import down, up
 from flows.cli.store_commands import gc, reap
@@ -28,6 +31,26 @@ app = typer.Typer(
 app.add_typer(app_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
+
+
+def _show_version(wanted: bool) -> None:  # noqa: FBT001 - typer calls it with the option's value
+    if wanted:
+        from importlib.metadata import version
+
+        echo(f"simyard {version('simyard')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """From a world template to a tested fleet."""
+
+
 # In the order in which --help lists them.
 for command in (run, plan, validate, gate, report, trend, replay, compare, shrink, describe, cancel, restart):
     app.command()(command)

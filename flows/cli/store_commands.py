@@ -168,6 +168,7 @@ def reap(
     answers. With keys (SIMYARD_KEYS), also keeps what they have signed from expiring.
     """
     from flows.resource.abandoned_jobs import reap_jobs as reap_store
+    from flows.resource.abandoned_jobs import under_way
     from flows.resource.withdrawal import renew_metadata_here
     from tasks.storage.store_url import open_existing_store
 
@@ -177,7 +178,7 @@ def reap(
         change = each.status if each.status == each.was else f"{each.was} -> {each.status}"
         echo(f"{each.arn}  {change}: {each.meaning}")
     if not found:
-        echo("somebody works on every job that is under way")
+        echo("somebody works on every job that is under way" if under_way(opened) else "no job is under way")
     for flow_run in _end_flow_runs(opened):
         echo(f"flow run {flow_run}  ended: its process is dead")
     for line in renew_metadata_here(opened):

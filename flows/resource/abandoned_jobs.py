@@ -109,6 +109,11 @@ def _is_outdated(record: JobRecord, runs: Sequence[JobRecord]) -> bool:
     )
 
 
+def under_way(store: Store) -> list[JobRecord]:
+    """Returns the jobs that have not ended, oldest first of each kind."""
+    return [record for kind in JOB_KINDS for record in records(store, kind) if not is_terminal(record)]
+
+
 def reap_jobs(
     store: Store,
     sleep: Callable[[float], None] = time.sleep,
@@ -129,7 +134,7 @@ def reap_jobs(
         outdated: Whether to cancel those whose document was changed and has ended since, too.
     """
     found = list[ReapedJob]()
-    active = [record for kind in JOB_KINDS for record in records(store, kind) if not is_terminal(record)]
+    active = under_way(store)
     runs = records(store, RUN)
     canceled = {record.id for record in active if outdated and _is_outdated(record, runs)}
     suspects = [_suspect(store, record, now_s) for record in active]

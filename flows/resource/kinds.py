@@ -167,6 +167,7 @@ def _deployment_job() -> Resource:
 
 
 def _pipeline_run() -> Resource:
+    from flows.resource.batch_columns import verdict_of, why_not
     from flows.resource.cancel import cancel_run
     from specs.data.run_report import RunSummary
 
@@ -179,7 +180,8 @@ def _pipeline_run() -> Resource:
             name=str(spec.get("name", run.request.get("flow"))) if isinstance(spec, dict) else run.id,
             status=run.status,
             createdAt=run.created_at_s,
-            failureReason=run.failure_reason or None,
+            verdict=verdict_of(run),
+            failureReason=why_not(run),
         )
 
     return Resource(

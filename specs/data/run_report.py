@@ -72,4 +72,5 @@ class RunSummary(Spec):
     name: str
     status: str
     createdAt: float
+    verdict: Verdict | None = None
     failureReason: str | None = None

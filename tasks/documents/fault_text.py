@@ -80,7 +80,7 @@ def fault_of(error: ErrorDetails, model: type[BaseModel]) -> Fault:
     if kind in ("tuple_type", "list_type"):
         allowed = list_text(model, error["loc"], value)
     if kind in ("greater_than_equal", "less_than_equal"):
-        allowed = _bounds(model, error["loc"]) or allowed
+        allowed = _bounds(model, error["loc"], value) or allowed
     if kind == RULE:
         allowed = _rule_text(error["msg"], value)
     return Fault(path=path, value=short_json(value), allowed=allowed)
@@ -103,7 +103,7 @@ def short_json(value: object) -> str:
     return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 4]} ..."
 
 
-def _bounds(model: type[BaseModel], place: Place) -> str | None:
+def _bounds(model: type[BaseModel], place: Place, value: object) -> str | None:
     """Returns both bounds of a number where only one was broken."""
     keys = [number for number, step in enumerate(place) if isinstance(step, str) and not is_tag(step)]
     parents = models_at(model, place[: keys[-1]]) if keys else []
@@ -111,7 +111,23 @@ def _bounds(model: type[BaseModel], place: Place) -> str | None:
     marks = [mark for field in fields for mark in (*field.metadata, *_metadata(field.annotation))]
     lows = [mark.ge for mark in marks if isinstance(mark, Ge)]
     highs = [mark.le for mark in marks if isinstance(mark, Le)]
-    return f"from {lows[0]:,} to {highs[0]:,}" if len(lows) == len(highs) == 1 else None
+    if not len(lows) == len(highs) == 1:
+        return None
+    return f"from {lows[0]:,} to {highs[0]:,}{_percent(value, highs[0])}"
+
+
+_PERCENT = 100
+
+
+def _below(context: dict[str, Any], value: object) -> str:
+    return f"less than {context['lt']:g}{_percent(value, context['lt'])}"
+
+
+def _percent(value: object, bound: object) -> str:
+    """Returns how a share is written of which somebody wrote the percents; empty for anything else."""
+    if not isinstance(value, int | float) or not isinstance(bound, int | float):
+        return ""
+    return f"; write {value / 100:g} for {value:g} %" if bound <= 1 < value <= _PERCENT else ""
 
 
 def _metadata(annotation: Any) -> list[object]:  # noqa: ANN401 - any type expression
@@ -168,4 +184,6 @@ _WORDS: dict[str, Callable[[dict[str, Any], object], str]] = {
     "float_type": lambda _, value: number_text(value),
     "greater_than_equal": _says("{ge} or more"),
     "less_than_equal": _says("{le} or less"),
+    "less_than": _below,
+    "greater_than": _says("more than {gt}"),
 }

@@ -115,7 +115,11 @@ def _in_template(fault: Fault, template: str) -> Fault:
 def _missing_sources(data: JsonValue, folder: Path) -> list[Fault]:
     sources = [part(application, "source") for application in items(part(data, "applications"))]
     return [
-        Fault(path=f"applications[{number}].source", value=source, allowed=f"a folder; {folder / source} is none")
+        Fault(
+            path=f"applications[{number}].source",
+            value=source,
+            allowed=f"a folder; there is none at {folder.absolute() / source}",
+        )
         for number, source in enumerate(sources)
         if isinstance(source, str) and not (folder / source).is_dir()
     ]

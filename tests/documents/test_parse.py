@@ -118,8 +118,21 @@ def test_what_is_no_whole_number_is_refused_and_not_converted(value: object):
     assert allowed == "a whole number"
 
 
+@pytest.mark.parametrize(
+    ("rule", "allowed"),
+    [
+        ({"atLeast": 90}, "less than 1; write 0.9 for 90 %"),
+        ({"atLeast": 1}, "less than 1"),
+        ({"atLeast": 0.9, "confidence": 95}, "from 0.5 to 0.9999; write 0.95 for 95 %"),
+    ],
+)
+def test_percents_are_told_the_share_to_write(rule: dict[str, JsonValue], allowed: str):
+    found = faults(pipeline(simulationBatch={"createSimulationJobRequests": []}, gate={"successRate": rule}))
+    assert allowed in {said for path, (_, said) in found.items() if path.startswith("gate")}
+
+
 def test_an_empty_section_does_not_pass_for_a_section_left_out():
-    assert faults(pipeline(gate=None)) == {"gate": ("nothing", "a value; or leave the key out")}
+    assert faults(pipeline(gate=None)) == {"gate": ("nothing", "a value, indented below the key; or leave the key out")}
 
 
 def test_a_missing_key_is_told_by_its_own_path():

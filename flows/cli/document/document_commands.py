@@ -12,7 +12,7 @@ from rich.console import Console
 from flows.cli.exit_codes import exit_code_of
 from flows.cli.output import TerminalConsole, echo, show_report
 from specs.data.run_report import PipelineReport
-from specs.errors import DocumentError, PipelineNotPassed
+from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
 StoreUrl = Annotated[
@@ -55,7 +55,11 @@ def _show_next_steps(report: PipelineReport, store: str | None, console: Console
     from flows.cli.document.next_steps import next_steps
     from tasks.storage.store_url import open_store
 
-    for line in next_steps(report, open_store(store)):
+    try:
+        lines = next_steps(report, open_store(store))
+    except SimyardError as exc:  # the exit code is the run's, whatever the store says now
+        lines = [f"no next steps: {exc}"]
+    for line in lines:
         console.print(line, soft_wrap=True, highlight=False)
 
 
@@ -95,6 +99,7 @@ def plan(file: Document, store: StoreUrl = None) -> None:
 
 def validate(file: Document) -> None:
     """Check a document, or a template alone, and tell all its faults at once."""
+    from flows.document.launch_files import unchecked_references
     from flows.document.own_bundles import check_own_bundles
     from tasks.documents.pipeline_file import read_pipeline
     from tasks.documents.template_source import read_template_alone
@@ -112,6 +117,8 @@ def validate(file: Document) -> None:
     with _name_file(file):
         check_own_bundles(spec, file.resolve().parent)
     echo(f"{file}: {spec.name}: valid")
+    if left := unchecked_references(spec):
+        echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does")
 
 
 @contextmanager

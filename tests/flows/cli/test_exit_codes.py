@@ -166,3 +166,8 @@ def test_a_command_that_chose_its_exit_code_keeps_it(code: int, monkeypatch: pyt
     monkeypatch.setattr("sys.argv", ["simyard", "agent"])
     monkeypatch.setattr("tasks.deploy.robot.agent.main", lambda _: code)
     assert _code(app) == code
+
+
+def test_faults_of_a_command_without_a_document_have_no_heading_of_one(capsys: pytest.CaptureFixture[str]):
+    assert _code(_raises(DocumentError([Fault(path="fleet", value="'x'", allowed="a fleet")]))) == 2
+    assert capsys.readouterr().err == "fleet: 'x': a fleet\n"

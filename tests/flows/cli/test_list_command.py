@@ -91,3 +91,8 @@ def test_other_kinds_have_pages_too(robots: Store, kind: str, answer: str):
 def test_what_robomaker_would_not_take_is_refused(robots: Store, arguments: list[str], said: str):
     with pytest.raises(DocumentError, match=said):
         listing(robots, *arguments)
+
+
+def test_without_a_kind_it_names_the_kinds(file_store: Store):
+    answer = CliRunner().invoke(app, ["list", "--store", file_store.url])
+    assert (answer.exit_code, "simulation-job-batches" in answer.stderr) == (2, True)

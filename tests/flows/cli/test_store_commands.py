@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -89,3 +90,12 @@ def test_it_loads_no_simulator_no_prefect_and_no_tables(file_store: Store) -> No
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "0 []\n"
+
+
+def test_reap_of_a_store_without_jobs_does_not_say_that_somebody_works(file_store: Store):
+    answer = CliRunner().invoke(app, ["reap", "--store", file_store.url])
+    assert answer.stdout == "no job is under way\n"
+
+
+def test_the_version_is_that_of_the_package():
+    assert CliRunner().invoke(app, ["--version"]).stdout == f"simyard {version('simyard')}\n"

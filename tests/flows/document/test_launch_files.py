@@ -1,0 +1,51 @@
+"""What `simyard validate` can know without a store of what a document launches."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.document.launch_files import check_launch_files, unchecked_references
+from specs.errors import DocumentError
+from specs.pipeline.document import PipelineSpec
+from tests.repository import ROOT
+
+
+def _use(application: str, package: str, file: str) -> dict[str, Any]:
+    return {"application": application, "launchConfig": {"packageName": package, "launchFile": file}}
+
+
+def _spec(folder: Path, robot: dict[str, Any], **sections: object) -> PipelineSpec:
+    if not (folder / "mine").exists():
+        shutil.copytree(ROOT / "applications/courier", folder / "mine")
+    request = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [robot],
+        "simulationApplications": [_use("delivery", "delivery", "rooms")],
+    }
+    batch = {"matrix": {"worlds": ["g/w"]}, "createSimulationJobRequests": [request]}
+    own = [{"name": "mine", "source": "mine"}]
+    return PipelineSpec.model_validate({"name": "n", "applications": own, "simulationBatch": batch, **sections})
+
+
+def test_a_launch_file_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
+    with pytest.raises(DocumentError, match=r"launchFile: 'go_to_gaol.py': a module in mine's bundle"):
+        check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_gaol")), tmp_path)
+
+
+def test_a_script_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
+    deployment = {"fleet": "team", "deploymentApplicationConfigs": [_use("mine", "courier", "walk.sh")]}
+    spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"), deployment=deployment)
+    with pytest.raises(DocumentError, match=r"deploymentApplicationConfigs\[0\].launchConfig.launchFile: 'walk.sh'"):
+        check_launch_files(spec, tmp_path)
+
+
+def test_what_is_there_is_not_refused(tmp_path: Path):
+    check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_goal")), tmp_path)
+
+
+def test_what_only_the_store_knows_is_listed_once(tmp_path: Path):
+    deployment = {"fleet": "team", "deploymentApplicationConfigs": [_use("tuger", "courier", "run.sh")]}
+    spec = _spec(tmp_path, _use("tuger", "courier", "x"), deployment=deployment)
+    assert unchecked_references(spec) == ["robot application tuger", "fleet team"]
