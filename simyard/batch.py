@@ -1,4 +1,4 @@
-"""What Python asks about a batch: `results`, `report`, `replay`, `compare`. Each imports what it needs when called."""
+"""What Python asks about a batch: `results`, `report`, `replay`, `compare`, `gate`. Each imports what it needs."""
 # ruff: noqa: PLC0415 - see above
 
 import os
@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from simyard.answer.comparison import Comparison
+    from simyard.answer.judgement import Judgement
     from simyard.answer.replay import Replay
     from simyard.answer.report import Report
     from simyard.answer.results import Results
     from simyard.answer.run import Run
+    from simyard.document import DocumentLike
     from tasks.storage.base.store import Store
 
 Place = str | os.PathLike[str]
@@ -114,6 +116,33 @@ def compare(
     found = comparison(one.work.id, other.work.id, common_episodes(one, other), margin=margin, confidence=confidence)
     notes = (*comparison_notes(found), *filter(None, [warning(found)]))
     return Comparison(found, comparison_answer(found), notes)
+
+
+def gate(
+    batch: "str | Run",
+    document: "DocumentLike",
+    *,
+    base: Place | None = None,
+    store: Place | None = None,
+) -> "Judgement":
+    """Judges a batch that has ended by a document's gate, without simulating; nothing is shipped by it.
+
+    Args:
+        batch: As for `results`.
+        document: As for `simyard.run`; only its section `gate` is asked.
+        base: Folder that the document's relative paths start from.
+        store: As for `results`.
+
+    Raises:
+        ResourceNotFound: There is no such batch.
+        DocumentError: The batch has no tables yet, or the document has no gate, or names what the batch has not.
+    """
+    from flows.batch.judge_again import judge_again
+    from simyard.answer.judgement import Judgement
+    from simyard.document import validate
+
+    opened, named = _batch(batch, store)
+    return Judgement(judge_again(opened, named, validate(document, base=base)))
 
 
 def _batch(batch: "str | Run", store: Place | None) -> "tuple[Store, str]":

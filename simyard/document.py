@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from simyard.answer.run import Run
     from specs.pipeline.document import PipelineSpec
 
+    DocumentLike = str | os.PathLike[str] | Mapping[str, object] | PipelineSpec
+
 Place = str | os.PathLike[str]
 Progress = Callable[[str, int, int], None]
 
@@ -26,7 +28,7 @@ class _Read(NamedTuple):
 
 
 def run(
-    document: "str | os.PathLike[str] | Mapping[str, object] | PipelineSpec",
+    document: "DocumentLike",
     *,
     base: Place | None = None,
     store: Place | None = None,
@@ -68,7 +70,7 @@ def run(
 
 
 def plan(
-    document: "str | os.PathLike[str] | Mapping[str, object] | PipelineSpec",
+    document: "DocumentLike",
     *,
     base: Place | None = None,
     store: Place | None = None,
@@ -93,9 +95,7 @@ def plan(
         return Plan(read.spec.name, tuple(plan_lines(read.spec, read.base, open_store(store_url(store)))))
 
 
-def validate(
-    document: "str | os.PathLike[str] | Mapping[str, object] | PipelineSpec", *, base: Place | None = None
-) -> "PipelineSpec":
+def validate(document: "DocumentLike", *, base: Place | None = None) -> "PipelineSpec":
     """Returns the document, checked, with its defaults.
 
     Args:
@@ -113,7 +113,7 @@ def validate(
     return read.spec
 
 
-def _read(document: "str | os.PathLike[str] | Mapping[str, object] | PipelineSpec", base: Place | None) -> _Read:
+def _read(document: "DocumentLike", base: Place | None) -> _Read:
     from specs.pipeline.document import PipelineSpec
     from tasks.documents.pipeline_file import pipeline_of, read_pipeline
     from tasks.documents.source_text import decode_source_text

@@ -1,16 +1,18 @@
 """The whole report of a run: what its records say, however it ended."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from shlex import quote
 from typing import cast, get_args
 
-from pydantic import ValidationError
+from pydantic import JsonValue, ValidationError
 
+from flows.batch.judge_again import LaterVerdict
 from flows.ci.run_files import AskedRun
+from flows.gate.baselines import find_baseline
 from flows.stage.stage_summary import batch_report, deployment_report, export_report, generation_report
 from specs.arn import arn, resource_kind, resource_name, store_id_of
-from specs.data.run_report import PipelineReport, StageName, StageReport
+from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from specs.errors import (
     DocumentError,
     ObjectNotFound,
@@ -20,9 +22,11 @@ from specs.errors import (
     StageFailed,
 )
 from specs.job_kinds import JOB_KINDS, JobKind
+from specs.pipeline.document import PipelineSpec
+from specs.pipeline.gate_section import Gate
 from tasks.results.ci.full_report import Answer, CountedBatch, FullReport, GateReport, RunFailure
 from tasks.results.ci.groups import FAILURE_COLUMNS, RESULT_COLUMNS, GroupRules, count_groups
-from tasks.results.gate.evidence import Evidence, read_evidence
+from tasks.results.gate.evidence import Baseline, Evidence, read_evidence
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND
@@ -33,6 +37,7 @@ from tasks.storage.jobs.runs import jobs_of, run_of
 from tasks.storage.store_url import open_existing_store
 
 _CONFIDENCE = 0.95
+_ANSWERS: Mapping[Verdict, Answer] = {"PASS": "PASSED", "FAIL": "NOT PASSED", "INCONCLUSIVE": "INCONCLUSIVE"}
 
 
 def report_of_run(asked: AskedRun, report: PipelineReport, exit_code: int) -> FullReport:
@@ -80,13 +85,51 @@ def report_of_failure(asked: AskedRun, failure: Exception, exit_code: int) -> Fu
     return _tried(found, lambda: _with_stages(asked, found, failure.arn))
 
 
-def batch_counts(store: Store, record: JobRecord, evidence: Evidence | None) -> CountedBatch:
+def report_of_judgement(store: Store, spec: PipelineSpec, found: LaterVerdict, exit_code: int) -> FullReport:
+    """Returns the whole report of a batch that was judged again, as `simyard gate` does: without a run.
+
+    Args:
+        store: Where it is.
+        spec: The document that judged.
+        found: What it answered.
+        exit_code: What the command ends with.
+    """
+    evidence = (Artefact(label="evidence", url=found.evidence.url),)
+    alarms = [*found.warnings, *filter(None, [found.notice])]
+    facts: dict[str, JsonValue] = {"alarm": "\n".join(alarms)} if alarms else {}
+    said = found.sentence.removeprefix(f"{found.verdict}: ")
+    stage = StageReport(
+        name="gate", arn="", status=found.verdict, summary=said, seconds=0.0, artefacts=evidence, facts=facts
+    )
+    report = FullReport(
+        answer=_ANSWERS[found.verdict],
+        exit_code=exit_code,
+        document=spec.name,
+        store=store.url,
+        verdict=found.verdict,
+        stages=(stage,),
+        gate=GateReport(verdict=found.verdict, sentence=found.sentence, rules=found.rules),
+    )
+    return _tried(report, lambda: report.model_copy(update={"batch": _judged_counts(store, spec.gate, found)}))
+
+
+def _judged_counts(store: Store, gate: Gate | None, found: LaterVerdict) -> CountedBatch:
+    record = read(store, KIND, resource_name(found.batch))
+    other = find_baseline(gate.noWorseThan, record, store) if gate and gate.noWorseThan else None
+    return batch_counts(store, record, gate, found.verdict, other if isinstance(other, Baseline) else None)
+
+
+def batch_counts(
+    store: Store, record: JobRecord, gate: Gate | None, verdict: Verdict | None, baseline: Baseline | None
+) -> CountedBatch:
     """Returns a batch that has its tables in groups of episodes.
 
     Args:
         store: Where it is.
         record: Its record.
-        evidence: What a gate said of it; None if none was asked.
+        gate: What judged it; None if nothing did.
+        verdict: What that answered; None likewise.
+        baseline: The version that the gate compared with; None if it compared with none.
 
     Raises:
         ResourceNotFound: Its tables are gone.
@@ -98,10 +141,9 @@ def batch_counts(store: Store, record: JobRecord, evidence: Evidence | None) -> 
         stored_rows(store, place, record.id, name, sha256=str(written.get(name, "")), columns=columns)
         for name, columns in ((RESULTS_FILE, RESULT_COLUMNS), (FAILURES_FILE, FAILURE_COLUMNS))
     )
-    rate = evidence.rule.successRate if evidence else None
-    baseline = evidence.baseline if evidence else None
+    rate = gate.successRate if gate else None
     rules = GroupRules(
-        verdict=evidence.verdict if evidence else None,
+        verdict=verdict,
         bar=rate.atLeast if rate else None,
         confidence=rate.confidence if rate else _CONFIDENCE,
         compared_with=(baseline.digest,) if baseline and baseline.batch == record.id else (),
@@ -109,11 +151,6 @@ def batch_counts(store: Store, record: JobRecord, evidence: Evidence | None) -> 
         store_option=store_option(store.url),
     )
     return count_groups(record.arn, results, failures, rules)
-
-
-def gate_report_of(evidence: Evidence) -> GateReport:
-    """Returns what the gate answered, as its evidence says it."""
-    return GateReport(verdict=evidence.verdict, sentence=evidence.sentence, rules=evidence.rules)
 
 
 def store_option(url: str) -> str:
@@ -178,7 +215,7 @@ def _ended_stages(store: Store, run: JobRecord) -> Iterator[StageReport]:
 def _stage(store: Store, record: JobRecord, section: StageName) -> StageReport:
     seconds = record.updated_at_s - record.created_at_s
     if record.status not in {"Completed", "Succeeded", "PartialFailed"}:
-        summary = f"{record.failure_code}: {record.failure_reason}"
+        summary = ": ".join(filter(None, [record.failure_code, record.failure_reason]))
         return StageReport(name=section, arn=record.arn, status=record.status, summary=summary, seconds=seconds)
     if record.kind == "world-generation-job":
         return generation_report(record, store, seconds)
@@ -195,9 +232,10 @@ def _with_batch(asked: AskedRun, found: FullReport) -> FullReport:
 def _counted(asked: AskedRun, found: FullReport, batch: str) -> FullReport:
     store = open_existing_store(asked.store_url)
     record = read(store, KIND, resource_name(batch))
-    evidence = _evidence(store, record.id) if found.verdict else None
-    gate = gate_report_of(evidence) if evidence else None
-    counts = batch_counts(store, record, evidence) if "results_url" in record.detail else None
+    said = _evidence(store, record.id) if found.verdict else None
+    gate = GateReport(verdict=said.verdict, sentence=said.sentence, rules=said.rules) if said else None
+    judged = (said.rule, said.verdict, said.baseline) if said else (None, None, None)
+    counts = batch_counts(store, record, *judged) if "results_url" in record.detail else None
     return found.model_copy(update={"gate": gate, "batch": counts})
 
 

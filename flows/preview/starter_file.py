@@ -33,12 +33,13 @@ def write_starter(output: Path, rooms: str, version: str) -> None:
         raise DocumentError(faults, "simyard world template")
     body = starter_template([_ROOM_TYPES[same_word(word, _ROOM_TYPES)] for word in _words(rooms)], _VERSIONS[version])
     text = starter_json(body) if output.suffix.lower() == ".json" else commented_yaml(body)
+    if output.exists():
+        raise _refused(f"{output} is there already", "another name; nothing was written")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
+        # Created, never replaced, also when somebody else is quicker.
         with output.open("x", encoding="utf-8") as file:
             file.write(text)
-    except FileExistsError as exc:
-        raise _refused(f"{output} is there already", "another name; nothing was written") from exc
     except OSError as exc:
         raise _refused(f"{output} cannot be written ({exc.strerror})", "a file that can be written") from exc
 

@@ -17,7 +17,7 @@ from flows.stage.run_owner import begin_run_in_turn
 from flows.stage.stage_summary import recorded_report, run_with_alarm, with_alarm
 from flows.stage.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
 from flows.trend.trend_page import write_trend_of_run
-from specs.data.run_report import PipelineReport
+from specs.data.run_report import Artefact, PipelineReport
 from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline.document import PipelineSpec
@@ -117,7 +117,11 @@ def _show_trend(simulated: Reports, store: Store, run: JobRecord, batch: JobReco
     for alarm in written.alarms:
         orchestrator().announce_alarm(alarm, written.url)
     falls = [f"{alarm.sentence} See {written.url}" for alarm in written.alarms if alarm.fell]
-    return tuple(reduce(with_alarm, falls, stage) for stage in simulated)
+    page = Artefact(label="trend", url=written.url)
+    return tuple(
+        reduce(with_alarm, falls, stage.model_copy(update={"artefacts": (*stage.artefacts, page)}))
+        for stage in simulated
+    )
 
 
 def _show_verdict(judged: Reports, store: Store, batch: JobRecord) -> Reports:

@@ -213,10 +213,14 @@ def _facts(run: JobRecord, record: JobRecord | None) -> Night:
     spec = cast("Mapping[str, JsonValue]", run.request["spec"])
     found = cast("Mapping[str, JsonValue]", run.request.get("pins") or {})
     made = canonical_json({"worlds": spec.get("worldGeneration"), "template": found.get("template")})
+    gate = spec.get("gate")
+    early = gate if isinstance(gate, dict) and gate.get("stopEarly") else None
+    # What a document ships decides nothing of what its batch drives.
+    drives = {"batch": spec.get("simulationBatch"), "pins": found.get("batch"), "gate": early, "made": made.decode()}
     generation = next((job for kind, job in jobs_of(run) if kind == "world-generation-job"), "")
     return Night(
         run=run.id,
-        request=run.request_digest,
+        request=hashlib.sha256(canonical_json(drives)).hexdigest(),
         worlds_made=hashlib.sha256(made).hexdigest()[:16],
         generation=generation,
         batch=record.id if record else "",

@@ -3,6 +3,7 @@
 import hashlib
 import logging
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, ValidationError
 
@@ -20,10 +21,12 @@ class KeptNights(Spec):
     """What is known without reading the store.
 
     Attributes:
+        version: Of what a night says; what another version kept is read again.
         documents: Name of the document that each ended run is of, by the run's id.
         nights: Nights of ended runs, by the run's id; None for a run that is no night.
     """
 
+    version: Literal[1] = 1
     documents: dict[str, str] = Field(default_factory=dict[str, str])
     nights: dict[str, Night | None] = Field(default_factory=dict[str, Night | None])
 

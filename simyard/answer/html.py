@@ -18,7 +18,7 @@ _MOST_PICTURE_BYTES = 4 << 20
 _LINKED = frozenset({"http", "https", "file"})
 _GROUNDS = {"green": "#18713a", "red": "#b3261e", "amber": "#8a5300", "grey": "#5a6068"}
 _GREEN = frozenset({"PASS", "Completed", "Succeeded", "passed", "the same", "NO WORSE", "InSync"})
-_AMBER = frozenset({"INCONCLUSIVE", "PartialFailed", "Skipped", "Pending", "Running", "InProgress"})
+_AMBER = frozenset({"INCONCLUSIVE", "PartialFailed", "Skipped", "Pending", "Running", "InProgress", "higher", "lower"})
 _CELL = "text-align:left;vertical-align:top;padding:2px 14px 2px 0;border:0"
 
 

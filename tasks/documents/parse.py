@@ -17,6 +17,8 @@ MAX_FAULTS = 100
 """More than a person reads; the rest is counted."""
 
 _ROUNDS = 10
+_MOST_CORRECTED = 300
+"""Errors beyond which nothing is corrected: no person wrote that, and each round reads the whole document again."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -54,7 +56,7 @@ def _all_errors(exc: ValidationError, model: type[BaseModel], data: JsonValue) -
     hiding: list[ErrorDetails] = []
     errors = exc.errors(include_url=False)
     for _ in range(_ROUNDS):
-        corrected = with_corrections(data, model, errors)
+        corrected = with_corrections(data, model, errors) if len(errors) <= _MOST_CORRECTED else None
         if corrected is None:
             break
         hiding += [error for error in errors if error["type"] in CORRECTABLE]

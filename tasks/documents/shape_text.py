@@ -44,6 +44,9 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
         near = nearest(key, key_places(model), _NEARLY_THE_SAME)
         elsewhere = _belongs(key_places(model).get(near, ()), here)
     hint = f'did you mean "{meant}"? ' if meant else f"{elsewhere}; " if elsewhere else ""
+    if not hint and here and len(known) == 1:
+        models = models_at(model, place[:-1])
+        return f"the only known key is {known[0]}; write {_key_of(place[:-1])}: {object_sample(models[0])}"
     keys = f"known keys{' here' if elsewhere else ''} are {', '.join(known)}" if known else "no such key"
     return f"{hint}{keys}"
 

@@ -10,6 +10,7 @@ import subprocess
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 from pydantic import ValidationError
 
@@ -73,17 +74,26 @@ def checkout_home(cache: Path, checkout: Path) -> Path:
         checkout: Where the code is.
     """
     first = cache / "prefect"
-    first.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with (first / _CHECKOUT).open("a+") as marker:
-        fcntl.flock(marker, fcntl.LOCK_EX)
-        marker.seek(0)
-        owner = marker.read()
-        if not owner or not Path(owner).is_dir():
-            marker.truncate(0)
-            marker.write(str(checkout))
-            owner = str(checkout)
+    try:
+        first.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with (first / _CHECKOUT).open("a+") as marker:
+            owner = _owner(marker, str(checkout))
+    except OSError:  # a home that is read-only has no server; who starts one there is told
+        return first
     other = f"prefect-{hashlib.sha256(str(checkout).encode()).hexdigest()[:8]}"
     return first if owner == str(checkout) else cache / other
+
+
+def _owner(marker: IO[str], checkout: str) -> str:
+    """Returns the checkout that a home is of, which is this one if it was nobody's, or of one that is gone."""
+    fcntl.flock(marker, fcntl.LOCK_EX)
+    marker.seek(0)
+    owner = marker.read()
+    if owner and Path(owner).is_dir():
+        return owner
+    marker.truncate(0)
+    marker.write(checkout)
+    return checkout
 
 
 def lasting_port(home: Path) -> tuple[int, str]:

@@ -110,7 +110,7 @@ def _type(schema: Schema) -> str:
     """Returns what may stand behind a key."""
     kind = schema.get("type")
     if kind == "array":
-        return f"{_count(schema)} {_items(schema['items'])}".strip()
+        return f"{_count(schema)} {_items(schema['items'], one=schema.get('maxItems') == 1)}".strip()
     if "enum" in schema or "const" in schema:
         return _words(schema.get("enum") or [schema["const"]])
     if kind == "number":
@@ -122,9 +122,9 @@ def _type(schema: Schema) -> str:
     return " or ".join(dict.fromkeys(_type(each) for each in options)) or "object"
 
 
-def _items(schema: Schema) -> str:
+def _items(schema: Schema, *, one: bool) -> str:
     if "$ref" in schema:
-        return "objects"
+        return "object" if one else "objects"
     words = schema.get("enum", [])
     if words == list(get_args(RoomType)):
         return "types of rooms, as in Rooms"

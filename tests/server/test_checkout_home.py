@@ -45,6 +45,11 @@ def test_of_checkouts_that_come_at_once_one_gets_the_first_home(tmp_path: Path):
     assert sum(Path(home).name == "prefect" for home in homes) == 1
 
 
+def test_where_nothing_can_be_written_the_first_home_is_named_and_nothing_fails(tmp_path: Path):
+    (tmp_path / "cache").write_text("a file in the place of the folder")
+    assert checkout_home(tmp_path / "cache", tmp_path) == tmp_path / "cache" / "prefect"
+
+
 def test_a_kept_server_comes_back_at_the_port_that_it_had(tmp_path: Path):
     port, notice = lasting_port(tmp_path)
     assert notice == ""

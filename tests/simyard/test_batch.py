@@ -14,7 +14,7 @@ from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
-from tests.factories.judged_batches import courier, delivery, ended
+from tests.factories.judged_batches import JOB, courier, delivery, ended
 from tests.factories.planned_batches import begun, mixed
 
 
@@ -120,3 +120,26 @@ def test_a_batch_compared_with_itself_loses_nothing(batch: JobRecord, folder: Pa
     assert found.found.pairs.flips == ()
     assert found.answer in repr(found)
     assert "0 gained and 0 lost of 80 pairs" in found._repr_html_()
+
+
+def test_a_batch_is_judged_again_by_another_gate(batch: JobRecord, folder: Path):
+    document = {
+        "name": "later",
+        "simulationBatch": {"matrix": {"worlds": ["g/w0"]}, "createSimulationJobRequests": [JOB]},
+    }
+    strict = simyard.gate(batch.id, {**document, "gate": {"successRate": {"atLeast": 0.99}}}, store=folder)
+    lenient = simyard.gate(batch.arn, {**document, "gate": {"successRate": {"atLeast": 0.05}}}, store=folder)
+    assert (strict.verdict, strict.passed) == ("FAIL", False)
+    assert (lenient.verdict, lenient.passed) == ("PASS", True)
+    assert repr(strict).startswith(f"<Judgement of {batch.arn}: ")
+    assert "FAIL</span>" in strict._repr_html_()
+    assert "a later judgement ships nothing" in strict._repr_html_()
+
+
+def test_a_document_without_a_gate_judges_nothing(batch: JobRecord, folder: Path):
+    document = {
+        "name": "later",
+        "simulationBatch": {"matrix": {"worlds": ["g/w0"]}, "createSimulationJobRequests": [JOB]},
+    }
+    with pytest.raises(DocumentError, match="gate"):
+        simyard.gate(batch.id, document, store=folder)

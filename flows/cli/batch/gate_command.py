@@ -23,6 +23,7 @@ def gate(
         Path, typer.Option("--document", help="The document whose section gate judges.", show_default=False)
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    junit: Annotated[Path | None, typer.Option(help="Write a JUnit file.", show_default=False)] = None,
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
@@ -33,7 +34,8 @@ def gate(
     from tasks.documents.pipeline_file import read_pipeline
     from tasks.storage.store_url import open_existing_store
 
-    found = judge_again(open_existing_store(store), batch, read_pipeline(document))
+    opened, spec = open_existing_store(store), read_pipeline(document)
+    found = judge_again(opened, batch, spec)
     if as_json:
         echo_json(found.model_dump_json(indent=2))
     else:
@@ -45,5 +47,10 @@ def gate(
         echo("this is a later judgement and ships nothing: to deploy, run the document")
     if found.notice:
         echo(found.notice, err=True)
-    if found.verdict != "PASS":
-        raise typer.Exit(UNDECIDED if found.verdict == "INCONCLUSIVE" else NOT_PASSED)
+    code = {"PASS": 0, "FAIL": NOT_PASSED, "INCONCLUSIVE": UNDECIDED}[found.verdict]
+    if junit:
+        from flows.ci.run_report import report_of_judgement
+        from flows.cli.document.ci_answers import write_asked_junit
+
+        write_asked_junit(junit, report_of_judgement(opened, spec, found, code))
+    raise typer.Exit(code)

@@ -77,7 +77,7 @@ def _tell(wishes: CiWishes, end: PipelineReport | Exception) -> None:
     except SimyardError as exc:  # nobody asked this command for it, so the answer stays what it is
         echo_commands(annotated_problem(exc)) if step.annotated else echo(exc, err=True)
     if wishes.junit:
-        _write(wishes.junit, report)
+        write_asked_junit(wishes.junit, report)
 
 
 def _found(asked: AskedRun, end: PipelineReport | Exception) -> FullReport:
@@ -88,7 +88,12 @@ def _found(asked: AskedRun, end: PipelineReport | Exception) -> FullReport:
     return report_of_failure(asked, end, exit_code_of(end))
 
 
-def _write(path: Path, report: FullReport) -> None:
+def write_asked_junit(path: Path, report: FullReport) -> None:
+    """Writes the JUnit file that a command was asked for.
+
+    Raises:
+        SimyardError: It cannot be written.
+    """
     try:
         write_junit(path, report)
     except OSError as exc:

@@ -73,19 +73,21 @@ def _run_cases(report: FullReport) -> Iterator[Case]:
     """Yields a case for each stage, and for what keeps a run from its end."""
     failure = report.failure
     for stage in report.stages:
-        if stage.name != "gate" and not (failure and failure.stage == stage.name):
+        if not (failure and failure.stage == stage.name):
             yield _stage_case(stage)
     if failure:
         yield _failure_case(failure)
     if report.problems:
         yield Case("report", trouble=Trouble("error", "report", report.problems[0], "\n".join(report.problems)))
     if not (report.stages or failure or report.problems):
-        yield Case("judgement")
+        yield Case("document")  # a suite has a case
 
 
 def _stage_case(stage: StageReport) -> Case:
     output = "\n".join([stage.summary, *_places(stage)])
     trouble = None
+    if stage.name == "gate":
+        return Case(stage.name, stage.seconds, None, output)  # its rules have a suite of their own
     if stage.status == "Skipped":
         trouble = Trouble("skipped", stage.status, stage.summary)
     elif stage.status not in _FINE:

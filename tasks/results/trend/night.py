@@ -12,7 +12,7 @@ class Night(Spec):
 
     Attributes:
         run: Id of the document's run.
-        request: Digest of the document and of all that it refers to: with the same one, the same episodes are driven.
+        request: Digest of all that decides what its batch drives: with the same one, the same episodes are driven.
         worlds_made: What decides the worlds that the run itself generates, as a digest.
         generation: The generation that these lie in; empty if the run makes none.
         batch: The batch's id; empty where the run has none.

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
 from specs.data.world import World
 from specs.errors import ObjectNotFound, WorldChanged
+from specs.terminal_text import terminal_line
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
@@ -121,7 +122,7 @@ def _tell_failures(number: int, rows: Iterable[EpisodeResult]) -> None:
     """Tells the log why jobs of a chunk failed, each reason once; the rows hold them all."""
     reasons = Counter(f"{row.failure_code}: {row.failure_reason}" for row in rows if row.status == "Failed")
     for reason, count in reasons.most_common(_REASONS_TOLD):
-        logger.warning("chunk %d: %d failed: %s", number, count, reason)
+        logger.warning("chunk %d: %d failed: %s", number, count, terminal_line(reason))
 
 
 def _simulated(work: "_Work", lanes: int) -> tuple[dict[int, EpisodeResult], int]:

@@ -3,9 +3,13 @@
 from pathlib import Path
 
 import pytest
+from junitparser import JUnitXml
+from pydantic import JsonValue
+from typer.testing import CliRunner
 
 from flows.ci.run_files import AskedRun
 from flows.ci.run_report import batch_counts, report_of_failure, report_of_run, store_option
+from flows.cli.shell import app
 from flows.gate.judge import gate_answer
 from flows.stage.stage_summary import batch_report, gate_report
 from specs.base import Fault
@@ -16,9 +20,10 @@ from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import read_evidence
 from tasks.simulate.batch.commit import ChunkPart
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord
+from tasks.storage.jobs.records import JobRecord, advance, submit
+from tasks.storage.jobs.runs import stage_token
 from tests.factories.episodes import collided, passed
-from tests.factories.judged_batches import courier, delivery, ended, run_of
+from tests.factories.judged_batches import courier, delivery, document, ended, run_of
 
 GATE = Gate.model_validate({"successRate": {"atLeast": 0.9}})
 
@@ -61,7 +66,8 @@ def test_the_version_that_is_only_compared_with_is_not_failed(file_store: Store,
     batch = ended(file_store, older, newer, scenario=delivery(file_store, tmp_path), simulate=_half)
     gate = Gate.model_validate({"noWorseThan": {"applicationVersion": older.version, "margin": 0.2}})
     gate_answer(gate, batch, file_store, run_of(file_store))
-    counts = batch_counts(file_store, batch, read_evidence(file_store, batch.id))
+    evidence = read_evidence(file_store, batch.id)
+    counts = batch_counts(file_store, batch, evidence.rule, evidence.verdict, evidence.baseline)
     notes = {
         group.name: group.note for world in counts.worlds for group in world.groups if group.passed < group.episodes
     }
@@ -111,3 +117,31 @@ def test_commands_name_the_store_unless_it_is_the_one_they_would_take(tmp_path: 
     monkeypatch.chdir(tmp_path)
     assert store_option((tmp_path / ".simyard").as_uri()) == ""
     assert store_option("s3://bucket/a b") == "--store 's3://bucket/a b'"
+
+
+def test_stages_before_one_that_failed_are_reported_from_their_records(file_store: Store):
+    sections: dict[str, JsonValue] = {"name": "nightly", "worldGeneration": {}, "simulationBatch": {}}
+    run = submit(file_store, "pipeline-run", {"flow": "pipeline", "spec": sections}, "run")
+    worlds = submit(file_store, "world-generation-job", {}, stage_token(run, "worlds"))
+    advance(file_store, "world-generation-job", worlds.id, "Completed", detail={"worlds": ["g/a", "g/b"]})
+    batch = submit(file_store, "simulation-job-batch", {}, stage_token(run, "batch"))
+    advance(file_store, "simulation-job-batch", batch.id, "TimedOut", failure_reason="the 1 s were over")
+    failure = StageFailed("TimedOut", "the 1 s were over", batch.arn)
+    found = report_of_failure(AskedRun("nightly", file_store.url), failure, 3)
+    assert (found.run, found.problems) == (run.id, ())
+    assert [(stage.name, stage.status, stage.summary) for stage in found.stages] == [
+        ("worldGeneration", "Completed", "2 worlds"),
+        ("simulationBatch", "TimedOut", "the 1 s were over"),
+    ]
+
+
+def test_a_batch_that_is_judged_again_gets_a_file_like_that_of_its_run(file_store: Store, tmp_path: Path):
+    batch, _ = _judged(file_store, tmp_path)
+    spec = document({"successRate": {"atLeast": 0.3}})
+    (tmp_path / "again.json").write_text(spec.model_dump_json(exclude_none=True))
+    words = ["gate", batch.id, "--document", str(tmp_path / "again.json"), "--store", file_store.url]
+    done = CliRunner().invoke(app, [*words, "--junit", str(tmp_path / "junit.xml")])
+    assert done.exit_code == 0, done.output
+    suites = {str(suite.name): suite for suite in JUnitXml.fromfile(str(tmp_path / "junit.xml"))}
+    assert list(suites) == ["run", "gate", "w0", "w1"]
+    assert [(suite.failures, suite.tests) for suite in suites.values()] == [(0, 1), (0, 1), (0, 1), (0, 1)]

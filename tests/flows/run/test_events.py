@@ -7,7 +7,8 @@ import pytest
 
 from flows.gate.judge import GateAnswer
 from flows.run import events
-from flows.run.events import announce_changes, announce_verdict, event_id
+from flows.run.events import announce_alarm, announce_changes, announce_verdict, event_id
+from tasks.results.trend.view import Alarm
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
 
@@ -81,3 +82,18 @@ def test_an_event_that_cannot_be_sent_harms_no_job(
         advance(file_store, batch.kind, batch.id, "InProgress")
     assert read(file_store, batch.kind, batch.id).status == "InProgress"
     assert "no route" in caplog.text
+
+
+def test_alarms_of_two_series_of_one_batch_are_two_events_and_the_same_alarm_is_one(sent: Sent):
+    facts = {"fell": True, "sentence": "s", "before": 0.9, "after": 0.8, "began": "b", "began_on": "", "bundle": "d"}
+    rest = {"bundle_name": "", "new_bundle": True, "earliest": "", "latest": "", "seen_on": "", "run": ""}
+    seen = "arn:simyard:simulation-job-batch:0123456789ab:simb-1"
+    alarms = [Alarm.model_validate({**facts, **rest, "seen": seen, "series": name}) for name in ("all", "w1", "all")]
+    for alarm in alarms:
+        announce_alarm(alarm, "file:///trend.html")
+    assert {event for event, _, _ in sent} == {"simyard.trend.Fell"}
+    first, second, again = (more["id"] for _, _, more in sent)
+    assert first == again != second
+    assert sent[1][2]["payload"] == {
+        "sentence": "s", "series": "w1", "began": "b", "bundle": "d", "page": "file:///trend.html",
+    }  # fmt: skip

@@ -13,7 +13,7 @@ from tasks.results.trend.measure import Measure, parse_measure
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tasks.storage.jobs.runs import stage_token
-from tests.factories.stored_nights import stored_night
+from tests.flows.trend.stored_nights import stored_night
 
 
 @pytest.fixture(autouse=True)

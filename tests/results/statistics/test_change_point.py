@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR, NightCount, _log_gamma, find_changes
-from tests.factories.histories import counts
+from tests.results.trend.histories import counts
 
 nights = st.lists(st.tuples(st.integers(0, 50), st.integers(0, 50)).map(lambda pair: NightCount(pair[0], sum(pair))))
 

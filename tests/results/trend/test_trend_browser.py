@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from tasks.results.trend.page import trend_page
-from tests.factories.histories import history
+from tests.results.trend.histories import history
 from tests.results.trend.test_trend_page import view
 from tests.servers.chromium import Page, browsing
 

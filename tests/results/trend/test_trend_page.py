@@ -10,7 +10,7 @@ from tasks.results.trend.night import Night
 from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import MOST_SERIES, Choice, make_trend
 from tasks.results.trend.view import TrendView, trend_view
-from tests.factories.histories import SPEEDS, WORLDS, history
+from tests.results.trend.histories import SPEEDS, WORLDS, history
 
 BASE = "file:///store/buckets/results"
 EVIL = '<script>alert(1)</script><img src=x onerror="alert(1)">'

@@ -190,10 +190,10 @@ def test_the_same_world_is_read_again_when_it_comes_back(file_store: Store):
 
 def test_the_log_tells_why_jobs_of_a_chunk_failed_each_reason_once(file_store: Store, caplog: pytest.LogCaptureFixture):
     def crash(part: ChunkPart) -> list[EpisodeResult]:
-        why = Failure("RobotApplicationCrash", "controller.step: KeyError: 'x' (nav/nav.py, line 3: ways['x'])")
+        why = Failure("RobotApplicationCrash", "controller.step: KeyError: '\x1b[2Jx' (nav/nav.py, line 3: ways['x'])")
         return [failed_result(request.index, why) for request in part.chunk.requests]
 
     run_chunk(begun(file_store), 0, crash, lanes=4, left_s=9.0)
     assert caplog.messages == [
-        "chunk 0: 4 failed: RobotApplicationCrash: controller.step: KeyError: 'x' (nav/nav.py, line 3: ways['x'])"
+        "chunk 0: 4 failed: RobotApplicationCrash: controller.step: KeyError: '[2Jx' (nav/nav.py, line 3: ways['x'])"
     ]

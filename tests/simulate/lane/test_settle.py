@@ -14,9 +14,11 @@ LANES = 8
 BOX = "b" * 64
 
 
-@pytest.fixture(scope="module")
-def rows(tmp_path_factory: pytest.TempPathFactory, pens: dict[str, World]) -> list[EpisodeResult]:
-    """A long box, driven blindly on C MuJoCo among posts and blocks."""
+@pytest.fixture(scope="module", params=["mujoco", pytest.param("mjx", marks=pytest.mark.soak)])
+def rows(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, pens: dict[str, World]
+) -> list[EpisodeResult]:
+    """A long box, driven blindly among posts and blocks."""
     folder: Path = tmp_path_factory.mktemp("box")
     (folder / "faulty").symlink_to(FOLDERS[FAULTY] / "faulty")
     text = (FOLDERS[FAULTY] / "robot.xml").read_text()
@@ -28,7 +30,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory, pens: dict[str, World]) -> li
     requests = [each.model_copy(update={"robot": robot}) for each in asked]
     (chunk,) = plan_chunks(requests, LANES)
     bundles = {BOX: folder, DRIFT: FOLDERS[DRIFT]}
-    return simulate_lanes(chunk, pens, bundles, lanes=LANES, engine="mujoco", should_stop=lambda: False)
+    return simulate_lanes(chunk, pens, bundles, lanes=LANES, engine=request.param, should_stop=lambda: False)
 
 
 def test_the_clearance_of_a_hull_that_is_not_round_is_negative_in_contact_alone(rows: list[EpisodeResult]):

@@ -20,7 +20,7 @@ def shared() -> Iterator[LocalStore]:
 
 
 def share(folder: Path) -> None:
-    """Does what the message and robot.md say."""
+    """Does what the message and docs/operate/robot.md say."""
     os.chown(folder, -1, GROUP)
     folder.chmod(0o2775)
 

@@ -24,10 +24,10 @@ from flows.trend.history import MOST_NIGHTS
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR
 from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import MOST_SERIES, WHOLE
-from tasks.results.trend.view import MOST_ROWS, Alarm
+from tasks.results.trend.view import MOST_ROWS
 from tasks.storage.base.store import Store
-from tests.factories.histories import history
-from tests.factories.stored_nights import stored_night
+from tests.flows.trend.stored_nights import stored_night
+from tests.results.trend.histories import history
 from tests.results.trend.test_trend_page import view
 
 DOCUMENT = PAGE.read_text()
@@ -87,7 +87,7 @@ def test_its_facts_of_an_event_are_those_that_are_sent(monkeypatch: pytest.Monke
     monkeypatch.setattr(events, "emit_event", lambda event, _resource, payload, **_: sent.append((event, payload)))
     alarm = next(each for each in view(history(60, drop_at=45)).alarms if each.series == WHOLE)
     events.announce_alarm(alarm, "file:///trend.html")
-    events.announce_alarm(Alarm(**{**alarm.model_dump(), "fell": False}), "file:///trend.html")
+    events.announce_alarm(alarm.model_copy(update={"fell": False}), "file:///trend.html")
     assert [event for event, _ in sent] == ["simyard.trend.Fell", "simyard.trend.Rose"]
     assert [name for name in sent[0][1] if f"`{name}`" not in TEXT] == []
 
