@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from pydantic import JsonValue
 
-from specs.data.run_report import PipelineReport
+from specs.data.run_report import PipelineReport, Verdict
 from tasks.simulate.batch.job import KIND
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, records
@@ -20,7 +20,7 @@ def batch_columns(store: Store) -> dict[str, Columns]:
     return {batch.arn: _columns(batch, runs.get(batch.id)) for batch in records(store, KIND)}
 
 
-def verdict_of(run: JobRecord | None) -> str | None:
+def verdict_of(run: JobRecord | None) -> Verdict | None:
     """Returns the verdict of a run's gate; None where it has none, or none yet."""
     report = run.detail.get("report") if run else None
     return PipelineReport.model_validate(report).verdict if report else None
