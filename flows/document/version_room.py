@@ -47,17 +47,26 @@ def publish_brought(store: Store, kind: ApplicationKind, name: str, folder: Path
         DocumentError: The folder is no bundle.
         LimitExceeded: There are 40 versions, and none of them may go.
     """
-    try:
-        return publish_bundle(store, kind, name, folder, brought=True)
-    except LimitExceeded as exc:
-        free = free_versions(store, kind, name, spec)
-        oldest = next((version for version in free if version.brought), None)
-        if oldest is None:
-            raise limit_exceeded(name, kind, free) from exc
-    with suppress(ResourceNotFound):  # another run has made room
+    while True:
+        try:
+            return publish_bundle(store, kind, name, folder, brought=True)
+        except LimitExceeded as exc:
+            _make_room(store, kind, name, spec, exc)  # another run may take it first: then there is to be more
+
+
+def _make_room(store: Store, kind: ApplicationKind, name: str, spec: PipelineSpec, why: LimitExceeded) -> None:
+    """Deletes the oldest version that may go.
+
+    Raises:
+        LimitExceeded: None of them may.
+    """
+    free = free_versions(store, kind, name, spec)
+    oldest = next((version for version in free if version.brought), None)
+    if oldest is None:
+        raise limit_exceeded(name, kind, free) from why
+    with suppress(ResourceNotFound):  # another run has deleted it
         delete_application(store, kind, name, str(oldest.number))
     _LOG.info("%s version %d is deleted: it has %d, and nothing refers to it", name, oldest.number, VERSIONS_AT_MOST)
-    return publish_bundle(store, kind, name, folder, brought=True)
 
 
 def limit_exceeded(name: str, kind: ApplicationKind, free: Iterable[Version]) -> LimitExceeded:
