@@ -74,26 +74,32 @@ def checkout_home(cache: Path, checkout: Path) -> Path:
         checkout: Where the code is.
     """
     first = cache / "prefect"
+    other = cache / f"prefect-{hashlib.sha256(str(checkout).encode()).hexdigest()[:8]}"
     try:
         first.mkdir(mode=0o700, parents=True, exist_ok=True)
         with (first / _CHECKOUT).open("a+") as marker:
-            owner = _owner(marker, str(checkout))
+            owner = _owner(marker, "" if other.is_dir() else str(checkout))
     except OSError:  # a home that is read-only has no server; who starts one there is told
         return first
-    other = f"prefect-{hashlib.sha256(str(checkout).encode()).hexdigest()[:8]}"
-    return first if owner == str(checkout) else cache / other
+    return first if owner == str(checkout) else other
 
 
-def _owner(marker: IO[str], checkout: str) -> str:
-    """Returns the checkout that a home is of, which is this one if it was nobody's, or of one that is gone."""
+def _owner(marker: IO[str], heir: str) -> str:
+    """Returns the checkout that a home is of.
+
+    Args:
+        marker: Says so.
+        heir: Whose it becomes if it is nobody's, or of a checkout that is gone; empty for one that has a home, in which
+            its server may run.
+    """
     fcntl.flock(marker, fcntl.LOCK_EX)
     marker.seek(0)
     owner = marker.read()
-    if owner and Path(owner).is_dir():
+    if not heir or (owner and Path(owner).is_dir()):
         return owner
     marker.truncate(0)
-    marker.write(checkout)
-    return checkout
+    marker.write(heir)
+    return heir
 
 
 def lasting_port(home: Path) -> tuple[int, str]:

@@ -32,6 +32,15 @@ def test_the_home_of_a_checkout_that_is_gone_goes_to_the_next_one(tmp_path: Path
     assert checkout_home(tmp_path / "cache", second).name == "prefect"
 
 
+def test_a_checkout_that_has_a_home_keeps_it_when_the_first_one_is_gone(tmp_path: Path):
+    first, second = checkout(tmp_path, "a"), checkout(tmp_path, "b")
+    checkout_home(tmp_path / "cache", first)
+    before = checkout_home(tmp_path / "cache", second)
+    before.mkdir()
+    first.rmdir()
+    assert checkout_home(tmp_path / "cache", second) == before
+
+
 def test_of_checkouts_that_come_at_once_one_gets_the_first_home(tmp_path: Path):
     folders = [checkout(tmp_path, f"c{number}") for number in range(6)]
     code = "import sys; from pathlib import Path; from tasks.server.resident import checkout_home\n"
