@@ -65,7 +65,7 @@ def prepare_junit(path: Path, asked: AskedRun) -> None:
 def write_junit(path: Path, report: FullReport) -> None:
     """Writes a run's JUnit file, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.parent / f".{path.name}.{os.getpid()}.part"
     try:
         part.write_bytes(junit_xml(report))
         part.replace(path)

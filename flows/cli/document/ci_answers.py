@@ -19,7 +19,7 @@ from flows.ci.run_files import (
 from flows.cli.exit_codes import exit_code_of
 from flows.cli.output import echo, echo_commands, echo_json
 from specs.data.run_report import PipelineReport
-from specs.errors import SimyardError
+from specs.errors import DocumentError, SimyardError
 from tasks.results.ci.full_report import FullReport
 
 
@@ -47,18 +47,31 @@ def run_for_ci(wishes: CiWishes, run: Callable[[], PipelineReport]) -> PipelineR
         run: Runs the document.
     """
     step = github_step()
-    if wishes.junit:
-        prepare_junit(wishes.junit, wishes.asked)
-    # What libraries print must not end up in the JSON document.
-    aside = redirect_stdout(sys.stderr) if wishes.as_json else nullcontext()
+    _prepare(wishes)
+    # What libraries print must not end up in the JSON document, nor reach the runner after it obeys again, as it may
+    # from another stream.
+    aside = redirect_stdout(sys.stderr) if wishes.as_json or step.annotated else nullcontext()
     try:
         with unheard_commands(step, echo_commands), aside:
             report = run()
     except Exception as exc:
-        _tell(wishes, exc)
+        try:
+            _tell(wishes, exc)
+        except SimyardError as problem:  # the command ends with what came of the run
+            echo(problem, err=True)
         raise
     _tell(wishes, report)
     return report
+
+
+def _prepare(wishes: CiWishes) -> None:
+    if wishes.junit is None:
+        return
+    try:
+        prepare_junit(wishes.junit, wishes.asked)
+    except DocumentError as exc:
+        _tell(wishes._replace(junit=None), exc)
+        raise
 
 
 def _tell(wishes: CiWishes, end: PipelineReport | Exception) -> None:

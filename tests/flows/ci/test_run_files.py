@@ -46,6 +46,12 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_run(tmp_path: Path)
         prepare_junit(tmp_path / "folder", ASKED)
 
 
+@pytest.mark.parametrize("path", [".", "/", ".."])
+def test_a_folder_without_a_name_is_no_file_either(path: str):
+    with pytest.raises(DocumentError, match=r"--junit.*a file that can be written"):
+        prepare_junit(Path(path), ASKED)
+
+
 def test_the_step_is_known_by_its_variables(tmp_path: Path):
     assert github_step({}) == GitHubStep(None, annotated=False)
     assert github_step({"GITHUB_ACTIONS": "true", "GITHUB_STEP_SUMMARY": "/s"}) == GitHubStep(

@@ -59,6 +59,30 @@ def test_every_end_leaves_a_document_and_a_file(
     assert (found.answer, found.exit_code, JUnitXml.fromfile(str(tmp_path / "junit.xml")).errors) == told
 
 
+def test_a_file_that_cannot_be_written_is_refused_with_a_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    wishes = _wishes(tmp_path)._replace(junit=tmp_path)
+    with pytest.raises(DocumentError, match="--junit"):
+        run_for_ci(wishes, lambda: PASSED)
+    found = FullReport.model_validate_json(capsys.readouterr().out)
+    assert (found.answer, found.exit_code) == ("REFUSED", 2)
+
+
+@pytest.mark.parametrize(
+    "end", [PipelineNotPassed(UNDECIDED), StageFailed("InternalServiceError", "no answer"), RuntimeError("a defect")]
+)
+def test_a_file_that_cannot_be_written_any_more_hides_no_failure(
+    end: Exception, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    def run() -> PipelineReport:
+        (tmp_path / "junit.xml").unlink()
+        (tmp_path / "junit.xml").mkdir()
+        raise end
+
+    with pytest.raises(type(end)):
+        run_for_ci(_wishes(tmp_path), run)
+    assert "junit.xml cannot be written" in capsys.readouterr().err
+
+
 def test_an_interrupted_run_leaves_a_file_that_says_that_it_has_not_ended(tmp_path: Path):
     with pytest.raises(SystemExit):
         run_for_ci(_wishes(tmp_path), _raises(SystemExit(143)))
@@ -77,6 +101,17 @@ def test_in_github_actions_there_are_a_summary_and_annotations(
     assert told[1:3] == ["::set-output name=a::b", f"::{word}::"]
     assert told[3].startswith("::error title=nightly%3A InternalServiceError::no answer")
     assert "A stage failed" in (tmp_path / "summary.md").read_text()
+
+
+def test_what_libraries_print_is_in_the_stream_in_which_the_runner_is_told_to_obey_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    with pytest.raises(StageFailed):
+        run_for_ci(_wishes(tmp_path)._replace(as_json=False), _raises(StageFailed("InternalServiceError", "no answer")))
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.splitlines()[1] == "::set-output name=a::b"
 
 
 def test_a_summary_that_cannot_be_written_changes_no_answer(
