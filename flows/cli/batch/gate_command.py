@@ -1,14 +1,17 @@
 """The command `simyard gate`. It imports what it needs when it runs."""
 # ruff: noqa: PLC0415 - see above
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.text import Text
 
-from flows.cli.exit_codes import NOT_PASSED, UNDECIDED
+from flows.cli.exit_codes import NOT_PASSED, UNDECIDED, exit_code_of
 from flows.cli.output import TerminalConsole, echo, echo_json
+from specs.errors import SimyardError
 
 _STYLES = {"PASS": "bold green", "FAIL": "bold red", "INCONCLUSIVE": "bold yellow"}
 
@@ -35,7 +38,8 @@ def gate(
     from tasks.storage.store_url import open_existing_store
 
     opened, spec = open_existing_store(store), read_pipeline(document)
-    found = judge_again(opened, batch, spec)
+    with _told_of_failure(junit, spec.name, opened.url):
+        found = judge_again(opened, batch, spec)
     if as_json:
         echo_json(found.model_dump_json(indent=2))
     else:
@@ -54,3 +58,22 @@ def gate(
 
         write_asked_junit(junit, report_of_judgement(opened, spec, found, code))
     raise typer.Exit(code)
+
+
+@contextmanager
+def _told_of_failure(junit: Path | None, document: str, store_url: str) -> Generator[None, None, None]:
+    """Leaves why in the JUnit file if the block fails, and never an older file."""
+    if junit is None:
+        yield
+        return
+    from flows.ci.run_files import AskedRun, prepare_junit
+    from flows.ci.run_report import report_of_failure
+    from flows.cli.document.ci_answers import write_asked_junit
+
+    asked = AskedRun(document, store_url)
+    prepare_junit(junit, asked)
+    try:
+        yield
+    except SimyardError as exc:
+        write_asked_junit(junit, report_of_failure(asked, exc, exit_code_of(exc)))
+        raise

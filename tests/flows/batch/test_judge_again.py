@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from junitparser import JUnitXml
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
@@ -182,3 +183,26 @@ def test_a_failed_gate_exits_with_1_and_prints_the_verdict_first(file_store: Sto
     assert found.exit_code == 1
     assert found.stdout.startswith("FAIL: ")
     assert "ships nothing" in found.stdout
+
+
+def test_a_batch_that_cannot_be_judged_leaves_no_older_file(file_store: Store, tmp_path: Path):
+    path, junit = tmp_path / "gate.yaml", tmp_path / "junit.xml"
+    path.write_text(document(STRICT).model_dump_json(exclude_none=True))
+    junit.write_text("of yesterday")
+    app = typer.Typer()
+    app.command()(gate_command)
+    asked = ["simb-0000000000000000", "--document", str(path), "--junit", str(junit), "--store", file_store.url]
+    assert isinstance(CliRunner().invoke(app, asked).exception, ResourceNotFound)
+    assert "simb-0000000000000000" in junit.read_text()
+    assert JUnitXml.fromfile(str(junit)).errors == 1
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_a_batch_is_judged(file_store: Store, tmp_path: Path):
+    path = tmp_path / "gate.yaml"
+    path.write_text(document(STRICT).model_dump_json(exclude_none=True))
+    app = typer.Typer()
+    app.command()(gate_command)
+    asked = [batch_of(file_store, tmp_path).id, "--document", str(path), "--store", file_store.url]
+    found = CliRunner().invoke(app, [*asked, "--junit", str(tmp_path)])
+    assert isinstance(found.exception, DocumentError)
+    assert found.stdout == ""
