@@ -64,6 +64,14 @@ def resource_name(text: str) -> str:
     return parse_reference(text).path
 
 
+def reference_path(text: str) -> str:
+    """Returns what a reference names; one that is malformed stands for itself, and is refused where it is resolved."""
+    try:
+        return parse_reference(text).path
+    except ValueError:
+        return text
+
+
 def list_name(kind: ResourceKind) -> str:
     """Returns what `simyard list` calls the resources of a kind."""
     word = kind.removeprefix("deployment-") if kind == "deployment-fleet" else kind

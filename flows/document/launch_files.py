@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from specs.arn import parse_reference
+from specs.arn import reference_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
@@ -68,16 +68,9 @@ def _launches(spec: PipelineSpec) -> Iterator[_Launch]:
             for place, use in enumerate(given or ()):
                 path = f"simulationBatch.createSimulationJobRequests[{number}].{kind}Applications[{place}].launchConfig"
                 file = f"{use.launchConfig.packageName}/{use.launchConfig.launchFile}.py"
-                name = _name(use.application)
+                name = reference_path(use.application)
                 yield _Launch(f"{path}.launchFile", kind, name, use.applicationVersion, file, "a module")
     for number, use in enumerate(spec.deployment.deploymentApplicationConfigs if spec.deployment else ()):
         path = f"deployment.deploymentApplicationConfigs[{number}].launchConfig.launchFile"
         file = f"{use.launchConfig.packageName}/{use.launchConfig.launchFile}"
-        yield _Launch(path, "robot", _name(use.application), use.applicationVersion, file, "a file")
-
-
-def _name(reference: str) -> str:
-    try:
-        return parse_reference(reference).path
-    except ValueError:  # refused where it is resolved
-        return reference
+        yield _Launch(path, "robot", reference_path(use.application), use.applicationVersion, file, "a file")

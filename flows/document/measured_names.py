@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from specs.arn import parse_reference
+from specs.arn import reference_path
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
@@ -69,7 +69,7 @@ def _scenarios(section: SimulationBatch) -> set[str]:
     """Returns the names of a batch's scenarios; one that is not the document's own is named so that it never is."""
     uses = [use for request in section.createSimulationJobRequests for use in request.simulationApplications or ()]
     return {
-        parse_reference(use.application).path if use.applicationVersion in {None, LATEST} else f"{use.application}@"
+        reference_path(use.application) if use.applicationVersion in {None, LATEST} else f"{use.application}@"
         for use in uses
     }
 

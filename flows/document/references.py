@@ -19,7 +19,7 @@ from flows.document.tested_batch import (
     world_digests,
 )
 from flows.document.version_room import publish_brought
-from specs.arn import parse_reference
+from specs.arn import parse_reference, reference_path
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound
 from specs.pipeline.document import ApplicationSource, PipelineSpec
@@ -110,7 +110,7 @@ def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
 
     @cache  # a thousand requests use one application
     def find(kind: ApplicationKind, reference: str, version: str | None) -> Version:
-        brought = own.get(_key(kind, _path(reference)))
+        brought = own.get(_key(kind, reference_path(reference)))
         if brought and version in {None, LATEST}:
             return brought
         found = resolve(store, kind, reference, version)
@@ -128,14 +128,6 @@ def numbered_finder(store: Store, numbers: Numbers | None) -> FindVersion:
         kind, _, name = key.partition("/")
         own[key] = resolve(store, _kind(kind), name, number)
     return finder(store, own)
-
-
-def _path(reference: str) -> str:
-    """Returns what a reference names; one that is malformed stands for itself, and is refused where it is resolved."""
-    try:
-        return parse_reference(reference).path
-    except ValueError:
-        return reference
 
 
 def deployed_version(section: Deployment, store: Store, find: FindVersion, tested: Mapping[str, str] | None) -> Version:

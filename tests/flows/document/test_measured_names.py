@@ -59,6 +59,14 @@ def test_validate_leaves_scenarios_of_the_store_to_plan(tmp_path: Path):
     check_own_bundles(patrolled(tmp_path, WAITS, "metrics.anything", scenario="coverage"), tmp_path)
 
 
+def test_validate_leaves_a_scenario_that_nothing_can_be_called_to_plan(tmp_path: Path):
+    document = patrolled(tmp_path, WAITS, "metrics.anything").model_dump(mode="json", exclude_none=True)
+    document["simulationBatch"]["createSimulationJobRequests"][0]["simulationApplications"][0]["application"] = (
+        "arn:x:y"
+    )
+    check_own_bundles(PipelineSpec.model_validate(document), tmp_path)
+
+
 def test_a_plan_or_a_run_refuses_names_of_any_scenario(file_store: Store, tmp_path: Path):
     spec = patrolled(tmp_path, WAITS, "metrics.coverd_share", scenario="coverage")
     with pytest.raises(DocumentError, match=r'did you mean "metrics.covered_share"\?'):
