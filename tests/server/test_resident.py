@@ -10,7 +10,7 @@ import pytest
 from specs.errors import StageFailed
 from tasks.server import resident
 from tasks.server.process import Server
-from tasks.server.resident import end_kept, keep, kept_server
+from tasks.server.resident import end_kept, keep, kept_server, lasting_port
 from tests.factories.answering_server import NOBODY, answering
 
 
@@ -43,6 +43,12 @@ def test_a_kept_server_is_kept_once(tmp_path: Path, children: list[subprocess.Po
     server = keep(tmp_path)
     assert keep(tmp_path) == server == kept_server(tmp_path)
     assert len(children) == 1
+
+
+@pytest.mark.usefixtures("healthy", "children")
+def test_the_port_of_a_kept_server_is_noted_for_its_next_start(tmp_path: Path):
+    keep(tmp_path)
+    assert lasting_port(tmp_path) == (int((tmp_path / "port").read_text()), "")
 
 
 def test_an_interrupted_start_leaves_no_server(

@@ -92,6 +92,17 @@ def test_a_version_that_an_unfinished_job_tests_makes_no_room_until_the_job_ends
     assert free_versions(full, ROBOT, "tugger")[0].number == 1
 
 
+def test_a_version_that_the_document_itself_names_makes_no_room(full: Store):
+    use = {"application": "tugger", "launchConfig": {"packageName": "tugger", "launchFile": "run.sh"}}
+    deployment = {"fleet": "tuggers", "deploymentApplicationConfigs": [{**use, "applicationVersion": "1"}]}
+    spec = PipelineSpec.model_validate({"name": "ship", "deployment": deployment})
+    assert free_versions(full, ROBOT, "tugger", spec)[0].number == 2
+
+
+def test_the_newest_version_makes_no_room(full: Store):
+    assert free_versions(full, ROBOT, "tugger")[-1].number == VERSIONS_AT_MOST - 1
+
+
 def test_what_a_robot_is_asked_to_run_makes_no_room(full: Store):
     found = read_application(full, ROBOT, "tugger")
     assert found is not None

@@ -71,3 +71,7 @@ def test_no_text_makes_another_command(title: str, message: str, file: str):
     command, parts, _ = _read(line)
     assert command == "error"
     assert set(parts) <= {"file", "line", "title"}
+
+
+def test_a_percent_sign_is_not_read_as_the_end_of_a_line():
+    assert workflow_command(Annotation("error", "a", "b%0A::error::c")) == "::error title=a::b%250A::error::c"

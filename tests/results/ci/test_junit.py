@@ -141,3 +141,10 @@ def test_no_text_breaks_it(text: str):
 
 def test_the_same_report_gives_the_same_bytes():
     assert junit_xml(full_report()) == junit_xml(full_report())
+
+
+def test_a_stage_that_failed_is_one_case():
+    failed = failed_report()
+    ended = stage(name="worldExport", status="Failed")
+    body = junit_xml(failed.model_copy(update={"stages": (*failed.stages, ended)}))
+    assert body.count(b'<testcase name="worldExport"') == 1
