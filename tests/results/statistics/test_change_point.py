@@ -53,6 +53,20 @@ def test_worlds_that_are_drawn_anew_make_no_alarms():
     assert sum(len(find_changes(each, NIGHTS_A_YEAR)) for each in histories) <= 6
 
 
+def test_nights_of_different_sizes_in_worlds_that_are_drawn_anew_make_no_alarms():
+    rng = np.random.default_rng(3)
+    sizes = [rng.choice([1, 12, 24], 365) for _ in range(6)]
+    histories = [[clustered(rng, 0.95, 0.3, 8, int(seeds)) for seeds in each] for each in sizes]
+    assert sum(len(find_changes(each, NIGHTS_A_YEAR)) for each in histories) <= 6
+
+
+def test_the_worlds_of_the_first_night_differing_hides_no_drop_in_the_same_worlds():
+    first, *rest = counts([0.95] * 30 + [0.88] * 10, 384)
+    assert find_changes([first._replace(scatter=10.0, freedom=7), *rest], NIGHTS_A_YEAR) == find_changes(
+        [first, *rest], NIGHTS_A_YEAR
+    )
+
+
 def test_a_night_with_all_its_failures_in_one_new_world_is_no_alarm():
     quiet = [NightCount(384, 384, 0.0, 7)] * 30
     one_bad_world = NightCount(384 - 30, 384, 7 * (48 - 44.25) ** 2 / 48 + (18 - 44.25) ** 2 / 48, 7)
