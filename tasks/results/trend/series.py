@@ -129,6 +129,31 @@ def make_trend(nights: Sequence[Night], choice: Choice, nights_a_false_alarm: fl
     return Trend(tuple(nights), tuple(series), len(rest))
 
 
+def raised_alarms(trend: Trend, choice: Choice, run: str) -> list[tuple[Series, Change]]:
+    """Returns the alarms that a run's night has raised.
+
+    Those are the ones that are seen at its end; and those that are seen at a night that began later, though it ended
+    before, if nobody could see them then.
+
+    Args:
+        trend: With the night.
+        choice: Which episodes the trend looks at.
+        run: Id of the run.
+    """
+    at = next((at for at, night in enumerate(trend.nights) if night.run == run), len(trend.nights))
+    raised = [alarm for alarm in trend.alarms() if alarm[1].seen >= at]
+    if all(change.seen == at for _, change in raised):
+        return raised
+    others = [night.model_copy(update={"cells": ()}) if night.run == run else night for night in trend.nights]
+    known = make_trend(others, choice).alarms()
+    return [
+        (each, change)
+        for each, change in raised
+        if change.seen == at
+        or not any((of.kind, of.label) == (each.kind, each.label) and _is_part(change, told) for of, told in known)
+    ]
+
+
 def world_name(night: Night, world: str) -> str:
     """Returns what a world is called on all nights: without the generation, where the run itself made it."""
     generation, _, name = world.partition("/")

@@ -15,6 +15,7 @@ from flows.trend.history import document_names, read_history
 from flows.trend.trend_page import TrendAsked, find_trend, write_trend_of_run
 from specs.errors import DocumentError
 from tasks.results.trend.measure import Measure, parse_measure
+from tasks.results.trend.series import WHOLE
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
@@ -178,6 +179,20 @@ def test_a_fall_is_an_alarm_of_the_run_that_raised_it_and_its_page_lies_beside_t
     assert f"../{batch.id}/report.html" in page.read_text()
     earlier, _ = stored_night(file_store, tmp_path, 3, 40)
     assert write_trend_of_run(file_store, earlier, batch) == (written.url, ())
+
+
+def test_a_fall_that_a_night_begun_later_ended_without_is_told_by_the_night_that_ended_last(
+    file_store: Store, tmp_path: Path
+):
+    for number in range(2):
+        stored_night(file_store, tmp_path, number, 0)
+    slow, batch = stored_night(file_store, tmp_path, 2, 8)
+    stored_night(file_store, tmp_path, 3, 8)
+    written = write_trend_of_run(file_store, slow, batch)
+    assert written
+    assert [(alarm.series, alarm.fell) for alarm in written.alarms] == [(WHOLE, True)]
+    late, late_batch = stored_night(file_store, tmp_path, 4, 8)
+    assert write_trend_of_run(file_store, late, late_batch) == (written.url, ())
 
 
 def test_a_trend_that_cannot_be_made_harms_no_run(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
