@@ -114,6 +114,20 @@ def test_a_change_begins_after_the_one_before_and_not_after_it_is_seen(history: 
         before = each.began
 
 
+def test_the_worlds_of_the_first_night_make_the_next_ones_no_more_alike():
+    first, second = NightCount(376, 384), NightCount(330, 384, 7 * 10 * 0.08, 7)
+    assert find_changes([first, second], 4.0) == find_changes([first._replace(freedom=7), second], 4.0) == []
+
+
+@given(nights)
+def test_the_rate_before_a_change_is_that_since_the_one_before(history: list[NightCount]):
+    start = 0
+    for each in find_changes(history, 20.0):
+        level = history[start : each.began]
+        assert each.before == pytest.approx(sum(night.successes for night in level) / sum(night.n for night in level))
+        start = each.began
+
+
 @given(st.floats(0.5, 1e6))
 def test_the_gamma_function_is_right(x: float):
     assert float(_log_gamma(np.array(x))) == pytest.approx(math.lgamma(x), rel=1e-11, abs=1e-11)
