@@ -102,6 +102,15 @@ def test_a_record_that_lacks_what_a_batch_has_spoils_no_other_night(
     assert good.left_out == ""
 
 
+def test_episodes_of_the_version_that_a_gate_compares_with_are_no_part_of_the_night(file_store: Store, tmp_path: Path):
+    run, _ = stored_night(file_store, tmp_path, 0)
+    (night,) = read_history(file_store, "nightly", Measure()).nights
+    (digest,) = night.bundles()
+    changed_record(file_store, run, detail={**run.detail, "baseline": {"digest": digest}})
+    (night,) = read_history(file_store, "nightly", Measure(), anew=True).nights
+    assert (night.robots, night.cells) == ((), ())
+
+
 def test_a_night_without_rows_is_a_night_without_episodes(file_store: Store, tmp_path: Path):
     _, one = stored_night(file_store, tmp_path, 0)
     table = pq.read_table(results_file(one))
