@@ -187,7 +187,11 @@ def _read_night(store: Store, measure: Measure, bucket: Callable[[str], Store], 
 def _read_rows(
     record: JobRecord, night: Night, measure: Measure, bucket: Callable[[str], Store], compared_with: str
 ) -> _Read:
-    place, plan = recorded_location(record), plan_of(record)
+    try:
+        place, plan = recorded_location(record), plan_of(record)
+        sha256 = cast("Mapping[str, str]", record.detail["sha256s"])[RESULTS_FILE]
+    except (KeyError, TypeError, ValueError):  # whoever may write to the store may have written anything
+        return _left_out(night, "its record is not one that a batch wrote")
     several = tuple(name for name, values in plan.variables().items() if len(values) > 1)
     robots = {each.robot.digest: each.robot for each in plan.templates if each.robot.digest != compared_with}
     facts = {
@@ -201,12 +205,20 @@ def _read_rows(
         opened = bucket(place.s3Bucket or "")
         body = opened.get(file_key(place, record.id, RESULTS_FILE)).body
     except (ObjectNotFound, BucketNotFound):
-        return _Read(night.model_copy(update={"left_out": f"its {RESULTS_FILE} is gone"}), None, "", ended=False)
+        return _left_out(night, f"its {RESULTS_FILE} is gone")
     night = night.model_copy(update={"page": f"{opened.url}/{file_key(place, record.id, REPORT_FILE)}"})
-    if hashlib.sha256(body).hexdigest() != cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]:
-        why = f"its {RESULTS_FILE} is not what the batch wrote"
-        return _Read(night.model_copy(update={"left_out": why}), None, "", ended=False)
-    return _Read(night, read_rows(body, measure.column, variables=bool(several)), compared_with, ended=True)
+    if hashlib.sha256(body).hexdigest() != sha256:
+        return _left_out(night, f"its {RESULTS_FILE} is not what the batch wrote")
+    try:
+        rows = read_rows(body, measure.column, variables=bool(several))
+    except ValueError:
+        return _left_out(night, f"its {RESULTS_FILE} is no table of a batch's results")
+    return _Read(night, rows, compared_with, ended=True)
+
+
+def _left_out(night: Night, why: str) -> _Read:
+    """Returns a night that does not count now, and may do so later: a file may be put back."""
+    return _Read(night.model_copy(update={"left_out": why}), None, "", ended=False)
 
 
 def _facts(run: JobRecord, record: JobRecord | None) -> Night:

@@ -38,6 +38,9 @@ def kept_nights(store: Store, document: str) -> KeptNights:
         return KeptNights.model_validate_json(path.read_bytes())
     except (FileNotFoundError, ValidationError):
         return KeptNights()
+    except OSError as exc:
+        logger.warning("%s cannot be read, so that all tables are read again: %s", path, exc)
+        return KeptNights()
 
 
 def keep_nights(store: Store, document: str, kept: KeptNights) -> None:

@@ -11,7 +11,7 @@ from specs.field_types import OutputLocation
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR
 from tasks.results.trend.measure import Measure
 from tasks.results.trend.page import trend_page
-from tasks.results.trend.series import Choice, Trend, make_trend
+from tasks.results.trend.series import Choice, Trend, make_trend, raised_alarms
 from tasks.results.trend.view import Alarm, TrendView, alarm_of, trend_view
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import output_key, trend_key
@@ -95,7 +95,7 @@ def _write(store: Store, document: str, run: str, place: OutputLocation) -> Writ
     history = read_history(store, document, asked.measure)
     trend = make_trend(history.nights, asked.choice)
     bucket.put(key, trend_page(_view(trend, history, asked, base)))
-    raised = [(each, change) for each, change in trend.alarms() if trend.nights[change.seen].run == run]
+    raised = raised_alarms(trend, asked.choice, run)
     return WrittenTrend(f"{bucket.url}/{key}", tuple(alarm_of(trend, each, change) for each, change in raised))
 
 

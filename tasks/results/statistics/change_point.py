@@ -10,8 +10,9 @@ does not ask why a night had as many episodes as it had: a batch that ended earl
 
 Nights differ by more than the chance of single episodes where worlds are drawn anew. Their counts are then divided by
 a factor of dispersion (quasi-likelihood: Wedderburn 1974, Biometrika 61:439), which is the larger of two estimates:
-from the worlds within the nights, and from nights that follow one another (von Neumann 1941, Annals of Mathematical
-Statistics 12:367). Simulations of whole histories show what is left of the guarantee: benchmarks/results/trend.py.
+from the worlds that came new after the first night, and from nights that follow one another (von Neumann 1941, Annals
+of Mathematical Statistics 12:367). A night counts for the first as much as its episodes weigh in the rates. Simulations
+of whole histories show what is left of the guarantee: benchmarks/results/trend.py.
 """
 
 import math
@@ -28,6 +29,11 @@ _MOST_NIGHTS_BACK = 128
 _PRIOR_NIGHTS = 4.0
 _PRIOR = 0.5
 _BELIEVED = 0.9
+# Nights that are looked at in one go; as many numbers as a processor has at hand.
+_AT_ONCE = 16
+_Lasts = Int[np.ndarray, " lasts"]
+_Begins = Int[np.ndarray, "lasts begins"]
+_Evidence = Float[np.ndarray, "lasts begins"]
 
 
 class NightCount(NamedTuple):
@@ -37,7 +43,7 @@ class NightCount(NamedTuple):
         successes: Episodes that passed.
         n: Episodes that were counted.
         scatter: Sum over the night's new worlds of (successes - n x rate)^2 / n; a world is new where the night before
-            did not have it.
+            did not have it. A level's first night is compared with no night before, so that its own is not used.
         freedom: How many new worlds there are, less one; 0 for none.
     """
 
@@ -85,17 +91,19 @@ def find_changes(nights: Sequence[NightCount], limit: float) -> list[Change]:
     used = [at for at, night in enumerate(nights) if night.n > 0]
     sums = _Sums.of([nights[at] for at in used])
     found: list[Change] = []
-    start, looked = 0, 1
-    for last in range(len(used)):
-        first = max(looked, start + 1, last - _MOST_NIGHTS_BACK + 1)
-        if first > last:
+    start, looked, last = 0, 1, 1
+    while last < len(used):
+        lasts = np.arange(last, min(last + _AT_ONCE, len(used)))
+        begins, evidence = sums.evidence(start, looked, lasts)
+        top = evidence.max(axis=1)
+        total = top + np.log(np.exp(evidence - top[:, None]).sum(axis=1))
+        alarms = np.flatnonzero(total >= math.log(limit))
+        if not len(alarms):
+            last = int(lasts[-1]) + 1
             continue
-        evidence = sums.evidence(start, np.arange(first, last + 1), last)
-        top = float(evidence.max())
-        if top + math.log(np.exp(evidence - top).sum()) < math.log(limit):
-            continue
-        change = sums.change(start, first, last, evidence)
-        start, looked = change.began, last + 1
+        row = int(alarms[0])
+        change = sums.change(start, begins[row], int(lasts[row]), evidence[row])
+        start, looked, last = change.began, change.seen + 1, change.seen + 1
         found.append(_at_nights(change, used))
     return found
 
@@ -113,50 +121,63 @@ class _Sums:
     @staticmethod
     def of(nights: Sequence[NightCount]) -> "_Sums":
         """Returns the sums of nights that all have episodes."""
-        columns = np.array(nights, np.float64).reshape(-1, 4).T
-        successes, n = columns[0], columns[1]
+        successes, n, scatter, freedom = np.array(nights, np.float64).reshape(-1, 4).T
         rate = successes / n
         # The step into a night: its squared difference from the night before, in units of one episode's variance.
         steps = np.zeros(len(nights))
         steps[1:] = np.diff(rate) ** 2 / (1.0 / n[1:] + 1.0 / n[:-1])
-        return _Sums(*(np.concatenate([[0.0], np.cumsum(each)]) for each in (*columns, steps)))
+        # Many episodes a world make a night scatter more, and weigh more in the rates: they weigh as much here.
+        columns = (successes, n, n * scatter, n * freedom, steps)
+        return _Sums(*(np.concatenate([[0.0], np.cumsum(each)]) for each in columns))
 
-    def evidence(self, start: int, begins: Int[np.ndarray, " begins"], last: int) -> Float[np.ndarray, " begins"]:
-        """Returns the logarithm of the evidence for each night that may be the first of the new level."""
-        scale = 1.0 / self._dispersion(start, begins, last)
-        whole_s, whole_n = (each[last + 1] - each[start] for each in (self.successes, self.n))
-        late_s, late_n = (each[last + 1] - each[begins] for each in (self.successes, self.n))
-        passed = np.stack([whole_s - late_s, late_s, np.full_like(late_s, whole_s)]) * scale
-        n = np.stack([whole_n - late_n, late_n, np.full_like(late_n, whole_n)]) * scale
-        early, late, whole = _log_marginals(passed, n)
-        return early + late - whole
+    def evidence(self, start: int, looked: int, lasts: _Lasts) -> tuple[_Begins, _Evidence]:
+        """Returns the nights that may be the first of a new level, and the logarithm of the evidence for each.
 
-    def _dispersion(self, start: int, begins: Int[np.ndarray, " begins"], last: int) -> Float[np.ndarray, " begins"]:
+        Args:
+            start: The first night of the level.
+            looked: The first night that may be one; what is before it has no evidence, minus infinity.
+            lasts: The nights after which somebody looks, one a row.
+        """
+        back = min(_MOST_NIGHTS_BACK, int(lasts[-1]) - looked + 1)
+        asked = lasts[:, None] - np.arange(back)[::-1]
+        begins = np.maximum(asked, looked)
+        scale = 1.0 / self._dispersion(start, begins, lasts[:, None])
+        ends = lasts[:, None] + 1
+        whole_s, whole_n = (each[ends] - each[start] for each in (self.successes, self.n))
+        late_s, late_n = (each[ends] - each[begins] for each in (self.successes, self.n))
+        early = _log_marginals((whole_s - late_s) * scale, (whole_n - late_n) * scale)
+        late, whole = _log_marginals(late_s * scale, late_n * scale), _log_marginals(whole_s * scale, whole_n * scale)
+        return begins, np.where(asked < looked, -np.inf, early + late - whole)
+
+    def _dispersion(self, start: int, begins: _Begins, lasts: _Begins) -> _Evidence:
         """Returns how much more nights differ than by the chance of single episodes; 1 at least."""
-        whole_s, whole_n = self.successes[last + 1] - self.successes[start], self.n[last + 1] - self.n[start]
+        ends = lasts + 1
+        whole_s, whole_n = self.successes[ends] - self.successes[start], self.n[ends] - self.n[start]
         rate = (whole_s + _PRIOR) / (whole_n + 2.0 * _PRIOR)
         variance = rate * (1.0 - rate)
-        freedom = self.freedom[last + 1] - self.freedom[start]
-        within = (self.scatter[last + 1] - self.scatter[start]) / variance / freedom if freedom else 1.0
-        within = max(1.0, within)
+        # Without the first night: worlds that stay after it make no night differ from another.
+        freedom = self.freedom[ends] - self.freedom[start + 1]
+        scatter = (self.scatter[ends] - self.scatter[start + 1]) / variance
+        within = np.where(freedom > 0.0, np.maximum(1.0, scatter / np.maximum(freedom, 1.0)), 1.0)
         # Without the step into the new level, which is what is tested.
-        steps = self.steps[last + 1] - self.steps[start + 1] - np.diff(self.steps)[begins]
-        count = last - start - 1
-        between = (_PRIOR_NIGHTS * within + steps / variance) / (_PRIOR_NIGHTS + count)
+        steps = self.steps[ends] - self.steps[start + 1] - np.diff(self.steps)[begins]
+        between = (_PRIOR_NIGHTS * within + steps / variance) / (_PRIOR_NIGHTS + lasts - start - 1)
         return np.maximum(within, between)
 
-    def change(self, start: int, first: int, last: int, evidence: Float[np.ndarray, " begins"]) -> Change:
+    def change(
+        self, start: int, begins: Int[np.ndarray, " begins"], last: int, evidence: Float[np.ndarray, " begins"]
+    ) -> Change:
         """Returns the change that the evidence speaks for."""
         share = np.exp(evidence - evidence.max())
         share /= share.sum()
         order = np.argsort(-share, kind="stable")
-        believed = order[: int(np.searchsorted(np.cumsum(share[order]), _BELIEVED)) + 1]
-        began = first + int(order[0])
+        believed = begins[order[: int(np.searchsorted(np.cumsum(share[order]), _BELIEVED)) + 1]]
+        began = int(begins[order[0]])
         return Change(
             seen=last,
             began=began,
-            earliest=first + int(believed.min()),
-            latest=first + int(believed.max()),
+            earliest=int(believed.min()),
+            latest=int(believed.max()),
             before=self._rate(start, began),
             after=self._rate(began, last + 1),
         )
@@ -172,9 +193,8 @@ def _at_nights(change: Change, used: Sequence[int]) -> Change:
 
 def _log_marginals(successes: Float[np.ndarray, "..."], n: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Returns the logarithm of the chance of episodes in their order, whatever the rate, by Jeffreys' prior."""
-    # All at once: of so few numbers each call costs more than what it computes.
-    passed, failed, both = _log_gamma(np.stack([successes + _PRIOR, n - successes + _PRIOR, n + 2.0 * _PRIOR]))
-    return passed + failed - both - math.log(math.pi)
+    passed, failed = _log_gamma(successes + _PRIOR), _log_gamma(n - successes + _PRIOR)
+    return passed + failed - _log_gamma(n + 2.0 * _PRIOR) - math.log(math.pi)
 
 
 def _log_gamma(x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -188,5 +208,5 @@ def _log_gamma(x: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     square = inverse * inverse
     series = inverse * (1 / 12 - square * (1 / 360 - square * (1 / 1260 - square / 1680)))
     rising = x * (x + 1.0) * (x + 2.0) * (x + 3.0)
-    rising = np.log(rising) + np.log((x + 4.0) * (x + 5.0) * (x + 6.0) * (x + 7.0))
+    rising = np.log(rising * (x + 4.0) * (x + 5.0) * (x + 6.0) * (x + 7.0))
     return (y - 0.5) * np.log(y) - y + 0.5 * math.log(2.0 * math.pi) + series - rising

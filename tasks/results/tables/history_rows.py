@@ -6,6 +6,7 @@ a hundred.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -14,6 +15,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
 from specs.data.result_columns import MEASURES
+from tasks.results.tables.tables import extended_schemas
 
 SUCCESS, COLLISION = "success", "collision"
 NOT_SET = "(not set)"
@@ -85,11 +87,25 @@ def read_rows(body: bytes, measure: str, *, variables: bool) -> pa.Table:
         body: The file.
         measure: ``success``, ``collision`` (whose value is 1 where there was none), a column, or ``metrics.<name>``.
         variables: Whether values of environment variables are wanted.
+
+    Raises:
+        ValueError: The file is none, or lacks one of the columns, or has it as another type.
     """
     names = ["world", "robot_digest", "success", measure_column(measure)]
     names = [*dict.fromkeys(names), *(["environment"] if variables else [])]
-    table = pq.ParquetFile(pa.BufferReader(body)).read(names, use_threads=False)
-    return table.select(names).replace_schema_metadata(None)
+    wanted = _fields(tuple(names))
+    try:
+        file = pq.ParquetFile(pa.BufferReader(body))
+        table = file.read(names, use_threads=False).select(names).replace_schema_metadata(None)
+        return table if table.schema.equals(wanted) else table.cast(wanted)
+    except (pa.ArrowException, KeyError, OSError) as exc:
+        raise ValueError(f"no table of results: {exc}") from exc
+
+
+@cache
+def _fields(names: Sequence[str]) -> pa.Schema:
+    known, _ = extended_schemas(())
+    return pa.schema([known.field(name) for name in names])
 
 
 def join_rows(tables: Sequence[pa.Table], measure: str, variables: Sequence[str]) -> HistoryRows:

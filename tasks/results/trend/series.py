@@ -22,7 +22,8 @@ from tasks.results.trend.night import Night
 MOST_SERIES = 24
 CONFIDENCE = 0.95
 WHOLE = "All episodes"
-_Cells = tuple[Cell, ...]
+# Each with its world's identity: of worlds that are generated anew, the template's and not the generation's.
+_Cells = Sequence[tuple[str, Cell]]
 
 
 @dataclass(frozen=True)
@@ -111,20 +112,46 @@ def make_trend(nights: Sequence[Night], choice: Choice, nights_a_false_alarm: fl
     Raises:
         DocumentError: No episode was chosen, though there are nights.
     """
-    cells = [night.cells for night in nights]
+    cells = [_identified(night) for night in nights]
     if choice != Choice():
-        cells = [tuple(cell for cell in night.cells if _is_chosen(night, cell, choice)) for night in nights]
+        pairs = zip(nights, cells, strict=True)
+        cells = [[pair for pair in some if _is_chosen(night, pair[1], choice)] for night, some in pairs]
     if any(night.cells for night in nights) and not any(cells):
         raise _none_chosen(nights, choice)
     repeats = _repeats(nights)
     groups = _groups(nights, cells)
     kept, rest = list(groups)[:MOST_SERIES], list(groups)[MOST_SERIES:]
     share = 2.0 if kept else 1.0
-    series = [_series(("all", WHOLE), nights, cells, repeats, nights_a_false_alarm * share)]
+    series = [_series(("all", WHOLE), cells, repeats, nights_a_false_alarm * share)]
     for key in kept:
         limit = nights_a_false_alarm * share * len(kept)
-        series.append(_series(key, nights, groups[key], repeats, limit))
+        series.append(_series(key, groups[key], repeats, limit))
     return Trend(tuple(nights), tuple(series), len(rest))
+
+
+def raised_alarms(trend: Trend, choice: Choice, run: str) -> list[tuple[Series, Change]]:
+    """Returns the alarms that a run's night has raised.
+
+    Those are the ones that are seen at its end; and those that are seen at a night that began later, though it ended
+    before, if nobody could see them then.
+
+    Args:
+        trend: With the night.
+        choice: Which episodes the trend looks at.
+        run: Id of the run.
+    """
+    at = next((at for at, night in enumerate(trend.nights) if night.run == run), len(trend.nights))
+    raised = [alarm for alarm in trend.alarms() if alarm[1].seen >= at]
+    if all(change.seen == at for _, change in raised):
+        return raised
+    others = [night.model_copy(update={"cells": ()}) if night.run == run else night for night in trend.nights]
+    known = make_trend(others, choice).alarms()
+    return [
+        (each, change)
+        for each, change in raised
+        if change.seen == at
+        or not any((of.kind, of.label) == (each.kind, each.label) and _is_part(change, told) for of, told in known)
+    ]
 
 
 def world_name(night: Night, world: str) -> str:
@@ -149,9 +176,12 @@ def _repeats(nights: Sequence[Night]) -> list[bool]:
     return found
 
 
-def _world_identity(night: Night, world: str) -> str:
-    generation, _, name = world.partition("/")
-    return f"{night.worlds_made}/{name}" if generation == night.generation else world
+def _identified(night: Night) -> _Cells:
+    found: list[tuple[str, Cell]] = []
+    for cell in night.cells:
+        generation, _, name = cell.world.partition("/")
+        found.append((f"{night.worlds_made}/{name}" if generation == night.generation else cell.world, cell))
+    return found
 
 
 def _is_chosen(night: Night, cell: Cell, choice: Choice) -> bool:
@@ -166,20 +196,20 @@ def _is_chosen(night: Night, cell: Cell, choice: Choice) -> bool:
 
 def _groups(nights: Sequence[Night], cells: Sequence[_Cells]) -> dict[tuple[str, str], list[_Cells]]:
     """Returns the episodes of each world that comes on several nights, and of each value, by kind and label."""
-    found: dict[tuple[str, str], list[_Cells]] = {}
+    found: dict[tuple[str, str], dict[int, list[tuple[str, Cell]]]] = {}
     labels: dict[str, str] = {}
     for at, (night, some) in enumerate(zip(nights, cells, strict=True)):
-        for cell in some:
-            identity = _world_identity(night, cell.world)
+        for pair in some:
+            identity, cell = pair
             labels[identity] = world_name(night, cell.world)
             for key in (("", identity), *zip(night.variables, cell.variables, strict=True)):
-                row = found.setdefault(key, [()] * len(nights))
-                row[at] = (*row[at], cell)
-    several = {key[1]: row for key, row in found.items() if not key[0] and sum(map(bool, row)) > 1}
-    named = _named([labels[identity] for identity in several])
-    worlds = {("world", name): row for name, row in zip(named, several.values(), strict=True)}
-    values = {key: found[key] for key in sorted(found) if key[0]}
-    return {**(worlds if len(worlds) > 1 else {}), **values}  # a single world is all episodes
+                found.setdefault(key, {}).setdefault(at, []).append(pair)
+    several = [key for key, row in found.items() if not key[0] and len(row) > 1]
+    named = _named([labels[identity] for _, identity in several])
+    keys = [(("world", name), key) for name, key in zip(named, several, strict=True)]
+    keys = keys if len(keys) > 1 else []  # a single world is all episodes
+    keys += [(key, key) for key in sorted(found) if key[0]]
+    return {key: [found[of].get(at, ()) for at in range(len(nights))] for key, of in keys}
 
 
 def _named(labels: Iterable[str]) -> list[str]:
@@ -192,21 +222,19 @@ def _named(labels: Iterable[str]) -> list[str]:
     return found
 
 
-def _series(
-    key: tuple[str, str], nights: Sequence[Night], cells: Sequence[_Cells], repeats: Sequence[bool], limit: float
-) -> Series:
-    counts = _counts(nights, cells)
+def _series(key: tuple[str, str], cells: Sequence[_Cells], repeats: Sequence[bool], limit: float) -> Series:
+    counts = _counts(cells)
     fresh = [NightCount(0, 0) if repeat else count for count, repeat in zip(counts, repeats, strict=True)]
     return Series(*key, _points(counts, repeats), tuple(find_changes(fresh, limit)), limit)
 
 
-def _counts(nights: Sequence[Night], cells: Sequence[_Cells]) -> list[NightCount]:
+def _counts(cells: Sequence[_Cells]) -> list[NightCount]:
     found: list[NightCount] = []
     before: frozenset[str] = frozenset()
-    for night, some in zip(nights, cells, strict=True):
+    for some in cells:
         worlds: dict[str, list[int]] = {}
-        for cell in some:
-            tally = worlds.setdefault(_world_identity(night, cell.world), [0, 0])
+        for identity, cell in some:
+            tally = worlds.setdefault(identity, [0, 0])
             tally[0] += cell.successes
             tally[1] += cell.n
         found.append(_night_count(worlds, before))

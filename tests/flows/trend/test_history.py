@@ -1,8 +1,13 @@
 """The nights of a document are those that its runs left in the store, and nothing that somebody put in their place."""
 
+import hashlib
+import json
 from pathlib import Path
+from typing import cast
 from urllib.parse import urlsplit
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from flows.trend import history
@@ -10,6 +15,8 @@ from flows.trend.history import document_names, read_history
 from flows.trend.trend_page import TrendAsked, find_trend, write_trend_of_run
 from specs.errors import DocumentError
 from tasks.results.trend.measure import Measure, parse_measure
+from tasks.results.trend.series import WHOLE
+from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tasks.storage.jobs.runs import stage_token
@@ -19,6 +26,13 @@ from tests.flows.trend.stored_nights import stored_night
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+
+
+def changed_record(store: Store, batch: JobRecord, **changes: object) -> None:
+    """Puts another record of a batch in the store, as whoever may write there can."""
+    key = job_key(batch.kind, batch.id)
+    whole = json.loads(store.get(key).body)
+    store.put(key, json.dumps({**whole, **changes}).encode())
 
 
 def results_file(batch: JobRecord) -> Path:
@@ -49,6 +63,72 @@ def test_a_table_that_somebody_changed_is_left_out_with_the_reason(file_store: S
     _, forged = read_history(file_store, "nightly", Measure()).nights
     assert forged.left_out == "its results.parquet is not what the batch wrote"
     assert forged.cells == ()
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [{}, {"world": [1]}, {"world": ["w"], "robot_digest": ["d"], "success": ["yes"], "environment": [[("a", "b")]]}],
+)
+def test_a_table_of_a_forged_record_that_is_none_spoils_no_other_night(
+    file_store: Store, tmp_path: Path, columns: dict[str, list[object]]
+):
+    (_, one), _ = (stored_night(file_store, tmp_path, number) for number in range(2))
+    pq.write_table(pa.table(columns), results_file(one))
+    body = results_file(one).read_bytes()
+    shas = {**cast("dict[str, str]", one.detail["sha256s"]), "results.parquet": hashlib.sha256(body).hexdigest()}
+    changed_record(file_store, one, detail={**one.detail, "sha256s": shas})
+    bad, good = read_history(file_store, "nightly", Measure()).nights
+    assert bad.left_out == "its results.parquet is no table of a batch's results"
+    assert sum(cell.n for cell in good.cells) == 80
+
+
+def test_a_file_that_is_no_table_is_left_out(file_store: Store, tmp_path: Path):
+    _, one = stored_night(file_store, tmp_path, 0)
+    results_file(one).write_bytes(b"no table")
+    shas = {"results.parquet": hashlib.sha256(b"no table").hexdigest()}
+    changed_record(file_store, one, detail={**one.detail, "sha256s": shas})
+    (bad,) = read_history(file_store, "nightly", Measure()).nights
+    assert bad.left_out == "its results.parquet is no table of a batch's results"
+
+
+@pytest.mark.parametrize("changes", [{"detail": {}}, {"request": {}}, {"request": {"plan": {"seeds": "none"}}}])
+def test_a_record_that_lacks_what_a_batch_has_spoils_no_other_night(
+    file_store: Store, tmp_path: Path, changes: dict[str, object]
+):
+    (_, one), _ = (stored_night(file_store, tmp_path, number) for number in range(2))
+    changed_record(file_store, one, **changes)
+    bad, good = read_history(file_store, "nightly", Measure()).nights
+    assert bad.left_out == "its record is not one that a batch wrote"
+    assert good.left_out == ""
+
+
+def test_episodes_of_the_version_that_a_gate_compares_with_are_no_part_of_the_night(file_store: Store, tmp_path: Path):
+    run, _ = stored_night(file_store, tmp_path, 0)
+    (night,) = read_history(file_store, "nightly", Measure()).nights
+    (digest,) = night.bundles()
+    changed_record(file_store, run, detail={**run.detail, "baseline": {"digest": digest}})
+    (night,) = read_history(file_store, "nightly", Measure(), anew=True).nights
+    assert (night.robots, night.cells) == ((), ())
+
+
+def test_a_night_without_rows_is_a_night_without_episodes(file_store: Store, tmp_path: Path):
+    _, one = stored_night(file_store, tmp_path, 0)
+    table = pq.read_table(results_file(one))
+    pq.write_table(table.slice(0, 0), results_file(one))
+    shas = {"results.parquet": hashlib.sha256(results_file(one).read_bytes()).hexdigest()}
+    changed_record(file_store, one, detail={**one.detail, "sha256s": shas})
+    (empty,) = read_history(file_store, "nightly", Measure()).nights
+    assert (empty.left_out, empty.cells) == ("", ())
+
+
+@pytest.mark.parametrize("damage", ["folder", "text"])
+def test_a_cache_that_cannot_be_read_costs_time_alone(file_store: Store, tmp_path: Path, damage: str):
+    stored_night(file_store, tmp_path, 0)
+    before = counts(file_store)
+    (kept,) = (tmp_path / "cache" / "trends").iterdir()
+    kept.unlink()
+    kept.mkdir() if damage == "folder" else kept.write_bytes(b'{"version": 1, "nights": {"a": 3}, \xff')
+    assert counts(file_store) == before
 
 
 def test_results_that_the_owners_key_does_not_vouch_for_are_marked(
@@ -108,6 +188,20 @@ def test_a_fall_is_an_alarm_of_the_run_that_raised_it_and_its_page_lies_beside_t
     assert f"../{batch.id}/report.html" in page.read_text()
     earlier, _ = stored_night(file_store, tmp_path, 3, 40)
     assert write_trend_of_run(file_store, earlier, batch) == (written.url, ())
+
+
+def test_a_fall_that_a_night_begun_later_ended_without_is_told_by_the_night_that_ended_last(
+    file_store: Store, tmp_path: Path
+):
+    for number in range(2):
+        stored_night(file_store, tmp_path, number, 0)
+    slow, batch = stored_night(file_store, tmp_path, 2, 8)
+    stored_night(file_store, tmp_path, 3, 8)
+    written = write_trend_of_run(file_store, slow, batch)
+    assert written
+    assert [(alarm.series, alarm.fell) for alarm in written.alarms] == [(WHOLE, True)]
+    late, late_batch = stored_night(file_store, tmp_path, 4, 8)
+    assert write_trend_of_run(file_store, late, late_batch) == (written.url, ())
 
 
 def test_a_trend_that_cannot_be_made_harms_no_run(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Generator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -23,12 +24,14 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read, records, submit
 from tasks.storage.jobs.runs import jobs_of
 from tasks.storage.store_url import open_store
+from tests.flows.trend.stored_nights import stored_night
 from tests.integration.runs import ROOT
 from tests.servers.eventually import eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
 
 EXAMPLE = ROOT / "examples/automations/what-went-wrong.yaml"
+FALLS = ROOT / "examples/automations/rate-fell.yaml"
 HEARTBEATS = ROOT / "examples/automations/lost-heartbeats.yaml"
 # A flow as a worker runs it: the same job is told of again after its end, as by a process that was thought dead.
 FLOW = """
@@ -48,6 +51,24 @@ def failing(store: str, batch: str) -> None:
         _announce(Transition(record.kind, record.arn, "InProgress", "Failed", "InvalidInput", "again"))
 
 failing(*sys.argv[1:])
+"""
+# The end of a run's batch, as a stage has it.
+TREND = """
+import sys
+from prefect import flow
+from flows.run.events import announce_alarm
+from flows.trend.trend_page import write_trend_of_run
+from tasks.storage.jobs.records import read
+from tasks.storage.store_url import open_store
+
+@flow
+def trend(store: str, run: str, batch: str) -> None:
+    at = open_store(store)
+    written = write_trend_of_run(at, read(at, "pipeline-run", run), read(at, "simulation-job-batch", batch))
+    for alarm in written.alarms:
+        announce_alarm(alarm, written.url)
+
+trend(*sys.argv[1:])
 """
 BLOCK = """
 import sys
@@ -104,6 +125,31 @@ def test_the_example_tells_of_a_batch_that_failed_and_once(
     assert found == [
         {"subject": "simyard.simulation-batch.Failed", "body": f"InvalidInput why\nJob: {failed.arn}"},
     ]
+
+
+@pytest.mark.soak
+@pytest.mark.usefixtures("prefect_server")
+def test_the_example_tells_of_a_rate_that_fell_and_once(
+    file_store: Store, tmp_path: Path, messages: tuple[str, list[dict[str, str]]]
+) -> None:
+    url, found = messages
+    file = tmp_path / "automations.yaml"
+    file.write_text(FALLS.read_text().replace("BLOCK", python(BLOCK, url).split()[-1]))
+    run(str(Path(sys.executable).with_name("prefect")), "automation", "create", "--from-file", str(file))
+    *_, (last, batch) = [
+        stored_night(file_store, tmp_path, number, failures) for number, failures in enumerate((0, 0, 40))
+    ]
+
+    python(TREND, file_store.url, last.id, batch.id)
+    python(TREND, file_store.url, last.id, batch.id)  # as a run that goes on after its process was killed
+
+    eventually(lambda: found, timeout_s=60.0)
+    time.sleep(5.0)  # for a second message, if one came
+    assert [each["subject"] for each in found] == ["simyard.trend.Fell"]
+    folder = str(batch.detail["results_url"]).rsplit("/", 2)[0]
+    lines = found[0]["body"].splitlines()
+    assert lines[0].startswith("All episodes: the rate fell from 100.0 to 50.0 %.")
+    assert lines[1:] == [f"Began with: {batch.arn}", f"Page: {folder}/trends/nightly.html"]
 
 
 @pytest.mark.usefixtures("prefect_server")

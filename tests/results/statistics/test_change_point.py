@@ -53,6 +53,20 @@ def test_worlds_that_are_drawn_anew_make_no_alarms():
     assert sum(len(find_changes(each, NIGHTS_A_YEAR)) for each in histories) <= 6
 
 
+def test_nights_of_different_sizes_in_worlds_that_are_drawn_anew_make_no_alarms():
+    rng = np.random.default_rng(3)
+    sizes = [rng.choice([1, 12, 24], 365) for _ in range(6)]
+    histories = [[clustered(rng, 0.95, 0.3, 8, int(seeds)) for seeds in each] for each in sizes]
+    assert sum(len(find_changes(each, NIGHTS_A_YEAR)) for each in histories) <= 6
+
+
+def test_the_worlds_of_the_first_night_differing_hides_no_drop_in_the_same_worlds():
+    first, *rest = counts([0.95] * 30 + [0.88] * 10, 384)
+    assert find_changes([first._replace(scatter=10.0, freedom=7), *rest], NIGHTS_A_YEAR) == find_changes(
+        [first, *rest], NIGHTS_A_YEAR
+    )
+
+
 def test_a_night_with_all_its_failures_in_one_new_world_is_no_alarm():
     quiet = [NightCount(384, 384, 0.0, 7)] * 30
     one_bad_world = NightCount(384 - 30, 384, 7 * (48 - 44.25) ** 2 / 48 + (18 - 44.25) ** 2 / 48, 7)
@@ -98,6 +112,20 @@ def test_a_change_begins_after_the_one_before_and_not_after_it_is_seen(history: 
     for each in find_changes(history, 20.0):
         assert before < each.earliest <= each.began <= each.latest <= each.seen
         before = each.began
+
+
+def test_the_worlds_of_the_first_night_make_the_next_ones_no_more_alike():
+    first, second = NightCount(376, 384), NightCount(330, 384, 7 * 10 * 0.08, 7)
+    assert find_changes([first, second], 4.0) == find_changes([first._replace(freedom=7), second], 4.0) == []
+
+
+@given(nights)
+def test_the_rate_before_a_change_is_that_since_the_one_before(history: list[NightCount]):
+    start = 0
+    for each in find_changes(history, 20.0):
+        level = history[start : each.began]
+        assert each.before == pytest.approx(sum(night.successes for night in level) / sum(night.n for night in level))
+        start = each.began
 
 
 @given(st.floats(0.5, 1e6))

@@ -9,7 +9,7 @@ from specs.errors import DocumentError
 from tasks.results.trend.chart import day
 from tasks.results.trend.night import Night
 from tasks.results.trend.page import trend_page
-from tasks.results.trend.series import MOST_SERIES, Choice, make_trend
+from tasks.results.trend.series import MOST_SERIES, WHOLE, Choice, make_trend, raised_alarms
 from tasks.results.trend.view import TrendView, trend_view
 from tests.results.trend.histories import SPEEDS, WORLDS, history
 
@@ -167,3 +167,10 @@ def test_the_first_the_middle_and_the_last_day_that_are_drawn_stand_below_the_ch
     made = history(nights)
     chart = view(made, first=first).whole
     assert [mark.text for mark in chart.days] == [day(made[at].begun_at_s) for at in days]
+
+
+def test_a_fall_that_others_saw_without_a_night_is_not_raised_by_it():
+    trend = make_trend(history(60, drop_at=45), Choice())
+    fall = next(change for each, change in trend.alarms() if each.label == WHOLE)
+    assert raised_alarms(trend, Choice(), "run-20") == []
+    assert fall in [change for _, change in raised_alarms(trend, Choice(), f"run-{fall.seen}")]
