@@ -305,6 +305,19 @@ def test_a_program_with_a_file_of_the_cache_open_keeps_it(home: Path):
         cleaned(home)
 
 
+def test_the_command_started_as_a_module_keeps_it_too(home: Path):
+    (home / "simyard.py").write_text("import time; print(flush=True); time.sleep(600)")
+    command = [sys.executable, "-m", "simyard", "run"]
+    with subprocess.Popen(command, cwd=home, env={"HOME": str(home)}, stdout=subprocess.PIPE) as run:
+        assert run.stdout
+        run.stdout.readline()
+        try:
+            with pytest.raises(DocumentError, match=rf"end first: simyard .*\(process {run.pid}\)"):
+                cleaned(home)
+        finally:
+            run.kill()
+
+
 def test_the_nightly_housekeeping_removes_a_link_and_leaves_what_it_leads_to(tmp_path: Path):
     outside, cache = tmp_path / "outside", tmp_path / "cache"
     outside.mkdir(mode=0o700)
