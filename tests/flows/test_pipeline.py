@@ -23,6 +23,7 @@ SPEC = PipelineSpec.model_validate(
 
 
 @pytest.mark.integration
+@pytest.mark.long
 def test_an_ended_flow_run_that_is_retried_does_the_work_of_the_next_run(prefect_server: str, file_store: Store):
     parameters = {"spec": SPEC, "store": file_store.url, "base": "examples"}
     password = os.environ["PREFECT_API_AUTH_STRING"]

@@ -15,7 +15,7 @@ from tests.servers.racers import in_processes
 _LOG = logging.getLogger(__name__)
 
 
-@pytest.mark.parametrize(("lives", "seconds"), [(2, 5.0), pytest.param(6, 20.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("lives", "seconds"), [(2, 2.5), pytest.param(6, 20.0, marks=pytest.mark.long)])
 def test_nothing_goes_that_a_record_names_while_two_gcs_run_over_and_over(
     store: Store, tmp_path: Path, lives: int, seconds: float
 ) -> None:

@@ -110,7 +110,14 @@ def test_a_name_is_found_wherever_it_stands() -> None:
 def test_every_folder_of_the_store_was_thought_of() -> None:
     forms = [value for value in vars(keys).values() if isinstance(value, str) and re.match(r"[a-z]+/.*\{", value)]
     known = {"tokens", "jobs", "claims", "templates", "worlds", "parts", "chunks", "results", "bundles", "applications"}
-    assert {form.split("/")[0] for form in forms} <= known | {"fleets", "robots", "trust", "buckets", "housekeeping"}
+    assert {form.split("/")[0] for form in forms} <= known | {
+        "fleets",
+        "robots",
+        "trust",
+        "trends",
+        "buckets",
+        "housekeeping",
+    }
     assert len(forms) > 15
 
 

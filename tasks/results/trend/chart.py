@@ -49,6 +49,14 @@ class BundleMark(Spec):
     title: str
 
 
+class DayMark(Spec):
+    """A day below the chart: where, and whether its text begins, has its middle or ends there."""
+
+    x: str
+    text: str
+    anchor: str
+
+
 class ChangeMark(Spec):
     """A change: where the new level begins, the nights that may be the beginning, and the night of the alarm."""
 
@@ -84,6 +92,7 @@ class Chart(Spec):
     band: str
     line: str
     dots: tuple[Dot, ...]
+    days: tuple[DayMark, ...]
     bundles: tuple[BundleMark, ...]
     changes: tuple[ChangeMark, ...]
     levels: tuple[Level, ...]
@@ -146,6 +155,7 @@ def draw_chart(
             for at, night in enumerate(nights)
             if at >= first
         ),
+        days=_days(nights, places),
         bundles=_bundles(nights, places),
         changes=tuple(_change(change, text, places) for change, text in drawn),
         levels=_levels(series, places, axis),
@@ -211,6 +221,18 @@ def relative(url: str, base: str) -> str:
     if base and url.startswith(f"{base}/"):
         return f"../{url.removeprefix(f'{base}/')}"
     return url
+
+
+def _days(nights: Sequence[Night], places: _Places) -> tuple[DayMark, ...]:
+    """Returns the first day that is drawn, the one in the middle, and the last."""
+    last = len(nights) - 1
+    marked = {places.first: "start", last: "end"}
+    if places.count > _MOST_TICKS:
+        marked[(places.first + last) // 2] = "middle"
+    return tuple(
+        DayMark(x=places.text(at), text=day(nights[at].begun_at_s), anchor=anchor)
+        for at, anchor in sorted(marked.items())
+    )
 
 
 def _bundles(nights: Sequence[Night], places: _Places) -> tuple[BundleMark, ...]:

@@ -226,6 +226,7 @@ def test_a_download_goes_on_after_a_restart(one: OneRobot) -> None:
     assert list((one.root / "downloads").iterdir()) == []
 
 
+@pytest.mark.long
 def test_an_application_that_crashes_during_a_download_is_started_again(one: OneRobot) -> None:
     crashing = {"run.sh": '#!/bin/sh\necho up >> "$HOME/launches"\nsleep 0.3\n'}
     one.deploy(one.yard.publish(crashing), 1)

@@ -112,6 +112,7 @@ def test_a_signer_that_signs_for_long_looks_again_in_time(owner: Owner) -> None:
     assert owner.store.get(version).body != before
 
 
+@pytest.mark.long
 def test_a_canceled_deployment_is_not_in_force(yard: Yard, owner: Owner, robots: PuppetRobots) -> None:
     robots.silent = {*robots.names}
 

@@ -23,7 +23,7 @@ from tasks.storage.jobs.records import JobRecord, advance, read
 from tasks.storage.jobs.runs import FLOW_RUN, KIND, begin_run
 from tests.servers.eventually import eventually
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.long]
 FLOW = Flow(lambda: None, name="abandoned")
 TASK = Task(lambda: None, name="stage")
 

@@ -19,7 +19,7 @@ from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows.run.waiting_flow_run import AWAITING, WAITING, awaited_run, leave_place, next_pause_s, show_wait, show_work
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.long]
 FLOW = Flow(lambda: None, name="waiting")
 RUN = "run-0123456789abcdef"
 SENTENCE = "process 1 works on arn:x, and this run waits for its result"

@@ -6,6 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from specs.errors import DocumentError
+from tasks.results.trend.chart import day
 from tasks.results.trend.night import Night
 from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import MOST_SERIES, Choice, make_trend
@@ -155,3 +156,14 @@ def test_the_drawing_is_well_formed():
 
 def test_the_same_nights_give_the_same_bytes():
     assert trend_page(view(history(20))) == trend_page(view(history(20)))
+
+
+@pytest.mark.parametrize(
+    ("nights", "first", "days"), [(60, 0, (0, 29, 59)), (60, 20, (20, 39, 59)), (3, 0, (0, 2)), (1, 0, (0,))]
+)
+def test_the_first_the_middle_and_the_last_day_that_are_drawn_stand_below_the_chart(
+    nights: int, first: int, days: tuple[int, ...]
+):
+    made = history(nights)
+    chart = view(made, first=first).whole
+    assert [mark.text for mark in chart.days] == [day(made[at].begun_at_s) for at in days]

@@ -75,7 +75,11 @@ def test_the_client_asks_for_longer_than_a_server_is_waited_for(monkeypatch: pyt
 
 
 @pytest.mark.parametrize(
-    ("document", "computes_with"), [("worlds-only", {"mujoco", "scipy"}), ("quickstart", {"jax", "mujoco", "scipy"})]
+    ("document", "computes_with"),
+    [
+        ("worlds-only", {"mujoco", "scipy"}),
+        pytest.param("quickstart", {"jax", "mujoco", "scipy"}, marks=pytest.mark.long),
+    ],
 )
 def test_a_run_prepares_what_its_document_computes_with(document: str, computes_with: set[str]):
     command = [sys.executable, "-c", _PREPARE, f"examples/{document}.yaml"]
