@@ -20,7 +20,8 @@ from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from specs.pipeline.world_sections import WorldExport, WorldGeneration
 from tasks.documents.parse import parse
-from tasks.documents.pipeline_file import read_pipeline
+from tasks.documents.pipeline_file import is_meant_as_document, pipeline_of
+from tasks.documents.source_text import read_document
 
 _SPEC, _BASE, _FILE = "spec", "base", "document"
 # Not by "required": Prefect's server leaves that out where it checks the parameters of a deployment, to which a run may
@@ -81,9 +82,28 @@ def with_document(function: Callable[..., object], parameters: dict[str, Any]) -
     if not path.is_file():
         allowed = f"a document on this machine; {path.resolve()} is no file"
         raise DocumentError([Fault(path=f"{_SPEC}.{_FILE}", value=repr(named), allowed=allowed)], "parameters")
-    found = _part(read_pipeline(path), form.section, path)
+    found = _part(_document(path), form.section, path)
     base = {_BASE: str(path.parent)} if _BASE in inspect.signature(function).parameters else {}
     return {**parameters, **base, _SPEC: found}
+
+
+def _document(path: Path) -> PipelineSpec:
+    """Returns the document in a file.
+
+    Faults are kept with the run, where who may not read the worker's files sees them: so nothing of what a file of
+    another kind holds, such as a password, is told.
+
+    Raises:
+        DocumentError: It holds none, or one with faults.
+    """
+    data = read_document(path)
+    if not is_meant_as_document(data):
+        sections = ", ".join(name for name in PipelineSpec.model_fields if name != "name")
+        fault = Fault(
+            path=_FILE, value="no document of Simyard's", allowed=f"a file with some of {sections} at its top"
+        )
+        raise DocumentError([fault], str(path))
+    return pipeline_of(data, path, path.parent)
 
 
 def _form(function: Callable[..., object]) -> _OrFile | None:

@@ -97,4 +97,5 @@ def _facts(world: WorldDocument) -> str:
     size = f"{box.x_max_m - box.x_min_m:.1f} x {box.y_max_m - box.y_min_m:.1f} m"
     unmet = len(world.certificate.unmet)
     wishes = f"{unmet} of {len(world.certificate.wishes)} wishes unmet" if unmet else "every wish met"
-    return f"{len(world.rooms)} rooms, {len(world.furniture)} pieces, {size}, {wishes}"
+    rooms = "1 room" if len(world.rooms) == 1 else f"{len(world.rooms)} rooms"
+    return f"{rooms}, {len(world.furniture)} pieces, {size}, {wishes}"

@@ -69,6 +69,13 @@ def is_template(data: JsonValue) -> bool:
     return any(same_word(key, _TEMPLATE_KEYS) for key in keys)
 
 
+def is_meant_as_document(data: JsonValue) -> bool:
+    """Returns whether data is a document, a template or a request, right or wrong, and nothing else's file."""
+    keys = list(data) if isinstance(data, dict) else []
+    known = (*(name for name in PipelineSpec.model_fields if name != "name"), *_BARE_REQUESTS)
+    return is_template(data) or is_simulation_request(data) or any(same_word(key, known) for key in keys)
+
+
 def names_a_file(template: str) -> bool:
     """Returns whether a template is named by a path, and not by an ARN, a URL or a name in the store."""
     return not template.startswith(("arn:", "{")) and "://" not in template and ("/" in template or "." in template)

@@ -15,6 +15,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from tasks.storage.backends.local_objects import disk_now_s
+from tasks.storage.base.keys import STORE
 
 _ENTRIES = {
     "compiled programs": "programs",
@@ -24,6 +25,7 @@ _ENTRIES = {
     "notes of data": "data/seen",
     "engines": "engines",
     "timings": "timings",
+    "nights": "trends",
 }
 _ASIDE = ".gc-"
 
@@ -52,7 +54,7 @@ def unused_entries(cache: Path, unused_s: float) -> list[CacheEntry]:
         cache: The folder; it need not be there.
         unused_s: Seconds.
     """
-    if not cache.is_dir():
+    if not cache.is_dir() or (cache / STORE).exists():  # a store keeps its bundles in a folder of the same name
         return []
     before_s = disk_now_s(cache) - unused_s
     return [entry for entry in _cached(cache) if entry.used_s <= before_s]

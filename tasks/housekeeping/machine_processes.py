@@ -22,24 +22,41 @@ class SimyardProcess(NamedTuple):
         pid: Its number.
         what: Such as ``robot agent``.
         command: Its arguments, for a person.
+        parent: The number of the process that started it; 0 if it is not known.
     """
 
     pid: int
     what: str
     command: str
+    parent: int = 0
 
 
 def processes_of(cache: Path) -> Iterator[SimyardProcess]:
     """Yields the processes of this account that use a cache folder; this one and those that started it are left out.
 
-    A process that hides its environment, as a robot's agent does, counts if its arguments name the folder.
+    A process that hides its environment, as a robot's agent does, counts if its arguments name the folder; and each
+    program counts that has a file of the cache open, such as a script that imports Simyard.
     """
     own = {os.getpid(), *_ancestors(os.getpid())}
     for folder in sorted(_PROC.glob("[0-9]*"), key=lambda each: int(each.name)):
         arguments = _arguments(folder)
+        if not arguments or int(folder.name) in own:
+            continue
         what = _what(arguments)
-        if what and int(folder.name) not in own and _uses(folder, arguments, cache):
-            yield SimyardProcess(int(folder.name), what, " ".join(arguments)[:100])
+        if (what and _uses(folder, arguments, cache)) or _has_open(folder, cache.resolve()):
+            parent = next(_ancestors(int(folder.name)), 0)
+            name = what or Path(arguments[0]).name
+            yield SimyardProcess(int(folder.name), name, " ".join(arguments)[:100], parent)
+
+
+def prefect_home_of(pid: int) -> Path | None:
+    """Returns the folder that a process was told to be Prefect's; None if it was not told, or does not say."""
+    folder = _PROC / str(pid)
+    try:
+        named = _environment(folder).get("PREFECT_HOME")
+        return (folder / "cwd").readlink().joinpath(named).resolve() if named else None
+    except OSError:
+        return None
 
 
 def _what(arguments: Sequence[str]) -> str:
@@ -49,6 +66,8 @@ def _what(arguments: Sequence[str]) -> str:
     names = [Path(each).name for each in arguments[:2]]
     if "simyard-agent" in names:
         return "robot agent"
+    if names[1:] == ["-m"]:  # python -m simyard
+        names = [Path(each).name for each in arguments[:3]]
     if "simyard" in names:
         return "simyard " + " ".join(arguments[names.index("simyard") + 1 :][:1])
     return ""
@@ -56,13 +75,31 @@ def _what(arguments: Sequence[str]) -> str:
 
 def _uses(folder: Path, arguments: Sequence[str], cache: Path) -> bool:
     try:
-        pairs = (each.partition("=") for each in _texts(folder / "environ"))
-        environment = {name: value for name, _, value in pairs}
+        environment = _environment(folder)
     except OSError:
         environment = {}
     if not environment:
         return any(str(cache) in each for each in arguments)
     return "HOME" in environment and chosen_folder(environment).resolve() == cache.resolve()
+
+
+def _has_open(folder: Path, cache: Path) -> bool:
+    try:
+        return any(_is_below(file, cache) for file in (folder / "fd").iterdir())
+    except OSError:  # it has ended, or shows nobody what it has open
+        return False
+
+
+def _is_below(file: Path, cache: Path) -> bool:
+    try:
+        return cache in file.readlink().parents
+    except OSError:  # it was closed meanwhile
+        return False
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    pairs = (each.partition("=") for each in _texts(folder / "environ"))
+    return {name: value for name, _, value in pairs}
 
 
 def _arguments(folder: Path) -> list[str]:

@@ -164,6 +164,12 @@ def kept_process(home: Path) -> int:
     return note.pid if note is not None and _runs_here(note) else 0
 
 
+def is_kept_elsewhere(home: Path) -> bool:
+    """Returns whether a server is noted that may run on another machine, which shares the folder."""
+    note = _read(home)
+    return note is not None and not _runs_here(note) and not is_known_dead(note.process)
+
+
 def end_kept(home: Path, timeout_s: float = 20.0) -> Server | None:
     """Ends the kept server, also one that does not answer, and returns it; None when there is none."""
     note = _read(home)

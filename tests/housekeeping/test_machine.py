@@ -1,11 +1,15 @@
 """`simyard gc --machine`: what is certainly Simyard's goes, and nothing else on the machine."""
 
+import json
 import os
 import pwd
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -13,11 +17,14 @@ from typer.testing import CliRunner
 
 from flows.cli.shell import app
 from specs.errors import DocumentError
-from tasks.housekeeping.cache_garbage import remove_entry, unused_entries
+from tasks.housekeeping.cache_garbage import remove_entry, remove_path, unused_entries
 from tasks.housekeeping.machine import MachineReport, clean_machine
+from tasks.storage.jobs.holder import process_of
+from tests.repository import ROOT
 
 DIGEST = "0123456789abcdef" * 4
 OURS = (
+    "trends/0123456789abcdef.json",
     f"bundles/{DIGEST}/files/robot.xml",
     f"programs/{DIGEST[:32]}/jit_step-{DIGEST}-cache",
     f"data/objects/{DIGEST}",
@@ -52,6 +59,19 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delenv("PREFECT_HOME", raising=False)
     (tmp_path / "tmp").mkdir()
     return folder
+
+
+@contextmanager
+def living(code: str, *arguments: str, **environment: str) -> Generator[subprocess.Popen[bytes], None, None]:
+    """A process that has run some code and lives until the end of the block."""
+    command = [sys.executable, "-c", f"{code}; import time; print(flush=True); time.sleep(600)", *arguments]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as process:
+        assert process.stdout
+        process.stdout.readline()
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def cleaned(home: Path, *, remove: bool = True) -> MachineReport:
@@ -130,7 +150,7 @@ def test_files_of_another_account_stay(home: Path):
 def test_what_commands_left_for_a_day_goes_and_no_name_that_only_looks_so(home: Path, tmp_path: Path):
     names = ("simyard-export-ab12cd34", "simyard-export-young_12", "simyard-notes", "simyard-export-ab12cd34.bak")
     for name in names:
-        (tmp_path / "tmp" / name).mkdir()
+        (tmp_path / "tmp" / name).mkdir(mode=0o700)  # as tempfile makes them
         if "young" not in name:
             os.utime(tmp_path / "tmp" / name, (1, 1))
     cleaned(home)
@@ -138,19 +158,164 @@ def test_what_commands_left_for_a_day_goes_and_no_name_that_only_looks_so(home: 
 
 
 def test_a_process_that_uses_the_cache_keeps_it_and_is_named(home: Path):
-    code = "import time; print(flush=True); time.sleep(600)"
-    command = [sys.executable, "-c", code, "tasks.deploy.robot.agent"]
-    with subprocess.Popen(command, env={"HOME": str(home)}, stdout=subprocess.PIPE) as agent:
-        assert agent.stdout
-        agent.stdout.readline()
+    with living("1", "tasks.deploy.robot.agent", HOME=str(home)) as agent:
         with pytest.raises(DocumentError, match=rf"end first: robot agent \(process {agent.pid}\)"):
             cleaned(home)
         assert there(home / ".cache/simyard") == {*OURS, *OTHERS}
         other = home.parent / "other"
         other.mkdir()
         assert [row for row in cleaned(other).rows if row.what != "Prefect"] == []  # it uses another cache
-        agent.kill()
     assert cleaned(home).removed
+
+
+def test_a_folder_for_the_public_and_one_in_use_only_look_like_a_commands(home: Path, tmp_path: Path):
+    (tmp_path / "tmp/simyard-report-november").mkdir(mode=0o755)
+    (tmp_path / "tmp/simyard-source-notes123").touch(mode=0o600)
+    (tmp_path / "tmp/simyard-recordings-ab12cd34/deep").mkdir(parents=True)
+    (tmp_path / "tmp/simyard-recordings-ab12cd34").chmod(0o700)
+    (tmp_path / "tmp/simyard-recordings-ab12cd34/deep/recording").touch()  # just now, by who works there
+    for name in ("simyard-report-november", "simyard-source-notes123", "simyard-recordings-ab12cd34"):
+        os.utime(tmp_path / "tmp" / name, (1, 1))
+    before = there(tmp_path / "tmp")
+    cleaned(home)
+    assert there(tmp_path / "tmp") == before
+    assert len(list((tmp_path / "tmp").iterdir())) == 3
+
+
+def test_hidden_files_that_simyard_does_not_write_stay(home: Path):
+    cache = home / ".cache/simyard"
+    for name in ("bundles/.git", "data/objects/.env", "engines/.gitignore"):
+        (cache / name).parent.mkdir(parents=True, exist_ok=True)
+        (cache / name).touch()
+    (cache / "bundles" / f".{DIGEST}.0123abcd.tmp").touch()
+    cleaned(home)
+    assert there(cache) == {*OTHERS, "bundles/.git", "data/objects/.env", "engines/.gitignore"}
+
+
+def test_a_cache_that_is_named_from_the_working_directory_goes_too(home: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(home)
+    clean_machine(Path(".cache/simyard"), home, remove=True)
+    assert there(home / ".cache/simyard") == set(OTHERS)
+
+
+def test_a_store_is_no_cache_although_its_bundles_are_named_alike(home: Path):
+    store = home / "work/.simyard"
+    (store / "bundles").mkdir(parents=True)
+    (store / "bundles" / DIGEST).write_text("the only copy")
+    (store / "store.json").write_text("{}")
+    with pytest.raises(DocumentError, match="store"):
+        clean_machine(store, home, remove=True)
+    assert unused_entries(store, -1.0) == []
+    assert there(store) == {f"bundles/{DIGEST}", "store.json"}
+
+
+def test_an_empty_folder_that_is_not_simyards_stays(home: Path):
+    (home / "empty").mkdir()
+    (home / "other/data").mkdir(parents=True)
+    clean_machine(home / "empty", home, remove=True)
+    clean_machine(home / "other", home, remove=True)
+    assert (home / "empty").is_dir()
+    assert (home / "other/data").is_dir()
+
+
+def test_the_home_that_the_user_chose_for_prefect_stays(home: Path, monkeypatch: pytest.MonkeyPatch):
+    cache = home / ".cache/simyard"
+    monkeypatch.setenv("PREFECT_HOME", str(cache / "prefect-01234567" / ".." / "prefect"))
+    cleaned(home)
+    assert "prefect/prefect.db" in there(cache)
+    assert "prefect-01234567/server-12.log" not in there(cache)
+
+
+@pytest.mark.skipif(os.geteuid() != 0 and os.environ.get("CI") != "true", reason="only root can give files away")
+def test_a_folder_with_a_file_of_another_account_stays_as_a_whole(home: Path):
+    given = home / ".cache/simyard/bundles" / DIGEST / "files/robot.xml"
+    os.chown(given, 65534, 65534)
+    (row,) = [row for row in cleaned(home).rows if Path(row.place).name == DIGEST and row.what == "bundles"]
+    assert row.fate == "stays: of another account, in part"
+    assert given.is_file()
+
+
+def test_what_is_mounted_below_the_cache_stays(home: Path, tmp_path: Path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos/one.jpg").touch()
+    cache = home / ".cache/simyard"
+    (cache / "bundles" / DIGEST / "a b").mkdir()
+    (cache / "timings").mkdir()
+    (tmp_path / "photos" / f"{DIGEST}.json").touch()
+    code = (
+        "import tempfile; from pathlib import Path; from tasks.housekeeping.machine import clean_machine;"
+        f"tempfile.tempdir = {str(tmp_path / 'tmp')!r};"
+        f"clean_machine(Path({str(cache)!r}), Path({str(home)!r}), remove=True)"
+    )
+    mount = 'mount --bind "$0" "$1" && mount --bind "$0" "$2" && exec "$3" -c "$4"'
+    places = (tmp_path / "photos", cache / "bundles" / DIGEST / "a b", cache / "timings", sys.executable, code)
+    shell = ["unshare", "--map-root-user", "--mount", "sh", "-c", mount, *map(str, places)]
+    done = subprocess.run(
+        shell, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
+    )
+    if re.search("Operation not permitted|Permission denied", done.stderr):
+        pytest.skip("this machine lets nobody mount")
+    assert done.returncode == 0, done.stderr
+    assert there(tmp_path / "photos") == {"one.jpg", f"{DIGEST}.json"}
+    assert (cache / "bundles" / DIGEST / "files/robot.xml").is_file()
+
+
+def test_what_cannot_be_removed_is_told_and_the_rest_goes(home: Path, monkeypatch: pytest.MonkeyPatch):
+    def refuse(path: Path) -> None:
+        if path.name == DIGEST:
+            raise PermissionError(13, "Permission denied", str(path))
+        remove_path(path)
+
+    monkeypatch.setattr("tasks.housekeeping.machine.remove_path", refuse)
+    done = cleaned(home)
+    told = [row.fate for row in done.rows if Path(row.place).name == DIGEST]
+    assert told == ["stays: cannot be removed: Permission denied"] * 2
+    assert {name for name in there(home / ".cache/simyard") if DIGEST not in name} == set(OTHERS)
+
+
+def test_a_copy_of_a_cache_does_not_end_the_server_of_the_original(home: Path, tmp_path: Path):
+    cache, copy = home / ".cache/simyard", tmp_path / "copy"
+    original = {"HOME": str(home), "PREFECT_HOME": str(cache / "prefect")}
+    with living("1", "tasks.server.guarded_server", **original) as server:
+        process = process_of(server.pid).model_dump()
+        note = {"api_url": "http://127.0.0.1:1/api", "pid": server.pid, "log": "", "process": process}
+        (cache / "prefect/kept.json").write_text(json.dumps(note))
+        shutil.copytree(cache, copy)
+        clean_machine(copy, home, remove=True)
+        assert server.poll() is None
+        assert there(copy) == set(OTHERS)
+        assert cleaned(home).rows[0].place == f"process {server.pid}"
+        assert server.wait(20)
+
+
+def test_the_database_of_a_server_on_another_machine_stays(home: Path):
+    process = {"host": "another", "pid": 1, "started": "1"}
+    note = {"api_url": "http://127.0.0.1:1/api", "pid": 1, "log": "", "process": process}
+    (home / ".cache/simyard/prefect/kept.json").write_text(json.dumps(note))
+    cleaned(home)
+    assert "prefect/prefect.db" in there(home / ".cache/simyard")
+
+
+def test_a_program_with_a_file_of_the_cache_open_keeps_it(home: Path):
+    opened = home / ".cache/simyard/bundles" / DIGEST / "files/robot.xml"
+    with (
+        living(f"file = open({str(opened)!r})") as program,
+        pytest.raises(DocumentError, match=rf"end first: .*python.* \(process {program.pid}\)"),
+    ):
+        cleaned(home)
+
+
+def test_the_command_started_as_a_module_keeps_it_too(home: Path):
+    (home / "simyard.py").write_text("import time; print(flush=True); time.sleep(600)")
+    command = [sys.executable, "-m", "simyard", "run"]
+    with subprocess.Popen(command, cwd=home, env={"HOME": str(home)}, stdout=subprocess.PIPE) as run:
+        assert run.stdout
+        run.stdout.readline()
+        try:
+            with pytest.raises(DocumentError, match=rf"end first: simyard .*\(process {run.pid}\)"):
+                cleaned(home)
+        finally:
+            run.kill()
 
 
 def test_the_nightly_housekeeping_removes_a_link_and_leaves_what_it_leads_to(tmp_path: Path):

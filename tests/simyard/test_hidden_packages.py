@@ -15,7 +15,11 @@ USE = "import simyard; print(simyard.hidden_packages.PACKAGES)"
 def run(folder: Path, *command: str, script: str = USE, **variables: str) -> subprocess.CompletedProcess[str]:
     """Runs Python in a folder that is no checkout, with Simyard on its path as installed packages are: last."""
     (folder / "script.py").write_text(script)
-    after = f"import sys; sys.path.append({str(ROOT)!r})"
+    after = (
+        "import os, sys\n"
+        "elsewhere = [each for each in sys.path if not os.path.isdir(os.path.join(each, 'simyard'))]\n"
+        f"sys.path[:] = [*elsewhere, {str(ROOT)!r}]"  # this checkout, also where another one is installed
+    )
     site = folder / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(after)
@@ -89,6 +93,22 @@ def test_a_module_made_by_hand_is_named_too(tmp_path: Path):
 def test_the_command_says_it(tmp_path: Path):
     (tmp_path / "tasks.py").touch()
     assert "hides Simyard's package `tasks`" in told(run(tmp_path, "-m", "simyard", "--help"))
+
+
+@pytest.mark.parametrize("command", [("-m", "simyard"), ("simyard",)])
+def test_the_command_says_it_in_one_line_and_not_with_the_exit_code_of_a_gate(tmp_path: Path, command: tuple[str, ...]):
+    (tmp_path / "tasks.py").touch()
+    (tmp_path / "simyard").write_text("from simyard.__main__ import main\nmain()")  # as the installed script has it
+    done = run(tmp_path, *command)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"{tmp_path / 'tasks.py'} hides Simyard's package `tasks`")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_program_that_imports_it_sees_an_error_that_it_can_catch(tmp_path: Path):
+    (tmp_path / "tasks.py").touch()
+    script = "try:\n    import simyard\nexcept ImportError as exc:\n    print(exc.name)"
+    assert run(tmp_path, "script.py", script=script).stdout == "tasks\n"
 
 
 @pytest.mark.long

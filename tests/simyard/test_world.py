@@ -31,6 +31,11 @@ def test_a_template_gives_worlds_by_path_or_as_a_body(tmp_path: Path):
     assert repr(by_path[0]).startswith("<World 'preview/world-1-1': 2 rooms, ")
 
 
+def test_one_room_is_one_room(tmp_path: Path):
+    studio = simyard.worlds(ROOT / "examples/templates/studio.yaml", count=1, store=tmp_path)
+    assert repr(studio[0]).startswith("<World 'preview/world-1-1': 1 room, ")
+
+
 def test_a_store_has_its_worlds_in_order_and_a_name_is_one_of_them(store: str):
     found = simyard.worlds(store=store)
     assert sorted(found.names) == sorted(PENS)

@@ -102,6 +102,26 @@ def test_all_faults_of_the_file_are_told(tmp_path: Path):
     assert [field for field in ("name", "nothing", "worldCount", "none.json") if field not in said] == []
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "hunter2",
+        "root:$6$hunter2:19000:0:99999:7:::\n",
+        "-----BEGIN PRIVATE KEY-----\nhunter2\n-----END PRIVATE KEY-----\n",
+        "PASSWORD=hunter2\n",
+        "password: hunter2\n",
+        "name: hunter 2\nusers: [{token: hunter2}]\n",
+        "[hunter2]",
+    ],
+)
+def test_a_file_that_is_no_document_is_refused_without_a_word_of_what_it_holds(tmp_path: Path, content: str):
+    (tmp_path / "credentials").write_text(content)
+    said = refused({"spec": {"document": "credentials"}, "base": str(tmp_path)})
+    assert f"{tmp_path / 'credentials'}: 1 fault\n  document: no document of Simyard's: " in said
+    assert "worldGeneration" in said
+    assert "hunter" not in said
+
+
 @pytest.mark.parametrize("spec", [{"document": "a.yaml", "name": "n"}, {"document": 1}, {"document": ""}])
 def test_what_names_a_file_and_more_is_refused(spec: dict[str, object]):
     assert refused({"spec": spec}).startswith("spec: 1 fault")
