@@ -63,6 +63,10 @@ def test_a_batch_that_passed_in_one_room_alone_is_warned_of():
     assert coverage_warnings(coverage(inside("Hall"), inside("Hall", "Kitchen"))) == []
 
 
+def test_a_world_of_one_room_is_no_reason_to_warn():
+    assert coverage_warnings(coverage(inside("Hall", rooms_total=1))) == []
+
+
 def test_failures_in_the_first_room_are_no_reason_to_warn():
     stuck = inside("Hall", outcome="Failed", outcome_reason="stuck")
     assert coverage_warnings(coverage(stuck)) == []

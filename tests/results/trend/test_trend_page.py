@@ -166,6 +166,7 @@ def test_the_first_the_middle_and_the_last_day_that_are_drawn_stand_below_the_ch
 ):
     made = history(nights)
     chart = view(made, first=first).whole
+    assert chart
     assert [mark.text for mark in chart.days] == [day(made[at].begun_at_s) for at in days]
 
 
