@@ -5,9 +5,10 @@ from collections.abc import Callable, Generator
 from uuid import UUID, uuid4
 
 import pytest
-from prefect import Flow, Task, flow, runtime
+from prefect import Flow, Task, flow
 from prefect.client.orchestration import SyncPrefectClient, get_client
 from prefect.client.schemas.objects import State
+from prefect.runtime import flow_run as running_flow_run
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import AwaitingRetry, Cancelling, Completed, Crashed, Paused, Running
 
@@ -188,7 +189,7 @@ def test_each_flow_of_simyards_notes_its_process(client: SyncPrefectClient) -> N
     @flow
     def body() -> str:
         with under_prefect():
-            return str(runtime.flow_run.id)
+            return str(running_flow_run.id)
 
     labels = client.read_flow_run(UUID(body())).labels
     assert ProcessIdentity.model_validate_json(str(labels[PROCESS])) == this_process()
