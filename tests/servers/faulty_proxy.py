@@ -23,6 +23,7 @@ class FaultyProxy:
         self._server = (parts.hostname or "", parts.port or 80)
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._lose_next = Event()
+        self._drop_next_body = Event()
         self._refuses = Event()
         self._open: list[socket.socket] = [self._listener]
         self.endpoint = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
@@ -35,6 +36,10 @@ class FaultyProxy:
     def lose_the_next_answer(self) -> None:
         """Cuts the connection over which the server answers next, instead of passing the answer on."""
         self._lose_next.set()
+
+    def drop_the_next_body(self) -> None:
+        """Cuts the connection over which something is written next behind its headers, as a kill may do."""
+        self._drop_next_body.set()
 
     def cut_after(self, sent_bytes: int) -> None:
         """Cuts all connections, for good, when clients have sent so many bytes more; those still arrive."""
@@ -77,6 +82,12 @@ class FaultyProxy:
     def _pass_on(self, client: socket.socket, server: socket.socket) -> None:
         with suppress(OSError):
             while data := client.recv(_CHUNK_BYTES):
+                if self._drop_next_body.is_set() and data.startswith(b"PUT "):
+                    self._drop_next_body.clear()
+                    self.lost += 1
+                    server.sendall(data[: data.index(b"\r\n\r\n") + 4])
+                    server.shutdown(socket.SHUT_WR)
+                    return
                 if self._left_bytes is not None and len(data) >= self._left_bytes:
                     server.sendall(data[: self._left_bytes])
                     self.is_cut = True

@@ -237,10 +237,7 @@ class S3Store:
     def _write(self, key: str, body: bytes, mark: str, condition: dict[str, str]) -> str:
         path = self._path(key)
         with self._explained(key):
-            answer = self._client.call(
-                "put_object", Bucket=self._bucket, Key=path, Body=body, Metadata={_MARK: mark}, **condition
-            )
-        return str(answer["ETag"])
+            return self._client.put(self._bucket, path, body, Metadata={_MARK: mark}, **condition)
 
     def _mark(self, key: str) -> tuple[str | None, str]:
         # The mark of the last write ("" for an object that was not written here, None for no object), and its etag.

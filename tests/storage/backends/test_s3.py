@@ -50,6 +50,15 @@ def test_a_replacement_whose_answer_was_lost_is_no_false_conflict(s3_store: Stor
     assert (proxy.lost, s3_store.get("a.json").etag) == (1, etag)
 
 
+def test_a_write_whose_sender_died_before_its_bytes_leaves_what_was_there(s3_store: Store, proxy: FaultyProxy) -> None:
+    behind = open_store(s3_store.url)
+    first = s3_store.create("a.json", b"1")
+    proxy.drop_the_next_body()
+    with pytest.raises(StoreError, match="BadDigest"):
+        behind.replace("a.json", b"22", first)
+    assert (proxy.lost, s3_store.get("a.json").body, s3_store.get("a.json").etag) == (1, b"1", first)
+
+
 def test_a_true_loser_that_wrote_the_same_bytes_still_loses(s3_store: Store, proxy: FaultyProxy) -> None:
     behind = open_store(s3_store.url)
     s3_store.create("a.json", b"same")
