@@ -62,7 +62,8 @@ def _message(name: str, found: Path, own: Path, *, loaded: bool) -> str:
 
 def _other_remedy(folder: Path) -> str:
     """Returns what else helps, by the way on which Python came to look into a folder."""
-    if folder in _folders(os.environ.get("PYTHONPATH", "").split(os.pathsep)):
+    set_by_user = os.environ.get("PYTHONPATH", "")
+    if set_by_user and folder in _folders(set_by_user.split(os.pathsep)):  # an empty one names no folder
         return f", or take {folder} out of PYTHONPATH"
     if sys.path and folder in _folders(sys.path[:1]) and not sys.flags.safe_path:
         return ", or start Python with -P (or PYTHONSAFEPATH=1), which leaves the folder of a script out of its path"

@@ -26,7 +26,7 @@ from tasks.storage.base.disk_space import NO_ROOM, full_machine_message
 NOT_PASSED, REFUSED, FAILED, UNDECIDED = 1, 2, 3, 4
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
-_GO_ON = "interrupted; the same command continues this run"
+_GO_ON = "interrupted; the same command continues this run if the document is unchanged"
 # Agents, the server and Prefect's last messages may take this long to come to their end.
 _GRACE_S = 30.0
 # One Ctrl-C may come twice, from the terminal and from a program that simyard was started by.

@@ -207,5 +207,6 @@ def _continuation(store: Store, record: JobRecord, runs: Sequence[JobRecord]) ->
             return (
                 f"{spec.get('name')} was changed and has ended since; simyard cancel, or reap --outdated, ends this one"
             )
-        return f"simyard run of {spec.get('name')} continues it"
+        goes_on = f"simyard run of {spec.get('name')} continues it if neither document nor applications have changed"
+        return f"{goes_on}; simyard cancel {record.arn} ends it"
     return "the same request continues it"

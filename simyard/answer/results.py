@@ -97,7 +97,7 @@ def _cell(name: str, value: object) -> str:
 
 def _require(library: str) -> None:
     if find_spec(library) is None:
-        allowed = f"{library} installed: pip install 'simyard[{library}]'; without it, .table is an Arrow table"
+        allowed = f"run pip install 'simyard[{library}]'; without it, .table is an Arrow table"
         raise DocumentError(
             [Fault(path=f"to_{library}()", value=f"{library} is not installed", allowed=allowed)], "simyard"
         )

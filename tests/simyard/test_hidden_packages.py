@@ -73,6 +73,20 @@ def test_what_is_on_pythonpath_is_told_to_be_taken_out(tmp_path: Path):
     assert f"or take {own} out of PYTHONPATH" in said
 
 
+def test_without_pythonpath_the_remedy_is_that_of_a_script(tmp_path: Path):
+    (tmp_path / "tasks.py").touch()
+    (tmp_path / "script.py").write_text(
+        "import os, sys\n"
+        "elsewhere = [each for each in sys.path if not os.path.isdir(os.path.join(each, 'simyard'))]\n"
+        f"sys.path[:] = [*elsewhere, {str(ROOT)!r}]\n{USE}"
+    )
+    unset = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, "script.py"]
+    said = told(subprocess.run(command, cwd=tmp_path, env=unset, capture_output=True, text=True, check=False))
+    assert "start Python with -P" in said
+    assert "out of PYTHONPATH" not in said
+
+
 def test_a_folder_without_init_hides_nothing(tmp_path: Path):
     (tmp_path / "tasks").mkdir()
     assert run(tmp_path, "script.py").returncode == 0

@@ -98,7 +98,8 @@ def _guard_server(server: ServerChoice, console: Console) -> Generator[WatchdogS
         os._exit(3)
 
     reason = (
-        f"the Prefect server at {url_without_password(server.api_url)} went away; the same command continues this run"
+        f"the Prefect server at {url_without_password(server.api_url)} went away; "
+        "the same command continues this run if the document is unchanged"
     )
     # Whether it listens, not how soon it answers: on a busy machine a server that is there may be silent for long.
     pace = WatchdogPace(patience_s=server.wait_s)

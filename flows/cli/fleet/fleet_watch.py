@@ -29,6 +29,7 @@ _KIND = "deployment-job"
 _LOOK_S = 1.0
 _ENDED = frozenset({"Succeeded", "Failed", "Canceled"})
 _STYLES = {"InSync": "green", "Failed": "red", "NoResponse": "red", "Deploying": "cyan", "PendingNewDeployment": "cyan"}
+_ONLY_CHANGES = "agents report changes only: whether an agent or its version still runs is not known here"
 ABANDONED = "nobody works on it: the command that began it, given again, continues; simyard cancel ends it"
 
 
@@ -78,7 +79,7 @@ def fleet_notes(store: Store, fleet: str) -> list[str]:
     """
     name, job = read_fleet(store, fleet)[0].name, active_deployment(store, fleet)
     robots = robots_now(store, (robot.name for robot in members(store, name)))
-    return [*(wish_notes(store, job) if job else ()), *map(_has_line, robots)]
+    return [*(wish_notes(store, job) if job else ()), *map(_has_line, robots), *([_ONLY_CHANGES] if robots else [])]
 
 
 def _has_line(robot: RobotNow) -> str:
@@ -111,11 +112,11 @@ def deployment_table(
     Args:
         job: What is shown.
         wish: ``go``, ``pause`` or ``cancel``.
-        now: The robots since it ended, by name: what they run is a column.
+        now: The robots since it ended, by name: what they reported last is a column.
     """
     wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
     table = Table(title=Text(f"{job.status}{wanted}: {robot_counts(job)}"), title_justify="left")
-    for name in (*COLUMNS, *(("runs now",) if now is not None else ())):
+    for name in (*COLUMNS, *(("reported last",) if now is not None else ())):
         table.add_column(name, justify="right" if name == "done" else "left", overflow="fold")
     for robot in job.robotDeploymentSummary or ():
         cells = robot_cells(robot)

@@ -60,6 +60,11 @@ def a_run(store: Store) -> tuple[JobRecord, JobRecord]:
     return run, advance(store, job.kind, job.id, "Running")
 
 
+def continued(arn: str) -> str:
+    unless = "if neither document nor applications have changed"
+    return f"simyard run of nightly continues it {unless}; simyard cancel {arn} ends it"
+
+
 def test_what_is_left_is_continued_by_its_document_and_known_to_be_left_at_once(store: Store) -> None:
     run, job = a_run(store)
     assert list(kind_notes(store, "pipeline-runs")) == []  # its process may live, as far as a glance tells
@@ -68,9 +73,9 @@ def test_what_is_left_is_continued_by_its_document_and_known_to_be_left_at_once(
         run.arn: ("Running", "Running"),
         job.arn: ("Running", "Running"),
     }
-    assert {each.meaning for each in found.values()} == {"simyard run of nightly continues it"}
+    assert {arn: each.meaning for arn, each in found.items()} == {arn: continued(arn) for arn in (run.arn, job.arn)}
     assert list(kind_notes(store, "pipeline-runs")) == [
-        f"{run.arn} is Running, and nobody works on it: simyard run of nightly continues it"
+        f"{run.arn} is Running, and nobody works on it: {continued(run.arn)}"
     ]
     with begin_run(store, {"flow": "pipeline", "spec": SPEC}) as again:
         assert again.id == run.id
@@ -162,7 +167,7 @@ def test_describe_tells_of_a_run_that_nobody_works_on(file_store: Store) -> None
         pass
     told = CliRunner().invoke(app, ["describe", run.arn, "--store", file_store.url])
     assert told.exit_code == 0, told
-    assert told.stderr == f"{run.arn} is Pending, and nobody works on it: simyard run of nightly continues it\n"
+    assert told.stderr == f"{run.arn} is Pending, and nobody works on it: {continued(run.arn)}\n"
 
 
 def test_a_job_that_cannot_be_reaped_does_not_keep_others_from_it(
@@ -223,7 +228,7 @@ def test_a_run_of_another_document_or_one_that_goes_on_outdates_nothing(file_sto
     with begin_run(file_store, {"flow": "pipeline", "spec": {**SPEC, "worldExport": {}}}) as newer:
         advance(file_store, KIND, newer.id, "Running")
         (told,) = kind_notes(file_store, "pipeline-runs")
-    assert told.endswith("simyard run of nightly continues it")
+    assert told.endswith(continued(run.arn))
 
 
 def test_reap_cancels_outdated_runs_only_if_asked(file_store: Store) -> None:

@@ -20,7 +20,7 @@ def test_a_killed_run_is_told_as_left_and_reaped_and_continued(tmp_path: Path) -
     at = ("--store", store.as_uri())
     kill_when(simyard("run", str(file), *at), lambda: any(store.glob("chunks/*/000001.started.json")))
     run = jobs(open_store(store.as_uri()))["pipeline-run"][0]
-    left = "nobody works on it: simyard run of apartment-regression continues it"
+    left = "nobody works on it: simyard run of apartment-regression continues it if neither document"
     assert f"{run.arn} is Running, and {left}" in finished("list", "pipeline-runs", *at).stderr
     assert f"is InProgress, and {left}" in finished("list", "simulation-job-batches", *at).stderr
     assert left in finished("describe", run.arn, *at).stderr

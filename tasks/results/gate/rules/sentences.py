@@ -112,4 +112,7 @@ def needed_line(case: str, needed: int | None, there: int, what: str = "") -> It
         what: What is counted, where it is not all episodes.
     """
     if needed is not None:
-        yield f"{case}, {needed}{what} are needed: {there} are {'enough' if there >= needed else 'NOT ENOUGH'}"
+        verb = "is" if there == 1 else "are"
+        needs = "is" if needed == 1 else "are"
+        enough = "enough" if there >= needed else "NOT ENOUGH"
+        yield f"{case}, {needed}{what} {needs} needed: {there} {verb} {enough}"

@@ -130,6 +130,7 @@ def test_each_robot_of_a_fleet_is_told_with_what_it_runs(file_store: Store, tmp_
         "r0 has courier 2; its agent last reported 0 min ago",
         "r1 has nothing; its agent last reported 0 min ago",
         "r2 has courier 1; its agent last reported 0 min ago",
+        "agents report changes only: whether an agent or its version still runs is not known here",
     ]
 
 
