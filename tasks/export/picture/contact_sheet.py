@@ -116,6 +116,9 @@ def summary(worlds: Sequence[World], count: int) -> str:
     parts.append(f"{smallest} m²" if smallest == largest else f"{smallest} to {largest} m²")
     radius_m = min(certificate.reachable_robot_radius_m for certificate in certificates)
     parts.append(f"every room within reach of a robot of {radius_m:.2f} m radius")
+    as_set_m = min(certificate.doors_as_set_robot_radius_m for certificate in certificates)
+    if as_set_m < radius_m:
+        parts.append(f"with doors as set: up to {as_set_m:.2f} m")
     free = sum(certificate.free_floor_share for certificate in certificates) / len(certificates)
     parts.append(f"{100 * free:.0f} % free floor")
     if wishes:

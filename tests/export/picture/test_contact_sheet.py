@@ -113,6 +113,12 @@ def test_the_summary_is_about_all_that_is_shown():
     assert told.endswith("0 of 1 wishes fulfilled")
 
 
+def test_doors_that_keep_a_robot_out_are_told_beside_the_reach():
+    shut = apartment().certificate.model_copy(update={"doors_as_set_robot_radius_m": 0.08})
+    world = apartment().model_copy(update={"certificate": shut})
+    assert "0.41 m radius · with doors as set: up to 0.08 m" in summary([world], 1)
+
+
 def test_a_sheet_without_worlds_is_refused():
     with pytest.raises(ValueError, match="needs a world"):
         contact_sheet_svg([], title="any")
