@@ -6,6 +6,7 @@ drawn in a square of 1000 by 1000 that is stretched.
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
@@ -170,6 +171,20 @@ def percent_of(value: float) -> str:
 def day(seconds: float) -> str:
     """Returns the day of a time, in UTC."""
     return datetime.fromtimestamp(seconds, tz=UTC).strftime("%Y-%m-%d")
+
+
+def night_times(nights: Sequence[Night]) -> dict[float, str]:
+    """Returns what each night is called, by its begin: its day, with hour and minute if that day has several."""
+    days = [day(night.begun_at_s) for night in nights]
+    several = {each for each, count in Counter(days).items() if count > 1}
+    return {
+        night.begun_at_s: f"{each} {_clock(night.begun_at_s)}" if each in several else each
+        for night, each in zip(nights, days, strict=True)
+    }
+
+
+def _clock(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, tz=UTC).strftime("%H:%M")
 
 
 def night_text(night: Night, point: Point | None) -> str:

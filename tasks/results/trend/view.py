@@ -7,7 +7,7 @@ import numpy as np
 from specs.base import Spec
 from tasks.results.statistics.change_point import Change
 from tasks.results.statistics.interval_arrays import wilson_bounds
-from tasks.results.trend.chart import Chart, day, draw_chart, fitting_axis, relative
+from tasks.results.trend.chart import Chart, day, draw_chart, fitting_axis, night_times, relative
 from tasks.results.trend.night import Night
 from tasks.results.trend.series import CONFIDENCE, Point, Series, Trend
 
@@ -126,7 +126,10 @@ def trend_view(
     whole, nights = trend.series[0], trend.nights
     alarms = [alarm_of(trend, each, change) for each, change in trend.alarms() if change.seen >= first]
     drawable = any(point for point in whole.points[first:])
-    rows = [_row(night, point, base) for night, point in zip(nights, whole.points, strict=True)][first:]
+    times = night_times(nights)
+    rows = [
+        _row(night, point, base, times[night.begun_at_s]) for night, point in zip(nights, whole.points, strict=True)
+    ][first:]
     return TrendView(
         document=document,
         words=words,
@@ -150,21 +153,22 @@ def alarm_of(trend: Trend, series: Series, change: Change) -> Alarm:
     began, seen, earliest, latest = (
         trend.nights[at] for at in (change.began, change.seen, change.earliest, change.latest)
     )
+    times = night_times(trend.nights)
     before = _bundles_before(trend.nights, change.began)
     new = bool(before) and before != began.bundles()
     name = series.label if series.kind in {"all", "world"} else f"{series.kind} = {series.label}"
     verb = "fell" if change.fell else "rose"
     sentence = (
         f"{name}: the rate {verb} from {100 * change.before:.1f} to {100 * change.after:.1f} %. "
-        f"It most likely began on {day(began.begun_at_s)} with {began.bundle_names()}, "
+        f"It most likely began on {times[began.begun_at_s]} with {began.bundle_names()}, "
         f"{'the first night of that bundle' if new else 'which was no new bundle'}"
     )
     if earliest.batch != latest.batch:
-        sentence += f"; it may have begun from {day(earliest.begun_at_s)} to {day(latest.begun_at_s)}"
+        sentence += f"; it may have begun from {times[earliest.begun_at_s]} to {times[latest.begun_at_s]}"
     return Alarm(
         series=name,
         fell=change.fell,
-        sentence=f"{sentence}. It was seen on {day(seen.begun_at_s)}.",
+        sentence=f"{sentence}. It was seen on {times[seen.begun_at_s]}.",
         before=change.before,
         after=change.after,
         began=began.arn,
@@ -207,14 +211,14 @@ def _mean(series: Series, first: int) -> float:
     return sum(count.successes for count in counts) / max(1, sum(count.n for count in counts))
 
 
-def _row(night: Night, point: Point | None, base: str) -> NightRow:
+def _row(night: Night, point: Point | None, base: str, when: str) -> NightRow:
     notes = [night.left_out] if night.left_out else []
     notes += ["no episode"] if point is None and not night.left_out else []
     notes += ["the same as before"] if point and point.repeats else []
     notes += ["ended early"] if point and night.early else []
     notes += ["not vouched for"] if point and not night.vouched else []
     return NightRow(
-        day=day(night.begun_at_s),
+        day=when,
         batch=night.batch or night.run,
         bundle=night.bundle_names(),
         passed=point.count.successes if point else None,

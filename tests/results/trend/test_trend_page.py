@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from specs.errors import DocumentError
-from tasks.results.trend.chart import day
+from tasks.results.trend.chart import day, night_times
 from tasks.results.trend.night import Night
 from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import MOST_SERIES, WHOLE, Choice, make_trend, raised_alarms
@@ -175,3 +175,12 @@ def test_a_fall_that_others_saw_without_a_night_is_not_raised_by_it():
     fall = next(change for each, change in trend.alarms() if each.label == WHOLE)
     assert raised_alarms(trend, Choice(), "run-20") == []
     assert fall in [change for _, change in raised_alarms(trend, Choice(), f"run-{fall.seen}")]
+
+
+def test_nights_of_one_day_are_told_apart_by_hour_and_minute():
+    made = history(3)
+    close = [made[0], made[1].model_copy(update={"begun_at_s": made[0].begun_at_s + 60.0}), made[2]]
+    first, second, alone = night_times(close).values()
+    assert first != second
+    assert first[:10] == second[:10] == day(made[0].begun_at_s)
+    assert alone == day(made[2].begun_at_s)
