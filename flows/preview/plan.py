@@ -108,13 +108,18 @@ def _planned(spec: PipelineSpec, store: Store, find: FindVersion) -> tuple[Batch
     batch = plan_batch(spec.simulationBatch, matrix_worlds(spec.simulationBatch, names), {}, find)
     plan = engine_plan(batch, _folders(batch, store))
     faults = [
-        Fault(path=_ROBOTS, value=robot.robot, allowed=f"a robot that an engine takes. {' '.join(line.split())}")
+        Fault(path=_ROBOTS, value=robot.robot, allowed=f"a robot that an engine takes, and not this one: {fault}")
         for robot in plan.robots
-        for line in robot.refusal.splitlines()
+        for fault in _faults_of(robot.refusal)
     ]
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
     return batch, plan
+
+
+def _faults_of(refusal: str) -> list[str]:
+    """Returns the faults in a refusal, one a line, without the headings above lists of them."""
+    return [" ".join(line.split()) for line in refusal.splitlines() if not line.endswith(" refuses the robot:")]
 
 
 def _folders(batch: BatchPlan, store: Store) -> dict[str, Path]:
@@ -159,4 +164,8 @@ def _recordings(section: SimulationBatch) -> str:
 
 
 def _audit(plan: EnginePlan) -> str:
-    return f"{_count(plan.audited, 'episode')} audited on C MuJoCo" if plan.audited else "no audit"
+    if not plan.audited:
+        return "no audit"
+    if all(robot.choice and robot.choice.engine == "mujoco" for robot in plan.robots):
+        return f"{_count(plan.audited, 'episode')} driven twice, and no audit: mujoco is the reference itself"
+    return f"{_count(plan.audited, 'episode')} audited on C MuJoCo"

@@ -68,7 +68,7 @@ def read_robot_mjcf(path: Path) -> mujoco.MjSpec:
         _shorten_steps(spec)
         compile_robot(spec)
     except (ValueError, OSError) as exc:
-        raise RobotRefused(f"{path.name}: {exc}") from exc
+        raise RobotRefused(f"{path.name}: {' '.join(str(exc).split())}") from exc
     return spec
 
 

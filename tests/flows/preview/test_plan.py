@@ -89,6 +89,29 @@ def test_all_robots_that_no_engine_takes_are_faults_before_the_first_line(
     assert "no actuator: nothing could drive the robot" in caught.value.faults[0].allowed
 
 
+def test_a_refusal_is_one_fault_without_its_heading_and_an_error_of_xml_is_one_line(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    driven = UNDRIVEN.replace("</worldbody>", '</worldbody><actuator><motor joint="x"/></actuator>')
+    boxed = driven.replace('<geom size="0.2"', '<geom type="box" size="0.2 0.2 0.1"')
+    spec = own_robots(tmp_path, box=boxed, typo=UNDRIVEN.replace("<geom", "<sight"))
+    section = spec.simulationBatch
+    assert section
+    spec = spec.model_copy(update={"simulationBatch": section.model_copy(update={"engine": "planar"})})
+    with pytest.raises(DocumentError) as caught:
+        next(plan_lines(spec, tmp_path, file_store))
+    box, typo = caught.value.faults
+    assert box.allowed.startswith("a robot that an engine takes, and not this one: robot.xml: ")
+    assert typo.value == "typo"
+    assert "unrecognized element" in typo.allowed
+    assert "sight" in typo.allowed
+
+
+def test_rows_of_c_mujoco_itself_are_driven_twice_and_not_audited(lines: Tell):
+    assert "16 episodes driven twice, and no audit: mujoco is the reference itself" in lines(engine="mujoco")
+
+
 def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
     told = lines(matrix={"seeds": 10_000, "environmentVariables": {"MAX_SPEED": ["0.6"]}}, engine="mujoco")
     assert "80,000 episodes" in told
