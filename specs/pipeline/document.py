@@ -10,6 +10,7 @@ from specs.digest import digest
 from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
 from specs.pipeline.gate_section import Gate, unaudited
+from specs.pipeline.shared_variables import never_driven
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from specs.pipeline.untested_parts import unjudged
 from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
@@ -95,7 +96,16 @@ def inert_fields(spec: PipelineSpec) -> list[str]:
 
     Lists are written ``[*]``, so that a field of a thousand requests is named once.
     """
-    return list(dict.fromkeys(_inert(spec, "")))
+    return list(dict.fromkeys([*_inert(spec, ""), *_never_driven(spec.simulationBatch)]))
+
+
+def _never_driven(section: SimulationBatch | None) -> Iterator[str]:
+    """Yields the variables that the matrix sets otherwise."""
+    if section is None:
+        return
+    requests = [each.model_dump(mode="json") for each in section.createSimulationJobRequests]
+    sweep = section.matrix.model_dump(mode="json").get("environmentVariables")
+    yield from (f"simulationBatch.{field}" for field in never_driven(requests, sweep))
 
 
 def _inert(value: object, path: str) -> Iterator[str]:

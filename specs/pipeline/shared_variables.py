@@ -27,6 +27,22 @@ def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
                 yield _finding(number, name, robot[name], scenario[name])
 
 
+def never_driven(requests: Sequence[object], sweep: object) -> Iterator[str]:
+    """Yields the variables of robots and scenarios whose value the matrix replaces and never drives.
+
+    Args:
+        requests: As the document has them.
+        sweep: The matrix's variables, each with its values.
+    """
+    values = _mapping(sweep)
+    for request in requests:
+        for field in (_ROBOT, _SCENARIO):
+            for name, value in _variables(request, field).items():
+                driven = values.get(name)
+                if driven is not None and value not in items(driven):
+                    yield f"createSimulationJobRequests[*].{field}[*].{_LAUNCH}.{_VARIABLES}.{name}"
+
+
 def _finding(number: int, name: str, robots: object, scenarios: object) -> Finding:
     other = f"createSimulationJobRequests[{number}].{_ROBOT}[0].{_LAUNCH}.{_VARIABLES}.{name}"
     allowed = f"{robots!r} as in {other}, or another name: robot and scenario see the same variables"

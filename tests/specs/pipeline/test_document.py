@@ -146,6 +146,19 @@ def test_fields_that_only_aws_had_are_named_and_tags_are_not_searched_for_them()
     ]
 
 
+@pytest.mark.parametrize(("values", "named"), [(["0.3", "0.4"], 1), (["0.4", "0.5"], 0)])
+def test_a_variable_that_the_matrix_replaces_and_never_drives_has_no_effect(values: list[str], named: int):
+    (robot,) = JOB["robotApplications"]
+    launch = {**robot["launchConfig"], "environmentVariables": {"MAX_SPEED": "0.5"}}
+    job = {**JOB, "robotApplications": [{**robot, "launchConfig": launch}]}
+    matrix = {"worlds": "all", "seeds": 1, "environmentVariables": {"MAX_SPEED": values}}
+    document = spec(
+        worldGeneration=GENERATION, simulationBatch={"matrix": matrix, "createSimulationJobRequests": [job, job]}
+    )
+    where = "robotApplications[*].launchConfig.environmentVariables.MAX_SPEED"
+    assert inert_fields(document) == [f"simulationBatch.createSimulationJobRequests[*].{where}"][:named]
+
+
 def test_the_schema_for_prefects_form_has_titles_and_lists_every_section():
     schema = PipelineSpec.model_json_schema()
 
