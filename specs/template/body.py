@@ -184,8 +184,8 @@ class TemplateBody(Ruled):
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
-        """Yields fields of version 2 in a body of version 1."""
-        if part(data, "Version") != "2":
+        """Yields fields of version 2 in a body of version 1; a version that is the number 2 has a fault of its own."""
+        if part(data, "Version") not in ("2", 2):
             yield from version_2_fields(data, ())
 
     @model_validator(mode="wrap")

@@ -104,6 +104,13 @@ def test_what_only_version_2_has_is_refused_in_version_1(place: str, more: dict[
     assert faults(body(["Hall"], **more)) == [(place, 'only in a body with Version: "2"')]
 
 
+@pytest.mark.parametrize(("version", "told"), [(2, [""]), ([], ["", "Interior.Doorways"])])
+def test_a_version_that_is_the_number_2_is_the_only_fault(version: object, told: list[str]):
+    interior = {"Doorways": {"DoorwaySets": []}}
+    body = {"Version": version, "Buildings": [{"Floors": [{"Floorplan": {}, "Interior": interior}]}]}
+    assert [place for place, _ in faults(body)] == told  # the version lies above the floor
+
+
 def test_faults_of_fields_and_broken_rules_are_told_together():
     document = body(["Hall", "Den"], ("Hall", "Den", "Opening"), ("Hall", "Den", "Doorway"))
     document["Buildings"][0]["Floors"][0]["Floorplan"]["Rooms"][0]["Type"] = "Sauna"
