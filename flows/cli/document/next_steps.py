@@ -5,8 +5,11 @@ from collections.abc import Iterator
 from flows.ci.run_report import store_option
 from specs.arn import arn, resource_name
 from specs.data.run_report import PipelineReport, StageName, StageReport
-from specs.errors import ResourceNotFound
+from specs.errors import ObjectNotFound, ResourceNotFound
+from specs.pipeline.gate_section import stops_early
 from tasks.deploy.fleet.fleets import fleet_name
+from tasks.results.gate.evidence import Evidence, read_evidence
+from tasks.results.statistics.episodes_needed import episodes_needed, episodes_needed_at_any_look
 from tasks.results.tables.result_files import FAILURES_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND
@@ -34,7 +37,34 @@ def next_steps(report: PipelineReport, store: Store) -> list[str]:
     if report.shipped is False:
         steps += _of_deployment(report, store)
     option = store_option(store.url)
-    return [f"{what:<22} {' '.join(filter(None, [command, option]))}" for what, command in steps]
+    more = [f"{'more episodes':<22} {line}" for line in _more_episodes(report, store)]
+    return [*more, *(f"{what:<22} {' '.join(filter(None, [command, option]))}" for what, command in steps)]
+
+
+def _more_episodes(report: PipelineReport, store: Store) -> Iterator[str]:
+    """Yields how many episodes would decide a success rate that is not decided yet."""
+    stage = _stage(report, "simulationBatch")
+    if stage is None or report.verdict != "INCONCLUSIVE":
+        return
+    try:
+        evidence = read_evidence(store, resource_name(stage.arn))
+    except ObjectNotFound:  # the gate had nothing to judge
+        return
+    yield from _needed(evidence)
+
+
+def _needed(evidence: Evidence) -> Iterator[str]:
+    asked = evidence.rule.successRate
+    answer = next((each for each in evidence.rules if each.rule == "successRate"), None)
+    if asked is None or answer is None or answer.verdict != "INCONCLUSIVE" or answer.estimate is None:
+        return
+    needed = (episodes_needed_at_any_look if stops_early(evidence.rule) else episodes_needed)(
+        asked.atLeast, asked.confidence, answer.estimate
+    )
+    if needed is None:
+        yield f"would not help at this rate: {100 * answer.estimate:.1f} % is not above {100 * asked.atLeast:g} %"
+    elif needed > answer.counted:
+        yield f"{needed} would PASS at this rate, and there are {answer.counted}: set more seeds or worlds"
 
 
 def _of_batch(report: PipelineReport, store: Store) -> Iterator[tuple[str, str]]:
