@@ -119,7 +119,8 @@ def _failures(batch: CountedBatch, worlds: list[WorldReport]) -> Iterator[str]:
     ]
     all_failures = batch.episodes - batch.passed
     if rows:
-        yield f"### Failures\n\n{len(rows)} of {all_failures:,}; each command drives its episode again where the store is (docs/guide/ci.md)."
+        where = "each command drives its episode again where the store is (docs/guide/ci.md)"
+        yield f"### Failures\n\n{len(rows)} of {all_failures:,}; {where}."
         yield table(("world", "group", "seed", "why", "replay"), rows)
 
 
