@@ -9,6 +9,7 @@ from pathlib import Path
 from specs.errors import BundleRefused
 from specs.field_types import Architecture
 from specs.robomaker.bundle import ARCHITECTURES, LATEST, Application, ApplicationKind, Build, Version
+from specs.rules import meant
 from tasks.applications.pack import pack
 from tasks.applications.versions import (
     application_name,
@@ -179,13 +180,21 @@ def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | 
             return published
         application = read_application(store, kind, name)
     if application is None:
-        raise not_found("application", reference, f"a published {kind}, or one that comes with Simyard")
+        raise not_found("application", reference, _choice(store, kind, name))
     if newest and application.versions:
         return application.versions[-1]
     found = next((known for known in application.versions if str(known.number) == version), None)
     if found is None:
         raise not_found("applicationVersion", str(version), f"a version of {name}: {application.numbers}")
     return found
+
+
+def _choice(store: Store, kind: ApplicationKind, name: str) -> str:
+    """Returns which applications a name may be of, the one that was probably meant first."""
+    known = [Path(key).stem for key in store.keys(applications_prefix(kind))]
+    known += [each for home in _HOMES for each in _names(home)]
+    command = f"simyard app publish {name} FOLDER" + (" --kind simulation" if kind == "simulation-application" else "")
+    return f"{meant(name, known)}a published {kind}, or one that comes with Simyard; {command} publishes one"
 
 
 def applications(store: Store, kind: ApplicationKind) -> list[Application]:

@@ -34,6 +34,16 @@ def _bundle(folder: Path, content: str) -> Path:
     return folder / content
 
 
+def test_an_unknown_name_is_refused_with_the_one_that_was_probably_meant(store: Store, tmp_path: Path) -> None:
+    publish_bundle(store, ROBOT, "rover", _bundle(tmp_path, "first"))
+    with pytest.raises(
+        ResourceNotFound, match=r'did you mean "rover"\? .*; simyard app publish rovre FOLDER publishes'
+    ):
+        resolve(store, ROBOT, "rovre")
+    with pytest.raises(ResourceNotFound, match=r'did you mean "delivery"\? .*FOLDER --kind simulation publishes one'):
+        resolve(store, "simulation-application", "delivry")
+
+
 def test_new_content_gets_the_next_number_and_old_content_its_old_one(store: Store, tmp_path: Path) -> None:
     first, second = _bundle(tmp_path, "first"), _bundle(tmp_path, "second")
 
