@@ -7,8 +7,9 @@ import numpy as np
 from specs.base import Spec
 from tasks.results.statistics.change_point import Change
 from tasks.results.statistics.interval_arrays import wilson_bounds
-from tasks.results.trend.chart import Chart, day, draw_chart, fitting_axis, night_times, relative
+from tasks.results.trend.chart import Chart, draw_chart, fitting_axis, relative
 from tasks.results.trend.night import Night
+from tasks.results.trend.night_text import day, night_times
 from tasks.results.trend.series import CONFIDENCE, Point, Series, Trend
 
 # More lines nobody reads on a page; `simyard trend --json` has all nights.

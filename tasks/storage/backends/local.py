@@ -12,7 +12,7 @@ import os
 import shutil
 import time
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -32,6 +32,7 @@ from tasks.storage.backends.local_objects import (
     file_entry,
     file_etag,
     file_mark,
+    open_lock,
     open_object,
     shown_files,
     taken_error,
@@ -254,7 +255,7 @@ class LocalStore:
         # waits for a disk while it has one, so that hardly anybody is paused with it.
         make_folder(self.root / LOCKS)
         path = self.root / LOCKS / hashlib.blake2b(key.encode(), digest_size=1).hexdigest()
-        descriptor = _open_lock(path)
+        descriptor = open_lock(path)
         try:
             self._lock(descriptor, key)
             yield
@@ -288,17 +289,3 @@ class LocalStore:
 def _mark(key: str) -> str:
     """Returns what the hidden names of a key's uploads have in common."""
     return f"{hashlib.blake2b(key.encode(), digest_size=8).hexdigest()}-"
-
-
-def _open_lock(path: Path) -> int:
-    """Returns a lock's file, opened, having made it if there was none.
-
-    One that another account made can often only be read: that is enough to lock it, but for disks of other machines.
-    """
-    if not path.exists():
-        with hidden_file(path.parent) as (_, hidden), suppress(FileExistsError):
-            path.hardlink_to(hidden)
-    try:
-        return os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    except PermissionError:
-        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -6,6 +6,7 @@ import os
 import stat
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -160,3 +161,17 @@ def _scanned(folder: Path) -> dict[str, bool]:
         if exc.errno not in NOTHING_THERE:
             raise
     return found
+
+
+def open_lock(path: Path) -> int:
+    """Returns a lock's file, opened, having made it if there was none.
+
+    One that another account made can often only be read: that is enough to lock it, but for disks of other machines.
+    """
+    if not path.exists():
+        with hidden_file(path.parent) as (_, hidden), suppress(FileExistsError):
+            path.hardlink_to(hidden)
+    try:
+        return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except PermissionError:
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)

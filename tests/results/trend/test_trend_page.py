@@ -6,8 +6,8 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from specs.errors import DocumentError
-from tasks.results.trend.chart import day, night_times
 from tasks.results.trend.night import Night
+from tasks.results.trend.night_text import day, night_times
 from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import MOST_SERIES, WHOLE, Choice, make_trend, raised_alarms
 from tasks.results.trend.view import TrendView, trend_view
