@@ -5,6 +5,7 @@ SimyardError
 │   ├── ConcurrentDeployment          the fleet has an active deployment already
 │   ├── IdempotentParameterMismatch   same token, another request
 │   ├── LimitExceeded                 one more than there may be
+│   ├── ResourceAlreadyExists         the name is taken
 │   └── ResourceNotFound              a document names something that does not exist
 ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
 ├── PipelineNotPassed                 the gate said FAIL, or the deployment failed: exit code 1; INCONCLUSIVE: 4
@@ -60,6 +61,10 @@ class LimitExceeded(DocumentError):  # noqa: N818 - RoboMaker's name
 
     See docs/reference/robomaker.md, section 9.
     """
+
+
+class ResourceAlreadyExists(DocumentError):  # noqa: N818 - RoboMaker's name
+    """A document asks for something to be made under a name that is taken."""
 
 
 class ResourceNotFound(DocumentError):  # noqa: N818 - RoboMaker's name

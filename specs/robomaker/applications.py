@@ -73,8 +73,8 @@ class Environment(Spec):
     uri: RepositoryUrl | None = None
 
 
-class ApplicationAnswer(Spec):
-    """What the answers about both kinds of application have in common."""
+class ApplicationVersionAnswer(Spec):
+    """What all answers about both kinds of application have in common."""
 
     arn: Arn | None = None
     name: Name | None = None
@@ -83,8 +83,29 @@ class ApplicationAnswer(Spec):
     robotSoftwareSuite: RobotSoftwareSuite | None = None
     lastUpdatedAt: LastUpdatedAt | None = None
     revisionId: RevisionId | None = None
-    tags: TagMap | None = None
     environment: Environment | None = None
+
+
+class ApplicationAnswer(ApplicationVersionAnswer):
+    """The same, with the tags of the application."""
+
+    tags: TagMap | None = None
+
+
+class CreateApplicationVersionRequest(Spec):
+    """Asks for a version of what an application's sources are now."""
+
+    application: Arn
+    currentRevisionId: RevisionId | None = None
+    s3Etags: tuple[S3Etag, ...] | None = None
+    imageDigest: ImageDigest | None = None
+
+
+class DeleteApplicationRequest(Spec):
+    """Asks for an application, or one of its versions, to be deleted."""
+
+    application: Arn
+    applicationVersion: Version | None = None
 
 
 class CreateRobotApplicationRequest(Spec):
@@ -190,3 +211,63 @@ class ListSimulationApplicationsResponse(Spec):
         Annotated[tuple[SimulationApplicationSummary, ...], Field(max_length=100)] | None
     ) = None
     nextToken: PaginationToken | None = None
+
+
+class CreateRobotApplicationVersionRequest(CreateApplicationVersionRequest):
+    """Asks for a version of a robot application."""
+
+
+class CreateRobotApplicationVersionResponse(ApplicationVersionAnswer):
+    """The version that was made."""
+
+
+class CreateSimulationApplicationVersionRequest(CreateApplicationVersionRequest):
+    """Asks for a version of a simulation application."""
+
+
+class CreateSimulationApplicationVersionResponse(ApplicationVersionAnswer):
+    """The version that was made."""
+
+    simulationSoftwareSuite: SimulationSoftwareSuite | None = None
+    renderingEngine: RenderingEngine | None = None
+
+
+class UpdateRobotApplicationRequest(Spec):
+    """Asks for the next version of a robot application to be made from something else."""
+
+    application: Arn
+    sources: tuple[SourceConfig, ...] | None = None
+    robotSoftwareSuite: RobotSoftwareSuite
+    currentRevisionId: RevisionId | None = None
+    environment: Environment | None = None
+
+
+class UpdateRobotApplicationResponse(ApplicationVersionAnswer):
+    """The robot application that was changed."""
+
+
+class UpdateSimulationApplicationRequest(UpdateRobotApplicationRequest):
+    """Asks for the next version of a simulation application to be made from something else."""
+
+    simulationSoftwareSuite: SimulationSoftwareSuite
+    renderingEngine: RenderingEngine | None = None
+
+
+class UpdateSimulationApplicationResponse(CreateSimulationApplicationVersionResponse):
+    """The simulation application that was changed."""
+
+
+class DeleteRobotApplicationRequest(DeleteApplicationRequest):
+    """Asks for a robot application, or one of its versions, to be deleted."""
+
+
+class DeleteRobotApplicationResponse(Spec):
+    """Says nothing."""
+
+
+class DeleteSimulationApplicationRequest(DeleteApplicationRequest):
+    """Asks for a simulation application, or one of its versions, to be deleted."""
+
+
+class DeleteSimulationApplicationResponse(Spec):
+    """Says nothing."""

@@ -117,6 +117,16 @@ class DescribeDeploymentJobRequest(Spec):
     job: Arn
 
 
+class CancelDeploymentJobRequest(Spec):
+    """Asks that a deployment be stopped."""
+
+    job: Arn
+
+
+class CancelDeploymentJobResponse(Spec):
+    """Says nothing."""
+
+
 class ListDeploymentJobsRequest(FilteredPage):
     """Asks for the deployment jobs."""
 

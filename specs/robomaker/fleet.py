@@ -59,6 +59,40 @@ class RegisterRobotResponse(Spec):
     robot: Arn | None = None
 
 
+class DeregisterRobotRequest(Spec):
+    """Asks for a robot to leave a fleet."""
+
+    fleet: Arn
+    robot: Arn
+
+
+class DeregisterRobotResponse(Spec):
+    """The fleet and the robot that left it."""
+
+    fleet: Arn | None = None
+    robot: Arn | None = None
+
+
+class DeleteFleetRequest(Spec):
+    """Asks for a fleet to be deleted."""
+
+    fleet: Arn
+
+
+class DeleteFleetResponse(Spec):
+    """Says nothing."""
+
+
+class DeleteRobotRequest(Spec):
+    """Asks for a robot to be deleted."""
+
+    robot: Arn
+
+
+class DeleteRobotResponse(Spec):
+    """Says nothing."""
+
+
 class DescribeFleetRequest(Spec):
     """Asks about a fleet."""
 

@@ -15,6 +15,7 @@ from specs.field_types import (
     FilteredPage,
     IamRole,
     Integer,
+    LastUpdatedAt,
     OutputLocation,
     Page,
     S3Bucket,
@@ -80,6 +81,47 @@ class CreateWorldTemplateResponse(Spec):
     tags: TagMap | None = None
 
 
+class UpdateWorldTemplateRequest(Spec):
+    """Asks for a template to have another name or body from now on."""
+
+    template: Arn
+    name: TemplateName | None = None
+    templateBody: TemplateJson | None = None
+    templateLocation: TemplateLocation | None = None
+
+
+class UpdateWorldTemplateResponse(Spec):
+    """The template that was changed."""
+
+    arn: Arn | None = None
+    name: TemplateName | None = None
+    createdAt: CreatedAt | None = None
+    lastUpdatedAt: LastUpdatedAt | None = None
+
+
+class DeleteWorldTemplateRequest(Spec):
+    """Asks for a template to be deleted."""
+
+    template: Arn
+
+
+class DeleteWorldTemplateResponse(Spec):
+    """Says nothing."""
+
+
+class GetWorldTemplateBodyRequest(Spec):
+    """Asks for the body of a template, or for the one that a generation job used."""
+
+    template: Arn | None = None
+    generationJob: Arn | None = None
+
+
+class GetWorldTemplateBodyResponse(Spec):
+    """A template body as JSON text."""
+
+    templateBody: Json | None = None
+
+
 class CreateWorldGenerationJobRequest(Spec):
     """Asks for worlds from a template."""
 
@@ -137,6 +179,26 @@ class BatchDeleteWorldsResponse(Spec):
     """Which worlds could not be deleted."""
 
     unprocessedWorlds: Arns | None = None
+
+
+class CancelWorldGenerationJobRequest(Spec):
+    """Asks that a generation job be stopped."""
+
+    job: Arn
+
+
+class CancelWorldGenerationJobResponse(Spec):
+    """Says nothing."""
+
+
+class CancelWorldExportJobRequest(Spec):
+    """Asks that an export job be stopped."""
+
+    job: Arn
+
+
+class CancelWorldExportJobResponse(Spec):
+    """Says nothing."""
 
 
 class DescribeWorldRequest(Spec):

@@ -57,7 +57,7 @@ def _scalar(stated: dict[str, Any]) -> st.SearchStrategy[Any]:
 
 
 def _field(owner: str, field: str, name: str) -> st.SearchStrategy[Any]:
-    if (owner, field) == ("CreateWorldTemplateRequest", "templateBody"):
+    if field == "templateBody" and owner in {"CreateWorldTemplateRequest", "UpdateWorldTemplateRequest"}:
         return template_bodies().map(json.dumps)
     if (owner, field) == ("OutputLocation", "s3Prefix"):
         return _PREFIXES

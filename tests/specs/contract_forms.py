@@ -19,14 +19,18 @@ MODULES = (
     "specs.robomaker.launch",
     "specs.robomaker.simulation",
     "specs.robomaker.simulation_descriptions",
+    "specs.robomaker.tags",
     "specs.robomaker.world_descriptions",
     "specs.robomaker.world_jobs",
 )
 SHARED_FIELDS = {
     "ApplicationAnswer",
     "ApplicationUse",
+    "ApplicationVersionAnswer",
     "ApplicationsPage",
     "BatchedJobSettings",
+    "CreateApplicationVersionRequest",
+    "DeleteApplicationRequest",
     "FilteredPage",
     "JobSettings",
     "Page",

@@ -7,50 +7,7 @@ import pytest
 
 from tests.specs.contract_forms import RULINGS, SHARED_FIELDS, Contract, contract, differences, models, reachable
 
-DEEP = [
-    "CreateWorldExportJob",
-    "DescribeWorldExportJob",
-    "DescribeWorldGenerationJob",
-    "CreateSimulationJob",
-    "DescribeSimulationJob",
-    "BatchDescribeSimulationJob",
-    "StartSimulationJobBatch",
-    "DescribeSimulationJobBatch",
-    "CreateDeploymentJob",
-    "DescribeDeploymentJob",
-    "ListDeploymentJobs",
-    "SyncDeploymentJob",
-    "CreateWorldGenerationJob",
-    "CreateWorldTemplate",
-]
-BESIDE = [
-    "BatchDeleteWorlds",
-    "CancelSimulationJob",
-    "CancelSimulationJobBatch",
-    "CreateFleet",
-    "CreateRobot",
-    "CreateRobotApplication",
-    "CreateSimulationApplication",
-    "DescribeFleet",
-    "DescribeRobot",
-    "DescribeRobotApplication",
-    "DescribeSimulationApplication",
-    "DescribeWorld",
-    "DescribeWorldTemplate",
-    "ListFleets",
-    "ListRobotApplications",
-    "ListRobots",
-    "ListSimulationApplications",
-    "ListSimulationJobBatches",
-    "ListSimulationJobs",
-    "ListWorldExportJobs",
-    "ListWorldGenerationJobs",
-    "ListWorldTemplates",
-    "ListWorlds",
-    "RegisterRobot",
-    "RestartSimulationJob",
-]
-OPERATIONS = [*DEEP, *BESIDE]
+OPERATIONS = [*contract()["operations"]]
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)

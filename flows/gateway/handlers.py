@@ -1,0 +1,5 @@
+"""The table of all operations: what answers each of them, joined from the families."""
+
+from flows.gateway.gateway import Handlers
+
+HANDLERS: Handlers = {}

@@ -1,0 +1,205 @@
+"""RoboMaker's 57 operations: routes, errors and pages, one record each.
+
+The errors are those that the interface documents for an operation; each operation may answer InvalidParameterException
+and InternalServerException besides.
+"""
+
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+Right = Literal["read", "simulate", "deploy", "tag"]
+"""What a key must be allowed for a call; for ``tag`` the kind of the tagged resource decides."""
+ErrorName = Literal[
+    "InvalidParameter",
+    "InternalServer",
+    "Throttling",
+    "ResourceNotFound",
+    "ResourceAlreadyExists",
+    "LimitExceeded",
+    "IdempotentParameterMismatch",
+    "ConcurrentDeployment",
+    "ServiceUnavailable",
+]
+"""RoboMaker's nine exceptions, without the word Exception."""
+TAGS = "/tags/{resourceArn}"
+
+
+class Operation(NamedTuple):
+    """An operation of the interface.
+
+    Attributes:
+        name: Such as ``CreateFleet``; its request is ``CreateFleetRequest``, its answer ``CreateFleetResponse``.
+        right: What a key must be allowed.
+        errors: What it may answer.
+        method: HTTP's.
+        path: Of its URL; tags have the resource's ARN in it.
+        pages: The answer's list that comes in pages; empty if there is none.
+        idempotent: Whether SDKs fill in its ``clientRequestToken``.
+    """
+
+    name: str
+    right: Right
+    errors: tuple[ErrorName, ...]
+    method: str
+    path: str
+    pages: str
+    idempotent: bool
+
+    @property
+    def request(self) -> str:
+        """The name of the shape of its request."""
+        return f"{self.name}Request"
+
+    @property
+    def answer(self) -> str:
+        """The name of the shape of its answer."""
+        return f"{self.name}Response"
+
+
+def _operation(
+    name: str,
+    right: Right,
+    *errors: ErrorName,
+    method: str = "POST",
+    path: str = "",
+    pages: str = "",
+    idempotent: bool = False,
+) -> Operation:
+    own = path or f"/{name[0].lower()}{name[1:]}"
+    return Operation(name, right, ("InvalidParameter", "InternalServer", *errors), method, own, pages, idempotent)
+
+
+_ALL = (
+    _operation("BatchDeleteWorlds", "simulate", "Throttling"),
+    _operation("BatchDescribeSimulationJob", "read", "Throttling", "ResourceNotFound"),
+    _operation("CancelDeploymentJob", "deploy", "Throttling", "ResourceNotFound"),
+    _operation("CancelSimulationJob", "simulate", "Throttling", "ResourceNotFound"),
+    _operation("CancelSimulationJobBatch", "simulate", "Throttling", "ResourceNotFound"),
+    _operation("CancelWorldExportJob", "simulate", "Throttling", "ResourceNotFound"),
+    _operation("CancelWorldGenerationJob", "simulate", "Throttling", "ResourceNotFound"),
+    _operation(
+        "CreateDeploymentJob",
+        "deploy",
+        "Throttling",
+        "ResourceNotFound",
+        "LimitExceeded",
+        "IdempotentParameterMismatch",
+        "ConcurrentDeployment",
+        idempotent=True,
+    ),
+    _operation("CreateFleet", "deploy", "Throttling", "LimitExceeded"),
+    _operation("CreateRobot", "deploy", "Throttling", "ResourceAlreadyExists", "LimitExceeded"),
+    _operation(
+        "CreateRobotApplication",
+        "simulate",
+        "Throttling",
+        "ResourceAlreadyExists",
+        "LimitExceeded",
+        "IdempotentParameterMismatch",
+    ),
+    _operation(
+        "CreateRobotApplicationVersion", "simulate", "Throttling", "LimitExceeded", "IdempotentParameterMismatch"
+    ),
+    _operation(
+        "CreateSimulationApplication",
+        "simulate",
+        "Throttling",
+        "ResourceAlreadyExists",
+        "LimitExceeded",
+        "IdempotentParameterMismatch",
+    ),
+    _operation(
+        "CreateSimulationApplicationVersion", "simulate", "Throttling", "LimitExceeded", "IdempotentParameterMismatch"
+    ),
+    _operation(
+        "CreateSimulationJob",
+        "simulate",
+        "Throttling",
+        "ResourceNotFound",
+        "LimitExceeded",
+        "IdempotentParameterMismatch",
+        "ServiceUnavailable",
+        idempotent=True,
+    ),
+    _operation(
+        "CreateWorldExportJob",
+        "simulate",
+        "Throttling",
+        "ResourceNotFound",
+        "IdempotentParameterMismatch",
+        "ServiceUnavailable",
+        idempotent=True,
+    ),
+    _operation(
+        "CreateWorldGenerationJob",
+        "simulate",
+        "Throttling",
+        "ResourceNotFound",
+        "LimitExceeded",
+        "IdempotentParameterMismatch",
+        "ServiceUnavailable",
+        idempotent=True,
+    ),
+    _operation(
+        "CreateWorldTemplate", "simulate", "Throttling", "ResourceNotFound", "ResourceAlreadyExists", "LimitExceeded"
+    ),
+    _operation("DeleteFleet", "deploy", "Throttling"),
+    _operation("DeleteRobot", "deploy", "Throttling"),
+    _operation("DeleteRobotApplication", "simulate", "Throttling"),
+    _operation("DeleteSimulationApplication", "simulate", "Throttling"),
+    _operation("DeleteWorldTemplate", "simulate", "Throttling", "ResourceNotFound"),
+    _operation("DeregisterRobot", "deploy", "Throttling", "ResourceNotFound"),
+    _operation("DescribeDeploymentJob", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeFleet", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeRobot", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeRobotApplication", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeSimulationApplication", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeSimulationJob", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeSimulationJobBatch", "read", "ResourceNotFound"),
+    _operation("DescribeWorld", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeWorldExportJob", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeWorldGenerationJob", "read", "Throttling", "ResourceNotFound"),
+    _operation("DescribeWorldTemplate", "read", "Throttling", "ResourceNotFound"),
+    _operation("GetWorldTemplateBody", "read", "Throttling", "ResourceNotFound"),
+    _operation("ListDeploymentJobs", "read", "Throttling", "ResourceNotFound", pages="deploymentJobs"),
+    _operation("ListFleets", "read", "Throttling", "ResourceNotFound", pages="fleetDetails"),
+    _operation("ListRobotApplications", "read", "Throttling", pages="robotApplicationSummaries"),
+    _operation("ListRobots", "read", "Throttling", "ResourceNotFound", pages="robots"),
+    _operation("ListSimulationApplications", "read", "Throttling", pages="simulationApplicationSummaries"),
+    _operation("ListSimulationJobBatches", "read", pages="simulationJobBatchSummaries"),
+    _operation("ListSimulationJobs", "read", "Throttling", pages="simulationJobSummaries"),
+    _operation("ListTagsForResource", "read", "Throttling", "ResourceNotFound", method="GET", path=TAGS),
+    _operation("ListWorldExportJobs", "read", "Throttling", pages="worldExportJobSummaries"),
+    _operation("ListWorldGenerationJobs", "read", "Throttling", pages="worldGenerationJobSummaries"),
+    _operation("ListWorldTemplates", "read", "Throttling", pages="templateSummaries"),
+    _operation("ListWorlds", "read", "Throttling", pages="worldSummaries"),
+    _operation("RegisterRobot", "deploy", "Throttling", "ResourceNotFound", "LimitExceeded"),
+    _operation("RestartSimulationJob", "simulate", "Throttling", "ResourceNotFound", "LimitExceeded"),
+    _operation(
+        "StartSimulationJobBatch",
+        "simulate",
+        "Throttling",
+        "LimitExceeded",
+        "IdempotentParameterMismatch",
+        idempotent=True,
+    ),
+    _operation(
+        "SyncDeploymentJob",
+        "deploy",
+        "Throttling",
+        "ResourceNotFound",
+        "LimitExceeded",
+        "IdempotentParameterMismatch",
+        "ConcurrentDeployment",
+        idempotent=True,
+    ),
+    _operation("TagResource", "tag", "Throttling", "ResourceNotFound", method="POST", path=TAGS),
+    _operation("UntagResource", "tag", "Throttling", "ResourceNotFound", method="DELETE", path=TAGS),
+    _operation("UpdateRobotApplication", "simulate", "Throttling", "ResourceNotFound", "LimitExceeded"),
+    _operation("UpdateSimulationApplication", "simulate", "Throttling", "ResourceNotFound", "LimitExceeded"),
+    _operation("UpdateWorldTemplate", "simulate", "Throttling", "ResourceNotFound"),
+)
+OPERATIONS: Mapping[str, Operation] = {each.name: each for each in _ALL}
+"""All operations, by name."""
+STATUSES: Mapping[ErrorName, int] = {"InternalServer": 500, "ServiceUnavailable": 503}
+"""The HTTP status of an error; 400 where none is named (docs/reference/robomaker.md, section 1)."""

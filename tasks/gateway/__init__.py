@@ -1,0 +1,1 @@
+"""HTTP in RoboMaker's form: requests, answers, signatures, keys, pages of a browser. Only flows import it."""

@@ -1,0 +1,21 @@
+from specs.interface.operations import OPERATIONS, STATUSES
+from specs.interface.shapes import shapes
+from tests.specs.contract_forms import contract, models
+
+
+def test_the_operations_are_those_of_the_contract():
+    stated = contract()["operations"]
+
+    assert OPERATIONS.keys() == stated.keys()
+    for name, operation in OPERATIONS.items():
+        known = stated[name]
+        assert (operation.method, operation.path) == (known["method"], known["path"])
+        assert (operation.request, operation.answer) == (known["input"], known["output"])
+        assert operation.idempotent == bool(known["idempotencyTokenField"])
+        assert operation.pages == known.get("pagination", {}).get("result_key", "")
+        errors = {f"{error}Exception": STATUSES.get(error, 400) for error in operation.errors}
+        assert errors == {error["shape"]: error["httpStatus"] for error in known["errors"]}
+
+
+def test_every_document_class_is_found_by_its_name():
+    assert shapes() == models()
