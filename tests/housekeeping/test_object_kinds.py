@@ -116,6 +116,7 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
         "trust",
         "trends",
         "buckets",
+        "queue",
         "housekeeping",
     }
     assert len(forms) > 15

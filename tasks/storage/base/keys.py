@@ -20,6 +20,8 @@ JOB = "jobs/{kind}/{job}.json"
 """A job's record."""
 CLAIM = "claims/{kind}/{job}.json"
 """Which live process works on a job."""
+QUEUE = "queue/{kind}/{job}.json"
+"""That a job waits for a worker; removed once it has ended."""
 TEMPLATE = "templates/{template}.json"
 """A world template."""
 RESULT = "results/{batch}/{file}"
@@ -145,6 +147,16 @@ def token_key(kind: str, token: str) -> str:
 def claim_key(kind: str, job_id: str) -> str:
     """Returns the key under which a process claims a job."""
     return fill(CLAIM, kind=kind, job=job_id)
+
+
+def queue_key(kind: str, job_id: str) -> str:
+    """Returns the key of a job's place in the queue."""
+    return fill(QUEUE, kind=kind, job=job_id)
+
+
+def queue_prefix() -> str:
+    """Returns the folder that holds the queue."""
+    return QUEUE.partition("/")[0]
 
 
 def template_key(name: str) -> str:
