@@ -27,6 +27,7 @@ _STAMP = re.compile(r"[0-9]{8}T[0-9]{6}Z", re.ASCII)
 _SIGNATURE = re.compile(r"[0-9a-f]{64}", re.ASCII)
 _NEEDED = frozenset({"host", "x-amz-date"})
 _ONCE = ("authorization", "host", "x-amz-date", "x-amz-content-sha256")
+_NO_TIME = "x-amz-date is not a time such as 20260131T235959Z"
 _PARTS = frozenset({"Credential", "SignedHeaders", "Signature"})
 
 SecretOf = Callable[[str], str | None]
@@ -86,19 +87,25 @@ def check_signature(request: HttpRequest, claim: Claim, secret_of: SecretOf) -> 
     digest = hashlib.sha256(request.body).hexdigest()
     said = headers.get("x-amz-content-sha256", digest)
     if said != digest:
-        raise _invalid("x-amz-content-sha256 is not the SHA-256 of the body; unsigned and streamed bodies are not taken")
+        raise _invalid(
+            "x-amz-content-sha256 is not the SHA-256 of the body; unsigned and streamed bodies are not taken"
+        )
     _check_path(request.raw_path)
     canonical = _canonical(request, headers, claim.names, digest)
     text = "\n".join((_ALGORITHM, claim.stamp, claim.scope, hashlib.sha256(canonical.encode()).hexdigest()))
     expected = hmac.new(_signing_key(secret, claim.scope), text.encode(), hashlib.sha256).hexdigest()
     if not hmac.compare_digest(expected.encode(), claim.signature.encode()):
-        raise _invalid("the signature is not that of this request: is the secret right, and was nothing changed on the way?")
+        raise _invalid(
+            "the signature is not that of this request: is the secret right, and was nothing changed on the way?"
+        )
 
 
 def unknown_key(key_id: str) -> AccessRefused:
     """Returns the refusal of a key that is not known, or not any more."""
     shown = key_id[:64] if key_id.isascii() and key_id.isprintable() else "?"
-    return AccessRefused("UnrecognizedClientException", f"no access key {shown!r} here: simyard access list shows the keys")
+    return AccessRefused(
+        "UnrecognizedClientException", f"no access key {shown!r} here: simyard access list shows the keys"
+    )
 
 
 def _authorization(request: HttpRequest, headers: Mapping[str, str]) -> Mapping[str, str]:
@@ -121,12 +128,12 @@ def _authorization(request: HttpRequest, headers: Mapping[str, str]) -> Mapping[
 
 
 def _check_stamp(stamp: str, now_s: float) -> None:
+    if not _STAMP.fullmatch(stamp):
+        raise _incomplete(_NO_TIME)
     try:
-        if not _STAMP.fullmatch(stamp):
-            raise ValueError(stamp)
         signed_s = timegm(time.strptime(stamp, "%Y%m%dT%H%M%SZ"))
     except ValueError as exc:
-        raise _incomplete("x-amz-date is not a time such as 20260131T235959Z") from exc
+        raise _incomplete(_NO_TIME) from exc
     if abs(now_s - signed_s) > SKEW_S:
         here = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(now_s))
         what = "expired" if signed_s < now_s else "not yet current"
