@@ -19,7 +19,9 @@ OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
 ACTIONS_DAYS = "SIMYARD_ACTIONS_DAYS"
+REGION = "SIMYARD_REGION"
 _ROBOMAKERS_MAX_WORLDS = 50
+_REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 
 
 def max_worlds_of_job() -> int:
@@ -90,6 +92,18 @@ def actions_days() -> int:
         DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
     """
     return _number(ACTIONS_DAYS, 90, "a number of days, at least 1")
+
+
+def region() -> str:
+    """Returns the region in the ARNs of RoboMaker's form: us-west-2, or SIMYARD_REGION.
+
+    Raises:
+        DocumentError: SIMYARD_REGION is no name of a region.
+    """
+    text = os.environ.get(REGION) or "us-west-2"
+    if not _REGION.fullmatch(text):
+        raise DocumentError([Fault(path=REGION, value=repr(text), allowed="a region's name, such as us-west-2")])
+    return text
 
 
 def _number(name: str, default: int, allowed: str) -> int:
