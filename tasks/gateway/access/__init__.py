@@ -1,1 +1,1 @@
-"""Who may do what over HTTP, and who did: access keys, rights, replays, other pages, the log. The gateway imports it."""
+"""Who may do what over HTTP, and who did: access keys, rights, replays, other pages, log. The gateway imports it."""
