@@ -117,6 +117,7 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
         "trends",
         "buckets",
         "queue",
+        "actions",
         "housekeeping",
     }
     assert len(forms) > 15
