@@ -18,7 +18,13 @@ RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
+MAX_GENERATION_JOBS = "SIMYARD_MAX_GENERATION_JOBS"
+MAX_EXPORT_JOBS = "SIMYARD_MAX_EXPORT_JOBS"
+MAX_BATCHES = "SIMYARD_MAX_BATCHES"
+MAX_SIMULATION_JOBS = "SIMYARD_MAX_SIMULATION_JOBS"
+MAX_DEPLOYMENTS = "SIMYARD_MAX_DEPLOYMENTS"
 _ROBOMAKERS_MAX_WORLDS = 50
+_JOBS = "a number of jobs, at least 1"
 
 
 def max_worlds_of_job() -> int:
@@ -80,6 +86,61 @@ def step_limit_s() -> int:
         DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
     """
     return _number(STEP_LIMIT, 300, "a number of seconds, at least 1")
+
+
+def max_generation_jobs() -> int:
+    """Returns how many world generation jobs may wait or be worked on at once: 100, or SIMYARD_MAX_GENERATION_JOBS.
+
+    RoboMaker's accounts had 3 (docs/reference/robomaker.md, section 9); here they wait in the owner's own queue.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_GENERATION_JOBS is no number of jobs.
+    """
+    return _number(MAX_GENERATION_JOBS, 100, _JOBS)
+
+
+def max_export_jobs() -> int:
+    """Returns how many world export jobs may wait or be worked on at once: 100, or SIMYARD_MAX_EXPORT_JOBS.
+
+    RoboMaker's accounts had 3.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_EXPORT_JOBS is no number of jobs.
+    """
+    return _number(MAX_EXPORT_JOBS, 100, _JOBS)
+
+
+def max_batches() -> int:
+    """Returns how many simulation job batches may wait or be worked on at once: 100, or SIMYARD_MAX_BATCHES.
+
+    RoboMaker's accounts had 5.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_BATCHES is no number of batches.
+    """
+    return _number(MAX_BATCHES, 100, "a number of batches, at least 1")
+
+
+def max_simulation_jobs() -> int:
+    """Returns how many single simulation jobs may wait or be worked on at once: 1000, or SIMYARD_MAX_SIMULATION_JOBS.
+
+    Those of batches do not count. RoboMaker's accounts had 1.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_SIMULATION_JOBS is no number of jobs.
+    """
+    return _number(MAX_SIMULATION_JOBS, 1000, _JOBS)
+
+
+def max_deployments() -> int:
+    """Returns how many deployment jobs may wait or be worked on at once: 100, or SIMYARD_MAX_DEPLOYMENTS.
+
+    RoboMaker's accounts had 20.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_DEPLOYMENTS is no number of jobs.
+    """
+    return _number(MAX_DEPLOYMENTS, 100, _JOBS)
 
 
 def _number(name: str, default: int, allowed: str) -> int:
