@@ -18,13 +18,9 @@ RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
-MAX_GENERATION_JOBS = "SIMYARD_MAX_GENERATION_JOBS"
-MAX_EXPORT_JOBS = "SIMYARD_MAX_EXPORT_JOBS"
-MAX_BATCHES = "SIMYARD_MAX_BATCHES"
-MAX_SIMULATION_JOBS = "SIMYARD_MAX_SIMULATION_JOBS"
-MAX_DEPLOYMENTS = "SIMYARD_MAX_DEPLOYMENTS"
+REGION = "SIMYARD_REGION"
 _ROBOMAKERS_MAX_WORLDS = 50
-_JOBS = "a number of jobs, at least 1"
+_REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 
 
 def max_worlds_of_job() -> int:
@@ -33,7 +29,7 @@ def max_worlds_of_job() -> int:
     Raises:
         DocumentError: SIMYARD_MAX_WORLDS is no number of worlds.
     """
-    return _number(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
+    return count_setting(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
 
 
 def min_job_duration_s() -> int:
@@ -45,7 +41,7 @@ def min_job_duration_s() -> int:
     Raises:
         DocumentError: SIMYARD_MIN_JOB_DURATION is no number of seconds.
     """
-    return _number(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
+    return count_setting(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
 
 
 def server_wait_s() -> int:
@@ -56,7 +52,7 @@ def server_wait_s() -> int:
     Raises:
         DocumentError: SIMYARD_SERVER_WAIT is no number of seconds.
     """
-    return _number(SERVER_WAIT, 90, "a number of seconds, at least 1")
+    return count_setting(SERVER_WAIT, 90, "a number of seconds, at least 1")
 
 
 def recount_episodes() -> int:
@@ -65,7 +61,7 @@ def recount_episodes() -> int:
     Raises:
         DocumentError: SIMYARD_RECOUNT is no number of episodes.
     """
-    return _number(RECOUNT, 8, "a number of episodes, at least 1")
+    return count_setting(RECOUNT, 8, "a number of episodes, at least 1")
 
 
 def import_limit_s() -> int:
@@ -74,7 +70,7 @@ def import_limit_s() -> int:
     Raises:
         DocumentError: SIMYARD_IMPORT_LIMIT_S is no number of seconds.
     """
-    return _number(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
+    return count_setting(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
 
 
 def step_limit_s() -> int:
@@ -85,65 +81,27 @@ def step_limit_s() -> int:
     Raises:
         DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
     """
-    return _number(STEP_LIMIT, 300, "a number of seconds, at least 1")
+    return count_setting(STEP_LIMIT, 300, "a number of seconds, at least 1")
 
 
-def max_generation_jobs() -> int:
-    """Returns how many world generation jobs may wait or be worked on at once: 100, or SIMYARD_MAX_GENERATION_JOBS.
-
-    RoboMaker's accounts had 3 (docs/reference/robomaker.md, section 9); here they wait in the owner's own queue.
+def region() -> str:
+    """Returns the region in the ARNs of RoboMaker's form: us-west-2, or SIMYARD_REGION.
 
     Raises:
-        DocumentError: SIMYARD_MAX_GENERATION_JOBS is no number of jobs.
+        DocumentError: SIMYARD_REGION is no name of a region.
     """
-    return _number(MAX_GENERATION_JOBS, 100, _JOBS)
+    text = os.environ.get(REGION) or "us-west-2"
+    if not _REGION.fullmatch(text):
+        raise DocumentError([Fault(path=REGION, value=repr(text), allowed="a region's name, such as us-west-2")])
+    return text
 
 
-def max_export_jobs() -> int:
-    """Returns how many world export jobs may wait or be worked on at once: 100, or SIMYARD_MAX_EXPORT_JOBS.
-
-    RoboMaker's accounts had 3.
+def count_setting(name: str, default: int, allowed: str) -> int:
+    """Returns a whole number above 0 that the environment sets, or its default.
 
     Raises:
-        DocumentError: SIMYARD_MAX_EXPORT_JOBS is no number of jobs.
+        DocumentError: The variable says something else.
     """
-    return _number(MAX_EXPORT_JOBS, 100, _JOBS)
-
-
-def max_batches() -> int:
-    """Returns how many simulation job batches may wait or be worked on at once: 100, or SIMYARD_MAX_BATCHES.
-
-    RoboMaker's accounts had 5.
-
-    Raises:
-        DocumentError: SIMYARD_MAX_BATCHES is no number of batches.
-    """
-    return _number(MAX_BATCHES, 100, "a number of batches, at least 1")
-
-
-def max_simulation_jobs() -> int:
-    """Returns how many single simulation jobs may wait or be worked on at once: 1000, or SIMYARD_MAX_SIMULATION_JOBS.
-
-    Those of batches do not count. RoboMaker's accounts had 1.
-
-    Raises:
-        DocumentError: SIMYARD_MAX_SIMULATION_JOBS is no number of jobs.
-    """
-    return _number(MAX_SIMULATION_JOBS, 1000, _JOBS)
-
-
-def max_deployments() -> int:
-    """Returns how many deployment jobs may wait or be worked on at once: 100, or SIMYARD_MAX_DEPLOYMENTS.
-
-    RoboMaker's accounts had 20.
-
-    Raises:
-        DocumentError: SIMYARD_MAX_DEPLOYMENTS is no number of jobs.
-    """
-    return _number(MAX_DEPLOYMENTS, 100, _JOBS)
-
-
-def _number(name: str, default: int, allowed: str) -> int:
     text = os.environ.get(name)
     if not text:
         return default

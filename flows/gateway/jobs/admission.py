@@ -13,11 +13,12 @@ from uuid import uuid4
 
 from pydantic import JsonValue
 
-from flows.gateway.jobs.quota import Quota, require_place
+from flows.gateway.jobs.quota import require_place
 from specs.base import Fault, Spec
 from specs.digest import canonical_document
 from specs.errors import IdempotentParameterMismatch, ResourceNotFound
 from specs.job_kinds import JobKind
+from specs.quotas import Quota
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import enqueue, is_queued, leave_queue
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, submit

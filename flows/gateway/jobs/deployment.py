@@ -7,11 +7,11 @@ from pydantic import JsonValue
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.jobs.admission import Admission, Document, admit
 from flows.gateway.jobs.answer import answer_of
-from flows.gateway.jobs.quota import DEPLOYMENTS
 from flows.gateway.references import path_of
 from specs.arn import arn
 from specs.digest import canonical_document
 from specs.job_kinds import JobKind
+from specs.quotas import DEPLOYMENTS
 from specs.robomaker.deployment import (
     CancelDeploymentJobRequest,
     CancelDeploymentJobResponse,

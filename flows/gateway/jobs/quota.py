@@ -5,16 +5,14 @@ therefore never admit one too many where the store's listings are current, as th
 calls for the last place both may be refused. Jobs of `simyard run` are not in the queue and do not count.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from typing import NamedTuple
-
 from pydantic import JsonValue
 
-from specs import settings
 from specs.base import Fault
 from specs.errors import LimitExceeded, ObjectNotFound, ResourceNotFound
 from specs.job_kinds import JobKind
+from specs.quotas import SIMULATION_JOBS, Quota
 from tasks.storage.base.keys import queue_prefix
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import QueueEntry, enqueue, is_queued, leave_queue, queued_entry
@@ -22,36 +20,6 @@ from tasks.storage.jobs.records import is_terminal, read
 
 SINGLE = "single"
 """The option of a batch's entry that says that it is a single simulation job."""
-
-
-class Quota(NamedTuple):
-    """A quota of RoboMaker's (docs/reference/robomaker.md, section 9).
-
-    Attributes:
-        what: What is counted.
-        setting: The variable that sets it.
-        most: Returns how many there may be.
-        counts: Whether an entry of the queue is one.
-    """
-
-    what: str
-    setting: str
-    most: Callable[[], int]
-    counts: Callable[[QueueEntry], bool] = lambda _: True
-
-
-GENERATION_JOBS = Quota("world generation jobs", settings.MAX_GENERATION_JOBS, settings.max_generation_jobs)
-EXPORT_JOBS = Quota("world export jobs", settings.MAX_EXPORT_JOBS, settings.max_export_jobs)
-BATCHES = Quota(
-    "simulation job batches", settings.MAX_BATCHES, settings.max_batches, lambda entry: not entry.options.get(SINGLE)
-)
-SIMULATION_JOBS = Quota(
-    "simulation jobs",
-    settings.MAX_SIMULATION_JOBS,
-    settings.max_simulation_jobs,
-    lambda entry: bool(entry.options.get(SINGLE)),
-)
-DEPLOYMENTS = Quota("deployment jobs", settings.MAX_DEPLOYMENTS, settings.max_deployments)
 
 
 @contextmanager
@@ -78,17 +46,17 @@ def require_room(store: Store, kind: JobKind, quota: Quota) -> None:
     Raises:
         LimitExceeded: It holds more.
     """
-    most = quota.most()
+    most, single = quota.most(), quota is SIMULATION_JOBS
     keys = store.keys(f"{queue_prefix()}/{kind}")
     # Only a full queue is read: some of it may have ended, or be of the other sort.
-    if len(keys) <= most or len(_waiting(store, kind, quota, keys)) <= most:
+    if len(keys) <= most or len(_waiting(store, kind, keys, single=single)) <= most:
         return
-    allowed = f"at most {most} at a time ({quota.setting}); wait for one, or cancel one"
-    raise LimitExceeded([Fault(path="request", value=f"one more of the {quota.what}", allowed=allowed)], "request")
+    allowed = f"at most {most} {quota.what} ({quota.setting}); wait for one, or cancel one"
+    raise LimitExceeded([Fault(path="request", value="one more", allowed=allowed)], "request")
 
 
-def _waiting(store: Store, kind: JobKind, quota: Quota, keys: Sequence[str]) -> list[QueueEntry]:
-    entries = [entry for key in keys if (entry := _entry(store, key)) and quota.counts(entry)]
+def _waiting(store: Store, kind: JobKind, keys: Sequence[str], *, single: bool) -> list[QueueEntry]:
+    entries = [entry for key in keys if (entry := _entry(store, key)) and bool(entry.options.get(SINGLE)) == single]
     return [entry for entry in entries if not _has_ended(store, kind, entry.id)]
 
 

@@ -6,10 +6,11 @@ A single job is a batch of one to Simyard, and none to RoboMaker.
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.jobs.admission import Document, asked_document, token_of
 from flows.gateway.jobs.answer import answer_of
-from flows.gateway.jobs.quota import SIMULATION_JOBS, SINGLE, require_room
+from flows.gateway.jobs.quota import SINGLE, require_room
 from flows.gateway.jobs.simulation_batch import KIND as BATCH
 from flows.gateway.jobs.simulation_batch import admit_batch, require_own_tags
 from flows.gateway.references import path_of
+from specs.quotas import SIMULATION_JOBS
 from specs.robomaker.simulation import (
     BatchDescribeSimulationJobRequest,
     CancelSimulationJobRequest,

@@ -12,13 +12,13 @@ from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.output import require_output
-from flows.gateway.jobs.quota import BATCHES, Quota
 from flows.gateway.references import missing, path_of
 from specs.base import Fault
 from specs.data.outcome_tags import MOST_OWN_TAGS, is_reserved
 from specs.errors import DocumentError
 from specs.job_kinds import JobKind
 from specs.pipeline.simulation_section import SimulationBatch
+from specs.quotas import BATCHES, Quota
 from specs.robomaker.simulation import (
     CancelSimulationJobBatchRequest,
     CancelSimulationJobBatchResponse,

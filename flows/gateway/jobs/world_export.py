@@ -6,11 +6,11 @@ from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of, without
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.output import require_output
-from flows.gateway.jobs.quota import EXPORT_JOBS
 from flows.gateway.jobs.wish import wish_canceled
 from flows.gateway.references import missing, path_of
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
+from specs.quotas import EXPORT_JOBS
 from specs.pipeline.world_sections import WorldExport, WorldFormat
 from specs.robomaker.world_descriptions import DescribeWorldExportJobResponse
 from specs.robomaker.world_jobs import (

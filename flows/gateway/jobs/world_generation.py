@@ -5,11 +5,10 @@ import hashlib
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of, without
 from flows.gateway.jobs.answer import answer_of
-from flows.gateway.jobs.quota import GENERATION_JOBS
 from flows.gateway.jobs.wish import wish_canceled
 from flows.gateway.references import path_of
-from specs.digest import canonical_document, canonical_json
 from specs.job_kinds import JobKind
+from specs.quotas import GENERATION_JOBS
 from specs.pipeline.world_sections import MAX_SEED
 from specs.robomaker.world_descriptions import DescribeWorldGenerationJobResponse
 from specs.robomaker.world_jobs import (
@@ -19,11 +18,10 @@ from specs.robomaker.world_jobs import (
     CreateWorldGenerationJobResponse,
     DescribeWorldGenerationJobRequest,
 )
-from specs.template.body import template_digest
-from tasks.storage.base.encoding import create_once
-from tasks.storage.base.keys import template_key
+from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
+from tasks.storage.templates.named_templates import read_body, read_template
 from tasks.worlds.job.describe import describe_generation_job
 
 KIND: JobKind = "world-generation-job"
@@ -35,9 +33,7 @@ def create(gateway: Gateway, request: CreateWorldGenerationJobRequest) -> Create
     store, token = gateway.store, token_of(request)
 
     def document() -> Document:
-        body = template_body(store, request.template)
-        digest = template_digest(body)
-        create_once(store, template_key(digest), canonical_json(canonical_document(body)))
+        digest = template_digest_of(store, request.template)
         return {**asked, "seed": _seed(token), "templateDigest": digest}
 
     asked = asked_document(request, token)
@@ -60,8 +56,30 @@ def cancel(gateway: Gateway, request: CancelWorldGenerationJobRequest) -> Cancel
     return CancelWorldGenerationJobResponse()
 
 
+def template_digest_of(store: Store, template: str) -> str:
+    """Returns the digest of the body that a template has now, by the template's ARN; the body is in the store.
+
+    Raises:
+        ResourceNotFound: There is no such template.
+    """
+    path = path_of(store, template, "world-template", "template")
+    digest = read_template(store, path)[0].digest if path.startswith(NAMED_TEMPLATE_PREFIX) else path
+    read_body(store, digest)
+    return digest
+
+
+def generation_body(store: Store, job: str) -> bytes:
+    """Returns the template body that a generation job used, as canonical JSON, by the job's ARN.
+
+    Raises:
+        ResourceNotFound: There is no such job.
+    """
+    record = read(store, KIND, path_of(store, job, KIND, "generationJob"))
+    return read_body(store, str(record.request["templateDigest"]))
+
+
 def _seed(token: str) -> int:
-    """Returns the seed of a token's worlds: RoboMaker's jobs made different worlds each, and the same token is the same job."""
+    """Returns the seed of a token's worlds: RoboMaker's jobs made other worlds each, and a token is one job."""
     return int.from_bytes(hashlib.sha256(token.encode()).digest()[:8], "big") % (MAX_SEED + 1)
 
 
