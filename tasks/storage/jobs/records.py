@@ -84,7 +84,14 @@ def job_id(kind: JobKind, token: str) -> str:
     return f"{JOB_KINDS[kind].prefix}-{hashlib.sha256(f'{kind}|{token}'.encode()).hexdigest()[:16]}"
 
 
-def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: str) -> JobRecord:
+def submit(
+    store: Store,
+    kind: JobKind,
+    request: dict[str, JsonValue],
+    token: str,
+    *,
+    detail: Mapping[str, JsonValue] | None = None,
+) -> JobRecord:
     """Returns the job of the token: a new one, Pending, or the one that an equal request made before.
 
     Args:
@@ -92,6 +99,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
         kind: The kind of job.
         request: RoboMaker's request, as JSON.
         token: The client request token.
+        detail: What a new job's record has beyond the rest; no part of what the token stands for.
 
     Raises:
         IdempotentParameterMismatch: The token came with another request before
@@ -113,7 +121,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
         failure_reason="",
         created_at_s=now_s,
         updated_at_s=now_s,
-        detail={},
+        detail=dict(detail or {}),
     )
     try:
         store.create(job_key(kind, new.id), encode_document(record))
