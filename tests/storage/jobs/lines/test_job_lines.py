@@ -215,6 +215,17 @@ def _remove(store: Store, record: JobRecord) -> None:
     unmark(store, _KIND, mark)
 
 
+@pytest.mark.parametrize("writes", range(8))
+def test_a_removal_that_was_killed_anywhere_shows_no_job_that_is_gone(file_store: Store, writes: int) -> None:
+    record = ended(file_store, "removed")
+    ended(file_store, "stays")
+    listed(file_store)
+    with suppress(_KilledError):
+        _remove(cast("Store", Mortal(file_store, writes)), record)
+    assert listed(file_store) == recorded(file_store)
+    assert listed(file_store) == recorded(file_store)
+
+
 class KilledAnywhere(RuleBasedStateMachine):
     """Jobs are made, go on, end and are removed by processes that are killed between any two writes."""
 
