@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Generator
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
