@@ -120,7 +120,7 @@ def _authorization(request: HttpRequest, headers: Mapping[str, str]) -> Mapping[
         why = "presigned addresses are not taken: sign in the header" if signed else "the request is not signed"
         raise AccessRefused("MissingAuthenticationTokenException", why)
     algorithm, _, rest = text.partition(" ")
-    pairs = [part.strip().partition("=")[::2] for part in rest.split(",")]
+    pairs = [(name, value) for name, _, value in (part.strip().partition("=") for part in rest.split(","))]
     said = dict(pairs)
     if algorithm != _ALGORITHM or said.keys() != _PARTS or len(pairs) != len(_PARTS):
         raise _incomplete(f"Authorization is not {_ALGORITHM} with Credential, SignedHeaders and Signature, each once")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from specs.errors import AccessRefused
 from tasks.gateway.messages import HttpRequest
 from tasks.gateway.signature import check_signature, claim_of
-from tests.factories.signed_requests import KEY_ID, SECRET, changed, header, now_s, signed_request
+from tests.gateway.signed_requests import KEY_ID, SECRET, changed, header, now_s, signed_request
 
 ARN = "arn:aws:robomaker:us-east-1:123456789012:deployment-fleet/home/1600000000000"
 _TEXT = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=12)
