@@ -13,6 +13,7 @@ from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
+from tasks.deploy.fleet.reservation import require_free
 from tasks.deploy.rollout.controller import ControllerPace, control_rollout
 from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.deploy.rollout.observation import progress_document
@@ -216,6 +217,8 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
     """
     other = read_fleet(store, name)[0].deployment
     known = _find_job(store, other) if other and other != job else None
+    if other and other != job and is_queued(store, _KIND, other):  # a worker takes it, though nobody may have yet
+        require_free(store, name, other)
     if known is None or is_terminal(known):
         return
     if is_queued(store, _KIND, other):  # nobody works on it yet, or its worker has died: the next one goes on
