@@ -99,6 +99,8 @@ EnvironmentVariableValue = Annotated[str, text(1, 1024, GENERIC_PATTERN)]
 EnvironmentVariableMap = Annotated[dict[EnvironmentVariableKey, EnvironmentVariableValue], Field(max_length=20)]
 
 Arns = Annotated[tuple[Arn, ...], Field(min_length=1, max_length=100)]
+AllArns = Annotated[tuple[Arn, ...], Field(min_length=1)]
+"""The ARNs of an answer, which is not cut off at 100 (docs/reference/robomaker.md, section 5)."""
 Architecture = Literal["X86_64", "ARM64", "ARMHF"]
 
 PlainName = Annotated[str, text(1, 64, PLAIN_NAME_PATTERN)]

@@ -18,7 +18,9 @@ RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
+REGION = "SIMYARD_REGION"
 _ROBOMAKERS_MAX_WORLDS = 50
+_REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 
 
 def max_worlds_of_job() -> int:
@@ -80,6 +82,18 @@ def step_limit_s() -> int:
         DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
     """
     return _number(STEP_LIMIT, 300, "a number of seconds, at least 1")
+
+
+def region() -> str:
+    """Returns the region in the ARNs of RoboMaker's form: us-west-2, or SIMYARD_REGION.
+
+    Raises:
+        DocumentError: SIMYARD_REGION is no name of a region.
+    """
+    text = os.environ.get(REGION) or "us-west-2"
+    if not _REGION.fullmatch(text):
+        raise DocumentError([Fault(path=REGION, value=repr(text), allowed="a region's name, such as us-west-2")])
+    return text
 
 
 def _number(name: str, default: int, allowed: str) -> int:

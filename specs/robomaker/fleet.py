@@ -113,7 +113,8 @@ class Robot(Spec):
     lastDeploymentTime: CreatedAt | None = None
 
 
-Robots = Annotated[tuple[Robot, ...], Field(max_length=1000)]
+Robots = tuple[Robot, ...]
+"""The interface says at most 1000: a fleet that has more is not cut off."""
 
 
 class Fleet(Spec):

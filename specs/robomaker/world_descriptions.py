@@ -7,6 +7,7 @@ from pydantic import Field, JsonValue
 from specs.base import Spec
 from specs.data.world import World
 from specs.field_types import (
+    AllArns,
     Arn,
     Arns,
     ClientRequestToken,
@@ -45,7 +46,7 @@ class FinishedWorldsSummary(Spec):
     """
 
     finishedCount: Integer | None = None
-    succeededWorlds: Arns | None = None
+    succeededWorlds: AllArns | None = None
     failureSummary: FailureSummary | None = None
 
 

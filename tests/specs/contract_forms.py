@@ -40,12 +40,19 @@ SHARED_FIELDS = {
 RULINGS: dict[str, dict[str, int | None]] = {
     # docs/reference/robomaker.md, section 4: a batch of 1000 is not truncated to 100
     "SimulationJobSummaries": {"max": None},
+    "Robots": {"max": None},  # the same: a fleet of 1001 robots can be described
     "Filters": {"max": 3},  # docs/reference/robomaker.md, section 9: accept three
     "BatchTimeoutInSeconds": {"min": 1, "max": 1_209_600},
     "MaxConcurrency": {"min": 1, "max": 1_000_000},
     "DeploymentTimeout": {"min": 60, "max": 604_800},
 }
 """Bounds that docs/reference/robomaker.md sets otherwise than the interface, or takes from its prose."""
+
+FIELD_RULINGS: dict[tuple[str, str], dict[str, int | None]] = {
+    # docs/reference/robomaker.md, section 5: the list of a request keeps its bound
+    ("FinishedWorldsSummary", "succeededWorlds"): {"max": None},
+}
+"""The same for one field of a shape that others have, too."""
 
 _TYPES = {
     "string": "string",
@@ -98,7 +105,7 @@ def stated(document: Contract, name: str) -> dict[str, Form]:
         field: {
             "required": below["required"],
             "deprecated": bool(below.get("deprecated")),
-            "type": _stated_type(document, below["shape"]),
+            "type": _stated_type(document, below["shape"], FIELD_RULINGS.get((name, field), {})),
         }
         for field, below in fields.items()
     }
@@ -137,8 +144,8 @@ def _below(shape: dict[str, Any]) -> list[str]:
     return fields + [shape[side] for side in ("item", "key", "value") if side in shape]
 
 
-def _stated_type(document: Contract, name: str) -> Form:
-    shape: dict[str, Any] = {**document["shapes"][name], **RULINGS.get(name, {})}
+def _stated_type(document: Contract, name: str, ruling: Mapping[str, int | None] | None = None) -> Form:
+    shape: dict[str, Any] = {**document["shapes"][name], **RULINGS.get(name, {}), **(ruling or {})}
     match shape["type"]:
         case "structure":
             return {"structure": name}

@@ -5,7 +5,16 @@ from typing import Any
 
 import pytest
 
-from tests.specs.contract_forms import RULINGS, SHARED_FIELDS, Contract, contract, differences, models, reachable
+from tests.specs.contract_forms import (
+    FIELD_RULINGS,
+    RULINGS,
+    SHARED_FIELDS,
+    Contract,
+    contract,
+    differences,
+    models,
+    reachable,
+)
 
 OPERATIONS = [*contract()["operations"]]
 
@@ -40,6 +49,9 @@ def test_every_ruling_departs_from_a_bound_that_the_contract_has():
 
     for name, ruling in RULINGS.items():
         assert ruling.items().isdisjoint({key: shapes[name].get(key) for key in ruling}.items())
+    for (name, field), ruling in FIELD_RULINGS.items():
+        stated = shapes[shapes[name]["fields"][field]["shape"]]
+        assert ruling.items().isdisjoint({key: stated.get(key) for key in ruling}.items())
 
 
 def test_fields_say_the_same_as_their_shapes():

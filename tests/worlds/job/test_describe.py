@@ -70,6 +70,12 @@ def test_finished_worlds_are_those_that_succeeded_and_those_that_failed() -> Non
     ]
 
 
+def test_a_job_of_more_worlds_than_robomakers_lists_had_names_all_of_them() -> None:
+    made: list[JsonValue] = [f"{JOB}/world-{number}-1" for number in range(10_000)]
+    found = plain(describe_generation_job(record("Completed", made, {})))
+    assert len(found["finishedWorldsSummary"]["succeededWorlds"]) == 10_000
+
+
 def test_a_failed_job_says_why_and_lists_no_worlds() -> None:
     ended = record("Failed", [], FAILED, code="AllWorldGenerationFailed", reason="make a room larger")
     found = plain(describe_generation_job(ended))
