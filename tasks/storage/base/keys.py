@@ -10,7 +10,7 @@ from string import Formatter
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, WORLD
+from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, TAGS, TAGS_WITHIN, WORLD
 
 STORE = "store.json"
 """The store's id, written once its promises were probed."""
@@ -29,7 +29,13 @@ LINE_ROOT = "lines/{kind}/root.json"
 LINE_SEGMENT = "lines/{kind}/segments/{segment}.json"
 """What lists say of some jobs that have ended."""
 TEMPLATE = "templates/{template}.json"
-"""A world template."""
+"""The body of a world template; jobs name it by its digest."""
+NAMED_TEMPLATE = "world-templates/{template}.json"
+"""A template that somebody named, and which body it has now."""
+NAMED_TEMPLATE_PREFIX = "wt-"
+"""What the ids of named templates begin with; a digest, which names a body, never does."""
+TEMPLATE_NAME = "template-names/{digest}.json"
+"""Which template has a name; the digest is the name's."""
 RESULT = "results/{batch}/{file}"
 """Evidence and notes of a batch."""
 BUNDLE = "bundles/{digest}"
@@ -193,6 +199,27 @@ def lines_prefix(kind: str) -> str:
 def template_key(name: str) -> str:
     """Returns the key of a world template."""
     return fill(TEMPLATE, template=name)
+
+
+def named_template_key(template: str) -> str:
+    """Returns the key of a template that somebody named; names are free text, so it is its id that stands here."""
+    return fill(NAMED_TEMPLATE, template=template)
+
+
+def named_templates_prefix() -> str:
+    """Returns the folder that holds the templates that somebody named."""
+    return NAMED_TEMPLATE.partition("/")[0]
+
+
+def template_name_key(name: str) -> str:
+    """Returns the key of what says which template has a name."""
+    return fill(TEMPLATE_NAME, digest=hashlib.sha256(name.encode()).hexdigest())
+
+
+def tags_key(kind: str, path: str) -> str:
+    """Returns the key of the tags that a resource was given later; its path is as in its ARN."""
+    parent, _, name = path.rpartition("/")
+    return fill(TAGS_WITHIN, kind=kind, parent=parent, name=name) if parent else fill(TAGS, kind=kind, name=name)
 
 
 def world_key(generation: str, world: str) -> str:
