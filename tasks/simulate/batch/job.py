@@ -32,7 +32,9 @@ KIND = "simulation-job-batch"
 STOPPING = frozenset({"Canceling", "TimingOut"})
 GOING = frozenset({"Pending", "InProgress"})
 _LAYOUTS_KEPT = 4
+_ETAGS = "dataSourceEtags"
 _CANCELED_JOB = "canceledJob/"
+_CANCELED_JOB_AT = "canceledJobAt/"
 _RESTARTED_JOB = "restartedJob/"
 
 
@@ -80,7 +82,7 @@ def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], tok
         IdempotentParameterMismatch: The token came with another batch before.
     """
     record = submit(store, KIND, {"request": request, "plan": plan.model_dump(mode="json")}, token)
-    return advance(store, KIND, record.id, "InProgress", only_from={"Pending"})
+    return advance(store, KIND, record.id, "InProgress", only_from={"Pending"}, detail=etag_detail(plan))
 
 
 def load_batch(store: Store, batch: str, voucher: Voucher | None = None) -> OpenBatch:
@@ -181,6 +183,16 @@ def canceled_before_begun(record: JobRecord) -> frozenset[int]:
     return frozenset(index for index in canceled_jobs(record) if record.detail[canceled_job_mark(index)] is False)
 
 
+def canceled_job_time(index: int) -> str:
+    """Returns the key in a batch's detail that says when a job was cancelled by itself, in seconds since 1970."""
+    return f"{_CANCELED_JOB_AT}{index}"
+
+
+def canceled_job_times(record: JobRecord) -> dict[int, float]:
+    """Returns when jobs were cancelled by themselves, by index; records of older versions do not say."""
+    return _times(record, _CANCELED_JOB_AT)
+
+
 def restarted_job_mark(index: int) -> str:
     """Returns the key in a batch's detail that says when a job was last restarted, in seconds since 1970."""
     return f"{_RESTARTED_JOB}{index}"
@@ -188,11 +200,30 @@ def restarted_job_mark(index: int) -> str:
 
 def restarted_jobs(record: JobRecord) -> dict[int, float]:
     """Returns when jobs were last restarted, by index."""
+    return _times(record, _RESTARTED_JOB)
+
+
+def _times(record: JobRecord, mark: str) -> dict[int, float]:
     return {
-        int(key.removeprefix(_RESTARTED_JOB)): cast("float", at_s)
-        for key, at_s in record.detail.items()
-        if key.startswith(_RESTARTED_JOB)
+        int(key.removeprefix(mark)): cast("float", at_s) for key, at_s in record.detail.items() if key.startswith(mark)
     }
+
+
+def etag_detail(plan: BatchPlan) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its data sources' files: the ETag of each, by ``<bucket>/<key>``.
+
+    The plan does not say them: it pins contents, and the same content is the same plan whoever uploaded it.
+    """
+    sources = plan.data_sources.values()
+    etags: dict[str, JsonValue] = {
+        f"{source.bucket}/{file.key}": file.etag for source in sources for file in source.files if file.etag
+    }
+    return {_ETAGS: etags} if etags else {}
+
+
+def etags_of(record: JobRecord) -> dict[str, str]:
+    """Returns the ETags that `etag_detail` noted; records of older versions have none."""
+    return cast("dict[str, str]", record.detail.get(_ETAGS, {}))
 
 
 def close_batch(
