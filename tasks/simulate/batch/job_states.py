@@ -28,6 +28,7 @@ from tasks.simulate.batch.job import (
     canceled_jobs,
     etags_of,
     load_batch,
+    lost_job_code,
     restarted_jobs,
 )
 from tasks.simulate.batch.result_stream import STOP_CODES
@@ -191,7 +192,7 @@ class Jobs:
             return self._state_of(row)
         if self._ended:
             why = self._why_not_begun()
-            return {**why, "status": "Failed" if why["failureCode"] == "InternalServiceError" else "Canceled"}
+            return {**why, "status": "Canceled" if self.record.status in STOP_CODES else "Failed"}
         return {"status": self._active(index, chunk)}
 
     def _active(self, index: int, chunk: int) -> str:
@@ -211,10 +212,16 @@ class Jobs:
             state["failureReason"] = " ".join(row.failure_reason.split())[:_LONGEST_REASON]
         if row.failure_code:
             state["failureCode"] = row.failure_code
+        if row.status == "Completed" and self._is_output_refused():
+            return {**state, **self._why_not_begun(), "status": "Failed"}
         return {**state, "status": "RunningFailed"} if not self._ended and self._is_kept(row) else state
 
+    def _is_output_refused(self) -> bool:
+        """Returns whether nothing that the batch's jobs did could be written into their bucket."""
+        return self.record.status == "Failed" and lost_job_code(self.record) == "BadPermissionsS3Output"
+
     def _why_not_begun(self) -> _Document:
-        code = STOP_CODES.get(self.record.status, "InternalServiceError")
+        code = STOP_CODES.get(self.record.status) or lost_job_code(self.record)
         return {"failureCode": code, "failureReason": self.record.failure_reason}
 
     def _indices(self, first: int, *, begun: bool) -> Iterator[int]:
