@@ -36,8 +36,8 @@ def own_headers(*, is_secure: bool) -> Mapping[str, str]:
 def strangers_headers(*, keep_s: int = 0, file_name: str = "") -> Mapping[str, str]:
     """Returns the headers of what lies in a store: a browser gives it no script, no session and no address.
 
-    ``sandbox`` makes its origin one that nothing else has. There is no Cross-Origin-Opener-Policy: browsers show no page
-    that has both.
+    ``sandbox`` makes its origin one that nothing else has. There is no Cross-Origin-Opener-Policy: browsers show no
+    page that has both.
 
     Args:
         keep_s: How long the browser may keep it.

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from specs.artifact_text import xml_text
-from tasks.gateway.page.content import Block, Facts, Frame, Gallery, Page, Table, tone_of
+from tasks.gateway.page.content import Block, Facts, Frame, Gallery, Page, Table, Text, tone_of
 
 RELOAD_S = 5
 _AGES = ((86_400, "day"), (3_600, "hour"), (60, "minute"), (1, "second"))
@@ -89,8 +89,15 @@ def _iso(at_s: float) -> str:
 
 
 def _sort(block: Block) -> str:
-    names = {Table: "table", Facts: "facts", Gallery: "gallery"}
-    return names.get(type(block), "text")
+    match block:
+        case Table():
+            return "table"
+        case Facts():
+            return "facts"
+        case Gallery():
+            return "gallery"
+        case Text():
+            return "text"
 
 
 def _render(template: str, **values: object) -> bytes:
