@@ -77,8 +77,10 @@ class Attempts:
         with hold_claim_unless_alive(self._store, turn_key(entry.kind, entry.id)) as claim:
             if claim is None:
                 return False
-            self._take(entry, work)
+            ended = self._take(entry, work)
         self._watches.pop(entry.id, None)
+        if ended:
+            self._store.delete(turn_key(entry.kind, entry.id))
         return True
 
     def give_back(self) -> None:
@@ -103,23 +105,20 @@ class Attempts:
             watch = self._watches[entry.id] = ClaimWatch(self._store, turn_key(entry.kind, entry.id))
         return watch.is_left() and watch.release()
 
-    def _take(self, seen: QueueEntry, work: Work) -> None:
+    def _take(self, seen: QueueEntry, work: Work) -> bool:
+        """Returns whether the job has left the queue."""
         entry, record = find_entry(self._store, seen.kind, seen.id), read(self._store, seen.kind, seen.id)
-        if entry is None:  # another worker has ended it since it was seen
-            return
-        if is_terminal(record) and not entry.attempts:  # canceled while it waited
-            leave_queue(self._store, entry.kind, entry.id)
-            return
-        begun = self._begin(entry, record)
-        if begun is None:
-            return
-        if begun.attempts > MOST_ATTEMPTS:
+        # One that has ended and was begun may lack what comes after the end, such as the picture of its worlds.
+        begun = self._begin(entry, record) if entry and (entry.attempts or not is_terminal(record)) else None
+        if begun and begun.attempts > MOST_ATTEMPTS:
             tried = f"{MOST_ATTEMPTS} attempts have ended without a result, the last by the death of its worker"
             self._fail(begun, record, f"{tried}; the worker's log says more")
-        else:
+        elif begun:
             self._try(Job(record, begun), work)
-        if is_terminal(read(self._store, entry.kind, entry.id)):
-            leave_queue(self._store, entry.kind, entry.id)
+        if not is_terminal(read(self._store, seen.kind, seen.id)):
+            return False
+        leave_queue(self._store, seen.kind, seen.id)
+        return True
 
     def _begin(self, entry: QueueEntry, record: JobRecord) -> QueueEntry | None:
         now_s = time.time()

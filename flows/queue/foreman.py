@@ -12,8 +12,9 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import NoReturn
 
-from flows.queue.kept_process import KeptProcess
+from flows.queue.crew import KeptProcess
 from flows.queue.lanes import LANES
+from flows.queue.worker_log import log_to_stderr
 from flows.server.prefect_server import ServerChoice, known_server, prefect_server
 from specs.base import Fault
 from specs.errors import DocumentError, SimyardError, StageFailed
@@ -99,7 +100,7 @@ def wait_for_ever(_wake: Callable[[], None]) -> None:
 
 
 def _main(arguments: list[str]) -> NoReturn:
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
+    log_to_stderr()
     store_url, workers, *pool = arguments
     try:
         lead(store_url, int(workers), "".join(pool), wait_for_input)

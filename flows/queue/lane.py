@@ -15,6 +15,7 @@ from types import FrameType
 
 from flows.queue.attempts import Attempts, Job
 from flows.queue.lanes import LANES, Lane
+from flows.queue.worker_log import log_to_stderr
 from specs.errors import StoreError
 from tasks.server.collector_pause import pause_collector
 from tasks.simulate.devices import prepare_devices
@@ -118,6 +119,5 @@ def _begin(
 
 
 if __name__ == "__main__":
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s")
-    logging.getLogger("flows.queue").setLevel(logging.INFO)
+    log_to_stderr()
     main(sys.argv[1], sys.argv[2])
