@@ -18,8 +18,15 @@ RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
+MAX_APPLICATIONS = "SIMYARD_MAX_APPLICATIONS"
+MAX_TEMPLATES = "SIMYARD_MAX_TEMPLATES"
+MAX_FLEETS = "SIMYARD_MAX_FLEETS"
+MAX_ROBOTS = "SIMYARD_MAX_ROBOTS"
+MAX_FLEET_ROBOTS = "SIMYARD_MAX_FLEET_ROBOTS"
 REGION = "SIMYARD_REGION"
 _ROBOMAKERS_MAX_WORLDS = 50
+_ROBOTS_IN_ONE_ANSWER = 1000
+_FLEET_ROBOTS = "a number of robots from 1 to 1000, as many as an answer about a fleet may list"
 _REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 
 
@@ -94,6 +101,56 @@ def region() -> str:
     if not _REGION.fullmatch(text):
         raise DocumentError([Fault(path=REGION, value=repr(text), allowed="a region's name, such as us-west-2")])
     return text
+
+
+def max_applications() -> int:
+    """Returns how many applications of each kind calls over HTTP make at most: 40, or SIMYARD_MAX_APPLICATIONS.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_APPLICATIONS is no number of applications.
+    """
+    return _number(MAX_APPLICATIONS, 40, "a number of applications of a kind, at least 1")
+
+
+def max_templates() -> int:
+    """Returns how many world templates calls over HTTP make at most: 40, or SIMYARD_MAX_TEMPLATES.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_TEMPLATES is no number of templates.
+    """
+    return _number(MAX_TEMPLATES, 40, "a number of world templates, at least 1")
+
+
+def max_fleets() -> int:
+    """Returns how many fleets calls over HTTP make at most: 20, as RoboMaker's, or SIMYARD_MAX_FLEETS.
+
+    See docs/reference/robomaker.md, section 9.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_FLEETS is no number of fleets.
+    """
+    return _number(MAX_FLEETS, 20, "a number of fleets, at least 1")
+
+
+def max_robots() -> int:
+    """Returns how many robots calls over HTTP make at most: 1,000, or SIMYARD_MAX_ROBOTS.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_ROBOTS is no number of robots.
+    """
+    return _number(MAX_ROBOTS, _ROBOTS_IN_ONE_ANSWER, "a number of robots, at least 1")
+
+
+def max_fleet_robots() -> int:
+    """Returns how many robots calls over HTTP put into a fleet at most: 1,000, or SIMYARD_MAX_FLEET_ROBOTS.
+
+    Raises:
+        DocumentError: SIMYARD_MAX_FLEET_ROBOTS is no number from 1 to 1,000.
+    """
+    most = _number(MAX_FLEET_ROBOTS, _ROBOTS_IN_ONE_ANSWER, _FLEET_ROBOTS)
+    if most > _ROBOTS_IN_ONE_ANSWER:
+        raise DocumentError([Fault(path=MAX_FLEET_ROBOTS, value=repr(str(most)), allowed=_FLEET_ROBOTS)])
+    return most
 
 
 def _number(name: str, default: int, allowed: str) -> int:

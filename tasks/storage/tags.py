@@ -88,14 +88,26 @@ def delete_tags(store: Store, reference: Reference) -> None:
     store.delete(_key(reference))
 
 
-def with_tags(new: Tags) -> Change:
+def with_tags(new: Tags, most: int = TAGS_AT_MOST) -> Change:
     """Returns the change that adds tags; one of the same key is overwritten.
+
+    Args:
+        new: What is added.
+        most: How many the resource may have then; the change refuses more.
 
     Raises:
         DocumentError: A key is reserved for Simyard.
     """
     require_free_keys(new, "tags")
-    return lambda tags: few_enough({**tags, **new})
+
+    def change(tags: Tags) -> dict[str, str]:
+        after = {**tags, **new}
+        if len(after) > most:
+            allowed = f"at most {most} in all; remove some"
+            raise DocumentError([Fault(path="tags", value=f"{len(after)} tags", allowed=allowed)])
+        return after
+
+    return change
 
 
 def without_tags(keys: Collection[str]) -> Change:
@@ -106,6 +118,11 @@ def without_tags(keys: Collection[str]) -> Change:
     """
     require_free_keys(keys, "tagKeys")
     return lambda tags: {key: value for key, value in tags.items() if key not in keys}
+
+
+def is_reserved(key: str) -> bool:
+    """Returns whether the key of a tag is Simyard's own, so that nobody else may set or remove it."""
+    return key.lower().startswith(RESERVED)
 
 
 def require_free_keys(keys: Collection[str], path: str) -> None:
@@ -119,21 +136,9 @@ def require_free_keys(keys: Collection[str], path: str) -> None:
         DocumentError: One begins with ``simyard:``.
     """
     allowed = f'a key that does not begin with "{RESERVED}", which is reserved for what Simyard says of a job'
-    faults = [Fault(path=path, value=repr(key), allowed=allowed) for key in keys if key.lower().startswith(RESERVED)]
+    faults = [Fault(path=path, value=repr(key), allowed=allowed) for key in keys if is_reserved(key)]
     if faults:
         raise DocumentError(faults)
-
-
-def few_enough(tags: dict[str, str]) -> dict[str, str]:
-    """Returns the tags, if a resource may have so many.
-
-    Raises:
-        DocumentError: It may not.
-    """
-    if len(tags) > TAGS_AT_MOST:
-        allowed = f"at most {TAGS_AT_MOST} in all; remove some"
-        raise DocumentError([Fault(path="tags", value=f"{len(tags)} tags", allowed=allowed)])
-    return tags
 
 
 def _key(reference: Reference) -> str:
