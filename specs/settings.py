@@ -18,15 +18,9 @@ RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
-MAX_APPLICATIONS = "SIMYARD_MAX_APPLICATIONS"
-MAX_TEMPLATES = "SIMYARD_MAX_TEMPLATES"
-MAX_FLEETS = "SIMYARD_MAX_FLEETS"
-MAX_ROBOTS = "SIMYARD_MAX_ROBOTS"
-MAX_FLEET_ROBOTS = "SIMYARD_MAX_FLEET_ROBOTS"
+ACTIONS_DAYS = "SIMYARD_ACTIONS_DAYS"
 REGION = "SIMYARD_REGION"
 _ROBOMAKERS_MAX_WORLDS = 50
-_ROBOTS_IN_ONE_ANSWER = 1000
-_FLEET_ROBOTS = "a number of robots from 1 to 1000, as many as an answer about a fleet may list"
 _REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 
 
@@ -36,7 +30,7 @@ def max_worlds_of_job() -> int:
     Raises:
         DocumentError: SIMYARD_MAX_WORLDS is no number of worlds.
     """
-    return _number(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
+    return count_setting(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
 
 
 def min_job_duration_s() -> int:
@@ -48,7 +42,7 @@ def min_job_duration_s() -> int:
     Raises:
         DocumentError: SIMYARD_MIN_JOB_DURATION is no number of seconds.
     """
-    return _number(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
+    return count_setting(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
 
 
 def server_wait_s() -> int:
@@ -59,7 +53,7 @@ def server_wait_s() -> int:
     Raises:
         DocumentError: SIMYARD_SERVER_WAIT is no number of seconds.
     """
-    return _number(SERVER_WAIT, 90, "a number of seconds, at least 1")
+    return count_setting(SERVER_WAIT, 90, "a number of seconds, at least 1")
 
 
 def recount_episodes() -> int:
@@ -68,7 +62,7 @@ def recount_episodes() -> int:
     Raises:
         DocumentError: SIMYARD_RECOUNT is no number of episodes.
     """
-    return _number(RECOUNT, 8, "a number of episodes, at least 1")
+    return count_setting(RECOUNT, 8, "a number of episodes, at least 1")
 
 
 def import_limit_s() -> int:
@@ -77,7 +71,7 @@ def import_limit_s() -> int:
     Raises:
         DocumentError: SIMYARD_IMPORT_LIMIT_S is no number of seconds.
     """
-    return _number(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
+    return count_setting(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
 
 
 def step_limit_s() -> int:
@@ -88,7 +82,16 @@ def step_limit_s() -> int:
     Raises:
         DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
     """
-    return _number(STEP_LIMIT, 300, "a number of seconds, at least 1")
+    return count_setting(STEP_LIMIT, 300, "a number of seconds, at least 1")
+
+
+def actions_days() -> int:
+    """Returns for how many days a gateway keeps who did what: 90, or SIMYARD_ACTIONS_DAYS.
+
+    Raises:
+        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
+    """
+    return _number(ACTIONS_DAYS, 90, "a number of days, at least 1")
 
 
 def region() -> str:
@@ -103,57 +106,12 @@ def region() -> str:
     return text
 
 
-def max_applications() -> int:
-    """Returns how many applications of each kind calls over HTTP make at most: 40, or SIMYARD_MAX_APPLICATIONS.
+def count_setting(name: str, default: int, allowed: str) -> int:
+    """Returns a whole number above 0 that the environment sets, or its default.
 
     Raises:
-        DocumentError: SIMYARD_MAX_APPLICATIONS is no number of applications.
+        DocumentError: The variable says something else.
     """
-    return _number(MAX_APPLICATIONS, 40, "a number of applications of a kind, at least 1")
-
-
-def max_templates() -> int:
-    """Returns how many world templates calls over HTTP make at most: 40, or SIMYARD_MAX_TEMPLATES.
-
-    Raises:
-        DocumentError: SIMYARD_MAX_TEMPLATES is no number of templates.
-    """
-    return _number(MAX_TEMPLATES, 40, "a number of world templates, at least 1")
-
-
-def max_fleets() -> int:
-    """Returns how many fleets calls over HTTP make at most: 20, as RoboMaker's, or SIMYARD_MAX_FLEETS.
-
-    See docs/reference/robomaker.md, section 9.
-
-    Raises:
-        DocumentError: SIMYARD_MAX_FLEETS is no number of fleets.
-    """
-    return _number(MAX_FLEETS, 20, "a number of fleets, at least 1")
-
-
-def max_robots() -> int:
-    """Returns how many robots calls over HTTP make at most: 1,000, or SIMYARD_MAX_ROBOTS.
-
-    Raises:
-        DocumentError: SIMYARD_MAX_ROBOTS is no number of robots.
-    """
-    return _number(MAX_ROBOTS, _ROBOTS_IN_ONE_ANSWER, "a number of robots, at least 1")
-
-
-def max_fleet_robots() -> int:
-    """Returns how many robots calls over HTTP put into a fleet at most: 1,000, or SIMYARD_MAX_FLEET_ROBOTS.
-
-    Raises:
-        DocumentError: SIMYARD_MAX_FLEET_ROBOTS is no number from 1 to 1,000.
-    """
-    most = _number(MAX_FLEET_ROBOTS, _ROBOTS_IN_ONE_ANSWER, _FLEET_ROBOTS)
-    if most > _ROBOTS_IN_ONE_ANSWER:
-        raise DocumentError([Fault(path=MAX_FLEET_ROBOTS, value=repr(str(most)), allowed=_FLEET_ROBOTS)])
-    return most
-
-
-def _number(name: str, default: int, allowed: str) -> int:
     text = os.environ.get(name)
     if not text:
         return default

@@ -8,14 +8,13 @@ from collections.abc import Callable, Collection, Mapping
 
 from specs.arn import Reference, ResourceKind
 from specs.base import Fault, Spec
+from specs.data.outcome_tags import is_reserved
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, tags_key
 from tasks.storage.base.store import Store
 
 TAGS_AT_MOST = 50  # docs/reference/robomaker.md, section 9
-RESERVED = "simyard:"
-"""What the keys of tags begin with that Simyard gives, such as ``simyard:outcome``."""
 Tags = Mapping[str, str]
 Change = Callable[[Tags], dict[str, str]]
 _IN_RECORDS: Collection[ResourceKind] = ("robot", "deployment-fleet", "robot-application", "simulation-application")
@@ -120,11 +119,6 @@ def without_tags(keys: Collection[str]) -> Change:
     return lambda tags: {key: value for key, value in tags.items() if key not in keys}
 
 
-def is_reserved(key: str) -> bool:
-    """Returns whether the key of a tag is Simyard's own, so that nobody else may set or remove it."""
-    return key.lower().startswith(RESERVED)
-
-
 def require_free_keys(keys: Collection[str], path: str) -> None:
     """Does nothing for keys of tags that a person may give.
 
@@ -135,7 +129,7 @@ def require_free_keys(keys: Collection[str], path: str) -> None:
     Raises:
         DocumentError: One begins with ``simyard:``.
     """
-    allowed = f'a key that does not begin with "{RESERVED}", which is reserved for what Simyard says of a job'
+    allowed = 'a key that does not begin with "simyard:", which is reserved for what Simyard says of a job'
     faults = [Fault(path=path, value=repr(key), allowed=allowed) for key in keys if is_reserved(key)]
     if faults:
         raise DocumentError(faults)

@@ -7,6 +7,7 @@ from flows.gateway.references import path_of
 from flows.gateway.resource.quota import one_more
 from specs.base import Fault, Spec
 from specs.errors import ResourceAlreadyExists
+from specs.quotas import APPLICATIONS
 from specs.robomaker.applications import (
     CreateApplicationVersionRequest,
     CreateRobotApplicationRequest,
@@ -26,7 +27,6 @@ from specs.robomaker.applications import (
     UpdateSimulationApplicationResponse,
 )
 from specs.robomaker.bundle import LATEST, ApplicationKind, Platform
-from specs.settings import MAX_APPLICATIONS, max_applications
 from tasks.applications.bucket_sources import (
     create_application,
     create_version,
@@ -74,7 +74,7 @@ def _platform(request: _Creation | UpdateRobotApplicationRequest) -> Platform:
 def _count(store: Store, kind: ApplicationKind) -> int:
     """Returns how many applications of a kind there are; reads them only where the deleted ones matter."""
     listed = len(store.keys(applications_prefix(kind)))
-    return listed if listed < max_applications() else len(applications(store, kind))
+    return listed if listed < APPLICATIONS.most() else len(applications(store, kind))
 
 
 def _create(kind: ApplicationKind, shape: type[Spec]) -> Handler:
@@ -83,7 +83,7 @@ def _create(kind: ApplicationKind, shape: type[Spec]) -> Handler:
         require_free_keys(tags, "tags")
         if read_application(gateway.store, kind, request.name):  # the name is what is wrong, whatever the quota is
             raise _taken(request.name, kind)
-        with one_more(kind, lambda: _count(gateway.store, kind), max_applications(), MAX_APPLICATIONS):
+        with one_more(APPLICATIONS, lambda: _count(gateway.store, kind)):
             made = create_application(
                 gateway.store, kind, request.name, request.sources or (), platform=_platform(request), tags=tags
             )

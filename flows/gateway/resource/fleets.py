@@ -15,6 +15,7 @@ from flows.gateway.resource.quota import one_more
 from specs.arn import arn
 from specs.base import Fault
 from specs.errors import ResourceAlreadyExists, ResourceNotFound
+from specs.quotas import FLEET_ROBOTS, FLEETS, ROBOTS
 from specs.robomaker.fleet import (
     CreateFleetRequest,
     CreateFleetResponse,
@@ -33,7 +34,6 @@ from specs.robomaker.fleet import (
     RegisterRobotRequest,
     RegisterRobotResponse,
 )
-from specs.settings import MAX_FLEET_ROBOTS, MAX_FLEETS, MAX_ROBOTS, max_fleet_robots, max_fleets, max_robots
 from tasks.deploy.answers.describe import describe_fleet, describe_robot
 from tasks.deploy.fleet.deletion import delete_fleet, delete_robot
 from tasks.deploy.fleet.fleets import create_fleet, fleets, read_fleet
@@ -59,7 +59,7 @@ def _create_fleet(gateway: Gateway, request: CreateFleetRequest) -> CreateFleetR
     require_free_keys(request.tags or {}, "tags")
     made = _known_fleet(gateway.store, request.name)
     if made is None:
-        with one_more("deployment-fleet", lambda: len(fleets(gateway.store)), max_fleets(), MAX_FLEETS):
+        with one_more(FLEETS, lambda: len(fleets(gateway.store))):
             made = create_fleet(gateway.store, request.name, request.tags)
     return CreateFleetResponse(
         arn=arn("deployment-fleet", store_id(gateway.store), made.name),
@@ -92,7 +92,7 @@ def _create_robot(gateway: Gateway, request: CreateRobotRequest) -> CreateRobotR
         tags=request.tags or {},
         greengrass_group=request.greengrassGroupId,
     )
-    with one_more("robot", lambda: robot_count(gateway.store), max_robots(), MAX_ROBOTS):
+    with one_more(ROBOTS, lambda: robot_count(gateway.store)):
         made = add_robot(gateway.store, record)
     return CreateRobotResponse(
         arn=arn("robot", store_id(gateway.store), made.name),
@@ -119,8 +119,7 @@ def _register(gateway: Gateway, request: RegisterRobotRequest) -> RegisterRobotR
     fleet, robot = _fleet(store, request.fleet), _robot(store, request.robot)
     read_fleet(store, fleet)
     if read_robot(store, robot)[0].fleet != fleet:
-        most, within = max_fleet_robots(), f"the fleet {fleet}"
-        with one_more("robot", lambda: _member_count(store, fleet), most, MAX_FLEET_ROBOTS, within):
+        with one_more(FLEET_ROBOTS, lambda: _member_count(store, fleet)):
             register_robot(store, fleet, robot)
         _remind(store, f"simyard fleet vouch {fleet} {robot}", robot)
     return RegisterRobotResponse(fleet=request.fleet, robot=request.robot)
@@ -138,7 +137,7 @@ def _deregister(gateway: Gateway, request: DeregisterRobotRequest) -> Deregister
 def _member_count(store: Store, fleet: str) -> int:
     """Returns how many robots a fleet has; reads them only where the store has enough to fill it."""
     there = robot_count(store)
-    return there if there < max_fleet_robots() else len(members(store, fleet))
+    return there if there < FLEET_ROBOTS.most() else len(members(store, fleet))
 
 
 def _known_fleet(store: Store, name: str) -> FleetRecord | None:

@@ -6,6 +6,7 @@ from typing import cast
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.references import ROBOMAKER_KINDS, missing, referenced
 from specs.arn import Reference, ResourceKind, arn
+from specs.data.outcome_tags import MOST_OWN_TAGS, is_reserved, with_outcome
 from specs.job_kinds import JobKind
 from specs.robomaker.bundle import ApplicationKind
 from specs.robomaker.tags import (
@@ -31,7 +32,6 @@ from tasks.storage.tags import (
     Tags,
     are_in_record,
     change_tags,
-    is_reserved,
     tags_of,
     with_tags,
     without_tags,
@@ -41,21 +41,18 @@ from tasks.worlds.job.describe import describe_stored_world, describe_template
 
 _MEMBER = "resourceArn"
 _BATCH: JobKind = "simulation-job-batch"
-_OF_A_JOB = TAGS_AT_MOST - 2
-"""Of a simulation job, which tells its outcome in two more."""
 
 
 def _list(gateway: Gateway, request: ListTagsForResourceRequest) -> ListTagsForResourceResponse:
     store, resource = gateway.store, _resource(gateway.store, request.resourceArn)
     said = _tags_said(store, resource)
     outcome = {key: value for key, value in said.items() if is_reserved(key)}
-    now = list(tags_of(store, resource, _own(said)).items())
-    return ListTagsForResourceResponse(tags={**dict(now[: TAGS_AT_MOST - len(outcome)]), **outcome})
+    return ListTagsForResourceResponse(tags=with_outcome(tags_of(store, resource, _own(said)), outcome))
 
 
 def _tag(gateway: Gateway, request: TagResourceRequest) -> TagResourceResponse:
     resource = _resource(gateway.store, request.resourceArn)
-    most = _OF_A_JOB if resource.kind == "simulation-job" else TAGS_AT_MOST
+    most = MOST_OWN_TAGS if resource.kind == "simulation-job" else TAGS_AT_MOST
     _change(gateway.store, resource, with_tags(request.tags, most))
     return TagResourceResponse()
 

@@ -9,6 +9,7 @@ from specs.arn import Reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
+from specs.quotas import TEMPLATES
 from specs.robomaker.world_descriptions import DescribeWorldTemplateResponse
 from specs.robomaker.world_jobs import (
     CreateWorldTemplateRequest,
@@ -21,7 +22,6 @@ from specs.robomaker.world_jobs import (
     UpdateWorldTemplateRequest,
     UpdateWorldTemplateResponse,
 )
-from specs.settings import MAX_TEMPLATES, max_templates
 from specs.template.body import TemplateBody
 from tasks.documents.template_source import find_template_in_bucket
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX
@@ -48,7 +48,7 @@ def _create(gateway: Gateway, request: CreateWorldTemplateRequest) -> CreateWorl
     body = _body(store, request)
     if body is None:
         raise _refused("templateBody", "none", "templateBody or templateLocation")
-    count = one_more("world-template", lambda: template_count(store), max_templates(), MAX_TEMPLATES)
+    count = one_more(TEMPLATES, lambda: template_count(store))
     with nullcontext() if is_made(store, name=request.name or "", token=token) else count:
         made = create_template(store, body, name=request.name or "", tags=request.tags, token=token)
     return CreateWorldTemplateResponse.model_validate(
