@@ -18,6 +18,7 @@ RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
+ACTIONS_DAYS = "SIMYARD_ACTIONS_DAYS"
 REGION = "SIMYARD_REGION"
 _ROBOMAKERS_MAX_WORLDS = 50
 _REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
@@ -82,6 +83,15 @@ def step_limit_s() -> int:
         DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
     """
     return count_setting(STEP_LIMIT, 300, "a number of seconds, at least 1")
+
+
+def actions_days() -> int:
+    """Returns for how many days a gateway keeps who did what: 90, or SIMYARD_ACTIONS_DAYS.
+
+    Raises:
+        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
+    """
+    return _number(ACTIONS_DAYS, 90, "a number of days, at least 1")
 
 
 def region() -> str:

@@ -22,6 +22,12 @@ CLAIM = "claims/{kind}/{job}.json"
 """Which live process works on a job."""
 QUEUE = "queue/{kind}/{job}.json"
 """That a job waits for a worker; removed once it has ended."""
+LINE_MARK = "lines/{kind}/open/{created:016d}-{job}.json"
+"""That a job, made at that microsecond since 1970, is not among the lines of those that have ended."""
+LINE_ROOT = "lines/{kind}/root.json"
+"""Which segments hold the lines of jobs that have ended, and what is in each."""
+LINE_SEGMENT = "lines/{kind}/segments/{segment}.json"
+"""What lists say of some jobs that have ended."""
 TEMPLATE = "templates/{template}.json"
 """The body of a world template; jobs name it by its digest."""
 NAMED_TEMPLATE = "world-templates/{template}.json"
@@ -48,6 +54,8 @@ TRUST = "trust/{repository}/{file}"
 """Signed metadata of bundles and keys; no private key, ever."""
 TREND = "trends/{document}.html"
 """In a document's bucket, below its prefix: the page of its nights, beside the folders of its batches."""
+ACTIONS = "actions/{day}/{file}"
+"""Who asked for which change over HTTP, a line each; a file is one gateway's, of an hour."""
 UNNAMED = "housekeeping/unnamed.json"
 """Since when each bundle has been without a name, for the next time that somebody asks."""
 NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
@@ -165,6 +173,31 @@ def queue_prefix() -> str:
     return QUEUE.partition("/")[0]
 
 
+def line_mark_key(kind: str, created_us: int, job_id: str) -> str:
+    """Returns the key that says that a job is not among the lines of those that have ended."""
+    return fill(LINE_MARK, kind=kind, created=created_us, job=job_id)
+
+
+def line_marks_prefix(kind: str) -> str:
+    """Returns the folder that holds the marks of a kind's jobs that have no line."""
+    return f"{lines_prefix(kind)}/open"
+
+
+def line_root_key(kind: str) -> str:
+    """Returns the key of what names the segments of a kind's lines."""
+    return fill(LINE_ROOT, kind=kind)
+
+
+def line_segment_key(kind: str, segment: str) -> str:
+    """Returns the key of some lines of a kind."""
+    return fill(LINE_SEGMENT, kind=kind, segment=segment)
+
+
+def lines_prefix(kind: str) -> str:
+    """Returns the folder that holds all that lists keep of a kind of job."""
+    return _folder(LINE_ROOT, kind=kind)
+
+
 def template_key(name: str) -> str:
     """Returns the key of a world template."""
     return fill(TEMPLATE, template=name)
@@ -234,6 +267,16 @@ def chunks_prefix(batch: str) -> str:
 def result_key(batch: str, name: str) -> str:
     """Returns the key of one of a batch's files, such as ``evidence.json``."""
     return fill(RESULT, batch=batch, file=name)
+
+
+def actions_key(day: str, name: str) -> str:
+    """Returns the key of a file of actions, of a day such as 2026-01-31."""
+    return fill(ACTIONS, day=day, file=name)
+
+
+def actions_prefix(day: str = "") -> str:
+    """Returns the folder that holds the actions of a day, or those of all days."""
+    return _folder(ACTIONS, day=day) if day else ACTIONS.partition("/")[0]
 
 
 def trend_key(document: str) -> str:

@@ -78,9 +78,8 @@ def is_queued(store: Store, kind: JobKind, job: str) -> bool:
 
 
 def leave_queue(store: Store, kind: JobKind, job: str) -> None:
-    """Removes a job that has ended from the queue, and who was at it."""
+    """Removes a job that has ended from the queue."""
     store.delete(queue_key(kind, job))
-    store.delete(turn_key(kind, job))
 
 
 def turn_key(kind: JobKind, job: str) -> str:
