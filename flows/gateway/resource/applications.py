@@ -7,7 +7,7 @@ from flows.gateway.references import path_of
 from flows.gateway.resource.quota import one_more
 from specs.base import Fault, Spec
 from specs.errors import ResourceAlreadyExists
-from specs.quotas import APPLICATIONS
+from specs.interface.quotas import APPLICATIONS
 from specs.robomaker.applications import (
     CreateApplicationVersionRequest,
     CreateRobotApplicationRequest,

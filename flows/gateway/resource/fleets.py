@@ -15,7 +15,7 @@ from flows.gateway.resource.quota import one_more
 from specs.arn import arn
 from specs.base import Fault
 from specs.errors import ResourceAlreadyExists, ResourceNotFound
-from specs.quotas import FLEET_ROBOTS, FLEETS, ROBOTS
+from specs.interface.quotas import FLEET_ROBOTS, FLEETS, ROBOTS
 from specs.robomaker.fleet import (
     CreateFleetRequest,
     CreateFleetResponse,

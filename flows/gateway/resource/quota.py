@@ -10,7 +10,7 @@ from threading import Lock
 
 from specs.base import Fault
 from specs.errors import LimitExceeded
-from specs.quotas import Quota
+from specs.interface.quotas import Quota
 
 _LOCKS: dict[Quota, Lock] = {}
 _TABLE = Lock()

@@ -8,8 +8,8 @@ from flows.gateway.resource.quota import one_more
 from specs.arn import Reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
+from specs.interface.quotas import TEMPLATES
 from specs.job_kinds import JobKind
-from specs.quotas import TEMPLATES
 from specs.robomaker.world_descriptions import DescribeWorldTemplateResponse
 from specs.robomaker.world_jobs import (
     CreateWorldTemplateRequest,
