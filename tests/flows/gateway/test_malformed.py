@@ -62,6 +62,7 @@ BODIES = {
     "deep lists": b'{"fleet": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
     "deep objects": b'{"fleet":' * 5000 + b"1" + b"}" * 5000,
     "rather deep": b'{"fleet": ' + b"[" * 40 + b"]" * 40 + b"}",
+    "more values than any request has": b'{"fleet": [' + b"0," * 30_000 + b"0]}",
     "compressed": b"\x1f\x8b\x08\x00\x00\x00\x00\x00",
     "nothing": b"",
     "null": b'{"fleet": null}',
