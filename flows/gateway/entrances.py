@@ -12,7 +12,6 @@ from tasks.gateway.access.call_record import record_call
 from tasks.gateway.access.guards import LoopbackGuard, SignedGuard
 from tasks.gateway.access.key_file import KeyFile
 from tasks.gateway.access.page_origin import loopback_hosts
-from tasks.gateway.access.page_readers import PageReaders
 from tasks.gateway.door import Note
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
@@ -29,9 +28,8 @@ def signed_entrance(store: Store, keys: Path, *, is_encrypted: bool) -> Entrance
     Raises:
         DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
     """
-    known, identifier, ties = KeyFile(keys), store_id(store), fleet_ties(store)
-    site = Site(store, PageReaders(known, identifier, ties), is_secure=is_encrypted)
-    return Entrance(SignedGuard(known, identifier, ties), _page(site), _note(store))
+    guard = SignedGuard(KeyFile(keys), store_id(store), fleet_ties(store))
+    return Entrance(guard, _page(Site(store, guard, is_secure=is_encrypted)), _note(store))
 
 
 def open_entrance(store: Store, port: int) -> Entrance:

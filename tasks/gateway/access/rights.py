@@ -79,11 +79,6 @@ def check_right(key: AccessKey, operation: Operation, document: Spec, store_id: 
             raise _denied(key, operation, f"its limits do not cover {named.text[:300]!r}")
 
 
-def covers_arn(key: AccessKey, arn: str, store_id: str, fleet_of: FleetOf) -> bool:
-    """Returns whether a resource is within a key's limits, whatever the key may do with it."""
-    return not key.scopes or _covered(key, _parsed(arn), store_id, fleet_of)
-
-
 def right_for(operation: Operation, document: Spec) -> KeyRight:
     """Returns the right that a call needs; for tags the kind of the tagged resource says it."""
     if operation.right != "tag":
@@ -109,18 +104,20 @@ def _whole_kinds(operation: Operation, document: Spec) -> tuple[ResourceKind, ..
 
 
 def _named(operation: Operation, document: Spec) -> Iterator[_Named]:
-    yield from map(_parsed, request_arns(document))
+    for text in request_arns(document):
+        try:
+            reference = parse_reference(text)
+            yield _Named(reference.kind, reference.path, text)
+        except ValueError:  # an ARN of nothing that a limit could cover
+            yield _Named(None, "", text)
     name = getattr(document, "name", None)
     if operation.name in _NAMED and name is not None:
         yield _Named(_NAMED[operation.name], str(name), str(name))
 
 
-def _parsed(text: str) -> _Named:
-    try:
-        reference = parse_reference(text)
-    except ValueError:  # an ARN of nothing that a limit could cover
-        return _Named(None, "", text)
-    return _Named(reference.kind, reference.path, text)
+def is_within(key: AccessKey, kind: ResourceKind, path: str, store_id: str, fleet_of: FleetOf) -> bool:
+    """Returns whether a resource is within the limits of a key; whether it may read is another question."""
+    return not key.scopes or _covered(key, _Named(kind, path, ""), store_id, fleet_of)
 
 
 def _covered(key: AccessKey, named: _Named, store_id: str, fleet_of: FleetOf) -> bool:
