@@ -239,5 +239,5 @@ def test_any_data_is_parsed_or_refused_with_faults(data: JsonValue):
 
 def test_faults_that_nobody_would_read_are_only_counted():
     data: dict[str, Any] = {"jobs": [{}] * 6000}
-    told = {"document": ("6,000 faults", "a BatchDescribeSimulationJobRequest")}
+    told = {"document": ("6,001 faults", "a BatchDescribeSimulationJobRequest")}
     assert faults(data, BatchDescribeSimulationJobRequest) == told
