@@ -77,7 +77,10 @@ def serve(
         _show_keys(keys, url, model)
         entrance = signed_entrance(opened, keys, is_encrypted=tls is not None)
     echo(f"RoboMaker: {url}  (store: {opened.url})")
-    serve_store(opened, entrance, Listener(host, port, tls))
+    try:
+        serve_store(opened, entrance, Listener(host, port, tls))
+    except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
+        echo("stopped", err=True)
 
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:
