@@ -1,7 +1,7 @@
 """Quotas of the calls that make something: how much there may be, from the environment.
 
-RoboMaker's accounts had few of each (docs/reference/robomaker.md, section 9), because others paid for the machines. Here
-what is asked for waits in the owner's own queue: the defaults only stop a script that has run away.
+RoboMaker's accounts had few of each (docs/reference/robomaker.md, section 9), as others owned the machines. Here what
+is asked for waits in the owner's own queue: the defaults only stop a script that has run away.
 """
 
 from typing import NamedTuple

@@ -1,1 +1,1 @@
-"""The calls that start, stop and describe jobs: recorded and queued here, worked off elsewhere. `flows/gateway` joins them."""
+"""The calls about jobs: each recorded and queued here, worked off elsewhere. The table of all operations may import it."""

@@ -107,7 +107,7 @@ def _known(store: Store, admission: Admission) -> JobRecord | None:
     except ResourceNotFound:
         return None
     if dict(admission.asked_in(record)) != admission.asked:
-        allowed = f"another token: this one came before with another request, which made {record.arn}"
+        allowed = f"another token: this one came before with another request, which made {record.id}"
         fault = Fault(path="clientRequestToken", value=repr(admission.token), allowed=allowed)
         raise IdempotentParameterMismatch([fault], source="request")
     return record

@@ -56,7 +56,7 @@ def create(gateway: Gateway, request: CreateDeploymentJobRequest) -> CreateDeplo
 
 
 def sync(gateway: Gateway, request: SyncDeploymentJobRequest) -> SyncDeploymentJobResponse:
-    """Answers SyncDeploymentJob: a job of its own, also where no robot lacks anything, as RoboMaker's calls made one."""
+    """Answers SyncDeploymentJob: a job of its own, as at RoboMaker, also where no robot lacks anything."""
     store, token = gateway.store, request.clientRequestToken
     fleet = path_of(store, request.fleet, "deployment-fleet", "fleet")
     # What the fleet's latest deployment is may change; what was asked for is the fleet.

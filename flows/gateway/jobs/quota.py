@@ -7,6 +7,7 @@ calls for the last place both may be refused. Jobs of `simyard run` are not in t
 
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+
 from pydantic import JsonValue
 
 from specs.base import Fault

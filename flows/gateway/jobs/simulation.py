@@ -9,7 +9,8 @@ from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.quota import SINGLE, require_room
 from flows.gateway.jobs.simulation_batch import KIND as BATCH
 from flows.gateway.jobs.simulation_batch import admit_batch, require_own_tags
-from flows.gateway.references import path_of
+from flows.gateway.references import missing, path_of
+from specs.arn import resource_kind
 from specs.quotas import SIMULATION_JOBS
 from specs.robomaker.simulation import (
     BatchDescribeSimulationJobRequest,
@@ -24,6 +25,7 @@ from specs.robomaker.simulation_descriptions import (
     BatchDescribeSimulationJobResponse,
     CreateSimulationJobResponse,
     DescribeSimulationJobResponse,
+    SimulationJob,
 )
 from tasks.simulate.batch.cancel_restart import cancel_job, restart_job
 from tasks.simulate.batch.describe import batch_describe_jobs, describe_job
@@ -49,9 +51,18 @@ def describe(gateway: Gateway, request: DescribeSimulationJobRequest) -> Describ
 def describe_several(
     gateway: Gateway, request: BatchDescribeSimulationJobRequest
 ) -> BatchDescribeSimulationJobResponse:
-    """Answers BatchDescribeSimulationJob: jobs that do not exist are told, and fail nothing."""
-    described = batch_describe_jobs(gateway.store, request.jobs)
-    return answer_of(BatchDescribeSimulationJobResponse, described, gateway.store)
+    """Answers BatchDescribeSimulationJob: jobs that do not exist are told, and fail nothing.
+
+    Raises:
+        ResourceNotFound: An ARN is of something else than a simulation job.
+    """
+    store = gateway.store
+    for text in request.jobs:
+        if resource_kind(text) != _JOB:
+            raise missing(store, text, _JOB, "jobs")
+    described = batch_describe_jobs(store, request.jobs)
+    jobs = tuple(answer_of(SimulationJob, job, store) for job in described.jobs or ())
+    return described.model_copy(update={"jobs": jobs or None})
 
 
 def cancel(gateway: Gateway, request: CancelSimulationJobRequest) -> CancelSimulationJobResponse:

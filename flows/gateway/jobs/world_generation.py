@@ -8,8 +8,8 @@ from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.wish import wish_canceled
 from flows.gateway.references import path_of
 from specs.job_kinds import JobKind
-from specs.quotas import GENERATION_JOBS
 from specs.pipeline.world_sections import MAX_SEED
+from specs.quotas import GENERATION_JOBS
 from specs.robomaker.world_descriptions import DescribeWorldGenerationJobResponse
 from specs.robomaker.world_jobs import (
     CancelWorldGenerationJobRequest,
@@ -18,10 +18,11 @@ from specs.robomaker.world_jobs import (
     CreateWorldGenerationJobResponse,
     DescribeWorldGenerationJobRequest,
 )
+from specs.template.body import TemplateBody
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
-from tasks.storage.templates.named_templates import read_body, read_template
+from tasks.storage.templates.named_templates import keep_body, read_body, read_template
 from tasks.worlds.job.describe import describe_generation_job
 
 KIND: JobKind = "world-generation-job"
@@ -63,9 +64,8 @@ def template_digest_of(store: Store, template: str) -> str:
         ResourceNotFound: There is no such template.
     """
     path = path_of(store, template, "world-template", "template")
-    digest = read_template(store, path)[0].digest if path.startswith(NAMED_TEMPLATE_PREFIX) else path
-    read_body(store, digest)
-    return digest
+    name = read_template(store, path)[0].digest if path.startswith(NAMED_TEMPLATE_PREFIX) else path
+    return keep_body(store, TemplateBody.model_validate_json(read_body(store, name)))
 
 
 def generation_body(store: Store, job: str) -> bytes:

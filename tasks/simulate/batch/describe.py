@@ -57,7 +57,7 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
         createdAt=record.created_at_s,
         lastUpdatedAt=record.updated_at_s,
         clientRequestToken=record.token,
-        failureCode=record.failure_code or None,  # pyright: ignore[reportArgumentType] - as above
+        failureCode="InternalServiceError" if record.failure_code else None,  # a batch has no other
         failureReason=record.failure_reason or None,
         batchPolicy=policy,
         pendingRequests=_few(jobs.pending()),

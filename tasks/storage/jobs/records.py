@@ -110,31 +110,12 @@ def submit(
     """
     digest = request_digest(request)
     new = _Token(token=token, request_digest=digest, id=job_id(kind, token))
-<<<<<<< HEAD
-    _record_token(store, kind, new, request)
-    now_s = time.time()
-    record = JobRecord(
-        kind=kind,
-        id=new.id,
-        arn=arn(kind, store_id(store), new.id),
-        token=token,
-        request_digest=digest,
-        request=request,
-        status="Pending",
-        failure_code="",
-        failure_reason="",
-        created_at_s=now_s,
-        updated_at_s=now_s,
-        detail=dict(detail or {}),
-    )
-=======
     if not _record_token(store, kind, new, request):
         with suppress(ResourceNotFound):  # who recorded the token died before the record
             return _as_requested(store, read(store, kind, new.id), new, request)
-    record = _new_record(store, kind, new, request)
+    record = _new_record(store, kind, new, request, detail or {})
     mark = mark_of(record.created_at_s, record.id)
     mark_open(store, kind, mark)
->>>>>>> h/lists
     try:
         store.create(job_key(kind, new.id), encode_document(record))
     except ObjectExists:
@@ -263,7 +244,9 @@ def _one_line(reason: str) -> str:
     return " ".join(reason.split())[:_LONGEST_REASON]
 
 
-def _new_record(store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue]) -> JobRecord:
+def _new_record(
+    store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue], detail: Mapping[str, JsonValue]
+) -> JobRecord:
     now_s = time.time()
     return JobRecord(
         kind=kind,
@@ -277,7 +260,7 @@ def _new_record(store: Store, kind: JobKind, new: _Token, request: dict[str, Jso
         failure_reason="",
         created_at_s=now_s,
         updated_at_s=now_s,
-        detail={},
+        detail=dict(detail),
     )
 
 

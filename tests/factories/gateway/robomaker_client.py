@@ -16,7 +16,9 @@ from flows.gateway.application import Application
 from flows.gateway.calls import Calls, Page, no_page
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.handlers import HANDLERS
-from tasks.gateway.door import Guard, LoopbackGuard
+from tasks.gateway.access.guards import LoopbackGuard
+from tasks.gateway.access.page_origin import loopback_hosts
+from tasks.gateway.door import Guard
 from tasks.gateway.messages import HttpAnswer
 from tasks.gateway.sdk.service_model import write_model
 from tasks.storage.base.store import Store
@@ -31,7 +33,7 @@ def running_application(
     store: Store, handlers: Handlers = HANDLERS, guard: Guard | None = None, page: Page = no_page
 ) -> Generator[Send]:
     """Yields a function that sends a request through the ASGI application of a store."""
-    calls = Calls(Gateway(store, lambda: None), handlers, guard or LoopbackGuard(), page)
+    calls = Calls(Gateway(store, lambda: None), handlers, guard or LoopbackGuard(loopback_hosts(8600)), page)
     application = Application(calls, threads=2)
     with asyncio.Runner() as runner:
 
