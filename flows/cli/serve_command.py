@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from flows.cli.output import echo
+from flows.cli.server_commands import PoolOption
 
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
@@ -30,6 +31,13 @@ def serve(
     model_only: Annotated[
         bool, typer.Option("--model-only", help="Write the model and end; needs no store and no key.")
     ] = False,
+    workers: Annotated[
+        int,
+        typer.Option(
+            "--workers", metavar="N", min=0, help="So many batches at once, each in a process; 0 leaves jobs to others."
+        ),
+    ] = 1,
+    pool: PoolOption = "",
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
@@ -42,6 +50,9 @@ def serve(
         return
     from flows.gateway.serve import Listener
     from flows.gateway.serve import serve as serve_store
+    from flows.queue.crew import Crew
+    from flows.queue.foreman import require_lasting_server
+    from flows.queue.worker_log import log_to_stderr
     from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.gateway.door import LoopbackGuard
@@ -52,9 +63,13 @@ def serve(
     if host not in _LOOPBACK:
         raise DocumentError([Fault(path="--host", value=repr(host), allowed="with --unsigned, 127.0.0.1")])
     opened = open_store(store)
+    if pool:
+        require_lasting_server(pool)
+    log_to_stderr()
     shown = f"[{host}]" if ":" in host else host
     echo(f"RoboMaker: http://{shown}:{port}  (store: {opened.url})")
-    serve_store(opened, LoopbackGuard(), Listener(host, port))
+    with Crew(opened.url, workers, pool) as crew:
+        serve_store(opened, LoopbackGuard(), Listener(host, port), crew.wake)
 
 
 def _write_model(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Serves a store until the process is told to stop."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import uvicorn
@@ -19,15 +20,16 @@ class Listener(NamedTuple):
     port: int
 
 
-def serve(store: Store, guard: Guard, listener: Listener) -> None:
+def serve(store: Store, guard: Guard, listener: Listener, wake: Callable[[], None]) -> None:
     """Answers requests until a signal ends it; those that have begun are answered first.
 
     Args:
         store: What is served.
         guard: Who lets requests in.
         listener: Where they come from.
+        wake: Tells the workers of this machine that the queue has something new.
     """
-    gateway = Gateway(store, lambda: None)
+    gateway = Gateway(store, wake)
     application = Application(Calls(gateway, HANDLERS, guard))
     config = uvicorn.Config(
         application,
