@@ -11,6 +11,7 @@ from specs.job_kinds import JobKind
 from tasks.storage.base.keys import tags_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
+from tasks.storage.jobs.runs import jobs_of
 from tasks.worlds.job.describe import list_worlds
 from tasks.worlds.job.world_deletion import delete_worlds
 from tests.factories.worlds import apartment
@@ -113,3 +114,13 @@ def test_a_world_that_a_job_names_at_that_very_moment_is_put_back(
     monkeypatch.setattr(file_store, "delete", begin_then_delete)
     assert delete_worlds(file_store, [f"{job.id}/a"]) == [f"{job.id}/a"]
     assert file_store.get(world_key(job.id, "a")).body == body
+
+
+def test_a_world_of_a_document_that_is_run_stays_until_the_run_has_ended(file_store: Store) -> None:
+    request: dict[str, JsonValue] = {"flow": "pipeline", "spec": {"name": "night", "worldGeneration": {}}}
+    run = submit(file_store, "pipeline-run", request, "run-token")
+    ((_, made),) = jobs_of(run)
+    file_store.put(world_key(made, "w"), b"world")
+    assert delete_worlds(file_store, [f"{made}/w"]) == [f"{made}/w"]
+    advance(file_store, "pipeline-run", run.id, "Failed")
+    assert delete_worlds(file_store, [f"{made}/w"]) == []
