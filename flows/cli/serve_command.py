@@ -44,7 +44,8 @@ def serve(
     from flows.gateway.serve import serve as serve_store
     from specs.base import Fault
     from specs.errors import DocumentError
-    from tasks.gateway.door import LoopbackGuard
+    from tasks.gateway.access.guards import LoopbackGuard
+    from tasks.gateway.access.page_origin import loopback_hosts
     from tasks.storage.store_url import open_store
 
     if not unsigned:
@@ -54,7 +55,7 @@ def serve(
     opened = open_store(store)
     shown = f"[{host}]" if ":" in host else host
     echo(f"RoboMaker: http://{shown}:{port}  (store: {opened.url})")
-    serve_store(opened, LoopbackGuard(), Listener(host, port))
+    serve_store(opened, LoopbackGuard(loopback_hosts(port)), Listener(host, port))
 
 
 def _write_model(folder: Path) -> None:
