@@ -117,5 +117,5 @@ def _report(record: JobRecord) -> PipelineReport | None:
 
 def _prefect(visit: Visit, record: JobRecord) -> str:
     found = str(record.detail.get(FLOW_RUN) or record.detail.get(FLOW_RUN_BEFORE) or "")
-    is_known = visit.prefect_url and _FLOW_RUN.fullmatch(found)
-    return f"{visit.prefect_url}/runs/flow-run/{found}" if is_known else ""
+    pages = visit.prefect_url() if _FLOW_RUN.fullmatch(found) else ""
+    return f"{pages}/runs/flow-run/{found}" if pages else ""

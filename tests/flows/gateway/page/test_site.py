@@ -49,7 +49,7 @@ def shown(folder: Path) -> Shown:
 def open_site(folder: Path, shown: Shown) -> Site:
     """Its pages for everybody."""
     del shown
-    return Site(open_store(folder.as_uri()), None, prefect_url="http://127.0.0.1:4200")
+    return Site(open_store(folder.as_uri()), None, prefect_url=lambda: "http://127.0.0.1:4200")
 
 
 @pytest.fixture
