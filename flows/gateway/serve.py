@@ -7,13 +7,9 @@ from typing import Any, NamedTuple, cast
 import uvicorn
 
 from flows.gateway.application import Application
-from flows.gateway.calls import Calls, Page, no_page
+from flows.gateway.calls import Calls, Page
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
-from flows.gateway.page.site import Site, answer_page
-from flows.server.prefect_server import pages_url
-from tasks.gateway.access.guards import LoopbackGuard, SignedGuard
-from tasks.gateway.access.page_origin import is_loopback
 from tasks.gateway.connection.bounded_protocol import BoundedProtocol
 from tasks.gateway.connection.connections import Bounds, Connections
 from tasks.gateway.door import Guard, Note
@@ -38,17 +34,30 @@ class Listener(NamedTuple):
     bounds: Bounds = Bounds()
 
 
-def serve(store: Store, guard: Guard, note: Note, listener: Listener) -> None:
+class Entrance(NamedTuple):
+    """What a request meets.
+
+    Attributes:
+        guard: Who lets it in.
+        page: What answers a browser.
+        note: Keeps a line about it.
+    """
+
+    guard: Guard
+    page: Page
+    note: Note
+
+
+def serve(store: Store, entrance: Entrance, listener: Listener) -> None:
     """Answers requests until a signal ends it; those that have begun are answered first.
 
     Args:
         store: What is served.
-        guard: Who lets requests in.
-        note: Keeps a line about each call.
+        entrance: What requests meet.
         listener: Where they come from.
     """
     gateway = Gateway(store, lambda: None)
-    application = Application(Calls(gateway, HANDLERS, guard, _pages(store, guard, listener), note))
+    application = Application(Calls(gateway, HANDLERS, *entrance))
     protocol = partial(BoundedProtocol, all_connections=Connections(listener.bounds), tls=listener.tls)
     config = uvicorn.Config(
         application,
@@ -67,16 +76,3 @@ def serve(store: Store, guard: Guard, note: Note, listener: Listener) -> None:
         timeout_graceful_shutdown=10,
     )
     uvicorn.Server(config).run()
-
-
-def _pages(store: Store, guard: Guard, listener: Listener) -> Page:
-    """Returns what answers browsers: who signs in with a key, or everybody whom a guard without keys lets in."""
-    # Beyond this machine something encrypts, if not this process; the cookie goes nowhere without that.
-    is_secure = listener.tls is not None or not is_loopback(listener.host)
-    match guard:
-        case SignedGuard():
-            return partial(answer_page, Site(store, guard, is_secure, pages_url))
-        case LoopbackGuard():
-            return partial(answer_page, Site(store, None, is_secure, pages_url))
-        case _:
-            return no_page
