@@ -2,8 +2,8 @@
 
     .venv/bin/python -m benchmarks.gateway.requests [--requests N] [--store URL] [--json FILE]
 
-The store is made for it: fleets, generation jobs, and a batch in progress. Each row is one operation, asked by one client
-and then by eight that keep their connections; the times are the clients'. Requests are not signed.
+The store is made for it: fleets, generation jobs, and a batch. Each row is one operation, asked by one client and then
+by eight that keep their connections; the times are the clients'. Requests are not signed.
 """
 
 import argparse
