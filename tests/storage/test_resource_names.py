@@ -2,7 +2,7 @@
 
 import pytest
 
-from specs.arn import ArnForm, arn
+from specs.arn import KINDS, ArnForm, arn
 from specs.errors import DocumentError, ResourceNotFound
 from specs.template.body import template_body
 from tasks.storage.base.keys import application_key, fleet_key, robot_record_key, template_key, world_key
