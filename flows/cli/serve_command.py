@@ -91,8 +91,11 @@ def serve(
         require_lasting_server(pool)
     log_to_stderr()
     echo(f"RoboMaker: {url}  (store: {opened.url})")
-    with Crew(opened.url, workers, pool) as crew:
-        serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    try:
+        with Crew(opened.url, workers, pool) as crew:
+            serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
+        echo("stopped", err=True)
 
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:
