@@ -35,9 +35,16 @@ def small_server(bounds: Bounds, tls: ssl.SSLContext | None = None) -> Generator
     connections = Connections(bounds)
     protocol = partial(BoundedProtocol, all_connections=connections, tls=tls)
     config = uvicorn.Config(
-        _answer, http=cast("Any", protocol), ws="none", loop="asyncio", log_config=None, lifespan="off",
-        timeout_keep_alive=cast("Any", bounds.idle_s), timeout_graceful_shutdown=1, access_log=False, log_level="critical",
-    )  # fmt: skip
+        _answer,
+        http=cast("Any", protocol),
+        ws="none",
+        loop="asyncio",
+        log_config=None,
+        log_level="critical",
+        lifespan="off",
+        timeout_keep_alive=cast("Any", bounds.idle_s),
+        timeout_graceful_shutdown=1,
+    )
     server = uvicorn.Server(config)
     listener = socket.socket()
     listener.bind(("127.0.0.1", 0))

@@ -4,6 +4,7 @@ import socket
 import ssl
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,25 @@ LONG_S = 30
 PATIENT = Bounds(head_s=LONG_S, request_s=LONG_S, answer_s=LONG_S, idle_s=LONG_S)
 
 
+def is_cut_off(slow: socket.socket) -> bool:
+    """Returns whether a client that sends a byte at a time is cut off before it has sent 400."""
+    try:
+        for _ in range(400):
+            slow.sendall(b"a")
+            time.sleep(0.01)
+    except OSError:
+        return True
+    return False
+
+
+def eventually(state: Callable[[], bool]) -> bool:
+    """Returns whether something becomes so within 10 s."""
+    until_s = time.monotonic() + 10
+    while not state() and time.monotonic() < until_s:
+        time.sleep(0.01)
+    return state()
+
+
 def test_a_connection_that_says_nothing_ends() -> None:
     with small_server(PATIENT._replace(head_s=0.1)) as server, server.connect() as silent:
         assert all_of(silent) == b""
@@ -24,34 +44,22 @@ def test_a_connection_that_says_nothing_ends() -> None:
 
 def test_a_head_that_comes_byte_by_byte_is_cut_off() -> None:
     with small_server(PATIENT._replace(head_s=0.2)) as server, server.connect() as slow:
-        with pytest.raises(OSError, match=r"reset|[Bb]roken"):
-            for _ in range(400):
-                slow.sendall(b"a")
-                time.sleep(0.01)
+        assert is_cut_off(slow)
 
 
 def test_a_body_that_comes_byte_by_byte_is_cut_off() -> None:
     with small_server(PATIENT._replace(request_s=0.2)) as server, server.connect() as slow:
         slow.sendall(b"POST / HTTP/1.1\r\nhost: a\r\ncontent-length: 1000000\r\n\r\n")
-        with pytest.raises(OSError, match=r"reset|[Bb]roken"):
-            for _ in range(400):
-                slow.sendall(b"a")
-                time.sleep(0.01)
+        assert is_cut_off(slow)
 
 
 def test_who_does_not_read_the_answer_is_cut_off() -> None:
-    with small_server(PATIENT._replace(answer_s=0.2)) as server:
-        with socket.socket() as idle:
-            idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            idle.connect(("127.0.0.1", server.port))
-            idle.settimeout(10)
-            idle.sendall(b"GET /big HTTP/1.1\r\nhost: a\r\n\r\n")
-            until_s = time.monotonic() + 10
-            while not len(server.connections) and time.monotonic() < until_s:
-                time.sleep(0.01)
-            while len(server.connections) and time.monotonic() < until_s:
-                time.sleep(0.01)
-            assert len(server.connections) == 0
+    with small_server(PATIENT._replace(answer_s=0.2)) as server, socket.socket() as idle:
+        idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        idle.connect(("127.0.0.1", server.port))
+        idle.sendall(b"GET /big HTTP/1.1\r\nhost: a\r\n\r\n")
+        assert eventually(lambda: len(server.connections) == 1)
+        assert eventually(lambda: len(server.connections) == 0)
 
 
 def test_who_reads_gets_all_of_a_big_answer() -> None:
@@ -105,9 +113,11 @@ def test_many_small_chunks_hold_nobody_up() -> None:
 def certificate(tmp_path: Path) -> tuple[Path, Path]:
     files = tmp_path / "certificate.pem", tmp_path / "key.pem"
     subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2"]
-        + ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"]
-        + ["-out", str(files[0]), "-keyout", str(files[1])],
+        [
+            *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
+            *("-days", "2", "-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1"),
+            *("-out", str(files[0]), "-keyout", str(files[1])),
+        ],
         check=True,
         capture_output=True,
     )
