@@ -42,7 +42,7 @@ def forged(request: HttpRequest) -> Iterator[HttpRequest]:
     yield changed(request, authorization=text.replace("SignedHeaders=host;", "SignedHeaders="))
     yield changed(request, x_amz_date="20260101T000000Z")
     yield changed(request, x_amz_content_sha256="UNSIGNED-PAYLOAD")
-    yield changed(request, x_amz_security_token="token")
+    yield changed(request, **{"x-amz-security-token": "token"})
     yield changed(request, host="evil.example")
     yield replace(request, body=create("forged-2"))
     yield replace(request, body=request.body + b" ")
