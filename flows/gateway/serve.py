@@ -1,6 +1,7 @@
 """Serves a store until the process is told to stop."""
 
 import ssl
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -48,15 +49,16 @@ class Entrance(NamedTuple):
     note: Note
 
 
-def serve(store: Store, entrance: Entrance, listener: Listener) -> None:
+def serve(store: Store, entrance: Entrance, listener: Listener, wake: Callable[[], None]) -> None:
     """Answers requests until a signal ends it; those that have begun are answered first.
 
     Args:
         store: What is served.
         entrance: What requests meet.
         listener: Where they come from.
+        wake: Tells the workers of this machine that the queue has something new.
     """
-    gateway = Gateway(store, lambda: None)
+    gateway = Gateway(store, wake)
     application = Application(Calls(gateway, HANDLERS, *entrance))
     protocol = partial(BoundedProtocol, all_connections=Connections(listener.bounds), tls=listener.tls)
     config = uvicorn.Config(
