@@ -84,6 +84,16 @@ class Attempts:
             self._store.delete(turn_key(entry.kind, entry.id))
         return True
 
+    def drop_if_done(self, entry: QueueEntry) -> bool:
+        """Returns whether nothing is to be done for an entry, now or ever; one of a job that has ended is removed."""
+        if not self._has_record(entry):
+            return True
+        if not is_terminal(read(self._store, entry.kind, entry.id)):
+            return False
+        if self._is_free(entry):
+            leave_queue(self._store, entry.kind, entry.id)
+        return True
+
     def give_back(self) -> None:
         """Uncounts the attempts that are under way: this process is about to end, by no fault of theirs."""
         for entry in list(self._begun.values()):
