@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from specs.errors import ConcurrentDeployment, LimitExceeded, SimyardError
+from specs.errors import ConcurrentDeployment, DocumentError, LimitExceeded, SimyardError
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
@@ -80,6 +80,12 @@ def test_a_token_without_a_job_is_free_though_a_version_was_published_since(aske
     submit(asked.store, BATCH, {"request": request, "plan": "another"}, "t")
     asked.store.delete(job_key(BATCH, job_id(BATCH, "t")))
     assert asked.call("CreateSimulationJob", **request)["status"] == "Pending"
+
+
+def test_the_token_of_a_documents_job_is_nobody_elses(asked: Asked):
+    request = asked.job_request(asked.world(), clientRequestToken="run-0123456789abcdef-batch")
+    with pytest.raises(DocumentError, match="clientRequestToken"):
+        asked.call("CreateSimulationJob", **request)
 
 
 def test_a_job_whose_entry_was_taken_for_one_of_no_job_is_queued_again(asked: Asked):
