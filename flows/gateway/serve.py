@@ -1,13 +1,14 @@
 """Serves a store until the process is told to stop."""
 
 import ssl
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple, cast
 
 import uvicorn
 
 from flows.gateway.application import Application
-from flows.gateway.calls import Calls
+from flows.gateway.calls import Calls, Page
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
 from tasks.gateway.connection.bounded_protocol import BoundedProtocol
@@ -34,17 +35,31 @@ class Listener(NamedTuple):
     bounds: Bounds = Bounds()
 
 
-def serve(store: Store, guard: Guard, note: Note, listener: Listener) -> None:
+class Entrance(NamedTuple):
+    """What a request meets.
+
+    Attributes:
+        guard: Who lets it in.
+        page: What answers a browser.
+        note: Keeps a line about it.
+    """
+
+    guard: Guard
+    page: Page
+    note: Note
+
+
+def serve(store: Store, entrance: Entrance, listener: Listener, wake: Callable[[], None]) -> None:
     """Answers requests until a signal ends it; those that have begun are answered first.
 
     Args:
         store: What is served.
-        guard: Who lets requests in.
-        note: Keeps a line about each call.
+        entrance: What requests meet.
         listener: Where they come from.
+        wake: Tells the workers of this machine that the queue has something new.
     """
-    gateway = Gateway(store, lambda: None)
-    application = Application(Calls(gateway, HANDLERS, guard, note=note))
+    gateway = Gateway(store, wake)
+    application = Application(Calls(gateway, HANDLERS, *entrance))
     protocol = partial(BoundedProtocol, all_connections=Connections(listener.bounds), tls=listener.tls)
     config = uvicorn.Config(
         application,
