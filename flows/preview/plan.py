@@ -157,10 +157,13 @@ def _gigabytes(span: Span) -> str:
 
 
 def _recordings(section: SimulationBatch) -> str:
-    asked = section.recordings
+    asked, requests = section.recordings, section.createSimulationJobRequests
+    every = sum(bool(each.loggingConfig and each.loggingConfig.recordAllRosTopics) for each in requests)
+    also = f"all of {_count(every, 'request')} with recordAllRosTopics" if every and asked.episodes != "all" else ""
     if asked.episodes == "none":
-        return "no recordings"
-    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz"
+        return f"recordings of {also} at {asked.rateHz:g} Hz" if also else "no recordings"
+    more = f", and {also}" if also else ""
+    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz{more}"
 
 
 def _audit(plan: EnginePlan) -> str:
