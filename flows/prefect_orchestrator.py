@@ -62,6 +62,8 @@ TASKS: Steps = {
     batch_steps.audit_batch: batch_tasks.audit_batch,
     judge.judge_batch: batch_tasks.judge_batch,
     deploy_step.roll_out: deploy_task.roll_out,
+    deploy_step.deploy_version: deploy_task.deploy_version,
+    deploy_step.sync_fleet: deploy_task.sync_fleet,
 }
 """The Prefect task of each step."""
 

@@ -7,6 +7,7 @@ SimyardError
 │   ├── LimitExceeded                 one more than there may be
 │   ├── ResourceAlreadyExists         the name is taken
 │   └── ResourceNotFound              a document names something that does not exist
+├── AccessRefused                     a request over HTTP is not let in: who sent it, or what its key may do
 ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
 ├── PipelineNotPassed                 the gate said FAIL, or the deployment failed: exit code 1; INCONCLUSIVE: 4
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
@@ -69,6 +70,20 @@ class ResourceAlreadyExists(DocumentError):  # noqa: N818 - RoboMaker's name
 
 class ResourceNotFound(DocumentError):  # noqa: N818 - RoboMaker's name
     """A document refers to a template, world, application, fleet or job that does not exist."""
+
+
+class AccessRefused(SimyardError):  # noqa: N818 - a state
+    """A request over HTTP is not let in; nothing was done.
+
+    Attributes:
+        code: What AWS's services call it, such as ``AccessDeniedException``.
+        status: HTTP's.
+    """
+
+    def __init__(self, code: str, reason: str, status: int = 403) -> None:
+        self.code = code
+        self.status = status
+        super().__init__(reason)
 
 
 class BundleRefused(SimyardError):  # noqa: N818 - a state

@@ -21,6 +21,12 @@ BATCH_FILES = tuple(
     f"{{batch}}/{name}" for name in ("results.parquet", "failures.parquet", "report.html", "audit.json")
 )
 RECORDING = "recordings/{batch}/{number:06d}.parquet"
+TAGS = "tags/{kind}/{name}.json"
+"""Tags that a resource was given after it was made."""
+TAGS_WITHIN = "tags/{kind}/{parent}/{name}.json"
+"""The same of one that belongs to another: a world to its generation job, a simulation job to its batch."""
+_WORLD_TAGS = TAGS_WITHIN.format(kind="world", parent="{generation}", name="{world}")
+_JOB_TAGS = TAGS_WITHIN.format(kind="simulation-job", parent="{batch}", name="{index}")
 
 
 class JobObjects(NamedTuple):
@@ -40,6 +46,10 @@ class JobObjects(NamedTuple):
     in_bucket: bool = False
     from_elsewhere: bool = False
     spent: str = ""
+
+
+def _tags(kind: JobKind, part: str, *others: str) -> JobObjects:
+    return JobObjects("tags", (TAGS.format(kind=kind, name=f"{{{part}}}"), *others))
 
 
 class JobDeclaration(NamedTuple):
@@ -77,7 +87,10 @@ _DECLARATIONS = (
         flow="world-generation",
         section="worldGeneration",
         stage="worlds",
-        objects=(JobObjects("worlds", (WORLD, CONTACT_SHEET), from_elsewhere=True),),
+        objects=(
+            JobObjects("worlds", (WORLD, CONTACT_SHEET, _WORLD_TAGS), from_elsewhere=True),
+            _tags("world-generation-job", "generation"),
+        ),
     ),
     JobDeclaration(
         "world-export-job",
@@ -90,6 +103,7 @@ _DECLARATIONS = (
         objects=(
             JobObjects("export parts", (EXPORT_PART,), spent="of exports that are done"),
             JobObjects("exports", (EXPORT_ZIP, *FLOOR_PLANS), in_bucket=True, from_elsewhere=True),
+            _tags("world-export-job", "export"),
         ),
     ),
     JobDeclaration(
@@ -105,6 +119,7 @@ _DECLARATIONS = (
             JobObjects("audit notes", (AUDIT_NOTE,)),
             JobObjects("recordings", (RECORDING,), in_bucket=True, from_elsewhere=True),
             JobObjects("results", BATCH_FILES, in_bucket=True, from_elsewhere=True),
+            _tags("simulation-job-batch", "batch", _JOB_TAGS),
         ),
     ),
     JobDeclaration(
@@ -115,6 +130,7 @@ _DECLARATIONS = (
         flow="deployment-sync",
         section="deployment",
         stage="deployment",
+        objects=(_tags("deployment-job", "deployment"),),
     ),
     # Runs of a document are numbered without gaps, and each says how it went; nothing is gained by forgetting one.
     JobDeclaration("pipeline-run", prefix="run", part="run", event="pipeline", forgettable=False),

@@ -201,5 +201,16 @@ _ALL = (
 )
 OPERATIONS: Mapping[str, Operation] = {each.name: each for each in _ALL}
 """All operations, by name."""
+Location = Literal["uri", "querystring", "body"]
+"""Where a member of a request is sent."""
+
+
+def location(operation: Operation, member: str) -> Location:
+    """Returns where a member of an operation's request is sent: what the path does not name, GET and DELETE query."""
+    if f"{{{member}}}" in operation.path:
+        return "uri"
+    return "body" if operation.method == "POST" else "querystring"
+
+
 STATUSES: Mapping[ErrorName, int] = {"InternalServer": 500, "ServiceUnavailable": 503}
 """The HTTP status of an error; 400 where none is named (docs/reference/robomaker.md, section 1)."""

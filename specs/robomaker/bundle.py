@@ -6,7 +6,13 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.field_types import Architecture, S3Object
-from specs.robomaker.applications import SourceConfig
+from specs.robomaker.applications import (
+    Environment,
+    RenderingEngine,
+    RobotSoftwareSuite,
+    SimulationSoftwareSuite,
+    SourceConfig,
+)
 
 ApplicationKind = Literal["robot-application", "simulation-application"]
 ARCHITECTURES: tuple[Architecture, ...] = ("X86_64", "ARM64", "ARMHF")
@@ -32,6 +38,22 @@ class Build(Spec):
     origin: S3Object | None = None
 
 
+class Platform(Spec):
+    """What an application says that it is written for: kept, and answered as it was asked.
+
+    Nothing is chosen by it: Simyard runs bundles, on its own engines.
+
+    Attributes:
+        image_digest: Of the container image of a version, where the environment has one.
+    """
+
+    robot_software_suite: RobotSoftwareSuite | None = None
+    simulation_software_suite: SimulationSoftwareSuite | None = None
+    rendering_engine: RenderingEngine | None = None
+    environment: Environment | None = None
+    image_digest: str = ""
+
+
 class Version(Spec):
     """One version of an application: a number that is never given twice, and the bytes it stands for.
 
@@ -47,6 +69,7 @@ class Version(Spec):
         brought: Whether a run of a document published it, and no command did; such a version may make room for another.
         builds: One for each architecture; none for a bundle that is the same on all of them.
         revision: The application's when the version was made.
+        platform: The application's, too.
     """
 
     kind: ApplicationKind
@@ -59,6 +82,7 @@ class Version(Spec):
     brought: bool = False
     builds: tuple[Build, ...] = ()
     revision: str = ""
+    platform: Platform = Platform()
 
     @property
     def digests(self) -> dict[Architecture, str]:
@@ -74,6 +98,8 @@ class Application(Spec):
         revision: Changes with every change of what ``$LATEST`` stands for.
         sources: Where bundles lie that somebody else puts there, for ``$LATEST``.
         deleted: Whether there is none any more; what is left keeps numbers from being given twice.
+        platform: What ``$LATEST`` is written for.
+        updated_at_s: When what ``$LATEST`` stands for was last changed by a call; 0 for never.
     """
 
     kind: ApplicationKind
@@ -83,6 +109,9 @@ class Application(Spec):
     revision: str = ""
     sources: tuple[SourceConfig, ...] = ()
     deleted: bool = False
+    platform: Platform = Platform()
+    tags: dict[str, str] = Field(default_factory=dict[str, str])
+    updated_at_s: float = 0.0
 
     @property
     def numbers(self) -> str:

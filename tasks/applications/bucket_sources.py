@@ -5,14 +5,15 @@ robots download what was tested; a source that has changed since is told all the
 """
 
 import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from specs.base import Fault
-from specs.errors import BundleRefused, DocumentError, ObjectNotFound
+from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceAlreadyExists
 from specs.field_types import S3Object
 from specs.robomaker.applications import SourceConfig
-from specs.robomaker.bundle import ARCHITECTURES, Application, ApplicationKind, Build, Version
+from specs.robomaker.bundle import ARCHITECTURES, Application, ApplicationKind, Build, Platform, Version
 from tasks.applications.registry import add_version, missing_bundles
 from tasks.applications.versions import (
     application_name,
@@ -28,7 +29,15 @@ from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
 
-def create_application(store: Store, kind: ApplicationKind, name: str, sources: Sequence[SourceConfig]) -> Application:
+def create_application(
+    store: Store,
+    kind: ApplicationKind,
+    name: str,
+    sources: Sequence[SourceConfig],
+    *,
+    platform: Platform | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> Application:
     """Returns a new application without versions.
 
     Args:
@@ -36,17 +45,28 @@ def create_application(store: Store, kind: ApplicationKind, name: str, sources: 
         kind: Whether it runs robots or tests.
         name: What it is called.
         sources: Where its bundles lie, one for each architecture; they may come later.
+        platform: What it says that it is written for.
+        tags: Its tags.
 
     Raises:
-        DocumentError: There is one of that name, the name is none, or the sources contradict each other.
+        ResourceAlreadyExists: There is one of that name.
+        DocumentError: The name is none, or the sources contradict each other.
     """
     checked = _check_sources(sources)
 
     def step(before: Application | None, _number: int) -> Application:
         if before:
             fault = Fault(path="name", value=name, allowed=f"a name that no {kind} has; update it, or publish into it")
-            raise DocumentError([fault])
-        made = Application(kind=kind, name=name, versions=(), sources=checked)
+            raise ResourceAlreadyExists([fault])
+        made = Application(
+            kind=kind,
+            name=name,
+            versions=(),
+            sources=checked,
+            platform=platform or Platform(),
+            tags=dict(tags or {}),
+            updated_at_s=time.time(),
+        )
         return made.model_copy(update={"revision": next_revision(made, [name, _number, *_words(checked)])})
 
     return change(store, kind, name, step)
@@ -56,8 +76,10 @@ def update_application(
     store: Store,
     kind: ApplicationKind,
     reference: str,
-    sources: Sequence[SourceConfig],
+    sources: Sequence[SourceConfig] | None,
     current_revision: str | None = None,
+    *,
+    platform: Platform | None = None,
 ) -> Application:
     """Returns an application whose next version is made from other sources; versions that are there stay as they are.
 
@@ -65,24 +87,38 @@ def update_application(
         store: Where the application is.
         kind: Robot or simulation.
         reference: Its name or ARN.
-        sources: Where the next version's bundles lie, one an architecture.
+        sources: Where the next version's bundles lie, one an architecture; None to leave them as they are.
         current_revision: The revision that the caller knows; None to change whatever is there.
+        platform: What it says that it is written for; what is None in it stays as it is.
 
     Raises:
         ResourceNotFound: No such application.
         DocumentError: It was changed since the revision, or the sources contradict each other.
     """
-    checked = _check_sources(sources)
+    checked = None if sources is None else _check_sources(sources)
+    said = platform.model_dump(exclude_none=True, exclude={"image_digest"}) if platform else {}
 
     def step(before: Application | None, _number: int) -> Application:
         found = _there(before, kind, reference)
         require_revision(found, current_revision)
-        return found.model_copy(update={"sources": checked, "revision": next_revision(found, _words(checked))})
+        now = found.sources if checked is None else checked
+        written = Platform.model_validate({**found.platform.model_dump(), **said})
+        revision = next_revision(found, [*_words(now), *([written.model_dump_json()] if said else [])])
+        changes = {"sources": now, "platform": written, "revision": revision, "updated_at_s": time.time()}
+        return found.model_copy(update=changes)
 
     return change(store, kind, application_name(kind, reference), step)
 
 
-def create_version(store: Store, kind: ApplicationKind, reference: str, current_revision: str | None = None) -> Version:
+def create_version(
+    store: Store,
+    kind: ApplicationKind,
+    reference: str,
+    current_revision: str | None = None,
+    *,
+    etags: Sequence[str] | None = None,
+    image_digest: str = "",
+) -> Version:
     """Returns the version that stands for what lies at the application's sources now.
 
     Args:
@@ -90,10 +126,13 @@ def create_version(store: Store, kind: ApplicationKind, reference: str, current_
         kind: Robot or simulation.
         reference: Its name or ARN.
         current_revision: The revision that the caller knows; None for whatever is there.
+        etags: Those that the sources must have, in any order; None for whatever lies there.
+        image_digest: Of the container image that the application's environment names, or empty.
 
     Raises:
         ResourceNotFound: No such application.
-        DocumentError: It has no sources, was changed since the revision, or what lies there is no bundle.
+        DocumentError: It has no sources, was changed since the revision, a source has another ETag, what lies there is
+            no bundle, or there is no image that the digest could be of.
         LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
         StoreError: A bucket cannot be read.
     """
@@ -101,8 +140,13 @@ def create_version(store: Store, kind: ApplicationKind, reference: str, current_
     require_revision(found, current_revision)
     if not found.sources:
         raise not_found("sources", found.name, "an application with sources; publish a folder, or name some by update")
+    _require_image(found, image_digest)
     bundles = [_taken(store, source) for source in found.sources]
-    made = add_version(store, kind, found.name, bundles, whole=False, current_revision=found.revision)
+    if etags is not None:
+        _require_etags(bundles, etags)
+    made = add_version(
+        store, kind, found.name, bundles, whole=False, current_revision=found.revision, image_digest=image_digest
+    )
     missing = missing_bundles(store, bundles)
     for source in found.sources:
         if source.architecture in missing:
@@ -129,13 +173,30 @@ def delete_application(store: Store, kind: ApplicationKind, reference: str, vers
     def step(before: Application | None, _number: int) -> Application:
         found = _there(before, kind, reference)
         if version is None:
-            return found.model_copy(update={"versions": (), "sources": (), "deleted": True})
+            nothing = {"versions": (), "sources": (), "tags": {}, "platform": Platform()}
+            return found.model_copy(update={**nothing, "deleted": True})
         left = tuple(each for each in found.versions if str(each.number) != version)
         if len(left) == len(found.versions):
             raise not_found("applicationVersion", version, f"a version of {found.name}: {found.numbers}")
         return found.model_copy(update={"versions": left, "revision": next_revision(found, ["without", version])})
 
     return change(store, kind, application_name(kind, reference), step)
+
+
+def _require_image(found: Application, image_digest: str) -> None:
+    environment = found.platform.environment
+    if image_digest and not (environment and environment.uri):
+        allowed = f"none: {found.name} has no environment whose image it could be of"
+        raise DocumentError([Fault(path="imageDigest", value=image_digest, allowed=allowed)])
+
+
+def _require_etags(bundles: Sequence[Build], etags: Sequence[str]) -> None:
+    """Does nothing when the ETags are those of the sources, each of one and none missing."""
+    found = sorted(build.origin.etag or "" for build in bundles if build.origin)
+    given = sorted(each.strip('"') for each in etags)
+    if given != found:
+        allowed = f"the ETags of what lies at the sources now: {', '.join(found)}"
+        raise DocumentError([Fault(path="s3Etags", value=", ".join(given) or "none", allowed=allowed)])
 
 
 def _there(before: Application | None, kind: ApplicationKind, reference: str) -> Application:

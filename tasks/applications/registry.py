@@ -81,9 +81,15 @@ def publish_bundle(
     """
     folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
     bundles = [_pack(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
-    mark = {"shipped": shipped, "brought": brought}
     made = add_version(
-        store, kind, name, bundles, whole=isinstance(source, Path), current_revision=current_revision, **mark
+        store,
+        kind,
+        name,
+        bundles,
+        whole=isinstance(source, Path),
+        shipped=shipped,
+        brought=brought,
+        current_revision=current_revision,
     )
     for each in missing_bundles(store, bundles):
         _pack(store, each, folders[each])
@@ -109,6 +115,7 @@ def add_version(
     shipped: bool = False,
     brought: bool = False,
     current_revision: str | None = None,
+    image_digest: str = "",
 ) -> Version:
     """Returns the version that stands for bundles which are in the store; the rest as in `publish`.
 
@@ -121,14 +128,23 @@ def add_version(
         shipped: Whether the application comes with Simyard.
         brought: Whether a document brings it along.
         current_revision: The revision that the caller knows; None to change whatever is there.
+        image_digest: Of the container image that the application's environment names, or empty.
     """
 
     def step(before: Application | None, number: int) -> Application:
         application = before or Application(kind=kind, name=name, versions=())
         require_revision(application, current_revision)
-        return with_version(application, bundles, whole=whole, shipped=shipped, brought=brought, number=number)
+        return with_version(
+            application,
+            bundles,
+            whole=whole,
+            shipped=shipped,
+            brought=brought,
+            number=number,
+            image_digest=image_digest,
+        )
 
-    made = known_version(change(store, kind, name, step), bundles, whole=whole)
+    made = known_version(change(store, kind, name, step), bundles, whole=whole, image_digest=image_digest)
     if made is None:
         raise AssertionError(f"{name} has no version of what was just published")
     return made

@@ -14,6 +14,7 @@ from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKin
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import application_key
 from tasks.storage.base.store import Store
+from tasks.storage.tags import Change
 
 _REVISION_CHARACTERS = 40
 
@@ -65,8 +66,31 @@ def change(
         return after
 
 
+def change_application_tags(store: Store, kind: ApplicationKind, reference: str, tags: Change) -> Application:
+    """Returns an application after its tags were changed; its revision and its versions stay as they are.
+
+    Raises:
+        ResourceNotFound: No such application.
+        DocumentError: There would be too many.
+    """
+
+    def step(before: Application | None, _number: int) -> Application:
+        if before is None:
+            raise not_found("application", reference, f"a {kind}; see simyard list {kind}s")
+        return before.model_copy(update={"tags": tags(before.tags)})
+
+    return change(store, kind, application_name(kind, reference), step)
+
+
 def with_version(
-    before: Application, bundles: Sequence[Build], *, whole: bool, shipped: bool, number: int, brought: bool = False
+    before: Application,
+    bundles: Sequence[Build],
+    *,
+    whole: bool,
+    shipped: bool,
+    number: int,
+    brought: bool = False,
+    image_digest: str = "",
 ) -> Application:
     """Returns the application with one more version, or as it is when it has one of these bundles already.
 
@@ -77,12 +101,13 @@ def with_version(
         shipped: Whether it came with Simyard.
         number: The version's.
         brought: Whether a document brings it along; one that a command publishes as well is no document's any more.
+        image_digest: Of the container image that its environment names, or empty.
 
     Raises:
         LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
     """
     builds = () if whole else tuple(bundles)
-    if known := known_version(before, bundles, whole=whole):
+    if known := known_version(before, bundles, whole=whole, image_digest=image_digest):
         return before if brought or not known.brought else _kept(before, known)
     if len(before.versions) >= VERSIONS_AT_MOST:
         value, allowed = (
@@ -103,6 +128,7 @@ def with_version(
         brought=brought,
         builds=builds,
         revision=revision,
+        platform=before.platform.model_copy(update={"image_digest": image_digest}),
     )
     return before.model_copy(update={"versions": (*before.versions, version), "revision": revision})
 
@@ -112,13 +138,14 @@ def _kept(before: Application, known: Version) -> Application:
     return before.model_copy(update={"versions": tuple(same)})
 
 
-def known_version(application: Application, bundles: Sequence[Build], *, whole: bool) -> Version | None:
-    """Returns the version that stands for exactly these bundles, or None."""
+def known_version(
+    application: Application, bundles: Sequence[Build], *, whole: bool, image_digest: str = ""
+) -> Version | None:
+    """Returns the version that stands for exactly these bundles, on the application's platform of now; or None."""
     builds = () if whole else tuple(bundles)
-    same = (
-        each for each in application.versions if each.builds == builds and (builds or each.digest == bundles[0].digest)
-    )
-    return next(same, None)
+    platform = application.platform.model_copy(update={"image_digest": image_digest})
+    same = (each for each in application.versions if each.builds == builds and each.platform == platform)
+    return next((each for each in same if builds or each.digest == bundles[0].digest), None)
 
 
 def next_revision(before: Application, change: Sequence[int | str]) -> str:

@@ -11,8 +11,9 @@ from specs.pipeline.simulation_section import Deployment, LocalFleet
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.kit.local_agents import local_agents
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer
+from tasks.deploy.trust.trust_choice import chosen_keys
 from tasks.progress.listener import stage_progress
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.store import Store
@@ -54,6 +55,38 @@ def roll_out(
         robots=_robots(section, store, signer.root_of_trust if signer else None),
         signer=signer,
     )
+
+
+def deploy_version(store_url: str, request: CreateDeploymentJobRequest, *, digest: str, token: str) -> JobRecord:
+    """Returns the ended deployment job of a request that no document made; see `run_deployment_job`.
+
+    Args:
+        store_url: Where fleet, robots and versions are.
+        request: What to deploy where.
+        digest: Of the bundle of the version that the request names.
+        token: The client request token.
+    """
+    store = open_store(store_url)
+    return run_deployment_job(
+        store, request, digest=digest, token=token, progress=stage_progress(STAGE), signer=_signer_here(store)
+    )
+
+
+def sync_fleet(store_url: str, fleet: str, *, token: str) -> JobRecord:
+    """Returns the ended job that brings a fleet to its latest deployment; see `run_sync_job`.
+
+    Args:
+        store_url: Where fleet and robots are.
+        fleet: Its name or ARN.
+        token: The client request token.
+    """
+    store = open_store(store_url)
+    return run_sync_job(store, fleet, token=token, progress=stage_progress(STAGE), signer=_signer_here(store))
+
+
+def _signer_here(store: Store) -> DeploymentSigner | None:
+    """Returns what signs with the keys that SIMYARD_KEYS names; None without, and robots with a root refuse it."""
+    return chosen_signer(store, "signed" if chosen_keys() else "unsigned", local=False)
 
 
 def section_signer(store: Store, section: Deployment) -> DeploymentSigner | None:

@@ -173,6 +173,9 @@ def _unpack(archive: Path, target: Path, limits: ArchiveLimits, progress: Callab
 def list_members(headers: Iterable[tarfile.TarInfo], limits: ArchiveLimits = LIMITS) -> Iterator[tarfile.TarInfo]:
     """Yields the entries of an archive, and no more than it may hold.
 
+    Who packs a folder as ``tar -cf bundle.tar .`` has the folder itself among them, and ``./`` before every name; that
+    is the same bundle, so the one is left out and the other is left off.
+
     Raises:
         BundleRefused: It holds more.
     """
@@ -185,6 +188,9 @@ def list_members(headers: Iterable[tarfile.TarInfo], limits: ArchiveLimits = LIM
         total_bytes += member.size
         if total_bytes > limits.total_bytes:
             raise BundleRefused(f"the bundle unpacks to more than {limits.total_bytes} bytes")
+        if member.type == tarfile.DIRTYPE and member.name.rstrip("/") == ".":
+            continue
+        member.name = member.name.removeprefix("./")
         yield member
 
 

@@ -18,12 +18,16 @@ from tasks.storage.base.keys import (
     claim_key,
     contact_sheet_key,
     job_key,
+    named_template_key,
+    tags_key,
+    template_name_key,
     token_key,
     trust_key,
     world_key,
 )
 
 BATCH, EXPORT, GENERATION = "simb-0123456789abcdef", "wej-0123456789abcdef", "wgj-0123456789abcdef"
+DEPLOYMENT = "dep-0123456789abcdef"
 
 
 @pytest.mark.parametrize(
@@ -36,6 +40,12 @@ BATCH, EXPORT, GENERATION = "simb-0123456789abcdef", "wej-0123456789abcdef", "wg
         (claim_key("simulation-job-batch", BATCH), "claims", BATCH),
         (job_key("world-export-job", EXPORT), "job records", EXPORT),
         (f"parts/{EXPORT}/g/w.zip", "export parts", EXPORT),
+        (tags_key("world", f"{GENERATION}/w-1"), "worlds", GENERATION),
+        (tags_key("world-generation-job", GENERATION), "tags", GENERATION),
+        (tags_key("world-export-job", EXPORT), "tags", EXPORT),
+        (tags_key("simulation-job-batch", BATCH), "tags", BATCH),
+        (tags_key("simulation-job", f"{BATCH}/7"), "tags", BATCH),
+        (tags_key("deployment-job", DEPLOYMENT), "tags", DEPLOYMENT),
         (f"results/{BATCH}/audit-begun.json", "audit notes", BATCH),
         (f"buckets/out/{EXPORT}.zip", "exports", EXPORT),
         (f"buckets/out/a/{EXPORT}/w.svg", "exports", EXPORT),
@@ -68,6 +78,10 @@ def test_what_is_no_jobs_is_known_too(key: str, what: str) -> None:
         "store.json",
         "housekeeping/unnamed.json",
         "templates/t.json",
+        named_template_key("wt-0123456789abcdef"),
+        template_name_key("a flat"),
+        tags_key("world-template", "0" * 64),
+        tags_key("world", "shrunk/w"),
         world_key("shrunk", "w"),
         f"results/{BATCH}/evidence.json",
         trust_key("fleet", "1.root.json"),
@@ -117,7 +131,11 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
         "trends",
         "buckets",
         "queue",
+        "actions",
         "housekeeping",
+        "tags",
+        "world-templates",
+        "template-names",
     }
     assert len(forms) > 15
 

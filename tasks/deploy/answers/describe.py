@@ -11,6 +11,7 @@ from specs.robomaker.deployment import (
     ProgressDetail,
     RobotDeployment,
 )
+from specs.robomaker.failure_codes import DeploymentJobErrorCode, told_code
 from specs.robomaker.fleet import DescribeFleetResponse, DescribeRobotResponse, Fleet, Robot
 from tasks.deploy.fleet.fleets import fleets, read_fleet
 from tasks.deploy.fleet.robots import members, read_desired, read_reported, read_robot, robots
@@ -78,9 +79,10 @@ def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
         DocumentError: The name is none.
     """
     record, _ = read_robot(store, reference)
-    # The shapes spell Greengrass differently; there is none here.
+    # The shapes spell Greengrass differently.
     document = _robot(store, record, store_id(store)).model_dump(exclude={"greenGrassGroupId"})
-    return DescribeRobotResponse.model_validate({**document, "tags": record.tags or None})
+    own = {"greengrassGroupId": record.greengrass_group or None, "tags": record.tags or None}
+    return DescribeRobotResponse.model_validate({**document, **own})
 
 
 def list_robots(store: Store) -> list[Robot]:
@@ -98,7 +100,7 @@ def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJo
             "deploymentApplicationConfigs": request.deploymentApplicationConfigs,
             "deploymentConfig": request.deploymentConfig,
             "failureReason": record.failure_reason[:_REASON_CHARACTERS] or None,
-            "failureCode": record.failure_code or None,
+            "failureCode": told_code(record.failure_code, DeploymentJobErrorCode) if record.failure_code else None,
             "createdAt": record.created_at_s,
         }
     )
@@ -149,6 +151,7 @@ def _robot(store: Store, record: RobotRecord, identifier: str) -> Robot:
         fleetArn=arn("deployment-fleet", identifier, record.fleet) if record.fleet else None,
         status=_progress(store, record, desired).status,
         createdAt=record.created_at_s,
+        greenGrassGroupId=record.greengrass_group or None,
         architecture=record.architecture,
         lastDeploymentJob=arn(_KIND, identifier, desired.deployment) if desired else None,
         lastDeploymentTime=desired.issued_at_s if desired else None,

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from tasks.export.drawing.plan_page import PageBox, fit_text, text_width
 
 NAME_SIZE = 18.0
@@ -86,16 +84,21 @@ def _size(wanted: float, length: float, size: float, smallest: float) -> float:
 def _freest(inner: PageBox, label: PageBox, obstacles: Sequence[tuple[PageBox, float]]) -> tuple[float, float]:
     """Returns the middle of the place, of a grid over the room, that covers least."""
     middle_x, middle_y = inner.center
-    steps = np.arange(-_STEPS, _STEPS + 1)
-    x = middle_x + max(0.0, inner.width - label.width) / 2 * steps / _STEPS
-    y = middle_y + max(0.0, inner.height - label.height) / 2 * steps / _STEPS
-    covered = np.zeros((len(steps), len(steps)))
+    steps = range(-_STEPS, _STEPS + 1)
+    x = [middle_x + max(0.0, inner.width - label.width) / 2 * step / _STEPS for step in steps]
+    y = [middle_y + max(0.0, inner.height - label.height) / 2 * step / _STEPS for step in steps]
+    covered = [[0.0] * len(steps) for _ in steps]
     for box, weight in obstacles:
-        beside = np.minimum(x + label.width / 2, box.right) - np.maximum(x - label.width / 2, box.left)
-        above = np.minimum(y + label.height / 2, box.bottom) - np.maximum(y - label.height / 2, box.top)
-        covered += weight * np.outer(np.maximum(above, 0.0), np.maximum(beside, 0.0))
-    away = np.abs(steps)[:, None] + np.abs(steps)[None, :]
+        beside = [max(0.0, min(at + label.width / 2, box.right) - max(at - label.width / 2, box.left)) for at in x]
+        above = [max(0.0, min(at + label.height / 2, box.bottom) - max(at - label.height / 2, box.top)) for at in y]
+        for row, high in enumerate(above):
+            if high:
+                shares = zip(covered[row], beside, strict=True)
+                covered[row] = [before + weight * high * wide for before, wide in shares]
     # Rounded, so that the last bit of a sum decides nothing; then the nearest, then the first.
-    best = np.lexsort((away.ravel(), np.round(covered, 3).ravel()))[0]
-    row, column = divmod(int(best), len(steps))
-    return float(x[column]), float(y[row])
+    _, _, row, column = min(
+        (round(1000 * covered[row][column]), abs(down) + abs(right), row, column)
+        for row, down in enumerate(steps)
+        for column, right in enumerate(steps)
+    )
+    return x[column], y[row]

@@ -14,7 +14,7 @@ from specs.errors import (
     StoreFull,
     StoreThrottled,
 )
-from specs.robomaker.failure_codes import WorldExportJobErrorCode
+from specs.robomaker.failure_codes import WorldExportJobErrorCode, told_code
 from specs.robomaker.world_descriptions import DescribeWorldExportJobResponse, WorldExportJobSummary
 from tasks.storage.jobs.records import JobRecord
 
@@ -43,7 +43,8 @@ def describe_export_job(record: JobRecord) -> DescribeWorldExportJobResponse:
         "clientRequestToken": record.token,
     }
     if record.failure_code:
-        fields |= {"failureCode": record.failure_code, "failureReason": record.failure_reason}
+        code = told_code(record.failure_code, WorldExportJobErrorCode)
+        fields |= {"failureCode": code, "failureReason": record.failure_reason}
     return DescribeWorldExportJobResponse.model_validate(fields)
 
 

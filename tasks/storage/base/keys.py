@@ -10,7 +10,7 @@ from string import Formatter
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, WORLD
+from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, TAGS, TAGS_WITHIN, WORLD
 
 STORE = "store.json"
 """The store's id, written once its promises were probed."""
@@ -22,8 +22,20 @@ CLAIM = "claims/{kind}/{job}.json"
 """Which live process works on a job."""
 QUEUE = "queue/{kind}/{job}.json"
 """That a job waits for a worker; removed once it has ended."""
+LINE_MARK = "lines/{kind}/open/{created:016d}-{job}.json"
+"""That a job, made at that microsecond since 1970, is not among the lines of those that have ended."""
+LINE_ROOT = "lines/{kind}/root.json"
+"""Which segments hold the lines of jobs that have ended, and what is in each."""
+LINE_SEGMENT = "lines/{kind}/segments/{segment}.json"
+"""What lists say of some jobs that have ended."""
 TEMPLATE = "templates/{template}.json"
-"""A world template."""
+"""The body of a world template; jobs name it by its digest."""
+NAMED_TEMPLATE = "world-templates/{template}.json"
+"""A template that somebody named, and which body it has now."""
+NAMED_TEMPLATE_PREFIX = "wt-"
+"""What the ids of named templates begin with; a digest, which names a body, never does."""
+TEMPLATE_NAME = "template-names/{digest}.json"
+"""Which template has a name; the digest is the name's."""
 RESULT = "results/{batch}/{file}"
 """Evidence and notes of a batch."""
 BUNDLE = "bundles/{digest}"
@@ -42,6 +54,8 @@ TRUST = "trust/{repository}/{file}"
 """Signed metadata of bundles and keys; no private key, ever."""
 TREND = "trends/{document}.html"
 """In a document's bucket, below its prefix: the page of its nights, beside the folders of its batches."""
+ACTIONS = "actions/{day}/{file}"
+"""Who asked for which change over HTTP, a line each; a file is one gateway's, of an hour."""
 UNNAMED = "housekeeping/unnamed.json"
 """Since when each bundle has been without a name, for the next time that somebody asks."""
 NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
@@ -159,9 +173,55 @@ def queue_prefix() -> str:
     return QUEUE.partition("/")[0]
 
 
+def line_mark_key(kind: str, created_us: int, job_id: str) -> str:
+    """Returns the key that says that a job is not among the lines of those that have ended."""
+    return fill(LINE_MARK, kind=kind, created=created_us, job=job_id)
+
+
+def line_marks_prefix(kind: str) -> str:
+    """Returns the folder that holds the marks of a kind's jobs that have no line."""
+    return f"{lines_prefix(kind)}/open"
+
+
+def line_root_key(kind: str) -> str:
+    """Returns the key of what names the segments of a kind's lines."""
+    return fill(LINE_ROOT, kind=kind)
+
+
+def line_segment_key(kind: str, segment: str) -> str:
+    """Returns the key of some lines of a kind."""
+    return fill(LINE_SEGMENT, kind=kind, segment=segment)
+
+
+def lines_prefix(kind: str) -> str:
+    """Returns the folder that holds all that lists keep of a kind of job."""
+    return _folder(LINE_ROOT, kind=kind)
+
+
 def template_key(name: str) -> str:
     """Returns the key of a world template."""
     return fill(TEMPLATE, template=name)
+
+
+def named_template_key(template: str) -> str:
+    """Returns the key of a template that somebody named; names are free text, so it is its id that stands here."""
+    return fill(NAMED_TEMPLATE, template=template)
+
+
+def named_templates_prefix() -> str:
+    """Returns the folder that holds the templates that somebody named."""
+    return NAMED_TEMPLATE.partition("/")[0]
+
+
+def template_name_key(name: str) -> str:
+    """Returns the key of what says which template has a name."""
+    return fill(TEMPLATE_NAME, digest=hashlib.sha256(name.encode()).hexdigest())
+
+
+def tags_key(kind: str, path: str) -> str:
+    """Returns the key of the tags that a resource was given later; its path is as in its ARN."""
+    parent, _, name = path.rpartition("/")
+    return fill(TAGS_WITHIN, kind=kind, parent=parent, name=name) if parent else fill(TAGS, kind=kind, name=name)
 
 
 def world_key(generation: str, world: str) -> str:
@@ -207,6 +267,16 @@ def chunks_prefix(batch: str) -> str:
 def result_key(batch: str, name: str) -> str:
     """Returns the key of one of a batch's files, such as ``evidence.json``."""
     return fill(RESULT, batch=batch, file=name)
+
+
+def actions_key(day: str, name: str) -> str:
+    """Returns the key of a file of actions, of a day such as 2026-01-31."""
+    return fill(ACTIONS, day=day, file=name)
+
+
+def actions_prefix(day: str = "") -> str:
+    """Returns the folder that holds the actions of a day, or those of all days."""
+    return _folder(ACTIONS, day=day) if day else ACTIONS.partition("/")[0]
 
 
 def trend_key(document: str) -> str:

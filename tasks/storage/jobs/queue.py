@@ -6,16 +6,17 @@ between leaves at worst an entry of a job that was never recorded, or one that h
 """
 
 import time
+from collections.abc import Collection
 from contextlib import suppress
 
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
-from specs.errors import ObjectExists, ObjectNotFound
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
 from specs.job_kinds import JobKind
 from tasks.storage.base.encoding import decode_document, encode_document
-from tasks.storage.base.keys import queue_key, queue_prefix
-from tasks.storage.base.store import Store
+from tasks.storage.base.keys import claim_key, queue_key, queue_prefix
+from tasks.storage.base.store import Entry, Store
 
 
 class QueueEntry(Spec):
@@ -24,12 +25,24 @@ class QueueEntry(Spec):
     Attributes:
         queued_at_s: Seconds since 1970, by the clock of the machine that queued it.
         options: What the record has no place for, such as that a deployment job is a sync.
+        attempts: How often a worker has begun with it since anything came of that.
+        done: How far the job was when the last attempt began: worlds, episodes or robots; -1 if nobody has looked.
+        begun_s: When it began, as ``queued_at_s``.
+        not_before_s: When the next attempt may begin, as ``queued_at_s``.
+        handed_over: How often it was handed to a work pool of Prefect's.
+        flow_run: The flow run that it was handed over as; empty for none.
     """
 
     kind: JobKind
     id: str
     queued_at_s: float
     options: dict[str, JsonValue] = Field(default_factory=dict[str, JsonValue])
+    attempts: int = 0
+    done: int = -1
+    begun_s: float = 0.0
+    not_before_s: float = 0.0
+    handed_over: int = 0
+    flow_run: str = ""
 
 
 def enqueue(store: Store, kind: JobKind, job: str, options: dict[str, JsonValue] | None = None) -> None:
@@ -44,10 +57,19 @@ def queued_jobs(store: Store) -> list[QueueEntry]:
     found: list[QueueEntry] = []
     for key in store.keys(queue_prefix()):
         try:
-            found.append(decode_document(QueueEntry, store.get(key), store, key))
+            found.append(queued_entry(store, key))
         except ObjectNotFound:  # a worker has removed it since it was listed
             continue
     return sorted(found, key=lambda entry: (entry.queued_at_s, entry.id))
+
+
+def queued_entry(store: Store, key: str) -> QueueEntry:
+    """Returns one entry of the queue, by its key.
+
+    Raises:
+        ObjectNotFound: There is none.
+    """
+    return decode_document(QueueEntry, store.get(key), store, key)
 
 
 def is_queued(store: Store, kind: JobKind, job: str) -> bool:
@@ -58,3 +80,67 @@ def is_queued(store: Store, kind: JobKind, job: str) -> bool:
 def leave_queue(store: Store, kind: JobKind, job: str) -> None:
     """Removes a job that has ended from the queue."""
     store.delete(queue_key(kind, job))
+
+
+def turn_key(kind: JobKind, job: str) -> str:
+    """Returns the key of the claim of a worker that has taken a job from the queue.
+
+    It is another one than the job's: a worker takes it first, without waiting, and the stage takes the job's as it does
+    for a document.
+    """
+    return claim_key(f"queue-{kind}", job)
+
+
+def find_entry(store: Store, kind: JobKind, job: str) -> QueueEntry | None:
+    """Returns a job's entry as it stands; None if it has left the queue."""
+    found = _read(store, queue_key(kind, job))
+    return found[0] if found else None
+
+
+def change_entry(store: Store, kind: JobKind, job: str, **fields: JsonValue) -> QueueEntry | None:
+    """Returns a job's entry after the change of some fields; None if it has left the queue."""
+    key = queue_key(kind, job)
+    while found := _read(store, key):
+        entry, etag = found
+        changed = entry.model_copy(update=fields)
+        try:
+            store.replace(key, encode_document(changed), etag)
+        except ObjectConflict:  # another process was faster, or the job has left
+            continue
+        return changed
+    return None
+
+
+class QueueView:
+    """The queue as a process sees it that looks again and again: only what has changed is read.
+
+    Args:
+        store: Where it is.
+        kinds: Of the jobs that are looked for.
+    """
+
+    def __init__(self, store: Store, kinds: Collection[JobKind]) -> None:
+        self._store = store
+        self._folders = [f"{queue_prefix()}/{kind}" for kind in kinds]
+        self._known: dict[str, tuple[str, QueueEntry]] = {}
+
+    def entries(self) -> list[QueueEntry]:
+        """Returns the queue as it is now, oldest first."""
+        listed = [entry for folder in self._folders for entry in self._store.entries(folder)]
+        self._known = {entry.key: found for entry in listed if (found := self._current(entry))}
+        return sorted((entry for _, entry in self._known.values()), key=lambda each: (each.queued_at_s, each.id))
+
+    def _current(self, listed: Entry) -> tuple[str, QueueEntry] | None:
+        known = self._known.get(listed.key)
+        if known and known[0] == listed.mark:
+            return known
+        found = _read(self._store, listed.key)
+        return (listed.mark, found[0]) if found else None
+
+
+def _read(store: Store, key: str) -> tuple[QueueEntry, str] | None:
+    try:
+        stored = store.get(key)
+    except ObjectNotFound:
+        return None
+    return decode_document(QueueEntry, stored, store, key), stored.etag

@@ -1,13 +1,15 @@
 """Job records and client request tokens: the same request twice is one job, and an ended job stays as it ended.
 
 The token is recorded before the job, and the job's id is made from kind and token, so that a process that dies between
-the two leaves nothing that the next one does not complete.
+the two leaves nothing that the next one does not complete. Between the two the job is marked as open, so that lists
+find it (tasks.storage.jobs.lines).
 """
 
 import hashlib
 import json
 import time
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from typing import NamedTuple
 
 from pydantic import JsonValue
@@ -27,6 +29,7 @@ from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.lines.marks import mark_of, mark_open, unmark
 from tasks.storage.jobs.request_changes import changes_text
 from tasks.storage.jobs.transitions import Transition, announce_transition
 from tasks.storage.store_url import store_id
@@ -84,7 +87,14 @@ def job_id(kind: JobKind, token: str) -> str:
     return f"{JOB_KINDS[kind].prefix}-{hashlib.sha256(f'{kind}|{token}'.encode()).hexdigest()[:16]}"
 
 
-def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: str) -> JobRecord:
+def submit(
+    store: Store,
+    kind: JobKind,
+    request: dict[str, JsonValue],
+    token: str,
+    *,
+    detail: Mapping[str, JsonValue] | None = None,
+) -> JobRecord:
     """Returns the job of the token: a new one, Pending, or the one that an equal request made before.
 
     Args:
@@ -92,6 +102,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
         kind: The kind of job.
         request: RoboMaker's request, as JSON.
         token: The client request token.
+        detail: What a new job's record has beyond the rest; no part of what the token stands for.
 
     Raises:
         IdempotentParameterMismatch: The token came with another request before
@@ -99,26 +110,19 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
     """
     digest = request_digest(request)
     new = _Token(token=token, request_digest=digest, id=job_id(kind, token))
-    _record_token(store, kind, new, request)
-    now_s = time.time()
-    record = JobRecord(
-        kind=kind,
-        id=new.id,
-        arn=arn(kind, store_id(store), new.id),
-        token=token,
-        request_digest=digest,
-        request=request,
-        status="Pending",
-        failure_code="",
-        failure_reason="",
-        created_at_s=now_s,
-        updated_at_s=now_s,
-        detail={},
-    )
+    if not _record_token(store, kind, new, request):
+        with suppress(ResourceNotFound):  # who recorded the token died before the record
+            return _as_requested(store, read(store, kind, new.id), new, request)
+    record = _new_record(store, kind, new, request, detail or {})
+    mark = mark_of(record.created_at_s, record.id)
+    mark_open(store, kind, mark)
     try:
         store.create(job_key(kind, new.id), encode_document(record))
     except ObjectExists:
-        return _as_requested(store, read(store, kind, new.id), new, request)
+        found = read(store, kind, new.id)
+        if mark != mark_of(found.created_at_s, found.id):
+            unmark(store, kind, mark)
+        return _as_requested(store, found, new, request)
     # Housekeeping removes the token of a job without a record, then looks whether there is a record: one of us sees it.
     if not store.exists(token_key(kind, token)):
         _record_token(store, kind, new, request)
@@ -240,6 +244,26 @@ def _one_line(reason: str) -> str:
     return " ".join(reason.split())[:_LONGEST_REASON]
 
 
+def _new_record(
+    store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue], detail: Mapping[str, JsonValue]
+) -> JobRecord:
+    now_s = time.time()
+    return JobRecord(
+        kind=kind,
+        id=new.id,
+        arn=arn(kind, store_id(store), new.id),
+        token=new.token,
+        request_digest=new.request_digest,
+        request=request,
+        status="Pending",
+        failure_code="",
+        failure_reason="",
+        created_at_s=now_s,
+        updated_at_s=now_s,
+        detail=dict(detail),
+    )
+
+
 def _as_requested(store: Store, record: JobRecord, new: _Token, request: dict[str, JsonValue]) -> JobRecord:
     """Returns the record of a job whose token was missing for a moment, if it was made for this very request."""
     if record.request_digest != new.request_digest:
@@ -248,7 +272,8 @@ def _as_requested(store: Store, record: JobRecord, new: _Token, request: dict[st
     return record
 
 
-def _record_token(store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue]) -> None:
+def _record_token(store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue]) -> bool:
+    """Returns whether the token was new."""
     key = token_key(kind, new.token)
     try:
         store.create(key, encode_document(new))
@@ -256,6 +281,8 @@ def _record_token(store: Store, kind: JobKind, new: _Token, request: dict[str, J
         old = decode_document(_Token, store.get(key), store, key)
         if old.request_digest != new.request_digest:
             raise _mismatch(store, kind, old, request) from None
+        return False
+    return True
 
 
 def _mismatch(store: Store, kind: JobKind, old: _Token, request: dict[str, JsonValue]) -> IdempotentParameterMismatch:

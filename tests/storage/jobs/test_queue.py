@@ -1,6 +1,16 @@
 from pathlib import Path
 
-from tasks.storage.jobs.queue import enqueue, is_queued, leave_queue, queued_jobs
+import pytest
+
+from tasks.storage.jobs.queue import (
+    QueueView,
+    change_entry,
+    enqueue,
+    find_entry,
+    is_queued,
+    leave_queue,
+    queued_jobs,
+)
 from tasks.storage.store_url import open_store
 
 
@@ -34,3 +44,34 @@ def test_a_job_that_left_the_queue_is_not_in_it(tmp_path: Path):
 
     assert not is_queued(store, "world-export-job", "only")
     assert queued_jobs(store) == []
+
+
+def test_a_view_shows_the_kinds_that_are_asked_for_and_sees_changes(tmp_path: Path):
+    store = open_store(tmp_path.as_uri())
+    view = QueueView(store, ["world-export-job"])
+    enqueue(store, "world-export-job", "mine")
+    enqueue(store, "deployment-job", "other")
+    before = view.entries()
+
+    changed = change_entry(store, "world-export-job", "mine", attempts=2)
+
+    assert [entry.id for entry in before] == ["mine"]
+    assert view.entries() == [changed]
+    assert find_entry(store, "world-export-job", "mine") == changed
+
+
+def test_an_entry_that_has_left_the_queue_is_not_made_again_by_a_change(tmp_path: Path):
+    store = open_store(tmp_path.as_uri())
+
+    assert change_entry(store, "world-export-job", "gone", attempts=2) is None
+    assert not is_queued(store, "world-export-job", "gone")
+
+
+def test_a_view_reads_an_entry_once_as_long_as_nobody_changes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    store = open_store(tmp_path.as_uri())
+    enqueue(store, "world-export-job", "mine")
+    view = QueueView(store, ["world-export-job"])
+    first = view.entries()
+    monkeypatch.setattr(type(store), "get", None)
+
+    assert view.entries() == first

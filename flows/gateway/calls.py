@@ -1,0 +1,117 @@
+"""From a request to its answer: let in, read, permitted, handled, written."""
+
+import logging
+import time
+from collections.abc import Callable
+
+from flows.gateway.gateway import Gateway, Handlers
+from specs.arn import ArnForm
+from specs.base import Spec
+from specs.errors import SimyardError
+from specs.interface.operations import Operation
+from specs.interface.shapes import shapes
+from specs.settings import region
+from tasks.documents.parse import parse
+from tasks.gateway.document_arns import with_arns
+from tasks.gateway.door import Call, Caller, Guard, Note, no_note
+from tasks.gateway.error_answers import ErrorAnswers, error_answer
+from tasks.gateway.messages import HttpAnswer, HttpRequest
+from tasks.gateway.rest_json import request_members, written
+from tasks.gateway.routes import Route, route
+from tasks.storage.store_url import store_id
+
+_LOG = logging.getLogger(__name__)
+HEALTH = "/ping"
+"""Answers GET with 200 and nothing else, whoever asks, for whatever watches the process."""
+Page = Callable[[HttpRequest], HttpAnswer | None]
+"""Answers what is for no operation, such as a browser's ``GET /``; None if it knows no such page either."""
+
+
+def no_page(_request: HttpRequest) -> HttpAnswer | None:
+    """Knows no page."""
+    return None
+
+
+class Calls:
+    """Answers requests, several at once, each in a thread.
+
+    Args:
+        gateway: What the handlers have at hand.
+        handlers: By operation.
+        guard: Who lets requests in.
+        page: What answers a browser.
+        note: Keeps a line about each call.
+
+    Raises:
+        DocumentError: SIMYARD_REGION is no name of a region.
+    """
+
+    def __init__(
+        self, gateway: Gateway, handlers: Handlers, guard: Guard, page: Page = no_page, note: Note = no_note
+    ) -> None:
+        self._gateway, self._handlers, self._guard, self._page = gateway, handlers, guard, page
+        self._note = note
+        self._arns = ArnForm(store_id(gateway.store), region())
+        self._errors = ErrorAnswers(self._arns, gateway.store.url)
+
+    def refuse_head(self, request: HttpRequest) -> HttpAnswer | None:
+        """Returns the refusal of a request whose body need not be read."""
+        return None if request.raw_path == HEALTH else self._guard.refuse_head(request, route(request).operation)
+
+    def answer(self, request: HttpRequest) -> HttpAnswer:
+        """Returns the answer to a request; whatever goes wrong is one of RoboMaker's errors."""
+        if request.raw_path == HEALTH and request.method in {"GET", "HEAD"}:
+            return HttpAnswer(200, b"{}")
+        began_s = time.perf_counter()
+        try:
+            call = self._call(request, began_s)
+            self._note(call)
+        except Exception:  # noqa: BLE001 - the outermost frame of a request
+            _LOG.exception("%s %a", request.method, request.raw_path[:200])
+            return error_answer(500, "InternalServerException", "this is a defect of Simyard; its log says more")
+        return call.answer
+
+    def _call(self, request: HttpRequest, began_s: float) -> Call:
+        found = route(request)
+        caller = self._guard.admit(request, found.operation)
+        document: Spec | None = None
+        if isinstance(caller, HttpAnswer):
+            caller, answer = None, caller
+        elif found.operation is None:
+            answer = self._page(request) or _unknown(request)
+        else:
+            document, answer = self._answered(found, found.operation, request, caller)
+        return Call(request, answer, time.perf_counter() - began_s, caller, found.operation, document)
+
+    def _answered(
+        self, found: Route, operation: Operation, request: HttpRequest, caller: Caller
+    ) -> tuple[Spec | None, HttpAnswer]:
+        document: Spec | None = None
+        try:
+            document = self._document(found, operation, request)
+            refusal = self._guard.permit(caller, operation, document)
+            return document, refusal or self._handled(operation, document)
+        except SimyardError as exc:
+            _LOG.info("%s: %a", operation.name, str(exc)[:1000])
+            return document, self._errors.answer(operation, exc)
+        except Exception as exc:  # noqa: BLE001 - the outermost frame of an operation
+            _LOG.exception("%s", operation.name)
+            return document, self._errors.answer(operation, exc)
+
+    def _document(self, found: Route, operation: Operation, request: HttpRequest) -> Spec:
+        shape = shapes()[operation.request]
+        members = request_members(found, request, shape)
+        return parse(shape, with_arns(members, shape, self._arns.own), operation.name)
+
+    def _handled(self, operation: Operation, document: Spec) -> HttpAnswer:
+        handler = self._handlers.get(operation.name)
+        if handler is None:
+            return error_answer(500, "InternalServerException", f"{operation.name} is not served yet")
+        answer = handler(self._gateway, document)
+        members = answer.model_dump(mode="json", exclude_none=True)
+        return written(with_arns(members, type(answer), self._arns.robomakers))
+
+
+def _unknown(request: HttpRequest) -> HttpAnswer:
+    message = f"{request.method} {request.raw_path[:200]} is no operation of RoboMaker"
+    return error_answer(404, "UnknownOperationException", message)
