@@ -86,14 +86,10 @@ def serve(
     else:
         keys = access_keys or access_file()
         _show_keys(keys, url, model)
-<<<<<<< HEAD
-        entrance = signed_entrance(opened, keys, is_encrypted=tls is not None)
+        entrance = signed_entrance(opened, keys, is_encrypted=tls is not None or without_tls)
     if pool:
         require_lasting_server(pool)
     log_to_stderr()
-=======
-        entrance = signed_entrance(opened, keys, is_encrypted=tls is not None or without_tls)
->>>>>>> h/page
     echo(f"RoboMaker: {url}  (store: {opened.url})")
     with Crew(opened.url, workers, pool) as crew:
         serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
