@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import finder, pinned_shipment, pins
 from flows.document.tested_batch import compared_digest, failing_sources
 from flows.document.version_room import version_lines
@@ -54,6 +55,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
+    yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
     judged, audited, programs = GateBasis(0, 0), 0, 1
     if spec.simulationBatch and batch and plan:
         section, find = spec.simulationBatch, finder(trial, own)
