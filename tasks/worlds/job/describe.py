@@ -3,8 +3,6 @@
 What a store holds of templates and worlds, in RoboMaker's words.
 """
 
-from pathlib import PurePosixPath
-
 from pydantic import JsonValue, TypeAdapter
 
 from specs.arn import ResourceKind, absence, arn, store_id_of
@@ -17,15 +15,13 @@ from specs.robomaker.world_descriptions import (
     DescribeWorldGenerationJobResponse,
     DescribeWorldResponse,
     DescribeWorldTemplateResponse,
-    TemplateSummary,
     WorldGenerationJobSummary,
-    WorldSummary,
     world_description,
 )
 from specs.template.body import TemplateBody
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, read, records
+from tasks.storage.jobs.records import JobRecord, read
 from tasks.storage.store_url import store_id
 from tasks.storage.worlds import decode_world, reference_key
 
@@ -83,17 +79,6 @@ def describe_world(world: World, record: JobRecord | None, store: str) -> Descri
     if world.doors:
         fields["worldDescriptionBody"] = canonical_json(world_description(world)).decode()
     return DescribeWorldResponse.model_validate(fields)
-
-
-def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:
-    """Returns the lines of a job's worlds in ListWorlds."""
-    store = store_id_of(record.arn)
-    return tuple(WorldSummary.model_validate(_identity(reference, record, store)) for reference in _worlds(record))
-
-
-def summarise_added_world(reference: str, store: str) -> WorldSummary:
-    """Returns the line in ListWorlds of a world that no job generated."""
-    return WorldSummary.model_validate(_identity(reference, None, store))
 
 
 def _identity(reference: str, record: JobRecord | None, store: str) -> dict[str, JsonValue]:
@@ -161,18 +146,6 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
     return describe_world(decode_world(body), record, store_id(store))
 
 
-def list_worlds(store: Store) -> list[WorldSummary]:
-    """Returns the worlds of all generation jobs, oldest job first, and then those that somebody added, by name."""
-    jobs = records(store, _KIND)
-    generations = {record.id for record in jobs}
-    names = [PurePosixPath(key) for key in store.keys("worlds") if key.endswith(".json")]
-    added = [f"{each.parent.name}/{each.stem}" for each in names if each.parent.name not in generations]
-    return [
-        *(summary for record in jobs for summary in summarise_worlds(record)),
-        *(summarise_added_world(reference, store_id(store)) for reference in added),
-    ]
-
-
 def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
     """Returns a template, by its name in the store: the digest of its body.
 
@@ -182,13 +155,6 @@ def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
     """
     body = TemplateBody.model_validate_json(_read_object(store, template_key(name), "world-template", name))
     return DescribeWorldTemplateResponse(arn=_arn(store, name), name=name, version=body.Version)
-
-
-def list_templates(store: Store) -> list[TemplateSummary]:
-    """Returns the templates that worlds were made from, by name."""
-    names = [PurePosixPath(key).stem for key in store.keys("templates")]
-    found = [describe_template(store, name) for name in names]
-    return [TemplateSummary(arn=template.arn, name=template.name, version=template.version) for template in found]
 
 
 def _arn(store: Store, name: str) -> str:

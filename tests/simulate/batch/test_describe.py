@@ -26,13 +26,10 @@ from tasks.simulate.batch.describe import (
     batch_notes,
     describe_batch,
     describe_job,
-    list_batches,
-    list_batches_page,
-    list_jobs,
-    list_jobs_page,
 )
 from tasks.simulate.batch.job import OpenBatch, close_batch, complete, load_batch, open_batch, time_out
 from tasks.simulate.data.pins import pin_source
+from tasks.simulate.lists.job_pages import list_batches, list_batches_page, list_jobs, list_jobs_page
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.planned_batches import ROBOT_ARN, all_pass, begun, mixed, plan, request, template
