@@ -76,12 +76,12 @@ class ArnForm(NamedTuple):
     def robomakers(self, text: str) -> str:
         """Returns one of Simyard's ARNs in RoboMaker's form; any other text as it is."""
         named = _named(text) if text.startswith("arn:simyard:") else None
-        return f"{self._before}{named.kind}/{_old_path(named.path)}" if named else text
+        return f"{self._before}{named.kind}/{_old_path(named.path)}" if named and named.path else text
 
     def own(self, text: str) -> str:
         """Returns an ARN of either form, and of any region and account, as one of this store; other text as it is."""
         named = _named(text)
-        return arn(named.kind, self.store_id, named.path) if named and named.kind else text
+        return arn(named.kind, self.store_id, named.path) if named and named.kind and named.path else text
 
     def in_prose(self, text: str) -> str:
         """Returns a text with the ARNs in it in RoboMaker's form."""

@@ -18,6 +18,7 @@ RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
+ACTIONS_DAYS = "SIMYARD_ACTIONS_DAYS"
 REGION = "SIMYARD_REGION"
 _ROBOMAKERS_MAX_WORLDS = 50
 _REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
@@ -29,7 +30,7 @@ def max_worlds_of_job() -> int:
     Raises:
         DocumentError: SIMYARD_MAX_WORLDS is no number of worlds.
     """
-    return _number(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
+    return count_setting(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
 
 
 def min_job_duration_s() -> int:
@@ -41,7 +42,7 @@ def min_job_duration_s() -> int:
     Raises:
         DocumentError: SIMYARD_MIN_JOB_DURATION is no number of seconds.
     """
-    return _number(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
+    return count_setting(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
 
 
 def server_wait_s() -> int:
@@ -52,7 +53,7 @@ def server_wait_s() -> int:
     Raises:
         DocumentError: SIMYARD_SERVER_WAIT is no number of seconds.
     """
-    return _number(SERVER_WAIT, 90, "a number of seconds, at least 1")
+    return count_setting(SERVER_WAIT, 90, "a number of seconds, at least 1")
 
 
 def recount_episodes() -> int:
@@ -61,7 +62,7 @@ def recount_episodes() -> int:
     Raises:
         DocumentError: SIMYARD_RECOUNT is no number of episodes.
     """
-    return _number(RECOUNT, 8, "a number of episodes, at least 1")
+    return count_setting(RECOUNT, 8, "a number of episodes, at least 1")
 
 
 def import_limit_s() -> int:
@@ -70,7 +71,7 @@ def import_limit_s() -> int:
     Raises:
         DocumentError: SIMYARD_IMPORT_LIMIT_S is no number of seconds.
     """
-    return _number(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
+    return count_setting(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
 
 
 def step_limit_s() -> int:
@@ -81,7 +82,16 @@ def step_limit_s() -> int:
     Raises:
         DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
     """
-    return _number(STEP_LIMIT, 300, "a number of seconds, at least 1")
+    return count_setting(STEP_LIMIT, 300, "a number of seconds, at least 1")
+
+
+def actions_days() -> int:
+    """Returns for how many days a gateway keeps who did what: 90, or SIMYARD_ACTIONS_DAYS.
+
+    Raises:
+        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
+    """
+    return _number(ACTIONS_DAYS, 90, "a number of days, at least 1")
 
 
 def region() -> str:
@@ -96,7 +106,12 @@ def region() -> str:
     return text
 
 
-def _number(name: str, default: int, allowed: str) -> int:
+def count_setting(name: str, default: int, allowed: str) -> int:
+    """Returns a whole number above 0 that the environment sets, or its default.
+
+    Raises:
+        DocumentError: The variable says something else.
+    """
     text = os.environ.get(name)
     if not text:
         return default

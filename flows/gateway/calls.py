@@ -13,7 +13,7 @@ from specs.interface.shapes import shapes
 from specs.settings import region
 from tasks.documents.parse import parse
 from tasks.gateway.document_arns import with_arns
-from tasks.gateway.door import Call, Caller, Guard
+from tasks.gateway.door import Call, Caller, Guard, Note, no_note
 from tasks.gateway.error_answers import ErrorAnswers, error_answer
 from tasks.gateway.messages import HttpAnswer, HttpRequest
 from tasks.gateway.rest_json import request_members, written
@@ -40,15 +40,23 @@ class Calls:
         handlers: By operation.
         guard: Who lets requests in.
         page: What answers a browser.
+        note: Keeps a line about each call.
 
     Raises:
         DocumentError: SIMYARD_REGION is no name of a region.
     """
 
-    def __init__(self, gateway: Gateway, handlers: Handlers, guard: Guard, page: Page = no_page) -> None:
+    def __init__(
+        self, gateway: Gateway, handlers: Handlers, guard: Guard, page: Page = no_page, note: Note = no_note
+    ) -> None:
         self._gateway, self._handlers, self._guard, self._page = gateway, handlers, guard, page
+        self._note = note
         self._arns = ArnForm(store_id(gateway.store), region())
         self._errors = ErrorAnswers(self._arns, gateway.store.url)
+
+    def refuse_head(self, request: HttpRequest) -> HttpAnswer | None:
+        """Returns the refusal of a request whose body need not be read."""
+        return None if request.raw_path == HEALTH else self._guard.refuse_head(request, route(request).operation)
 
     def answer(self, request: HttpRequest) -> HttpAnswer:
         """Returns the answer to a request; whatever goes wrong is one of RoboMaker's errors."""
@@ -57,7 +65,7 @@ class Calls:
         began_s = time.perf_counter()
         try:
             call = self._call(request, began_s)
-            self._guard.note(call)
+            self._note(call)
         except Exception:  # noqa: BLE001 - the outermost frame of a request
             _LOG.exception("%s %a", request.method, request.raw_path[:200])
             return error_answer(500, "InternalServerException", "this is a defect of Simyard; its log says more")

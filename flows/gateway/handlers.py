@@ -1,5 +1,6 @@
 """The table of all operations: what answers each of them, joined from the families."""
 
 from flows.gateway.gateway import Handlers
+from flows.gateway.jobs import handlers as jobs
 
-HANDLERS: Handlers = {}
+HANDLERS: Handlers = {**jobs.HANDLERS}

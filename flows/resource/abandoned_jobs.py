@@ -19,6 +19,7 @@ from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim_state import ClaimWatch
 from tasks.storage.jobs.lines.under_way import records_under_way
+from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
 from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import run_document, run_of
@@ -86,7 +87,8 @@ def job_notes(store: Store, arn: str) -> Iterator[str]:
 
 
 def _is_left(store: Store, record: JobRecord) -> bool:
-    return not is_terminal(record) and _suspect(store, record).is_left()
+    waits = is_terminal(record) or is_queued(store, record.kind, record.id)
+    return not waits and _suspect(store, record).is_left()
 
 
 def _note(store: Store, record: JobRecord, runs: Sequence[JobRecord]) -> str:
@@ -138,7 +140,7 @@ def reap_jobs(
     active = under_way(store)
     runs = records(store, RUN)
     canceled = {record.id for record in active if outdated and _is_outdated(record, runs)}
-    suspects = [_suspect(store, record, now_s) for record in active]
+    suspects = [_suspect(store, record, now_s) for record in active if not _waits_for_worker(store, record)]
     end_s = now_s() + _PATIENCE_S
     while suspects and now_s() < end_s:
         left = [suspect for suspect in suspects if suspect.is_left()]
@@ -149,6 +151,12 @@ def reap_jobs(
     for suspect in suspects:
         _LOG.warning("%s: whether somebody works on it could not be seen in time; reap again", suspect.record.arn)
     return sorted(found, key=lambda each: [record.arn for record in active].index(each.arn))
+
+
+def _waits_for_worker(store: Store, record: JobRecord) -> bool:
+    """Returns whether a job is queued, and is to be worked on; one that is canceled may end without a worker."""
+    stopped = record.status == "Canceling" or "canceled" in record.detail
+    return not stopped and is_queued(store, record.kind, record.id)
 
 
 def _suspect(store: Store, record: JobRecord, now_s: Callable[[], float] = time.monotonic) -> _Suspect:

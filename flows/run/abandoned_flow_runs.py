@@ -18,6 +18,7 @@ from prefect.client.schemas.filters import (
     FlowRunFilterParentFlowRunId,
     FlowRunFilterState,
     FlowRunFilterStateType,
+    FlowRunFilterTags,
     TaskRunFilter,
     TaskRunFilterFlowRunId,
     TaskRunFilterState,
@@ -57,6 +58,27 @@ def end_flow_run_before(run: JobRecord, own: str) -> None:
         page = url_for("flow-run", obj_id=own)
         went_on = f"flow run {own} goes on with {run.arn}" + (f": {page}" if page else "")
         end_abandoned_flow_run(before, f"Its process ended without a word; {went_on}")
+
+
+def end_flow_runs_before(tag: str, own: str, message: str) -> None:
+    """Ends the flow runs under way with a tag, but for this process's own; their process is known to be dead.
+
+    Args:
+        tag: The id of a queued job, whose turn is this process's.
+        own: Id of the flow run that goes on with it.
+        message: For their pages.
+    """
+    try:
+        with _client() as client:
+            found = client.read_flow_runs(
+                flow_run_filter=FlowRunFilter(tags=FlowRunFilterTags(all_=[tag]), state=_under_way_filter())
+            )
+    except Exception as exc:  # noqa: BLE001 - whatever Prefect's client makes of it, the work goes on
+        logger.warning("Prefect did not say which flow runs worked on %s before: %s", tag, exc)
+        return
+    for flow_run in found:
+        if str(flow_run.id) != own:
+            end_abandoned_flow_run(str(flow_run.id), message)
 
 
 def end_abandoned_flow_runs(store: Store) -> list[str]:
@@ -142,9 +164,12 @@ def _client() -> SyncPrefectClient:
     return get_client(httpx_settings={"timeout": _PATIENCE_S}, sync_client=True)
 
 
+def _under_way_filter() -> FlowRunFilterState:
+    return FlowRunFilterState(type=FlowRunFilterStateType(any_=[StateType.RUNNING, StateType.CANCELLING]))
+
+
 def _flow_runs_under_way(client: SyncPrefectClient) -> Iterator[FlowRun]:
-    state = FlowRunFilterState(type=FlowRunFilterStateType(any_=[StateType.RUNNING, StateType.CANCELLING]))
-    offset = 0
+    state, offset = _under_way_filter(), 0
     while page := client.read_flow_runs(flow_run_filter=FlowRunFilter(state=state), limit=_PAGE, offset=offset):
         yield from page
         offset += len(page)

@@ -3,7 +3,9 @@
 Prefect's `tags` reaches only the runs that begin inside its block.
 """
 
+import contextvars
 import logging
+import threading
 
 from prefect.client.orchestration import get_client
 from prefect.client.schemas.objects import FlowRun
@@ -28,10 +30,18 @@ def tag_flow_run(tag: str) -> None:
 
 
 def label_process() -> None:
-    """Notes which process works on this flow run, so that reaping sees when it is dead."""
+    """Notes which process works on this flow run, so that reaping sees when it is dead.
+
+    The work does not wait for it: Prefect's SQLite may answer 503 at the start of a flow run, and its client then waits
+    for two seconds.
+    """
     flow_run = _this_flow_run()
-    if flow_run is None:
-        return
+    if flow_run is not None:
+        context = contextvars.copy_context()  # so that it asks the same server
+        threading.Thread(target=context.run, args=(_label, flow_run), name="label of the process", daemon=True).start()
+
+
+def _label(flow_run: FlowRun) -> None:
     try:
         with get_client(sync_client=True) as client:
             client.update_flow_run_labels(flow_run.id, {PROCESS: this_process().model_dump_json()})

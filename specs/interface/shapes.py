@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from functools import cache
 from types import ModuleType
+from typing import Annotated, Any, Literal, get_origin
 
 from specs import field_types
 from specs.base import Spec
@@ -40,4 +41,15 @@ def shapes() -> Mapping[str, type[Spec]]:
         for module in _MODULES
         for name, value in vars(module).items()
         if isinstance(value, type) and issubclass(value, Spec) and value.__module__ == module.__name__
+    }
+
+
+@cache
+def aliases() -> Mapping[str, Any]:
+    """Returns the types of texts, numbers, lists and maps that have the name of a shape, by name."""
+    return {
+        name: value
+        for module in _MODULES
+        for name, value in vars(module).items()
+        if get_origin(value) in {Annotated, Literal, tuple} and not name.startswith("_")
     }

@@ -1,6 +1,6 @@
 """Failure codes: RoboMaker's reasons for which jobs of each kind fail, one list an operation."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 WorldGenerationJobErrorCode = Literal[
     "InternalServiceError",
@@ -45,3 +45,16 @@ JobFailureCode = (
     WorldGenerationJobErrorCode | WorldExportJobErrorCode | DeploymentJobErrorCode | RunFailureCode | Literal[""]
 )
 """What the record of a job may say, empty for one that has not failed; a batch has InternalServiceError alone."""
+
+
+def told_code(code: str, codes: object) -> str:
+    """Returns a failure code as the answers about a kind of job may have it; another kind's is an internal error.
+
+    A record outlives the version of Simyard that wrote it: whatever it says, its job can be described.
+
+    Args:
+        code: What the job's record says.
+        codes: Those of the kind, such as `WorldExportJobErrorCode`.
+    """
+    known = get_args(codes)
+    return code if code in known else next(each for each in known if each.startswith("InternalServ"))

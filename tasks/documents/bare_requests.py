@@ -18,6 +18,7 @@ _BATCH_KEY, _JOB_KEY = "createSimulationJobRequests", "maxJobDurationInSeconds"
 _OF_THE_BATCH = ("clientRequestToken",)
 _SECTION = "simulationBatch."
 _ONLY_ENTRY = f"{_SECTION}{_BATCH_KEY}[0]."
+_ANY_ENTRY = f"{_SECTION}{_BATCH_KEY}[*]."
 _NOT_IN_A_NAME = re.compile("[^a-zA-Z0-9_-]+")
 _LONGEST_NAME = 64
 
@@ -38,25 +39,30 @@ def pipeline_of_request(data: JsonValue, path: Path) -> PipelineSpec:
         DocumentError: With every fault, each where it stands in the request.
     """
     request = cast("Mapping[str, JsonValue]", data)
-    section, prefix = (request, _SECTION) if _BATCH_KEY in request else (_single(request), _ONLY_ENTRY)
+    section = request if _BATCH_KEY in request else _single(request)
     document: JsonValue = {"name": _name(path), "simulationBatch": dict(section)}
     try:
         return parse(PipelineSpec, document, str(path))
     except DocumentError as exc:
-        raise DocumentError([_in_request(fault, prefix) for fault in exc.faults], str(path)) from exc
+        raise DocumentError([in_request(fault, request) for fault in exc.faults], str(path)) from exc
+
+
+def in_request(fault: Fault, request: Mapping[str, JsonValue]) -> Fault:
+    """Returns a fault of the pipeline that a request stands for, as one of the request."""
+    if fault.path == "simulationBatch.matrix.worlds":
+        allowed = "simulationApplications[0].worldConfigs in every request: the world that it runs in, by ARN"
+        return Fault(path="document", value="a job without a world", allowed=allowed)
+    prefixes = (_SECTION,) if _BATCH_KEY in request else (_ONLY_ENTRY, _ANY_ENTRY, _SECTION)
+    path = fault.path
+    for prefix in prefixes:
+        path = path.removeprefix(prefix)
+    return fault.model_copy(update={"path": path})
 
 
 def _single(request: Mapping[str, JsonValue]) -> Mapping[str, JsonValue]:
     own: dict[str, Any] = {key: request[key] for key in _OF_THE_BATCH if key in request}
     entry = {key: value for key, value in request.items() if key not in own}
     return {**own, "operation": "CreateSimulationJob", _BATCH_KEY: [entry]}
-
-
-def _in_request(fault: Fault, prefix: str) -> Fault:
-    if fault.path == "simulationBatch.matrix.worlds":
-        allowed = "simulationApplications[0].worldConfigs in every request: the world that it runs in, by ARN"
-        return Fault(path="document", value="a job without a world", allowed=allowed)
-    return fault.model_copy(update={"path": fault.path.removeprefix(prefix).removeprefix(_SECTION)})
 
 
 def _name(path: Path) -> str:

@@ -1,16 +1,12 @@
-"""Who gets in: what a guard of the gateway is asked, and the guard of a gateway without signatures."""
+"""Who gets in: what a guard of the gateway is asked."""
 
-import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from specs.base import Spec
 from specs.interface.operations import Operation
-from tasks.gateway.error_answers import error_answer
 from tasks.gateway.messages import HttpAnswer, HttpRequest
-
-_LOG = logging.getLogger(__name__)
-_LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 
 
 @dataclass(frozen=True)
@@ -19,9 +15,11 @@ class Caller:
 
     Attributes:
         key: The id of the key that the request is signed with; empty where nobody signs.
+        name: The key's.
     """
 
     key: str = ""
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,15 @@ class Call:
 class Guard(Protocol):
     """Decides about each request; called from several threads at once."""
 
+    def refuse_head(self, request: HttpRequest, operation: Operation | None) -> HttpAnswer | None:
+        """Returns the refusal of a request whose body need not be read; called from the thread that serves all.
+
+        Args:
+            request: Without its body.
+            operation: As for ``admit``.
+        """
+        ...
+
     def admit(self, request: HttpRequest, operation: Operation | None) -> Caller | HttpAnswer:
         """Returns who asks, or the refusal; asked once the body is there, before anything is done with it.
 
@@ -67,30 +74,10 @@ class Guard(Protocol):
         """
         ...
 
-    def note(self, call: Call) -> None:
-        """Keeps a line about a call that was answered."""
-        ...
+
+Note = Callable[[Call], None]
+"""Keeps a line about a call before it is answered; called from several threads at once."""
 
 
-class LoopbackGuard:
-    """Lets in every program that reaches this machine's own address, and no page of a browser."""
-
-    def admit(self, request: HttpRequest, operation: Operation | None) -> Caller | HttpAnswer:  # noqa: ARG002 - a Guard's
-        """Returns the nameless caller; refuses hosts that are not this machine, and pages of others."""
-        headers = dict(request.headers)
-        host = headers.get("host", "")
-        name = host if host.endswith("]") else host.rpartition(":")[0] or host
-        # A page in a browser can send a request here, and a name of its own can be made to mean this address.
-        if name.lower() not in _LOOPBACK or "origin" in headers:
-            return error_answer(403, "AccessDeniedException", "without signatures only programs of this machine get in")
-        return Caller()
-
-    def permit(self, caller: Caller, operation: Operation, document: Spec) -> HttpAnswer | None:  # noqa: ARG002 - same
-        """Allows everything."""
-        return None
-
-    def note(self, call: Call) -> None:
-        """Logs the call."""
-        took_ms = 1000 * call.duration_s
-        name = call.operation.name if call.operation else f"{call.request.method} {call.request.raw_path[:200]!a}"
-        _LOG.info("%s %d %s %.1f ms", name, call.answer.status, call.answer.error, took_ms)
+def no_note(_call: Call) -> None:
+    """Keeps nothing."""

@@ -15,6 +15,7 @@ class HttpRequest:
         headers: Names in lower case, and values, in their order; a name may come several times.
         body: All of it.
         client: The address that it came from.
+        id: A new one for each; the answer and the log of actions have it, too.
     """
 
     method: str
@@ -23,6 +24,7 @@ class HttpRequest:
     headers: tuple[tuple[str, str], ...]
     body: bytes
     client: str = ""
+    id: str = ""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import hmac
 import re
 import time
 from calendar import timegm
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
 from urllib.parse import quote
@@ -29,9 +29,6 @@ _NEEDED = frozenset({"host", "x-amz-date"})
 _ONCE = ("authorization", "host", "x-amz-date", "x-amz-content-sha256")
 _NO_TIME = "x-amz-date is not a time such as 20260131T235959Z"
 _PARTS = frozenset({"Credential", "SignedHeaders", "Signature"})
-
-SecretOf = Callable[[str], str | None]
-"""The secret of an access key; None for a key that is not known."""
 
 
 class Claim(NamedTuple):
@@ -74,15 +71,17 @@ def claim_of(request: HttpRequest, now_s: float) -> Claim:
     return Claim(key_id, scope, stamp, names, said["Signature"])
 
 
-def check_signature(request: HttpRequest, claim: Claim, secret_of: SecretOf) -> None:
-    """Passes if the key that a request names signed all of it: path, query, signed headers and body.
+def check_signature(request: HttpRequest, claim: Claim, secret: str) -> None:
+    """Passes if a secret signed all of a request: path, query, signed headers and body.
+
+    Args:
+        request: As it came.
+        claim: What its head says.
+        secret: Of the key that the claim names.
 
     Raises:
-        AccessRefused: The key is not known, or something is not as it was signed.
+        AccessRefused: Something is not as it was signed.
     """
-    secret = secret_of(claim.key_id)
-    if secret is None:
-        raise unknown_key(claim.key_id)
     headers = _joined(request)
     digest = hashlib.sha256(request.body).hexdigest()
     said = headers.get("x-amz-content-sha256", digest)
@@ -120,7 +119,7 @@ def _authorization(request: HttpRequest, headers: Mapping[str, str]) -> Mapping[
         why = "presigned addresses are not taken: sign in the header" if signed else "the request is not signed"
         raise AccessRefused("MissingAuthenticationTokenException", why)
     algorithm, _, rest = text.partition(" ")
-    pairs = [part.strip().partition("=")[::2] for part in rest.split(",")]
+    pairs = [(name, value) for name, _, value in (part.strip().partition("=") for part in rest.split(","))]
     said = dict(pairs)
     if algorithm != _ALGORITHM or said.keys() != _PARTS or len(pairs) != len(_PARTS):
         raise _incomplete(f"Authorization is not {_ALGORITHM} with Credential, SignedHeaders and Signature, each once")

@@ -131,6 +131,7 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
         "trends",
         "buckets",
         "queue",
+        "actions",
         "housekeeping",
         "tags",
         "world-templates",

@@ -11,6 +11,7 @@ from specs.robomaker.deployment import (
     ProgressDetail,
     RobotDeployment,
 )
+from specs.robomaker.failure_codes import DeploymentJobErrorCode, told_code
 from specs.robomaker.fleet import DescribeFleetResponse, DescribeRobotResponse, Fleet, Robot
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.robots import members, read_desired, read_reported, read_robot
@@ -96,7 +97,7 @@ def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJo
             "deploymentApplicationConfigs": request.deploymentApplicationConfigs,
             "deploymentConfig": request.deploymentConfig,
             "failureReason": record.failure_reason[:_REASON_CHARACTERS] or None,
-            "failureCode": record.failure_code or None,
+            "failureCode": told_code(record.failure_code, DeploymentJobErrorCode) if record.failure_code else None,
             "createdAt": record.created_at_s,
         }
     )

@@ -6,14 +6,12 @@ See docs/reference/robomaker.md, section 8.
 from specs.base import Fault
 from specs.errors import ConcurrentDeployment, ObjectConflict
 from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.reservation import has_ended
 from tasks.deploy.fleet.robots import deregister_robot, members, read_robot, robot_name
 from tasks.deploy.fleet.states import FleetRecord
 from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import fleet_key, robot_record_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import is_terminal, read
-
-_KIND = "deployment-job"
 
 
 def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
@@ -35,7 +33,7 @@ def _mark_deleted(store: Store, reference: str) -> FleetRecord:
     """Marks a fleet as deleted, and returns it; no deployment to it can begin any more."""
     while True:
         fleet, etag = read_fleet(store, reference, deleted=True)
-        if fleet.deployment and not is_terminal(read(store, _KIND, fleet.deployment)):
+        if fleet.deployment and not has_ended(store, fleet.deployment):
             allowed = "a fleet without an active deployment; cancel it, or wait"
             raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
         try:

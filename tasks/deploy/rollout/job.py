@@ -13,6 +13,7 @@ from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import fleet_name, read_fleet
+from tasks.deploy.fleet.reservation import require_free
 from tasks.deploy.rollout.controller import ControllerPace, control_rollout
 from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.deploy.rollout.observation import progress_document
@@ -24,6 +25,7 @@ from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import claim_key, fleet_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim, hold_claim_unless_alive
+from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read, submit
 
 _LOG = logging.getLogger(__name__)
@@ -158,7 +160,7 @@ def _run(
             detail = vouch_for_plan(signer, _admission(work, plan, job, own or ()), plan.model_dump(mode="json"))
             if (lacking := plan.lacking()) and _recorded_plan(known) is None:
                 detail = {**detail, "progress": progress_document(lacking)}
-            status = "Preparing" if known is None else "InProgress"
+            status = "Preparing" if known is None or known.status == "Pending" else "InProgress"
             record = advance(store, _KIND, record.id, status, detail=detail, epoch=claim.epoch)
             return control_rollout(store, record, plan, claim, pace=pace, progress=progress, signer=signer)
 
@@ -208,21 +210,27 @@ def _take_fleet(store: Store, name: str, job: str) -> None:
 
 
 def _free_fleet(store: Store, name: str, job: str) -> None:
-    """Returns when no other deployment to the fleet is under way; an abandoned one is canceled.
+    """Returns when no other deployment to the fleet is under way or queued; an abandoned one is canceled.
 
     Raises:
         ConcurrentDeployment: One is.
     """
     other = read_fleet(store, name)[0].deployment
     known = _find_job(store, other) if other and other != job else None
+    if other and other != job and is_queued(store, _KIND, other):  # a worker takes it, though nobody may have yet
+        require_free(store, name, other)
     if known is None or is_terminal(known):
         return
+    if is_queued(store, _KIND, other):  # nobody works on it yet, or its worker has died: the next one goes on
+        raise _busy(name, known)
     with hold_claim_unless_alive(store, claim_key(_KIND, other)) as claim:
         if claim is None:
-            fault = Fault(
-                path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}"
-            )
-            raise ConcurrentDeployment([fault], source="deployment")
+            raise _busy(name, known)
         reason = f"nobody worked on it any more when {job} was asked for"
         ended = close_abandoned_job(store, known, claim, reason)
     _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)
+
+
+def _busy(fleet: str, active: JobRecord) -> ConcurrentDeployment:
+    allowed = f"a fleet without an active deployment; wait for {active.arn}"
+    return ConcurrentDeployment([Fault(path="fleet", value=fleet, allowed=allowed)], source="deployment")

@@ -9,6 +9,7 @@ but for white space behind it.
 from collections.abc import Iterator
 
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
+from specs.robomaker.failure_codes import JobFailureCode
 from tasks.deploy.fleet.robots import NOTHING_ASKED, TOO_BIG, read_desired
 from tasks.deploy.rollout.observation import phase_of, recorded_progress
 from tasks.deploy.rollout.waves import Phase
@@ -20,7 +21,9 @@ from tasks.storage.jobs.records import JobRecord, advance, is_terminal
 _KIND = "deployment-job"
 
 
-def close_abandoned_job(store: Store, record: JobRecord, claim: Claim, reason: str) -> JobRecord:
+def close_abandoned_job(
+    store: Store, record: JobRecord, claim: Claim, reason: str, failure_code: JobFailureCode = ""
+) -> JobRecord:
     """Returns the record of a deployment job that was left by its controller: Canceled, or as it had ended.
 
     Killed in between, it leaves a job that has not ended, and that the next one closes.
@@ -30,6 +33,7 @@ def close_abandoned_job(store: Store, record: JobRecord, claim: Claim, reason: s
         record: The job's.
         claim: On the job, which its controller has lost.
         reason: Why it is not continued.
+        failure_code: RoboMaker's, of a job that is Failed; empty for one that is Canceled.
 
     Raises:
         StoreError: The store fails, or a later epoch has the job.
@@ -41,7 +45,8 @@ def close_abandoned_job(store: Store, record: JobRecord, claim: Claim, reason: s
         return closed
     for robot in _announced_robots(closed):
         _change(store, robot, closed.id)
-    return advance(store, _KIND, record.id, "Canceled", failure_reason=reason, epoch=claim.epoch)
+    status = "Failed" if failure_code else "Canceled"
+    return advance(store, _KIND, record.id, status, failure_code=failure_code, failure_reason=reason, epoch=claim.epoch)
 
 
 def _announced_robots(record: JobRecord) -> Iterator[str]:

@@ -13,6 +13,7 @@ from pydantic import JsonValue
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.reservation import has_ended
 from tasks.deploy.rollout.controller import CANCELED, WISH
 from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.deploy.trust.trust_record import Signer
@@ -47,6 +48,21 @@ def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> Job
     while not detail.items() <= record.detail.items() and not is_terminal(record):  # its status changed meanwhile
         record = advance(store, _KIND, job, record.status, only_from={record.status}, detail=detail)
     return _close_if_abandoned(store, record) if wish == "cancel" else record
+
+
+def wish_deployment_canceled(store: Store, job: str) -> JobRecord:
+    """Returns the record of a deployment job that is to be canceled, without a look at who works on it.
+
+    Raises:
+        ResourceNotFound: No such job.
+        DocumentError: It has ended otherwise.
+    """
+    record = read(store, _KIND, job)
+    while CANCELED not in record.detail and record.status != "Canceled":
+        if is_terminal(record):
+            raise _refused(record.arn, f"a deployment that is under way; this one is {record.status}")
+        record = advance(store, _KIND, job, record.status, only_from={record.status}, detail={CANCELED: True})
+    return record
 
 
 def wish_of(store: Store, job: str) -> str:
@@ -84,7 +100,7 @@ def active_deployment(store: Store, fleet: str) -> str:
         ResourceNotFound: No such fleet.
     """
     job = read_fleet(store, fleet)[0].deployment
-    return job if job and not is_terminal(read(store, _KIND, job)) else ""
+    return job if job and not has_ended(store, job) else ""
 
 
 def _close_if_abandoned(store: Store, record: JobRecord) -> JobRecord:

@@ -31,9 +31,9 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
         TrustRefused: The store's records name another fleet's.
     """
     record, _ = read_fleet(store, fleet)
-    last = read(store, _KIND, record.deployment) if record.deployment else None
-    if last is not None and "plan" not in last.detail:
-        # It was killed before it was planned, and asked no robot: the deployment before it counts.
+    last = _recorded(store, record.deployment)
+    if record.deployment and (last is None or "plan" not in last.detail):
+        # It waits, or was killed before it was planned, and asked no robot: the deployment before it counts.
         planned = [job for job in records(store, _KIND) if _plan_of(job).get("fleet") == record.name]
         last = planned[-1] if planned else None
     if last is None:
@@ -43,6 +43,13 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
         what = f"{last.id!r:.100}, the last deployment of {record.name!r} by the store's records, is {planned!r:.100}'s"
         raise TrustRefused(f"{what}; find out who writes to the store, and make a new deployment")
     return last
+
+
+def _recorded(store: Store, job: str) -> JobRecord | None:
+    try:
+        return read(store, _KIND, job) if job else None
+    except ResourceNotFound:  # its fleet is taken before it is recorded
+        return None
 
 
 def sync_request(last: JobRecord, token: str) -> CreateDeploymentJobRequest:

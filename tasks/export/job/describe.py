@@ -10,10 +10,11 @@ from specs.errors import (
     ResourceNotFound,
     SimyardError,
     StoreAccessDenied,
+    StoreAway,
     StoreFull,
     StoreThrottled,
 )
-from specs.robomaker.failure_codes import WorldExportJobErrorCode
+from specs.robomaker.failure_codes import WorldExportJobErrorCode, told_code
 from specs.robomaker.world_descriptions import DescribeWorldExportJobResponse, WorldExportJobSummary
 from tasks.storage.jobs.records import JobRecord
 
@@ -42,7 +43,8 @@ def describe_export_job(record: JobRecord) -> DescribeWorldExportJobResponse:
         "clientRequestToken": record.token,
     }
     if record.failure_code:
-        fields |= {"failureCode": record.failure_code, "failureReason": record.failure_reason}
+        code = told_code(record.failure_code, WorldExportJobErrorCode)
+        fields |= {"failureCode": code, "failureReason": record.failure_reason}
     return DescribeWorldExportJobResponse.model_validate(fields)
 
 
@@ -57,6 +59,14 @@ def failure_code(error: SimyardError) -> WorldExportJobErrorCode:
         if isinstance(error, kind):
             return code
     return "InternalServiceError"
+
+
+def is_outage(error: SimyardError) -> bool:
+    """Returns whether nothing is wrong but that a store does not answer now: the job need not fail for that.
+
+    RoboMaker has a code for a bucket that asks for fewer requests, even after a while of fewer: RequestThrottled.
+    """
+    return isinstance(error, StoreAway) and not isinstance(error, StoreThrottled)
 
 
 def failure_reason(error: SimyardError) -> str:

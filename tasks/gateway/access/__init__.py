@@ -1,1 +1,1 @@
-"""Who may do what over HTTP, and who did: access keys, their rights, replays, other pages, the log of actions."""
+"""Who may do what over HTTP, and who did: access keys, rights, replays, other pages, log. The gateway imports it."""

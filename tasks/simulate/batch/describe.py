@@ -5,6 +5,7 @@ came of it stands in its chunk. A job is *pending* until its chunk is begun, *cr
 ended before it was begun it is *failed*: it never became a job.
 """
 
+import functools
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
@@ -45,7 +46,7 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
         createdAt=record.created_at_s,
         lastUpdatedAt=record.updated_at_s,
         clientRequestToken=record.token,
-        failureCode=record.failure_code or None,  # pyright: ignore[reportArgumentType] - as above
+        failureCode="InternalServiceError" if record.failure_code else None,  # a batch has no other
         failureReason=record.failure_reason or None,
         batchPolicy=policy,
         pendingRequests=_few(jobs.pending()),
@@ -82,6 +83,16 @@ def describe_job(store: Store, path: str) -> DescribeSimulationJobResponse:
     return DescribeSimulationJobResponse.model_validate(Jobs(store, batch.id).described(index))
 
 
+def job_outcome_tags(store: Store, path: str) -> dict[str, str]:
+    """Returns the tags that say what came of a job; none before its end, and for one that was cancelled.
+
+    Raises:
+        ResourceNotFound: No such batch, or it has no such job.
+    """
+    batch, index = job_of(store, path)
+    return Jobs(store, batch.id).outcome_tags(index)
+
+
 def batch_describe_jobs(store: Store, jobs: Sequence[str]) -> BatchDescribeSimulationJobResponse:
     """Returns several jobs, and the ARNs of those that do not exist.
 
@@ -91,9 +102,11 @@ def batch_describe_jobs(store: Store, jobs: Sequence[str]) -> BatchDescribeSimul
     """
     found: list[SimulationJob] = []
     missing: list[str] = []
+    batches = functools.cache(lambda batch: Jobs(store, batch))  # as they stand now, each read once
     for arn in jobs:
         try:
-            found.append(SimulationJob.model_validate(describe_job(store, _job_path(arn)).model_dump()))
+            batch, index = job_of(store, _job_path(arn))
+            found.append(SimulationJob.model_validate(batches(batch.id).described(index)))
         except ResourceNotFound:
             missing.append(arn)
     return BatchDescribeSimulationJobResponse(jobs=tuple(found) or None, unprocessedJobs=tuple(missing) or None)

@@ -13,13 +13,13 @@ missing, and since a chunk's results depend on the plan alone, an unbroken run w
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal, cast, get_args
 
 from pydantic import JsonValue
 
 from specs.base import Fault
-from specs.errors import ResourceNotFound, StageFailed
-from specs.robomaker.simulation import SimulationJobBatchErrorCode
+from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from specs.robomaker.simulation import SimulationJobBatchErrorCode, SimulationJobErrorCode
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
 from tasks.storage.base.keys import job_key
@@ -32,6 +32,7 @@ KIND = "simulation-job-batch"
 STOPPING = frozenset({"Canceling", "TimingOut"})
 GOING = frozenset({"Pending", "InProgress"})
 _LAYOUTS_KEPT = 4
+_JOB_CODE = "jobFailureCode"
 _ETAGS = "dataSourceEtags"
 _CANCELED_JOB = "canceledJob/"
 _CANCELED_JOB_AT = "canceledJobAt/"
@@ -242,6 +243,27 @@ def close_batch(
     """
     code: SimulationJobBatchErrorCode | Literal[""] = "InternalServiceError" if status == "Failed" else ""
     return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))
+
+
+def close_refused(batch: OpenBatch, error: DocumentError | StageFailed) -> JobRecord:
+    """Returns the record of a batch that nobody can continue: Failed, or Canceled if it was being cancelled.
+
+    Its jobs that have no row, and those whose output is refused, say the same code as the error.
+    """
+    status = "Canceled" if batch.record().status == "Canceling" else "Failed"
+    code = job_code(error.code) if isinstance(error, StageFailed) else "InvalidInput"
+    detail: dict[str, JsonValue] = {_JOB_CODE: code} if code else {}
+    return close_batch(batch.store, batch.id, status, detail, str(error))
+
+
+def lost_job_code(record: JobRecord) -> SimulationJobErrorCode:
+    """Returns the failure code of a Failed batch's jobs that did not come to their end."""
+    return job_code(str(record.detail.get(_JOB_CODE, ""))) or "InternalServiceError"
+
+
+def job_code(text: str) -> SimulationJobErrorCode | None:
+    """Returns text that is a failure code of simulation jobs; None for any other."""
+    return next((code for code in get_args(SimulationJobErrorCode) if code == text), None)
 
 
 @functools.lru_cache(maxsize=_LAYOUTS_KEPT)

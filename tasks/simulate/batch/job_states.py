@@ -12,6 +12,7 @@ from pydantic import JsonValue
 from specs.arn import arn
 from specs.base import Fault, Spec
 from specs.data.episode import EpisodeResult
+from specs.data.outcome_tags import failed_tags, outcome_tags, with_outcome
 from specs.errors import ResourceNotFound
 from specs.robomaker.simulation import SimulationJobRequest
 from specs.robomaker.simulation_descriptions import (
@@ -28,6 +29,7 @@ from tasks.simulate.batch.job import (
     canceled_jobs,
     etags_of,
     load_batch,
+    lost_job_code,
     plan_of,
     restarted_jobs,
 )
@@ -73,7 +75,7 @@ class Jobs:
         self._canceled, self._restarted = canceled_jobs(self.record), restarted_jobs(self.record)
         self._canceled_s, self._etags = canceled_job_times(self.record), etags_of(self.record)
         self._never_begun = canceled_before_begun(self.record)
-        self._entries = entries(self.record)
+        self._entries, self._is_single = entries(self.record), is_single(self.record)
         self._rows = functools.lru_cache(maxsize=_CHUNKS_KEPT)(self._read_rows)
 
     def counts(self) -> JobCounts:
@@ -165,7 +167,17 @@ class Jobs:
             asked["dataSources"] = [self._source(source) for source in cast("list[_Document]", asked["dataSources"])]
         restarted_s = self._restarted.get(index, 0.0)
         started: _Document = {"lastStartedAt": max(start.started_at_s, restarted_s)} if start else {}
-        return {"failureBehavior": "Fail", **asked, **self._identity(index), **self._state(index), **started}
+        tags = with_outcome(cast("Mapping[str, str]", asked.get("tags") or {}), self.outcome_tags(index))
+        told: _Document = {"tags": cast("JsonValue", tags)} if tags else {}
+        return {"failureBehavior": "Fail", **asked, **self._identity(index), **self._state(index), **started, **told}
+
+    def outcome_tags(self, index: int) -> dict[str, str]:
+        """Returns the tags that say what came of a job; none before its end, and for one that was cancelled."""
+        row = self._rows(self._batch.layout.chunk_of(index)).get(index)
+        if row is not None:
+            return outcome_tags(row)
+        state = self._state(index)
+        return failed_tags(str(state["failureCode"])) if state["status"] == "Failed" else {}
 
     def _source(self, source: _Document) -> _Document:
         """Returns a data source as the answer has it: keys with the ETag that their files had; folders have none."""
@@ -216,7 +228,7 @@ class Jobs:
             return self._state_of(row)
         if self._ended:
             why = self._why_not_begun()
-            return {**why, "status": "Failed" if why["failureCode"] == "InternalServiceError" else "Canceled"}
+            return {**why, "status": "Canceled" if self.record.status in STOP_CODES else "Failed"}
         return {"status": self._active(index, chunk)}
 
     def _active(self, index: int, chunk: int) -> str:
@@ -226,7 +238,8 @@ class Jobs:
         if self.record.status in STOPPING and begun:
             return "Terminating"
         if not begun:
-            return "Pending"
+            # An entry of a batch waits for its turn; a single job is what its worker prepares.
+            return "Preparing" if self._is_single and self.record.status == "InProgress" else "Pending"
         return "Restarting" if index in self._restarted else "Running"
 
     def _state_of(self, row: EpisodeResult) -> _Document:
@@ -235,10 +248,16 @@ class Jobs:
             state["failureReason"] = " ".join(row.failure_reason.split())[:_LONGEST_REASON]
         if row.failure_code:
             state["failureCode"] = row.failure_code
+        if row.status == "Completed" and self._is_output_refused():
+            return {**state, **self._why_not_begun(), "status": "Failed"}
         return {**state, "status": "RunningFailed"} if not self._ended and self._is_kept(row) else state
 
+    def _is_output_refused(self) -> bool:
+        """Returns whether nothing that the batch's jobs did could be written into their bucket."""
+        return self.record.status == "Failed" and lost_job_code(self.record) == "BadPermissionsS3Output"
+
     def _why_not_begun(self) -> _Document:
-        code = STOP_CODES.get(self.record.status, "InternalServiceError")
+        code = STOP_CODES.get(self.record.status) or lost_job_code(self.record)
         return {"failureCode": code, "failureReason": self.record.failure_reason}
 
     def _indices(self, first: int, *, begun: bool) -> Iterator[int]:

@@ -54,6 +54,8 @@ TRUST = "trust/{repository}/{file}"
 """Signed metadata of bundles and keys; no private key, ever."""
 TREND = "trends/{document}.html"
 """In a document's bucket, below its prefix: the page of its nights, beside the folders of its batches."""
+ACTIONS = "actions/{day}/{file}"
+"""Who asked for which change over HTTP, a line each; a file is one gateway's, of an hour."""
 UNNAMED = "housekeeping/unnamed.json"
 """Since when each bundle has been without a name, for the next time that somebody asks."""
 NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
@@ -265,6 +267,16 @@ def chunks_prefix(batch: str) -> str:
 def result_key(batch: str, name: str) -> str:
     """Returns the key of one of a batch's files, such as ``evidence.json``."""
     return fill(RESULT, batch=batch, file=name)
+
+
+def actions_key(day: str, name: str) -> str:
+    """Returns the key of a file of actions, of a day such as 2026-01-31."""
+    return fill(ACTIONS, day=day, file=name)
+
+
+def actions_prefix(day: str = "") -> str:
+    """Returns the folder that holds the actions of a day, or those of all days."""
+    return _folder(ACTIONS, day=day) if day else ACTIONS.partition("/")[0]
 
 
 def trend_key(document: str) -> str:

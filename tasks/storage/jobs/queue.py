@@ -57,10 +57,19 @@ def queued_jobs(store: Store) -> list[QueueEntry]:
     found: list[QueueEntry] = []
     for key in store.keys(queue_prefix()):
         try:
-            found.append(decode_document(QueueEntry, store.get(key), store, key))
+            found.append(queued_entry(store, key))
         except ObjectNotFound:  # a worker has removed it since it was listed
             continue
     return sorted(found, key=lambda entry: (entry.queued_at_s, entry.id))
+
+
+def queued_entry(store: Store, key: str) -> QueueEntry:
+    """Returns one entry of the queue, by its key.
+
+    Raises:
+        ObjectNotFound: There is none.
+    """
+    return decode_document(QueueEntry, store.get(key), store, key)
 
 
 def is_queued(store: Store, kind: JobKind, job: str) -> bool:
@@ -69,9 +78,8 @@ def is_queued(store: Store, kind: JobKind, job: str) -> bool:
 
 
 def leave_queue(store: Store, kind: JobKind, job: str) -> None:
-    """Removes a job that has ended from the queue, and who was at it."""
+    """Removes a job that has ended from the queue."""
     store.delete(queue_key(kind, job))
-    store.delete(turn_key(kind, job))
 
 
 def turn_key(kind: JobKind, job: str) -> str:

@@ -87,7 +87,14 @@ def job_id(kind: JobKind, token: str) -> str:
     return f"{JOB_KINDS[kind].prefix}-{hashlib.sha256(f'{kind}|{token}'.encode()).hexdigest()[:16]}"
 
 
-def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: str) -> JobRecord:
+def submit(
+    store: Store,
+    kind: JobKind,
+    request: dict[str, JsonValue],
+    token: str,
+    *,
+    detail: Mapping[str, JsonValue] | None = None,
+) -> JobRecord:
     """Returns the job of the token: a new one, Pending, or the one that an equal request made before.
 
     Args:
@@ -95,6 +102,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
         kind: The kind of job.
         request: RoboMaker's request, as JSON.
         token: The client request token.
+        detail: What a new job's record has beyond the rest; no part of what the token stands for.
 
     Raises:
         IdempotentParameterMismatch: The token came with another request before
@@ -105,7 +113,7 @@ def submit(store: Store, kind: JobKind, request: dict[str, JsonValue], token: st
     if not _record_token(store, kind, new, request):
         with suppress(ResourceNotFound):  # who recorded the token died before the record
             return _as_requested(store, read(store, kind, new.id), new, request)
-    record = _new_record(store, kind, new, request)
+    record = _new_record(store, kind, new, request, detail or {})
     mark = mark_of(record.created_at_s, record.id)
     mark_open(store, kind, mark)
     try:
@@ -236,7 +244,9 @@ def _one_line(reason: str) -> str:
     return " ".join(reason.split())[:_LONGEST_REASON]
 
 
-def _new_record(store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue]) -> JobRecord:
+def _new_record(
+    store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue], detail: Mapping[str, JsonValue]
+) -> JobRecord:
     now_s = time.time()
     return JobRecord(
         kind=kind,
@@ -250,7 +260,7 @@ def _new_record(store: Store, kind: JobKind, new: _Token, request: dict[str, Jso
         failure_reason="",
         created_at_s=now_s,
         updated_at_s=now_s,
-        detail={},
+        detail=dict(detail),
     )
 
 

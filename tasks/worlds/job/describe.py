@@ -11,6 +11,7 @@ from specs.data.world import World
 from specs.digest import canonical_json
 from specs.errors import ObjectNotFound, ResourceNotFound
 from specs.job_kinds import JobKind
+from specs.robomaker.failure_codes import WorldGenerationJobErrorCode, told_code
 from specs.robomaker.world_descriptions import (
     DescribeWorldGenerationJobResponse,
     DescribeWorldResponse,
@@ -49,7 +50,8 @@ def describe_generation_job(record: JobRecord) -> DescribeWorldGenerationJobResp
         "finishedWorldsSummary": _finished_worlds_summary(record),
     }
     if record.failure_code:
-        fields |= {"failureCode": record.failure_code, "failureReason": record.failure_reason}
+        code = told_code(record.failure_code, WorldGenerationJobErrorCode)
+        fields |= {"failureCode": code, "failureReason": record.failure_reason}
     return DescribeWorldGenerationJobResponse.model_validate(fields)
 
 
@@ -112,7 +114,11 @@ def _finished_worlds_summary(record: JobRecord) -> dict[str, JsonValue]:
         summary["succeededWorlds"] = [arn("world", store_id_of(record.arn), reference) for reference in worlds]
     if failures:
         listed: list[JsonValue] = [
-            {"failureCode": code, "sampleFailureReason": failure.sample_reason, "failureCount": failure.count}
+            {
+                "failureCode": told_code(code, WorldGenerationJobErrorCode),
+                "sampleFailureReason": failure.sample_reason,
+                "failureCount": failure.count,
+            }
             for code, failure in failures.items()
         ]
         summary["failureSummary"] = {"totalFailureCount": failed, "failures": listed}

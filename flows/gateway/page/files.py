@@ -1,0 +1,128 @@
+"""What strangers have put into a store and a browser may look at: reports, trends, contact sheets; and floor plans.
+
+An address names a job, a world or a document; the key is made from that, so no address reaches anything else.
+"""
+
+from contextlib import suppress
+
+from flows.gateway.page.stored import job, known_job, newest_jobs, read_bytes
+from flows.gateway.page.visit import Visit, address, missing
+from specs.errors import ObjectTooBig
+from specs.field_types import OutputLocation
+from tasks.export.drawing.floor_plan import floor_plan_svg
+from tasks.gateway.messages import HttpAnswer
+from tasks.gateway.page.headers import strangers_headers
+from tasks.simulate.batch.job import KIND as BATCH
+from tasks.simulate.plan.request import recorded_location
+from tasks.storage.base.keys import contact_sheet_key, output_key, trend_key, world_key
+from tasks.storage.buckets import open_bucket
+from tasks.storage.jobs.records import JobRecord
+from tasks.storage.jobs.runs import KIND as RUN
+from tasks.storage.jobs.runs import jobs_of, run_document
+from tasks.storage.worlds import decode_world
+
+REPORT = "report.html"
+_TYPES = {
+    REPORT: "text/html; charset=utf-8",
+    "audit.json": "application/json",
+    "results.parquet": "application/vnd.apache.parquet",
+    "failures.parquet": "application/vnd.apache.parquet",
+}
+_SVG = "image/svg+xml"
+_MOST_BYTES = 64 << 20
+_MOST_WORLD_BYTES = 4 << 20
+_RUNS_LOOKED_AT = 200
+_DRAWING_KEPT_S = 300
+
+
+def has_report(record: JobRecord) -> bool:
+    """Returns whether a batch's report is there."""
+    return "report_url" in record.detail
+
+
+def report_address(record: JobRecord) -> str:
+    """Returns where the report of a batch is shown."""
+    return f"{address('simulation-job-batch', record.id)}/{REPORT}"
+
+
+def batch_file(visit: Visit, batch: str, name: str) -> HttpAnswer:
+    """Returns one of the files beside a batch's report, or the report.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen.
+        DocumentError: The name can be no batch's.
+    """
+    record = job(visit, BATCH, batch)
+    body = _from_bucket(visit, recorded_location(record), f"{record.id}/{name}") if name in _TYPES else None
+    if body is None:
+        raise missing("simulation-job-batch", f"{batch}/{name}")
+    saved = "" if name == REPORT else name
+    return HttpAnswer(200, body, _TYPES[name], headers=strangers_headers(file_name=saved))
+
+
+def trend_file(visit: Visit, document: str) -> HttpAnswer:
+    """Returns the page of a document's nights, which lies beside the batches of its newest runs.
+
+    Raises:
+        ResourceNotFound: None of the newest runs that may be seen is of this document, or its trend is not there.
+        DocumentError: The name can be no document's.
+    """
+    key = trend_key(document)
+    for name in newest_jobs(visit, RUN)[:_RUNS_LOOKED_AT]:
+        run = known_job(visit.store, RUN, name)
+        if run is None or run_document(run) != document:
+            continue
+        for kind, batch in jobs_of(run):
+            record = known_job(visit.store, BATCH, batch) if kind == BATCH else None
+            body = _from_bucket(visit, recorded_location(record), key) if record else None
+            if body is not None:
+                return HttpAnswer(200, body, _TYPES[REPORT], headers=strangers_headers())
+    raise missing("pipeline-run", document)
+
+
+def contact_sheet(visit: Visit, generation: str) -> HttpAnswer:
+    """Returns the picture of a generation job's worlds.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen.
+        DocumentError: The name can be no job's.
+    """
+    visit.require("world-generation-job", generation)
+    body = read_bytes(visit.store, contact_sheet_key(generation))
+    if body is None:
+        raise missing("world-generation-job", generation)
+    return HttpAnswer(200, body, _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
+
+
+def floor_plan(visit: Visit, generation: str, name: str) -> HttpAnswer:
+    """Returns the drawing of a world.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen.
+        DocumentError: The name can be no world's.
+        pydantic.ValidationError: What lies there is no world.
+    """
+    visit.require("world", f"{generation}/{name}")
+    world = decode_world(world_body(visit, generation, name))
+    return HttpAnswer(200, floor_plan_svg(world).encode(), _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
+
+
+def world_body(visit: Visit, generation: str, name: str) -> bytes:
+    """Returns the document of a world.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen, or it is bigger than any that Simyard makes.
+        DocumentError: The name can be no world's.
+    """
+    visit.require("world", f"{generation}/{name}")
+    body = None
+    with suppress(ObjectTooBig):
+        body = read_bytes(visit.store, world_key(generation, name), _MOST_WORLD_BYTES)
+    if body is None:
+        raise missing("world", f"{generation}/{name}")
+    return body
+
+
+def _from_bucket(visit: Visit, place: OutputLocation, name: str) -> bytes | None:
+    bucket = open_bucket(visit.store, place.s3Bucket or "")
+    return read_bytes(bucket, output_key(place.s3Prefix, name), _MOST_BYTES)

@@ -1,0 +1,286 @@
+"""The pages of fleets, robots and deployments: what each robot shall run, what it runs, and what it said last."""
+
+from collections.abc import Iterable
+from functools import partial
+from pathlib import PurePosixPath
+
+from flows.gateway.page.stored import PAGE_ROWS, at_once, job, known_jobs, newest_jobs, newest_names, step_of
+from flows.gateway.page.visit import Visit, address, missing, named, state, tag_rows, when
+from specs.errors import ResourceNotFound, StoreError, StoreUnreachable
+from specs.job_kinds import JobKind
+from tasks.deploy.answers.describe import describe_deployment_job
+from tasks.deploy.answers.row_summary import robot_cells, robot_counts
+from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.installed_versions import RobotNow, robots_now
+from tasks.deploy.fleet.robots import known_robot, read_desired, read_reported
+from tasks.deploy.fleet.states import FleetRecord, RobotRecord
+from tasks.gateway.page.content import Cell, Facts, Page, Table
+from tasks.storage.jobs.records import JobRecord, is_terminal
+
+_DEPLOYMENT: JobKind = "deployment-job"
+_ROBOTS_LOOKED_AT = 5_000
+_COLUMNS = ("Robot", "Status", "Shall run", "Runs", "Step", "Last report", "Why not")
+
+
+def fleets_table(visit: Visit, most: int = PAGE_ROWS, href: str = "") -> Table:
+    """Returns the fleets; with an address for all of them, no more than the first."""
+    names = newest_names(visit, "fleets", lambda key: _fleet_name(visit, key))
+    shown, steps = step_of(visit, names, "/fleets", most)
+    fleets = at_once(partial(_fleet, visit), shown)
+    rows = tuple(
+        (
+            Cell(fleet.name, address("deployment-fleet", fleet.name)),
+            Cell(fleet.deployment, address(_DEPLOYMENT, fleet.deployment) if fleet.deployment else ""),
+            when(fleet.created_at_s),
+        )
+        for fleet in fleets
+        if fleet
+    )
+    empty = "No fleet yet: simyard fleet create, or CreateFleet, makes one."
+    columns = ("Fleet", "Last deployment", "Made")
+    return Table("Fleets", columns, rows, empty, href if steps else "", None if href else steps)
+
+
+def fleets_page(visit: Visit) -> Page:
+    """Returns the list of fleets."""
+    return Page("Fleets", blocks=(fleets_table(visit),))
+
+
+def fleet_page(visit: Visit, name: str) -> Page:
+    """Returns the page of a fleet, with how each of its robots is.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen.
+        DocumentError: The name can be no fleet's.
+    """
+    visit.require("deployment-fleet", name)
+    fleet, _ = read_fleet(visit.store, name)
+    known = _robot_names(visit)
+    records = at_once(partial(_robot, visit), known[:_ROBOTS_LOOKED_AT])
+    members = sorted(record.name for record in records if record and record.fleet == fleet.name)
+    left_out = len(known) - _ROBOTS_LOOKED_AT
+    note = (
+        f"The {_ROBOTS_LOOKED_AT:,} robots that were changed last are looked at; {left_out:,} are not."
+        if left_out > 0
+        else ""
+    )
+    here = address("deployment-fleet", fleet.name)
+    shown, steps = step_of(visit, members, here)
+    table = Table("Robots", _COLUMNS, _robot_rows(visit, shown), "No robot is in it.", steps=steps, note=note)
+    last = [known_jobs(visit, _DEPLOYMENT, [fleet.deployment])] if fleet.deployment else []
+    rows = (
+        ("robots", Cell(f"{len(members):,}")),
+        ("made", when(fleet.created_at_s)),
+        *(
+            ("last deployment", Cell(each.id, address(_DEPLOYMENT, each.id), each.status))
+            for found in last
+            for each in found
+        ),
+        ("ARN", Cell(visit.arn("deployment-fleet", fleet.name), is_code=True)),
+        *tag_rows(fleet.tags),
+    )
+    going = any(not is_terminal(each) for found in last for each in found)
+    return Page(
+        fleet.name, "Fleet", trail=(("Fleets", "/fleets"),), blocks=(table, Facts("The fleet", rows)), is_going=going
+    )
+
+
+def robots_page(visit: Visit) -> Page:
+    """Returns the list of robots."""
+    shown, steps = step_of(visit, _robot_names(visit), "/robots")
+    empty = "No robot yet: simyard fleet robot, or CreateRobot, makes one."
+    return Page("Robots", blocks=(Table("Robots", _COLUMNS, _robot_rows(visit, shown), empty, steps=steps),))
+
+
+def robot_page(visit: Visit, name: str) -> Page:
+    """Returns the page of a robot.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen.
+        DocumentError: The name can be no robot's.
+    """
+    visit.require("robot", name)
+    record = known_robot(visit.store, name)
+    if record is None:
+        raise missing("robot", name)
+    now = next(iter(robots_now(visit.store, [name])), None)
+    status = now.status if now else "Registered" if record.fleet else "Available"
+    who = (
+        ("fleet", Cell(record.fleet, address("deployment-fleet", record.fleet)))
+        if record.fleet
+        else ("fleet", Cell("none")),
+        ("architecture", Cell(record.architecture)),
+        ("made", when(record.created_at_s)),
+        ("ARN", Cell(visit.arn("robot", name), is_code=True)),
+        *tag_rows(record.tags),
+    )
+    trail = (("Robots", "/robots"),)
+    blocks = (_desired(visit, name), _reported(visit, name, now), Facts("The robot", who))
+    why = visit.plain(now.why) if now else ""
+    going = status in {"Deploying", "PendingNewDeployment"}
+    return Page(name, "Robot", status, why, trail, blocks=blocks, is_going=going)
+
+
+def deployments_table(visit: Visit, most: int = PAGE_ROWS, href: str = "") -> Table:
+    """Returns the newest deployments; with an address for all of them, no more than the first."""
+    shown, steps = step_of(visit, newest_jobs(visit, _DEPLOYMENT), "/deployments", most)
+    rows = tuple(
+        (
+            Cell(record.id, address(_DEPLOYMENT, record.id)),
+            state(record.status),
+            named(record.request.get("fleet"), "deployment-fleet"),
+            _application(record),
+            when(record.updated_at_s),
+            Cell(visit.plain(record.failure_reason)),
+        )
+        for record in known_jobs(visit, _DEPLOYMENT, shown)
+    )
+    columns = ("Deployment", "Status", "Fleet", "Application", "Changed", "Why not")
+    empty = "No deployment yet: simyard fleet deploy, or CreateDeploymentJob, begins one."
+    return Table("Deployments", columns, rows, empty, href if steps else "", None if href else steps)
+
+
+def deployments_page(visit: Visit) -> Page:
+    """Returns the list of deployments."""
+    return Page("Deployments", blocks=(deployments_table(visit),))
+
+
+def deployment_page(visit: Visit, name: str) -> Page:
+    """Returns the page of a deployment, with how far each of its robots is.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen.
+        DocumentError: The name can be no deployment's.
+    """
+    record = job(visit, _DEPLOYMENT, name)
+    described = describe_deployment_job(visit.store, name)
+    shown, steps = step_of(visit, described.robotDeploymentSummary or (), address(_DEPLOYMENT, name))
+    rows: list[tuple[Cell, ...]] = []
+    for each in shown:
+        robot, status, step, percent, why = robot_cells(each)
+        done = Cell(step, small=percent)
+        ended = when(each.deploymentFinishTime)
+        rows.append((Cell(robot, address("robot", robot)), state(status), done, ended, Cell(visit.plain(why))))
+    table = Table(
+        "Robots", ("Robot", "Status", "Step", "Ended", "Why not"), tuple(rows), "Not planned yet.", steps=steps
+    )
+    config = described.deploymentConfig
+    facts = [
+        ("robots", Cell(robot_counts(described))),
+        ("fleet", named(record.request.get("fleet"), "deployment-fleet")),
+        ("application", _application(record)),
+        ("at once", Cell(f"{config.concurrentDeploymentPercentage} % of the fleet"))
+        if config and config.concurrentDeploymentPercentage
+        else None,
+        ("signed", Cell(visit.plain(str(record.detail["trust"])))) if "trust" in record.detail else None,
+        ("begun", when(record.created_at_s)),
+        ("changed", when(record.updated_at_s)),
+        ("failure code", Cell(record.failure_code)) if record.failure_code else None,
+        ("ARN", Cell(record.arn, is_code=True)),
+        *tag_rows(described.tags),
+    ]
+    blocks = (table, Facts("The deployment", tuple(row for row in facts if row)))
+    why, trail = visit.plain(record.failure_reason), (("Deployments", "/deployments"),)
+    return Page(name, "Deployment job", record.status, why, trail, blocks=blocks, is_going=not is_terminal(record))
+
+
+def _robot_rows(visit: Visit, names: Iterable[str]) -> tuple[tuple[Cell, ...], ...]:
+    return tuple(at_once(partial(_robot_row, visit), names))
+
+
+def _robot_row(visit: Visit, name: str) -> tuple[Cell, ...]:
+    now = next(iter(robots_now(visit.store, [name])), None)
+    desired, _ = read_desired(visit.store, name)
+    reported = read_reported(visit.store, name)
+    record = _robot(visit, name)
+    idle = "Registered" if record and record.fleet else "Available"
+    return (
+        Cell(name, address("robot", name)),
+        state(now.status if now else idle),
+        Cell(f"{desired.application} {desired.version}" if desired else ""),
+        Cell(now.runs if now else ""),
+        Cell(reported.step if reported else ""),
+        when(now.reported_s) if now and now.reported_s else Cell("never"),
+        Cell(visit.plain(now.why) if now else ""),
+    )
+
+
+def _desired(visit: Visit, name: str) -> Facts:
+    desired, _ = read_desired(visit.store, name)
+    if desired is None:
+        return Facts("What it shall run", (("nothing", Cell("No deployment has asked it for anything.")),))
+    rows = [
+        (
+            "version",
+            Cell(f"{desired.application} {desired.version}", address("robot-application", desired.application)),
+        ),
+        ("bundle", Cell(desired.digest, is_code=True)),
+        ("deployment", Cell(desired.deployment, address(_DEPLOYMENT, desired.deployment))),
+        ("asked", when(desired.issued_at_s)),
+        ("to be done within", Cell(f"{desired.timeout_s:,.0f} s")),
+        ("may begin until", when(desired.expires_at_s)) if desired.expires_at_s else None,
+        ("signed by", Cell(desired.signature.keyid, is_code=True)) if desired.signature else ("signed", Cell("no")),
+    ]
+    return Facts("What it shall run", tuple(row for row in rows if row))
+
+
+def _reported(visit: Visit, name: str, now: RobotNow | None) -> Facts:
+    reported = read_reported(visit.store, name)
+    if reported is None:
+        return Facts("What it reports", (("nothing", Cell("It has never reported.")),))
+    rows = [
+        ("runs", Cell(now.runs)) if now else ("runs", Cell(reported.running_digest, is_code=True)),
+        ("last report", when(now.reported_s)) if now else None,
+        ("status", state(reported.status)),
+        ("step", Cell(reported.step)),
+        ("downloaded", Cell(f"{reported.percent_done:.0f} %")) if reported.status == "Deploying" else None,
+        ("begun", when(reported.started_at_s)),
+        ("ended", when(reported.finished_at_s)) if reported.finished_at_s else None,
+        ("failure", Cell(visit.plain(f"{reported.failure_code}: {reported.failure_reason}")))
+        if reported.failure_code
+        else None,
+    ]
+    return Facts("What it reports", tuple(row for row in rows if row))
+
+
+def _application(record: JobRecord) -> Cell:
+    plan = record.detail.get("plan")
+    if isinstance(plan, dict):
+        name = str(plan.get("application", ""))
+        return Cell(f"{name} {plan.get('version', '')}", address("robot-application", name))
+    configs = record.request.get("deploymentApplicationConfigs")
+    first = configs[0] if isinstance(configs, list) and configs else None
+    return named(first.get("application"), "robot-application") if isinstance(first, dict) else Cell()
+
+
+def _fleet_name(visit: Visit, key: str) -> str:
+    name = PurePosixPath(key).stem
+    return name if visit.may_read(visit.arn("deployment-fleet", name)) else ""
+
+
+def _fleet(visit: Visit, name: str) -> FleetRecord | None:
+    try:
+        return read_fleet(visit.store, name)[0]
+    except ResourceNotFound:  # it is being deleted
+        return None
+    except StoreUnreachable:
+        raise
+    except StoreError:  # it is damaged
+        return None
+
+
+def _robot_names(visit: Visit) -> list[str]:
+    def name_of(key: str) -> str:
+        _, name, file = key.split("/", 2)
+        return name if file == "record.json" and visit.may_read(visit.arn("robot", name)) else ""
+
+    return newest_names(visit, "robots", name_of)
+
+
+def _robot(visit: Visit, name: str) -> RobotRecord | None:
+    try:
+        return known_robot(visit.store, name)
+    except StoreUnreachable:
+        raise
+    except StoreError:  # it is damaged
+        return None

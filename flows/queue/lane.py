@@ -1,0 +1,123 @@
+"""A lane: a warm process that works off the queued jobs of some kinds, one after the other or many at once.
+
+Run as ``python -m flows.queue.lane LANE STORE`` by `flows.queue.foreman`. A line on its input says that there is work;
+the end of its input ends it, so that no lane outlives who started it.
+"""
+
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from importlib import import_module
+from types import FrameType
+
+from flows.queue.attempts import Attempts, Job
+from flows.queue.lanes import LANES, Lane
+from flows.queue.worker_log import log_to_stderr
+from specs.errors import StoreError
+from tasks.server.collector_pause import pause_collector
+from tasks.simulate.devices import prepare_devices
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.queue import QueueView
+from tasks.storage.store_url import open_store
+
+_LOOK_S = 2.0
+_GRACE_S = 10.0
+logger = logging.getLogger(__name__)
+
+
+class _Signals:
+    """What the process is told: that there is work, and that it is to end."""
+
+    def __init__(self) -> None:
+        self.work, self.ending = threading.Event(), threading.Event()
+
+    def end(self, _number: int = 0, _frame: FrameType | None = None) -> None:
+        self.ending.set()
+        self.work.set()
+
+    def listen(self, give_back: Callable[[], None]) -> None:
+        """Reads standard input to its end; then the process has a little time to end by itself."""
+        while os.read(sys.stdin.fileno(), 4096):
+            self.work.set()
+        self.end()
+        os.kill(os.getpid(), signal.SIGTERM)  # Prefect ends the flow run, if there is one, as Crashed
+        timer = threading.Timer(_GRACE_S, lambda: (give_back(), os._exit(1)))
+        timer.daemon = True
+        timer.start()
+
+
+def main(name: str, store_url: str) -> None:
+    """Works until standard input ends.
+
+    Args:
+        name: Of the lane.
+        store_url: Where the queue is.
+    """
+    lane, signals, store = LANES[name], _Signals(), open_store(store_url)
+    attempts = Attempts(store)
+    signal.signal(signal.SIGTERM, signals.end)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's interrupt is for who started it
+    threading.Thread(target=signals.listen, args=(attempts.give_back,), name="orders", daemon=True).start()
+    work = _warm(lane, store)
+    logger.info("worker %d takes %s", os.getpid(), " and ".join(lane.kinds))
+    try:
+        _work(lane, store, attempts, work, signals)
+    except BaseException:
+        if not signals.ending.is_set():  # else it is how Prefect ends a flow run whose process is told to end
+            raise
+    finally:
+        attempts.give_back()
+
+
+def _warm(lane: Lane, store: Store) -> Callable[[Job], None]:
+    """Imports what the lane needs, and returns what ends a job."""
+    prepare_devices()  # before anything imports JAX
+    with pause_collector():
+        for module in lane.modules:
+            import_module(module)
+    from flows.queue.queued_flows import call_flow  # noqa: PLC0415 - Prefect, once the devices are prepared
+    from tasks.server.health import is_answering  # noqa: PLC0415
+
+    server = os.environ["PREFECT_API_URL"]
+    return lambda job: call_flow(store, job, lambda: is_answering(server))
+
+
+def _work(lane: Lane, store: Store, attempts: Attempts, work: Callable[[Job], None], signals: _Signals) -> None:
+    view, threads = QueueView(store, lane.kinds), dict[str, threading.Thread]()
+    while not signals.ending.is_set():
+        signals.work.clear()
+        try:
+            begun = _begin(lane, view, attempts, work, threads)
+        except StoreError as exc:  # it may come back; nothing is lost by looking again
+            logger.warning("the queue could not be looked at: %s", exc)
+            begun = False
+        if not begun:
+            signals.work.wait(_LOOK_S)
+
+
+def _begin(
+    lane: Lane,
+    view: QueueView,
+    attempts: Attempts,
+    work: Callable[[Job], None],
+    threads: dict[str, threading.Thread],
+) -> bool:
+    """Returns whether a job was ended; where many are worked on at once, has begun those that are new."""
+    if lane.at_once == 1:
+        return any(attempts.attempt(entry, work) for entry in view.entries())
+    for job in [job for job, thread in threads.items() if not thread.is_alive()]:
+        del threads[job]
+    for entry in view.entries():
+        if entry.id not in threads and len(threads) < lane.at_once:
+            thread = threading.Thread(target=attempts.attempt, args=(entry, work), name=entry.id, daemon=True)
+            threads[entry.id] = thread
+            thread.start()
+    return False
+
+
+if __name__ == "__main__":
+    log_to_stderr()
+    main(sys.argv[1], sys.argv[2])

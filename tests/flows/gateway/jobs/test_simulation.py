@@ -1,0 +1,171 @@
+"""Single simulation jobs: asked for, described, cancelled, restarted."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceeded, ResourceNotFound
+from tasks.simulate.batch.chunk_store import begin_chunk
+from tasks.simulate.batch.job import KIND as BATCH
+from tasks.simulate.batch.job import load_batch
+from tasks.storage.jobs.queue import is_queued, queued_jobs
+from tasks.storage.jobs.records import advance, read
+from tests.flows.gateway.jobs.asked import ROLE, Asked, path
+
+
+def _batch(answer: dict[str, Any]) -> str:
+    return path(answer).partition("/")[0]
+
+
+def test_a_job_is_recorded_and_queued_and_the_workers_are_told(asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world(), clientRequestToken="a"))
+    assert (made["status"], made["clientRequestToken"], made["iamRole"]) == ("Pending", "a", ROLE)
+    assert path(made).endswith("/0")
+    assert is_queued(asked.store, BATCH, _batch(made))
+    assert asked.woken == 1
+
+
+def test_what_has_no_effect_is_kept_and_answered(asked: Asked):
+    kept = {
+        "vpcConfig": {"subnets": ["subnet-1"], "securityGroups": ["sg-1"], "assignPublicIp": True},
+        "compute": {"simulationUnitLimit": 3, "computeType": "CPU", "gpuUnitLimit": 0},
+        "loggingConfig": {"recordAllRosTopics": False},
+        "tags": {"team": "blue"},
+        "outputLocation": {"s3Bucket": "results", "s3Prefix": "nightly"},
+        "failureBehavior": "Continue",
+    }
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world(), **kept))
+    described = asked.call("DescribeSimulationJob", job=made["arn"])
+    for answer in (made, described):
+        assert {name: answer[name] for name in kept} == kept
+    assert set(made) < set(described)
+
+
+def test_the_same_call_again_is_the_same_job_whatever_was_published_since(asked: Asked, tmp_path: Path):
+    request = asked.job_request(asked.world(), clientRequestToken="a")
+    made = asked.call("CreateSimulationJob", **request)
+    folder = tmp_path / "courier"
+    folder.mkdir()
+    (folder / "other.txt").write_text("another bundle")
+    asked.publish(folder)
+    assert asked.call("CreateSimulationJob", **request) == made
+    with pytest.raises(IdempotentParameterMismatch, match=_batch(made)):
+        asked.call("CreateSimulationJob", **{**request, "maxJobDurationInSeconds": 61})
+
+
+def test_a_call_without_a_token_is_a_job_of_its_own_each_time(asked: Asked):
+    request = asked.job_request(asked.world())
+    assert asked.call("CreateSimulationJob", **request)["arn"] != asked.call("CreateSimulationJob", **request)["arn"]
+
+
+def test_its_batch_is_none_to_robomaker(asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world()))
+    for operation in ("DescribeSimulationJobBatch", "CancelSimulationJobBatch"):
+        with pytest.raises(ResourceNotFound):
+            asked.call(operation, batch=asked.arn(BATCH, _batch(made)))
+
+
+def test_a_job_goes_from_pending_over_preparing_to_running(asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world()))
+
+    def status() -> str:
+        return asked.call("DescribeSimulationJob", job=made["arn"])["status"]
+
+    seen = [status()]
+    advance(asked.store, BATCH, _batch(made), "InProgress")
+    seen.append(status())
+    begin_chunk(asked.store, _batch(made), 0, 0.0)
+    assert [*seen, status()] == ["Pending", "Preparing", "Running"]
+
+
+def test_a_job_without_a_world_is_refused_in_the_words_of_the_request(asked: Asked):
+    request = asked.job_request(asked.world())
+    del request["simulationApplications"][0]["worldConfigs"]
+    with pytest.raises(DocumentError, match="worldConfigs"):
+        asked.call("CreateSimulationJob", **request)
+
+
+@pytest.mark.parametrize("what", ["application", "world"])
+def test_what_a_job_needs_and_is_not_there_is_not_found_and_nothing_is_queued(what: str, asked: Asked):
+    request = asked.job_request(asked.arn("world", "hand/none") if what == "world" else asked.world())
+    if what == "application":
+        request["robotApplications"][0]["application"] = asked.arn("robot-application", "nobody")
+    with pytest.raises(ResourceNotFound) as refused:
+        asked.call("CreateSimulationJob", **request)
+    assert not any(fault.path.startswith("simulationBatch") for fault in refused.value.faults)
+    assert queued_jobs(asked.store) == []
+
+
+def test_a_launch_file_that_is_not_in_the_bundle_is_refused(asked: Asked):
+    request = asked.job_request(asked.world())
+    request["robotApplications"][0]["launchConfig"]["launchFile"] = "nothing"
+    with pytest.raises(DocumentError, match="launchFile") as refused:
+        asked.call("CreateSimulationJob", **request)
+    assert [fault.path for fault in refused.value.faults] == ["launchConfig.launchFile"]
+
+
+def test_one_more_than_the_quota_is_refused_and_a_repeated_call_is_not(asked: Asked, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SIMYARD_MAX_SIMULATION_JOBS", "1")
+    request = asked.job_request(asked.world(), clientRequestToken="a")
+    made = asked.call("CreateSimulationJob", **request)
+    with pytest.raises(LimitExceeded, match="SIMYARD_MAX_SIMULATION_JOBS"):
+        asked.call("CreateSimulationJob", **{**request, "clientRequestToken": "b"})
+    assert asked.call("CreateSimulationJob", **request) == made
+    assert [entry.id for entry in queued_jobs(asked.store)] == [_batch(made)]
+    asked.call("StartSimulationJobBatch", createSimulationJobRequests=[asked.job_request(asked.world())])
+    advance(asked.store, BATCH, _batch(made), "Completed")
+    assert asked.call("CreateSimulationJob", **{**request, "clientRequestToken": "b"})["status"] == "Pending"
+
+
+def test_several_jobs_are_described_and_those_that_are_gone_are_told(asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world()))
+    gone = asked.arn("simulation-job", "simb-0000000000000000/0")
+    answer = asked.call("BatchDescribeSimulationJob", jobs=[made["arn"], gone])
+    assert [job["arn"] for job in answer["jobs"]] == [made["arn"]]
+    assert answer["unprocessedJobs"] == [gone]
+    with pytest.raises(ResourceNotFound):
+        asked.call("BatchDescribeSimulationJob", jobs=[asked.fleet()])
+
+
+def test_a_cancelled_job_that_nobody_has_begun_is_canceled(asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world()))
+    assert asked.call("CancelSimulationJob", job=made["arn"]) == {}
+    assert asked.call("DescribeSimulationJob", job=made["arn"])["status"] == "Canceled"
+    assert is_queued(asked.store, BATCH, _batch(made))  # a worker writes its row
+
+
+def test_only_a_running_job_is_restarted(asked: Asked, monkeypatch: pytest.MonkeyPatch):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world()))
+    with pytest.raises(DocumentError, match="Pending"):
+        asked.call("RestartSimulationJob", job=made["arn"])
+    advance(asked.store, BATCH, _batch(made), "InProgress")
+    begin_chunk(asked.store, _batch(made), 0, 0.0)
+    assert asked.call("RestartSimulationJob", job=made["arn"]) == {}
+    assert asked.call("DescribeSimulationJob", job=made["arn"])["status"] == "Restarting"
+    asked.call("CreateSimulationJob", **asked.job_request(asked.world()))
+    monkeypatch.setenv("SIMYARD_MAX_SIMULATION_JOBS", "1")
+    with pytest.raises(LimitExceeded):
+        asked.call("RestartSimulationJob", job=made["arn"])
+
+
+@pytest.mark.parametrize("operation", ["DescribeSimulationJob", "CancelSimulationJob", "RestartSimulationJob"])
+@pytest.mark.parametrize("place", ["simb-0000000000000000/0", "{batch}/1", "{batch}/x"])
+def test_a_job_that_is_not_there_is_not_found(operation: str, place: str, asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world()))
+    with pytest.raises(ResourceNotFound):
+        asked.call(operation, job=asked.arn("simulation-job", place.format(batch=_batch(made))))
+
+
+@pytest.mark.parametrize("tags", [{"simyard:outcome": "Passed"}, {f"t{n}": "" for n in range(49)}])
+def test_the_tags_of_an_outcome_are_nobody_elses(tags: dict[str, str], asked: Asked):
+    with pytest.raises(DocumentError, match="tags"):
+        asked.call("CreateSimulationJob", **asked.job_request(asked.world(), tags=tags))
+
+
+def test_a_record_says_what_was_asked_for_and_its_plan(asked: Asked):
+    request = asked.job_request(asked.world(), clientRequestToken="a")
+    made = asked.call("CreateSimulationJob", **request)
+    record = read(asked.store, BATCH, _batch(made))
+    assert record.request["request"] == request
+    assert load_batch(asked.store, record.id).layout.episodes == 1
