@@ -1,6 +1,7 @@
 """The table of all operations: what answers each of them, joined from the families."""
 
+from flows.gateway import lists
 from flows.gateway.gateway import Handlers
 from flows.gateway.jobs import handlers as jobs
 
-HANDLERS: Handlers = {**jobs.HANDLERS}
+HANDLERS: Handlers = {**jobs.HANDLERS, **lists.HANDLERS}

@@ -1,5 +1,6 @@
 """Pages of ListWorldGenerationJobs, ListWorlds and ListWorldTemplates, oldest first."""
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
@@ -34,6 +35,7 @@ _WORLD, _TEMPLATE = "world", "world-template"
 _MOST = 100
 _JOB_FILTERS = ("status", "templateId")
 _WORLD_FILTERS = ("status", "generationJobId", "templateId")
+_NUMBER, _DIGITS = re.compile("[0-9]+"), 9
 _LAST_US = 1 << 62
 """The place of what nobody knows the time of."""
 
@@ -75,7 +77,7 @@ def list_worlds_page(store: Store, request: ListWorldsRequest) -> ListWorldsResp
     Raises:
         DocumentError: The token, the size or a filter is none that the call takes.
     """
-    size, after = page_size(request, _MOST), place_after(request, _WORLD, (int, str, int, str))
+    size, after = page_size(request, _MOST), place_after(request, _WORLD, (int, str, str))
     found = ((place, world) for place, world in _worlds(store, request) if after is None or place > after)
     worlds, token = page_of(found, size, _WORLD)
     return ListWorldsResponse(worldSummaries=worlds, nextToken=token)
@@ -111,11 +113,11 @@ def _worlds(store: Store, request: ListWorldsRequest) -> Iterator[tuple[Place, W
                 "template": job["template"],
                 "createdAt": job["createdAt"],
             }
-            yield (*line.mark, len(name), name), _world(store, f"{line.mark.id}/{name}", own)
+            yield (*line.mark, _in_order(name)), _world(store, f"{line.mark.id}/{name}", own)
     for generation in sorted(names):
         if not wanted or generation in wanted.get("generationJobId", ()):
             for name in names[generation]:
-                yield (_LAST_US, generation, len(name), name), _world(store, f"{generation}/{name}", {})
+                yield (_LAST_US, generation, _in_order(name)), _world(store, f"{generation}/{name}", {})
 
 
 def _world_names(store: Store) -> dict[str, list[str]]:
@@ -125,7 +127,12 @@ def _world_names(store: Store) -> dict[str, list[str]]:
         path = PurePosixPath(key)
         if path.suffix == ".json":
             found[path.parent.name].append(path.stem)
-    return {generation: sorted(names, key=lambda name: (len(name), name)) for generation, names in found.items()}
+    return {generation: sorted(names, key=_in_order) for generation, names in found.items()}
+
+
+def _in_order(name: str) -> str:
+    """Returns a name with its numbers filled up, so that world-1-10 stands behind world-1-9."""
+    return _NUMBER.sub(lambda number: number[0].zfill(_DIGITS), name)
 
 
 def _world(store: Store, reference: str, own: dict[str, JsonValue]) -> WorldSummary:
