@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.access_commands import access_app
 from flows.cli.app_commands import app_app
 from flows.cli.batch.batch_commands import compare, replay, report, shrink
 from flows.cli.batch.gate_command import gate
@@ -19,7 +20,7 @@ from flows.cli.fleet.fleet_commands import fleet_app
 from flows.cli.output import echo
 from flows.cli.resource_commands import cancel, describe, list_, restart
 from flows.cli.serve_command import serve
-from flows.cli.server_commands import down, up
+from flows.cli.server_commands import down, up, worker
 from flows.cli.store_commands import gc, reap
 from flows.cli.world_commands import world_app
 
@@ -32,6 +33,7 @@ app = typer.Typer(
 app.add_typer(app_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
+app.add_typer(access_app, name="access")
 
 
 def _show_version(wanted: bool) -> None:  # noqa: FBT001 - typer calls it with the option's value
@@ -56,7 +58,7 @@ def options(
 for command in (run, plan, validate, gate, report, trend, replay, compare, shrink, describe, cancel, restart):
     app.command()(command)
 app.command("list")(list_)
-for command in (serve, gc, reap, up, down):
+for command in (serve, worker, gc, reap, up, down):
     app.command()(command)
 
 

@@ -3,5 +3,6 @@
 from flows.gateway import lists
 from flows.gateway.gateway import Handlers
 from flows.gateway.jobs import handlers as jobs
+from flows.gateway.resource import handlers as resource
 
-HANDLERS: Handlers = {**jobs.HANDLERS, **lists.HANDLERS}
+HANDLERS: Handlers = {**jobs.HANDLERS, **lists.HANDLERS, **resource.HANDLERS}

@@ -104,6 +104,8 @@ def run_sync_job(
 ) -> JobRecord:
     """Returns the record of a job that brings a fleet to its latest deployment, Succeeded, Failed or Canceled.
 
+    Where every robot is in sync the job asks none, and is Succeeded at once.
+
     Args:
         store: Where fleet and robots are.
         fleet: Its name or ARN.
@@ -116,13 +118,16 @@ def run_sync_job(
     Raises:
         ResourceNotFound: No such fleet, or nothing was deployed to it yet.
         ConcurrentDeployment: A deployment to the fleet is under way.
+        IdempotentParameterMismatch: The token came with another fleet before.
         TrustRefused: The signer has not signed what was deployed last, or it is another fleet's, or was withdrawn.
         StoreError: The store fails, or another process has taken the job over.
     """
-    last = latest_deployment(store, fleet)
-    check_recorded_plan(signer, last, read_fleet(store, fleet)[0].name)
+    last, name = latest_deployment(store, fleet), read_fleet(store, fleet)[0].name
+    check_recorded_plan(signer, last, name)
     known = _find_job(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
+    if fleet_name(request.fleet) != name:
+        submit(store, _KIND, canonical_document(sync_request(last, token)), token)  # refuses: the token is another's
     plan = partial(plan_sync, store, last, only_failed=only_failed)
     work = _Work(request, plan=plan, check=lambda: None, follows=last.id)
     return _run(store, work, token, progress, pace=pace or ControllerPace(), robots=None, signer=signer)
@@ -221,16 +226,12 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
         require_free(store, name, other)
     if known is None or is_terminal(known):
         return
-    if is_queued(store, _KIND, other):  # nobody works on it yet, or its worker has died: the next one goes on
-        raise _busy(name, known)
     with hold_claim_unless_alive(store, claim_key(_KIND, other)) as claim:
         if claim is None:
-            raise _busy(name, known)
+            fault = Fault(
+                path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}"
+            )
+            raise ConcurrentDeployment([fault], source="deployment")
         reason = f"nobody worked on it any more when {job} was asked for"
         ended = close_abandoned_job(store, known, claim, reason)
     _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)
-
-
-def _busy(fleet: str, active: JobRecord) -> ConcurrentDeployment:
-    allowed = f"a fleet without an active deployment; wait for {active.arn}"
-    return ConcurrentDeployment([Fault(path="fleet", value=fleet, allowed=allowed)], source="deployment")

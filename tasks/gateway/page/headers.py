@@ -21,7 +21,7 @@ def own_headers(*, is_secure: bool) -> Mapping[str, str]:
         is_secure: Whether the browser came by TLS, and shall always do so.
     """
     # With "no-referrer" a browser would send the form without its origin, which the form's answer looks at.
-    policy = f"default-src 'none'; style-src '{style_digest()}'; img-src 'self'; form-action 'self'; {_NOWHERE}"
+    policy = f"default-src 'none'; style-src '{style_digest()}'; img-src 'self' data:; form-action 'self'; {_NOWHERE}"
     return {
         **_ALWAYS,
         "Content-Security-Policy": policy,

@@ -100,6 +100,11 @@ def _sort(block: Block) -> str:
             return "text"
 
 
+def _filled(table: Table) -> list[int]:
+    """Returns the positions of the columns that have something in a row, and of the first."""
+    return [at for at in range(len(table.columns)) if not at or any(not row[at].is_blank for row in table.rows)]
+
+
 def _render(template: str, **values: object) -> bytes:
     # The style is marked as markup, and Markup would be spoilt by a character less: its digest is in the policy.
     return _templates().get_template(template).render(style=Markup(page_style()), **values).encode()  # noqa: S704 - own file
@@ -115,7 +120,7 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    tools = {"sort": _sort, "moment": moment, "iso": _iso, "age": age, "tone": tone_of}
+    tools = {"sort": _sort, "filled": _filled, "moment": moment, "iso": _iso, "age": age, "tone": tone_of}
     cast("dict[str, Any]", found.globals).update(tools)
     return found
 

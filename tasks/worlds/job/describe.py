@@ -20,10 +20,11 @@ from specs.robomaker.world_descriptions import (
     world_description,
 )
 from specs.template.body import TemplateBody
-from tasks.storage.base.keys import template_key
+from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, template_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
 from tasks.storage.store_url import store_id
+from tasks.storage.templates.named_templates import NamedTemplate, read_template
 from tasks.storage.worlds import decode_world, reference_key
 
 _SUMMARISED = ("template", "worldCount")
@@ -153,14 +154,29 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
 
 
 def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
-    """Returns a template, by its name in the store: the digest of its body.
+    """Returns a template: one that somebody named, by its id, or a body that worlds were made from, by its digest.
 
     Raises:
         ResourceNotFound: There is no such template.
         DocumentError: The name is none.
     """
+    if name.startswith(NAMED_TEMPLATE_PREFIX):
+        return describe_named_template(store, read_template(store, name)[0])
     body = TemplateBody.model_validate_json(_read_object(store, template_key(name), "world-template", name))
     return DescribeWorldTemplateResponse(arn=_arn(store, name), name=name, version=body.Version)
+
+
+def describe_named_template(store: Store, found: NamedTemplate) -> DescribeWorldTemplateResponse:
+    """Returns the answer of DescribeWorldTemplate for a template that somebody named."""
+    return DescribeWorldTemplateResponse(
+        arn=_arn(store, found.id),
+        clientRequestToken=found.token or None,
+        name=found.name or None,
+        createdAt=found.created_at_s,
+        lastUpdatedAt=found.updated_at_s,
+        tags=found.tags or None,
+        version=found.version,
+    )
 
 
 def _arn(store: Store, name: str) -> str:

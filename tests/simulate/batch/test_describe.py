@@ -9,6 +9,7 @@ import pytest
 from pydantic import JsonValue
 
 from specs.data.episode import EpisodeResult, unfinished_result
+from specs.data.outcome_tags import OUTCOME, REASON
 from specs.errors import DocumentError, ResourceNotFound
 from specs.field_types import Filter
 from specs.robomaker.simulation import (
@@ -26,12 +27,14 @@ from tasks.simulate.batch.describe import (
     batch_notes,
     describe_batch,
     describe_job,
+    job_outcome_tags,
 )
-from tasks.simulate.batch.job import OpenBatch, close_batch, complete, load_batch, open_batch, time_out
+from tasks.simulate.batch.job import KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
 from tasks.simulate.data.pins import pin_source
 from tasks.simulate.lists.job_pages import list_batches, list_batches_page, list_jobs, list_jobs_page
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tasks.storage.jobs.records import advance
 from tests.factories.planned_batches import ROBOT_ARN, all_pass, begun, mixed, plan, request, template
 
 _APPLICATIONS = {"robotApplications", "simulationApplications"}
@@ -196,6 +199,27 @@ def test_a_job_says_when_it_began_how_long_it_took_and_what_was_asked(running: O
     assert (pending.status, pending.lastStartedAt, pending.simulationTimeMillis) == ("Pending", None, None)
 
 
+def test_the_outcome_of_a_job_is_told_in_tags_once_it_has_ended(file_store: Store):
+    batch = begun(file_store)
+    assert job_outcome_tags(file_store, f"{batch.id}/0") == {}
+    run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
+    found = [job_outcome_tags(file_store, f"{batch.id}/{index}") for index in range(5)]
+    assert found[0] == {OUTCOME: "Passed"}
+    assert found[1] == {OUTCOME: "Failed", REASON: "collision"}
+    assert found[3] == {OUTCOME: "Failed", REASON: "RobotApplicationCrash"}
+    assert found[4] == {}
+    jobs = batch_describe_jobs(file_store, [f"{batch.id}/0", f"{batch.id}/4"]).jobs or ()
+    assert [job.tags for job in jobs] == [{OUTCOME: "Passed"}, None]
+
+
+def test_a_cancelled_job_has_no_outcome_and_one_that_could_not_begin_has_failed(file_store: Store):
+    stopped, failed = begun(file_store), begun(file_store, name="other")
+    advance(file_store, KIND, stopped.id, "Canceled")
+    advance(file_store, KIND, failed.id, "Failed", failure_code="InternalServiceError")
+    assert job_outcome_tags(file_store, f"{stopped.id}/0") == {}
+    assert job_outcome_tags(file_store, f"{failed.id}/0") == {OUTCOME: "Failed", REASON: "InternalServiceError"}
+
+
 def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
     made = plan(file_store, worlds=("g/w0",), seeds=(0,), lanes=16)
     (entry,) = cast("list[dict[str, JsonValue]]", request(made)["createSimulationJobRequests"])
@@ -217,9 +241,11 @@ def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
     assert describe_batch(file_store, batch.id).pendingRequests is None
     run_chunk(batch, 0, mixed, lanes=16, left_s=9.0)
     job = describe_job(file_store, f"{batch.id}/0").model_dump(mode="json", exclude_none=True)
-    assert {key: job[key] for key in asked if key not in {"dataSources", *_APPLICATIONS}} == {
-        key: value for key, value in asked.items() if key not in {"dataSources", *_APPLICATIONS}
+    told_otherwise = {"dataSources", "tags", *_APPLICATIONS}
+    assert {key: job[key] for key in asked if key not in told_otherwise} == {
+        key: value for key, value in asked.items() if key not in told_otherwise
     }
+    assert job["tags"] == {"Region": "North", OUTCOME: "Failed", REASON: "RobotApplicationCrash"}
     assert job["dataSources"][0]["s3Keys"] == [{"s3Key": "a.yaml"}]
     assert job["simulationApplications"][0]["worldConfigs"][0]["world"].endswith(":g/w0")
     missing = DescribeSimulationJobResponse.model_fields.keys() - job.keys()
