@@ -105,6 +105,10 @@ class StageFailed(SimyardError):  # noqa: N818 - a state, as RoboMaker names it
         self.arn = arn
         super().__init__(f"{code}: {reason}" + (f" ({arn})" if arn else ""))
 
+    def __reduce__(self) -> "tuple[type[StageFailed], tuple[str, str, str]]":
+        """Returns what it is made of again in the process that asked a worker."""
+        return StageFailed, (self.code, self.reason, self.arn)
+
 
 class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
     """A run came to its end, and what was asked for did not pass.

@@ -91,7 +91,7 @@ def actions_days() -> int:
     Raises:
         DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
     """
-    return _number(ACTIONS_DAYS, 90, "a number of days, at least 1")
+    return count_setting(ACTIONS_DAYS, 90, "a number of days, at least 1")
 
 
 def region() -> str:

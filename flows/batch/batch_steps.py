@@ -4,13 +4,17 @@ They join what simulates to what keeps results, so that they belong to no single
 store it reads there; what it makes is in the store when it returns.
 """
 
-from functools import partial
+from collections.abc import Generator, Iterable
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 from pydantic import JsonValue
 
+from specs.data.episode import Failure
+from specs.errors import BucketNotFound, BundleRefused, StageFailed, StoreAccessDenied, StoreError
 from specs.field_types import OutputLocation
+from tasks.applications.bundle_failure import BUNDLE_ERRORS, bundle_failure
 from tasks.applications.step import unpack_application
 from tasks.progress.listener import report_progress, stage_progress
 from tasks.results.statistics.summary import summary_rows
@@ -23,6 +27,7 @@ from tasks.simulate.batch.commit import ChunkEnd, run_chunk
 from tasks.simulate.batch.job import OpenBatch, load_batch
 from tasks.simulate.batch.provenance import batch_metadata
 from tasks.simulate.batch.result_stream import result_parts
+from tasks.simulate.lane.recording import Columns
 from tasks.storage.jobs.voucher import Voucher
 from tasks.storage.store_url import open_store
 
@@ -67,15 +72,29 @@ def simulate_chunk(
         voucher: Vouches for the results on a worker; None on a machine of the owner.
     """
     work = load_batch(open_store(store_url), batch, voucher)
-    record = partial(write_recordings, store_url, location, batch) if work.plan.records() else None
+
+    def record(chunk: int, parts: Iterable[Columns]) -> str:
+        with _output_to(location):
+            return write_recordings(store_url, location, batch, chunk, parts)
 
     def progress(finished: int) -> None:
         report_progress(EPISODES, done + finished, work.layout.episodes)
 
-    runner = ChunkRunner(_folders(work), work.plan.engine, work.plan.recordings.rateHz, progress)
-    ended = run_chunk(work, number, runner.run, record, lanes=lanes, left_s=left_s, spent_s=spent_s)
+    bundles = _bundles(work)
+    runner = ChunkRunner(bundles.folders, work.plan.engine, work.plan.recordings.rateHz, progress)
+    ended = run_chunk(
+        work,
+        number,
+        runner.run,
+        record if work.plan.records() else None,
+        unusable=bundles.failures,
+        lanes=lanes,
+        left_s=left_s,
+        spent_s=spent_s,
+    )
     if printed := "".join(runner.printed):
-        write_output(store_url, location, batch, number, printed)
+        with _output_to(location):
+            write_output(store_url, location, batch, number, printed)
     return ended
 
 
@@ -89,14 +108,15 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
         location: Where the tables go.
     """
     work = load_batch(open_store(store_url), batch)
-    detail, tally = write_batch_tables(
-        work.store,
-        batch,
-        result_parts(work, status),
-        variables=work.plan.variables(),
-        location=location,
-        metadata=batch_metadata(work.plan.lanes),
-    )
+    with _output_to(location):
+        detail, tally = write_batch_tables(
+            work.store,
+            batch,
+            result_parts(work, status),
+            variables=work.plan.variables(),
+            location=location,
+            metadata=batch_metadata(work.plan.lanes),
+        )
     return BatchTables(detail, summary_rows(tally.summary()))
 
 
@@ -110,9 +130,54 @@ def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[st
     """
     work, progress = load_batch(open_store(store_url), batch), stage_progress(AUDIT)
     lanes = min(work.plan.audit, work.layout.episodes)
-    return write_audit(work, _folders(work), location, lambda done: progress(done, 2 * lanes))
+    folders = _bundles(work).folders
+    with _output_to(location):
+        return write_audit(work, folders, location, lambda done: progress(done, 2 * lanes))
 
 
-def _folders(batch: OpenBatch) -> dict[str, Path]:
-    """Returns the unpacked folder of each application, by digest; unpacked once on a machine."""
-    return {digest: unpack_application(batch.store.url, digest) for digest in batch.plan.digests()}
+@contextmanager
+def _output_to(location: OutputLocation) -> Generator[None, None, None]:
+    """Ends a batch whose output is refused inside the block for good; while a bucket is away, it can be continued.
+
+    Raises:
+        StageFailed: There is no such bucket, or it must not be written.
+    """
+    try:
+        yield
+    except (StoreAccessDenied, BucketNotFound) as exc:
+        remedy = "let this machine's credentials write there, or name another bucket, and run the document again"
+        why = f"the output bucket {location.s3Bucket} refuses what is written: {exc}: {remedy}"
+        raise StageFailed("BadPermissionsS3Output", why) from exc
+
+
+class Bundles(NamedTuple):
+    """The applications of a batch on this machine, by digest.
+
+    Attributes:
+        folders: Where each is unpacked.
+        failures: Why jobs fail that need one of the others.
+    """
+
+    folders: dict[str, Path]
+    failures: dict[str, Failure]
+
+
+def _bundles(batch: OpenBatch) -> Bundles:
+    """Returns the applications of a batch; each is unpacked once on a machine."""
+    found = Bundles({}, {})
+    for digest in batch.plan.digests():
+        try:
+            found.folders[digest] = unpack_application(batch.store.url, digest)
+        except BUNDLE_ERRORS as exc:
+            found.failures[digest] = unusable_bundle(batch, digest, exc)
+    return found
+
+
+def unusable_bundle(batch: OpenBatch, digest: str, error: BundleRefused | StoreError) -> Failure:
+    """Returns why jobs of a batch fail that need a bundle which cannot be unpacked.
+
+    Raises:
+        StoreAccessDenied: It is not the bundle that is refused.
+    """
+    kind, launch = next(use for use in batch.plan.launches() if use[1].digest == digest)
+    return bundle_failure(batch.store, kind, f"{launch.name} version {launch.version}", digest, error)

@@ -31,6 +31,7 @@ def describe(
     from flows.resource.abandoned_jobs import job_notes
     from flows.resource.answers import describe_jobs, describe_resource
     from specs.arn import resource_kind, resource_name
+    from tasks.simulate.batch.describe import batch_notes
     from tasks.simulate.batch.metrics import metric_lines
     from tasks.storage.resource_names import resource_arn
     from tasks.storage.store_url import open_existing_store
@@ -41,7 +42,7 @@ def describe(
         return
     arn = resource_arn(opened, arns[0])
     echo_json(describe_resource(opened, arn).model_dump_json(indent=2, exclude_none=True))
-    for line in metric_lines(opened, arn):
+    for line in (*batch_notes(opened, arn), *metric_lines(opened, arn)):
         echo(line, err=True)
     if resource_kind(arn) == "deployment-job":
         from flows.cli.fleet.fleet_watch import wish_notes

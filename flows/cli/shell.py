@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from flows.cli.access_commands import access_app
 from flows.cli.app_commands import app_app
 from flows.cli.batch.batch_commands import compare, replay, report, shrink
 from flows.cli.batch.gate_command import gate
@@ -32,6 +33,7 @@ app = typer.Typer(
 app.add_typer(app_app, name="app")
 app.add_typer(world_app, name="world")
 app.add_typer(fleet_app, name="fleet")
+app.add_typer(access_app, name="access")
 
 
 def _show_version(wanted: bool) -> None:  # noqa: FBT001 - typer calls it with the option's value

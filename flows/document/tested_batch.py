@@ -1,7 +1,7 @@
 """The batch that a document asks for: its plan, the versions it tests, and the version it compares them with."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 from specs.arn import absence, parse_reference
@@ -10,8 +10,9 @@ from specs.data.episode import ApplicationLaunch
 from specs.errors import ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.simulation_section import SimulationBatch
-from specs.robomaker.bundle import ARCHITECTURES
+from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
 from specs.robomaker.simulation import DataSourceConfig
+from tasks.applications.bundle_failure import BUNDLE_ERRORS, bundle_failure
 from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import PinnedSource
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -21,6 +22,8 @@ from tasks.storage.archives import missing_files
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import world_bytes
+
+_REQUESTS = "simulationBatch.createSimulationJobRequests[*]"
 
 
 def batch_plan(
@@ -68,17 +71,25 @@ def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -
 
 
 def launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
-    """Returns a fault for each launch file that is not in its bundle, once however many requests launch it."""
-    launches = dict.fromkeys(launch for each in plan.templates for launch in (each.robot, each.scenario))
-    return [
-        Fault(
-            path="simulationBatch.createSimulationJobRequests[*].launchConfig.launchFile",
-            value=repr(launch.launch_file),
-            allowed=f"a module in {launch.name}'s bundle; it has no {missing}",
-        )
-        for launch in launches
-        for missing in missing_files(store, launch.digest, [f"{launch.package}/{launch.launch_file}.py"])
-    ]
+    """Returns a fault for each bundle that cannot be used, and for each launch file that is not in its bundle.
+
+    Each stands once, however many requests launch it.
+    """
+    return [fault for kind, launch in dict.fromkeys(plan.launches()) for fault in _launch_faults(store, kind, launch)]
+
+
+def _launch_faults(store: Store, kind: ApplicationKind, launch: ApplicationLaunch) -> Iterator[Fault]:
+    version = f"{launch.name} version {launch.version}"
+    try:
+        found = missing_files(store, launch.digest, [f"{launch.package}/{launch.launch_file}.py"])
+    except BUNDLE_ERRORS as exc:
+        failure = bundle_failure(store, kind, version, launch.digest, exc)
+        field = "robotApplications" if kind == "robot-application" else "simulationApplications"
+        yield Fault(path=f"{_REQUESTS}.{field}", value=version, allowed=f"a version whose bundle is whole; {failure}")
+        return
+    for missing in found:
+        allowed = f"a module in {launch.name}'s bundle; it has no {missing}"
+        yield Fault(path=f"{_REQUESTS}.launchConfig.launchFile", value=repr(launch.launch_file), allowed=allowed)
 
 
 def world_digests(references: Sequence[str], store: Store) -> dict[str, str]:

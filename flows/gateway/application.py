@@ -4,14 +4,18 @@ import asyncio
 import uuid
 from collections.abc import Awaitable, Callable, MutableMapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 from flows.gateway.calls import Calls
+from specs.errors import AccessRefused
+from tasks.gateway.connection.body import BodyRoom, check_head
 from tasks.gateway.error_answers import error_answer
 from tasks.gateway.messages import HttpAnswer, HttpRequest
 
 MOST_BODY_BYTES = 8 << 20
 """RoboMaker's largest request, a batch of 1,000 jobs, has some 4 MB with all that it may say."""
+_CLOSE = {"connection": "close"}
 _AT_ONCE = 8
 _Message = MutableMapping[str, Any]
 _Receive = Callable[[], Awaitable[_Message]]
@@ -28,6 +32,7 @@ class Application:
 
     def __init__(self, calls: Calls, threads: int = _AT_ONCE) -> None:
         self._calls = calls
+        self._room = BodyRoom()
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="request")
 
     async def __call__(self, scope: _Message, receive: _Receive, send: _Send) -> None:
@@ -38,13 +43,23 @@ class Application:
             await self._answer(scope, receive, send)
 
     async def _answer(self, scope: _Message, receive: _Receive, send: _Send) -> None:
-        body = await _body(receive)
-        if body is None:
-            message = f"a request has at most {MOST_BODY_BYTES:,} bytes"
-            await _send(send, error_answer(413, "RequestEntityTooLargeException", message))
-            return
+        head = _request(scope)
         loop = asyncio.get_running_loop()
-        await _send(send, await loop.run_in_executor(self._pool, self._calls.answer, _request(scope, body)))
+        try:
+            check_head(head.headers, MOST_BODY_BYTES)
+            if self._calls.refuse_head(head):
+                # Asked again in a thread, for it may be written down. A body may follow that nobody reads.
+                answer = await loop.run_in_executor(self._pool, self._calls.answer, head)
+                await _send(send, replace(answer, headers={**answer.headers, **_CLOSE}), head.id)
+                return
+            with self._room.place() as place:
+                body = await place.read(receive, MOST_BODY_BYTES)
+                if body is not None:
+                    request = replace(head, body=body)
+                    await _send(send, await loop.run_in_executor(self._pool, self._calls.answer, request), head.id)
+        except AccessRefused as exc:
+            refused = error_answer(exc.status, exc.code, str(exc))
+            await _send(send, replace(refused, headers=_CLOSE), head.id)
 
     async def _live(self, receive: _Receive, send: _Send) -> None:
         while True:
@@ -56,31 +71,19 @@ class Application:
                 return
 
 
-def _request(scope: _Message, body: bytes) -> HttpRequest:
+def _request(scope: _Message) -> HttpRequest:
     headers = tuple((name.decode("latin-1").lower(), value.decode("latin-1")) for name, value in scope["headers"])
     # The decoded path of the scope has no ARNs any more: their slashes are encoded.
     raw_path, query = scope["raw_path"].decode("latin-1"), scope["query_string"].decode("latin-1")
     client = scope.get("client") or ("",)
-    return HttpRequest(scope["method"], raw_path, query, headers, body, str(client[0]))
+    return HttpRequest(scope["method"], raw_path, query, headers, b"", str(client[0]), str(uuid.uuid4()))
 
 
-async def _body(receive: _Receive) -> bytes | None:
-    """Returns the whole body; None if it is too large, or the client went away."""
-    found = bytearray()
-    while True:
-        message = await receive()
-        found += message.get("body", b"")
-        if message["type"] != "http.request" or len(found) > MOST_BODY_BYTES:
-            return None
-        if not message.get("more_body", False):
-            return bytes(found)
-
-
-async def _send(send: _Send, answer: HttpAnswer) -> None:
+async def _send(send: _Send, answer: HttpAnswer, request_id: str) -> None:
     headers = {
         "content-type": answer.content_type,
         "content-length": str(len(answer.body)),
-        "x-amzn-requestid": str(uuid.uuid4()),
+        "x-amzn-requestid": request_id,
         **({"x-amzn-errortype": answer.error} if answer.error else {}),
         **answer.headers,
     }

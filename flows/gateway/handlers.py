@@ -2,5 +2,6 @@
 
 from flows.gateway.gateway import Handlers
 from flows.gateway.jobs import handlers as jobs
+from flows.gateway.resource import handlers as resource
 
-HANDLERS: Handlers = {**jobs.HANDLERS}
+HANDLERS: Handlers = {**jobs.HANDLERS, **resource.HANDLERS}

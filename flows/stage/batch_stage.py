@@ -1,12 +1,13 @@
 """The stage that drives a robot application through worlds, seeds and parameters."""
 
+import logging
 import time
 
 from pydantic import JsonValue
 
 from flows.batch.batch_end import end_batch
 from flows.batch.batch_report import WrittenReport
-from flows.batch.batch_steps import EPISODES, audit_batch, simulate_chunk, write_tables
+from flows.batch.batch_steps import EPISODES, audit_batch, simulate_chunk, unusable_bundle, write_tables
 from flows.batch.early_end import EarlyEnd
 from flows.document.references import numbered_finder
 from flows.document.tested_batch import batch_plan
@@ -18,13 +19,14 @@ from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
+from tasks.applications.bundle_failure import BUNDLE_ERRORS
 from tasks.applications.step import unpack_application
 from tasks.simulate.batch.chunk_store import spent_s
 from tasks.simulate.batch.job import (
     GOING,
     KIND,
     OpenBatch,
-    close_batch,
+    close_refused,
     complete,
     load_batch,
     open_batch,
@@ -39,6 +41,8 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, is_terminal
 from tasks.storage.store_url import open_store, store_id
+
+logger = logging.getLogger(__name__)
 
 
 def simulation_batch(
@@ -83,13 +87,24 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
         if is_terminal(record):  # a cancellation closed it while this process waited for the claim
             return record
         try:
-            for digest, name in work.plan.bundles().items():  # before the first chunk: a refused bundle is named
-                run_step(unpack_application, store.url, digest, name)
+            _unpack_bundles(work)
             early = _simulate(work, location, gate)
             return _close(work, location, early)
         except (DocumentError, StageFailed) as exc:
-            close_batch(store, batch, "Failed", {}, str(exc))
+            close_refused(work, exc)
             raise
+
+
+def _unpack_bundles(batch: OpenBatch) -> None:
+    """Unpacks the batch's applications before the first chunk; of one that cannot be had, the log says why.
+
+    Jobs that need it fail, each with that reason in its row, and the others run.
+    """
+    for digest, name in batch.plan.bundles().items():
+        try:
+            run_step(unpack_application, batch.store.url, digest, name)
+        except BUNDLE_ERRORS as exc:
+            logger.warning("%s: jobs will fail: %s", batch.id, unusable_bundle(batch, digest, exc))
 
 
 def _simulate(batch: OpenBatch, location: OutputLocation, gate: Gate | None) -> dict[str, JsonValue]:

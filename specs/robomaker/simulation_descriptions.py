@@ -1,6 +1,8 @@
 """What RoboMaker answers about simulation jobs and batches."""
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from specs.base import Spec
 from specs.field_types import (
@@ -28,7 +30,6 @@ from specs.robomaker.launch import RobotApplicationConfigs, SimulationApplicatio
 from specs.robomaker.simulation import (
     BatchPolicy,
     ComputeType,
-    CreateSimulationJobRequests,
     DataSourceType,
     FailureBehavior,
     GPUUnit,
@@ -188,7 +189,7 @@ class StartSimulationJobBatchResponse(Spec):
     failureCode: SimulationJobBatchErrorCode | None = None
     failureReason: GenericString | None = None
     failedRequests: tuple[FailedCreateSimulationJobRequest, ...] | None = None
-    pendingRequests: CreateSimulationJobRequests | None = None
+    pendingRequests: Annotated[tuple[SimulationJobRequest, ...], Field(min_length=1)] | None = None
     createdRequests: SimulationJobSummaries | None = None
     tags: TagMap | None = None
 

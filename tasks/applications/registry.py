@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from specs.errors import BundleRefused
+from specs.errors import BundleRefused, ObjectNotFound
 from specs.field_types import Architecture
 from specs.robomaker.bundle import ARCHITECTURES, LATEST, Application, ApplicationKind, Build, Version
 from specs.rules import meant
@@ -241,11 +241,18 @@ def unpack(store: Store, digest: str, cache: Path) -> Path:
         if kept := stored_archive(entry, digest):
             shutil.copyfile(kept, archive)
         else:
-            store.download(key, archive)
+            _fetch(store, key, archive)
         try:
             return seal(archive, entry, digest)
         except BundleRefused as exc:
             raise BundleRefused(f"{store.url}: {key}: {exc}; publish the application again") from exc
+
+
+def _fetch(store: Store, key: str, archive: Path) -> None:
+    try:
+        store.download(key, archive)
+    except ObjectNotFound as exc:
+        raise ObjectNotFound(f"{store.url}: {key} is not there any more; publish the application again") from exc
 
 
 def _pack(store: Store, architecture: Architecture, folder: Path) -> Build:

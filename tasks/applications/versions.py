@@ -14,6 +14,7 @@ from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKin
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import application_key
 from tasks.storage.base.store import Store
+from tasks.storage.tags import Change
 
 _REVISION_CHARACTERS = 40
 
@@ -63,6 +64,22 @@ def change(
         except (ObjectExists, ObjectConflict):  # another process was first; look again
             continue
         return after
+
+
+def change_application_tags(store: Store, kind: ApplicationKind, reference: str, tags: Change) -> Application:
+    """Returns an application after its tags were changed; its revision and its versions stay as they are.
+
+    Raises:
+        ResourceNotFound: No such application.
+        DocumentError: There would be too many.
+    """
+
+    def step(before: Application | None, _number: int) -> Application:
+        if before is None:
+            raise not_found("application", reference, f"a {kind}; see simyard list {kind}s")
+        return before.model_copy(update={"tags": tags(before.tags)})
+
+    return change(store, kind, application_name(kind, reference), step)
 
 
 def with_version(

@@ -4,14 +4,25 @@ from pathlib import Path
 
 from specs.arn import parse_reference
 from specs.base import Fault
-from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
+from specs.errors import (
+    BucketNotFound,
+    DocumentError,
+    ObjectNotFound,
+    ObjectTooBig,
+    ResourceNotFound,
+    StoreAccessDenied,
+)
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
 from tasks.documents.pipeline_file import is_template
 from tasks.documents.source_text import decode_source_text, read_document
-from tasks.storage.base.keys import template_key
+from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, named_template_key, template_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tasks.storage.templates.named_templates import NamedTemplate, find_template_name, read_template
+
+_BODY_BYTES = 1 << 20
+"""The 262,144 characters of a body's text have at most four bytes each."""
 
 
 def find_template(template: str | TemplateBody, store: Store, base: Path) -> TemplateBody:
@@ -37,9 +48,41 @@ def find_template(template: str | TemplateBody, store: Store, base: Path) -> Tem
     if not template.startswith("arn:") and path.is_file():
         return parse(TemplateBody, read_document(path), str(path))
     name = parse_reference(template).path
-    if "/" in name or "." in name:
+    if named := _named(template, name, store):
+        return _parse_template(_read_stored(store, template_key(named.digest), template), template)
+    if any(mark in name for mark in "/. "):
         raise _missing(template, f"a file ({path} is none), s3://bucket/key, or a template in {store.url}")
     return _parse_template(_read_stored(store, template_key(name), template), template)
+
+
+def find_template_in_bucket(bucket: str, key: str, store: Store) -> TemplateBody:
+    """Returns the body that lies in a bucket, where a request of RoboMaker's says it does.
+
+    Args:
+        bucket: Name of the bucket.
+        key: Of the object in it.
+        store: Where buckets are found.
+
+    Raises:
+        ResourceNotFound: There is no such bucket or object.
+        DocumentError: Nobody may read it, or it is no template body.
+    """
+    source = f"s3://{bucket}/{key}"
+    try:
+        body = open_bucket(store, bucket).get(key, _BODY_BYTES).body
+    except (ObjectNotFound, BucketNotFound) as exc:
+        fault = Fault(path="templateLocation", value=source, allowed="a template; none is there")
+        raise ResourceNotFound([fault]) from exc
+    except (ObjectTooBig, StoreAccessDenied) as exc:
+        raise DocumentError([Fault(path="templateLocation", value=source, allowed=f"a template: {exc}")]) from exc
+    return _parse_template(body, source)
+
+
+def _named(template: str, name: str, store: Store) -> NamedTemplate | None:
+    """Returns the template that somebody made by a call and that an ARN, an id or a name means; None for any other."""
+    if name.startswith(NAMED_TEMPLATE_PREFIX) and store.exists(named_template_key(name)):
+        return read_template(store, name)[0]
+    return None if template.startswith("arn:") else find_template_name(store, name)
 
 
 def read_template_alone(path: Path) -> TemplateBody | None:

@@ -72,11 +72,12 @@ def list_bundle_files(store: Store, digest: str) -> dict[str, bool]:
 
     Raises:
         ObjectNotFound: The store has no such bundle.
-        BundleRefused: It is not a plain tar.
+        BundleRefused: It has another digest, or is not a plain tar.
     """
     with tempfile.TemporaryDirectory() as folder:
         archive = Path(folder) / "bundle"
         store.download(bundle_key(digest), archive)
+        _require_digest(archive, digest)
         with open_tar(archive) as tar:
             return {each.name: bool(each.mode & 0o111) for each in list_members(tar.headers()) if each.type in _FILES}
 
@@ -106,8 +107,7 @@ def install(
     """
     if target.is_dir():
         return
-    if (found := digest_of(archive)) != digest:
-        raise BundleRefused(f"the bundle has digest {found}, expected {digest}: it was changed or cut short")
+    _require_digest(archive, digest)
     temporary = target.with_name(f"{target.name}.{uuid.uuid4().hex[:8]}.tmp")
     try:
         extract(archive, temporary, limits=limits, progress=progress)
@@ -117,6 +117,11 @@ def install(
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     settle_names(target.parent)
+
+
+def _require_digest(archive: Path, digest: str) -> None:
+    if (found := digest_of(archive)) != digest:
+        raise BundleRefused(f"the bundle has digest {found}, expected {digest}: it was changed or cut short")
 
 
 def extract(

@@ -8,11 +8,21 @@ from specs.arn import KINDS, Reference, ResourceKind, absence, arn, parse_refere
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JOB_KINDS, JobKind
-from tasks.storage.base.keys import application_key, fleet_key, job_key, robot_record_key, template_key, world_key
+from tasks.storage.base.keys import (
+    NAMED_TEMPLATE_PREFIX,
+    application_key,
+    fleet_key,
+    job_key,
+    named_template_key,
+    robot_record_key,
+    template_key,
+    world_key,
+)
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read
 from tasks.storage.jobs.runs import jobs_of
 from tasks.storage.store_url import store_id
+from tasks.storage.templates.named_templates import find_template_name
 
 _BATCH: JobKind = "simulation-job-batch"
 _NEAR = 0.75
@@ -43,11 +53,13 @@ def find_resource(store: Store, text: str, wanted: Collection[ResourceKind]) -> 
     reference = _parsed(text, wanted)
     kinds = _possible(reference)
     there: list[ResourceKind] = [kind for kind in kinds if _exists(store, kind, reference.path)]
-    fitting: list[ResourceKind] = [kind for kind in there if kind in wanted]
+    fitting = [NamedResource(kind, reference.path) for kind in there if kind in wanted]
+    if reference.kind is None and "world-template" in wanted and (named := find_template_name(store, text)):
+        fitting.append(NamedResource("world-template", named.id))
     if len(fitting) == 1:
-        return NamedResource(fitting[0], reference.path)
+        return fitting[0]
     if fitting:
-        arns = ", ".join(arn(kind, store_id(store), reference.path) for kind in fitting)
+        arns = ", ".join(arn(each.kind, store_id(store), each.path) for each in fitting)
         raise _refused(text, f"there are several of that name; name one by its ARN: {arns}")
     if other := there or [kind for kind in kinds if reference.kind and kind not in wanted]:
         raise _refused(text, _other_kind(other[0], reference.path, wanted))
@@ -118,6 +130,8 @@ def _key(kind: ResourceKind, path: str) -> str:
             return application_key(kind, path)
         case "simulation-job":
             return job_key(_BATCH, parent)
+        case "world-template" if path.startswith(NAMED_TEMPLATE_PREFIX):
+            return named_template_key(path)
         case "world-template" | "deployment-fleet" | "robot":
             return _KEYS[kind](path)
         case _:

@@ -8,14 +8,13 @@ from collections.abc import Callable, Collection, Mapping
 
 from specs.arn import Reference, ResourceKind
 from specs.base import Fault, Spec
+from specs.data.outcome_tags import is_reserved
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, tags_key
 from tasks.storage.base.store import Store
 
 TAGS_AT_MOST = 50  # docs/reference/robomaker.md, section 9
-RESERVED = "simyard:"
-"""What the keys of tags begin with that Simyard gives, such as ``simyard:outcome``."""
 Tags = Mapping[str, str]
 Change = Callable[[Tags], dict[str, str]]
 _IN_RECORDS: Collection[ResourceKind] = ("robot", "deployment-fleet", "robot-application", "simulation-application")
@@ -88,14 +87,26 @@ def delete_tags(store: Store, reference: Reference) -> None:
     store.delete(_key(reference))
 
 
-def with_tags(new: Tags) -> Change:
+def with_tags(new: Tags, most: int = TAGS_AT_MOST) -> Change:
     """Returns the change that adds tags; one of the same key is overwritten.
+
+    Args:
+        new: What is added.
+        most: How many the resource may have then; the change refuses more.
 
     Raises:
         DocumentError: A key is reserved for Simyard.
     """
     require_free_keys(new, "tags")
-    return lambda tags: few_enough({**tags, **new})
+
+    def change(tags: Tags) -> dict[str, str]:
+        after = {**tags, **new}
+        if len(after) > most:
+            allowed = f"at most {most} in all; remove some"
+            raise DocumentError([Fault(path="tags", value=f"{len(after)} tags", allowed=allowed)])
+        return after
+
+    return change
 
 
 def without_tags(keys: Collection[str]) -> Change:
@@ -118,22 +129,10 @@ def require_free_keys(keys: Collection[str], path: str) -> None:
     Raises:
         DocumentError: One begins with ``simyard:``.
     """
-    allowed = f'a key that does not begin with "{RESERVED}", which is reserved for what Simyard says of a job'
-    faults = [Fault(path=path, value=repr(key), allowed=allowed) for key in keys if key.lower().startswith(RESERVED)]
+    allowed = 'a key that does not begin with "simyard:", which is reserved for what Simyard says of a job'
+    faults = [Fault(path=path, value=repr(key), allowed=allowed) for key in keys if is_reserved(key)]
     if faults:
         raise DocumentError(faults)
-
-
-def few_enough(tags: dict[str, str]) -> dict[str, str]:
-    """Returns the tags, if a resource may have so many.
-
-    Raises:
-        DocumentError: It may not.
-    """
-    if len(tags) > TAGS_AT_MOST:
-        allowed = f"at most {TAGS_AT_MOST} in all; remove some"
-        raise DocumentError([Fault(path="tags", value=f"{len(tags)} tags", allowed=allowed)])
-    return tags
 
 
 def _key(reference: Reference) -> str:

@@ -51,6 +51,9 @@ RULINGS: dict[str, dict[str, int | None]] = {
 FIELD_RULINGS: dict[tuple[str, str], dict[str, int | None]] = {
     # docs/reference/robomaker.md, section 5: the list of a request keeps its bound
     ("FinishedWorldsSummary", "succeededWorlds"): {"max": None},
+    # docs/reference/robomaker.md, section 4: a matrix makes more than a request has entries
+    ("StartSimulationJobBatchResponse", "pendingRequests"): {"max": None},
+    ("DescribeSimulationJobBatchResponse", "pendingRequests"): {"max": None},
 }
 """The same for one field of a shape that others have, too."""
 

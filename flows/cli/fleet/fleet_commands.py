@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from pydantic import JsonValue
 
 from flows.cli.fleet.fleet_keys_commands import keys_app, vouch
 from flows.cli.output import TerminalConsole, echo, echo_json
@@ -133,31 +134,38 @@ def sync(
     store: _StoreUrl = None,
     unsigned: Annotated[bool, typer.Option("--unsigned", help="Ask robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
     failed: Annotated[bool, typer.Option("--failed", help="Only robots that failed, or did not answer.")] = False,  # noqa: FBT002 - a switch
+    token: Annotated[
+        str | None, typer.Option(help="Client request token: the same one again is the same deployment.")
+    ] = None,
 ) -> None:
     """Bring a fleet to its latest deployment: robots that joined later, were away, or failed; signed (SIMYARD_KEYS)."""
     from uuid import uuid4
 
+    from specs.robomaker.deployment import SyncDeploymentJobRequest
     from tasks.deploy.fleet.robots import members
     from tasks.deploy.rollout.job import run_sync_job
-    from tasks.deploy.rollout.sync import latest_deployment, plan_sync, robots_without_build
+    from tasks.deploy.rollout.sync import latest_deployment, plan_sync, robots_without_build, sync_request
     from tasks.deploy.trust.signer import chosen_signer
+    from tasks.deploy.trust.trust_record import is_unsigned
+    from tasks.documents.parse import parse
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    plan = plan_sync(opened, latest_deployment(opened, fleet), only_failed=failed)
-    if never := robots_without_build(members(opened, plan.fleet), plan):
-        echo(f"left out, the version has no bundle for their architecture: {', '.join(never)}")
-    if not (behind := list(plan.environments)):
-        echo(
-            f"no robot of {fleet} failed" if failed else f"all {'other ' if never else ''}robots of {fleet} are in sync"
-        )
-        return
+    last = latest_deployment(opened, fleet)
+    plan = plan_sync(opened, last, only_failed=failed)
+    asked: dict[str, JsonValue] = {"clientRequestToken": token or uuid4().hex, "fleet": sync_request(last, "-").fleet}
+    request = parse(SyncDeploymentJobRequest, asked, "simyard")
+    never, behind = robots_without_build(members(opened, plan.fleet), plan), [*plan.environments]
+    # Who asks no robot need not say that it is asked unsigned, where that was said before.
+    unsigned = unsigned or (not behind and is_unsigned(last))
     signer = chosen_signer(opened, "unsigned" if unsigned else "signed", local=False)
-    echo(f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them")
+    if never:
+        echo(f"left out, the version has no bundle for their architecture: {', '.join(never)}")
+    echo(_sync_line(fleet, behind, failed=failed, others=bool(never)))
     record = run_sync_job(
         opened,
         fleet,
-        token=uuid4().hex,
+        token=request.clientRequestToken,
         progress=lambda in_sync, robots: echo(f"{in_sync} of {robots} robots in sync"),
         only_failed=failed,
         signer=signer,
@@ -166,6 +174,13 @@ def sync(
         f"{record.status} {record.arn}" + (f": {terminal_line(record.failure_reason)}" if record.failure_reason else "")
     )
     raise typer.Exit(0 if record.status == "Succeeded" else 1)
+
+
+def _sync_line(fleet: str, behind: list[str], *, failed: bool, others: bool) -> str:
+    """Returns what a sync is about to do; with nobody to ask, its deployment is Succeeded at once."""
+    if behind:
+        return f"waiting for the agents of {', '.join(behind)}; simyard fleet watch {fleet} shows them"
+    return f"no robot of {fleet} failed" if failed else f"all {'other ' if others else ''}robots of {fleet} are in sync"
 
 
 @fleet_app.command("pause")

@@ -1,1 +1,1 @@
-"""The calls about jobs: each recorded and queued here, worked off elsewhere. The table of all operations may import it."""
+"""The calls about jobs: recorded and queued here, worked off elsewhere. The table of all operations may import it."""

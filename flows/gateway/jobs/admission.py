@@ -17,8 +17,8 @@ from flows.gateway.jobs.quota import require_place
 from specs.base import Fault, Spec
 from specs.digest import canonical_document
 from specs.errors import IdempotentParameterMismatch, ResourceNotFound
+from specs.interface.quotas import Quota
 from specs.job_kinds import JobKind
-from specs.quotas import Quota
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import enqueue, is_queued, leave_queue
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, submit

@@ -10,8 +10,8 @@ from flows.gateway.jobs.answer import answer_of
 from flows.gateway.references import path_of
 from specs.arn import arn
 from specs.digest import canonical_document
+from specs.interface.quotas import DEPLOYMENTS
 from specs.job_kinds import JobKind
-from specs.quotas import DEPLOYMENTS
 from specs.robomaker.deployment import (
     CancelDeploymentJobRequest,
     CancelDeploymentJobResponse,

@@ -12,8 +12,8 @@ from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import LimitExceeded, ObjectNotFound, ResourceNotFound
+from specs.interface.quotas import SIMULATION_JOBS, Quota
 from specs.job_kinds import JobKind
-from specs.quotas import SIMULATION_JOBS, Quota
 from tasks.storage.base.keys import queue_prefix
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import QueueEntry, enqueue, is_queued, leave_queue, queued_entry

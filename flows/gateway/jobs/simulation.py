@@ -11,7 +11,7 @@ from flows.gateway.jobs.simulation_batch import KIND as BATCH
 from flows.gateway.jobs.simulation_batch import admit_batch, require_own_tags
 from flows.gateway.references import missing, path_of
 from specs.arn import resource_kind
-from specs.quotas import SIMULATION_JOBS
+from specs.interface.quotas import SIMULATION_JOBS
 from specs.robomaker.simulation import (
     BatchDescribeSimulationJobRequest,
     CancelSimulationJobRequest,

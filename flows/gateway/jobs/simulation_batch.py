@@ -16,9 +16,9 @@ from flows.gateway.references import missing, path_of
 from specs.base import Fault
 from specs.data.outcome_tags import MOST_OWN_TAGS, is_reserved
 from specs.errors import DocumentError
+from specs.interface.quotas import BATCHES, Quota
 from specs.job_kinds import JobKind
 from specs.pipeline.simulation_section import SimulationBatch
-from specs.quotas import BATCHES, Quota
 from specs.robomaker.simulation import (
     CancelSimulationJobBatchRequest,
     CancelSimulationJobBatchResponse,

@@ -9,9 +9,9 @@ from flows.gateway.jobs.output import require_output
 from flows.gateway.jobs.wish import wish_canceled
 from flows.gateway.references import missing, path_of
 from specs.errors import DocumentError, ResourceNotFound
+from specs.interface.quotas import EXPORT_JOBS
 from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldExport, WorldFormat
-from specs.quotas import EXPORT_JOBS
 from specs.robomaker.world_descriptions import DescribeWorldExportJobResponse
 from specs.robomaker.world_jobs import (
     CancelWorldExportJobRequest,

@@ -7,9 +7,9 @@ from flows.gateway.jobs.admission import Admission, Document, admit, asked_docum
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.wish import wish_canceled
 from flows.gateway.references import path_of
+from specs.interface.quotas import GENERATION_JOBS
 from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import MAX_SEED
-from specs.quotas import GENERATION_JOBS
 from specs.robomaker.world_descriptions import DescribeWorldGenerationJobResponse
 from specs.robomaker.world_jobs import (
     CancelWorldGenerationJobRequest,

@@ -43,6 +43,7 @@ def run_page(visit: Visit, name: str) -> Page:
     if any(kind == "simulation-job-batch" for kind, _ in jobs_of(record)) and record.request.get("flow") == "pipeline":
         links.append(("Night by night", f"/batches/trends/{document}.html"))
     rows = [
+        ("id", Cell(record.id)),
         ("verdict", state(report.verdict)) if report and report.verdict else None,
         ("shipped", Cell("yes" if report.shipped else "no")) if report and report.shipped is not None else None,
         ("begun", when(record.created_at_s)),
@@ -52,7 +53,7 @@ def run_page(visit: Visit, name: str) -> Page:
     ]
     return Page(
         document,
-        f"Run of a document, {record.id}",
+        "Run of a document",
         record.status,
         visit.plain(record.failure_reason),
         (("Runs", "/runs"),),

@@ -7,7 +7,7 @@ from urllib.parse import quote, urlsplit
 
 from specs.arn import ResourceKind, arn, parse_reference
 from specs.base import Fault
-from specs.errors import ResourceNotFound
+from specs.errors import DocumentError, ResourceNotFound
 from tasks.gateway.page.content import Cell
 from tasks.storage.base.store import Store
 
@@ -82,6 +82,11 @@ class Visit:
 def missing(kind: ResourceKind, path: str) -> ResourceNotFound:
     """Returns what to raise for what is not there."""
     return ResourceNotFound([Fault(path=kind, value=repr(path[:80]), allowed="one that is there")], source="page")
+
+
+def nothing_there() -> DocumentError:
+    """Returns what to raise for an address that is nothing's."""
+    return DocumentError([Fault(path="address", value="it", allowed="one that a page links")], source="page")
 
 
 def address(kind: ResourceKind, path: str) -> str:

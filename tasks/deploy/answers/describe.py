@@ -80,9 +80,10 @@ def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
         DocumentError: The name is none.
     """
     record, _ = read_robot(store, reference)
-    # The shapes spell Greengrass differently; there is none here.
+    # The shapes spell Greengrass differently.
     document = _robot(store, record, store_id(store)).model_dump(exclude={"greenGrassGroupId"})
-    return DescribeRobotResponse.model_validate({**document, "tags": record.tags or None})
+    own = {"greengrassGroupId": record.greengrass_group or None, "tags": record.tags or None}
+    return DescribeRobotResponse.model_validate({**document, **own})
 
 
 def list_robots(store: Store) -> list[Robot]:
@@ -150,6 +151,7 @@ def _robot(store: Store, record: RobotRecord, identifier: str) -> Robot:
         fleetArn=arn("deployment-fleet", identifier, record.fleet) if record.fleet else None,
         status=_progress(store, record, desired).status,
         createdAt=record.created_at_s,
+        greenGrassGroupId=record.greengrass_group or None,
         architecture=record.architecture,
         lastDeploymentJob=arn(_KIND, identifier, desired.deployment) if desired else None,
         lastDeploymentTime=desired.issued_at_s if desired else None,

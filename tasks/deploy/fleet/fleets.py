@@ -12,6 +12,7 @@ from tasks.deploy.fleet.states import FleetRecord
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import fleet_key
 from tasks.storage.base.store import Store
+from tasks.storage.tags import Change
 
 _FLEETS = "fleets"
 
@@ -54,6 +55,23 @@ def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[
     if record.deleted and not deleted:
         raise _missing(reference, f"a fleet in {store.url}; this one is being deleted")
     return record, stored.etag
+
+
+def change_fleet_tags(store: Store, reference: str, change: Change) -> FleetRecord:
+    """Returns a fleet after its tags were changed, over exactly what was read.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        DocumentError: There would be too many.
+    """
+    while True:
+        record, etag = read_fleet(store, reference)
+        changed = record.model_copy(update={"tags": change(record.tags)})
+        try:
+            store.replace(fleet_key(record.name), encode_document(changed), etag)
+        except ObjectConflict:
+            continue
+        return changed
 
 
 def fleets(store: Store) -> list[FleetRecord]:

@@ -5,22 +5,32 @@ import time
 from collections.abc import Mapping
 from functools import lru_cache
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from specs.arn import absence, parse_reference
 from specs.base import Fault
-from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig, ResourceNotFound
-from specs.field_types import Architecture
+from specs.errors import (
+    DocumentError,
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ObjectTooBig,
+    ResourceAlreadyExists,
+    ResourceNotFound,
+)
+from specs.field_types import Architecture, RobotTagMap
 from tasks.deploy.fleet.damaged_records import read_listed
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.states import Desired, Reported, RobotRecord, Withdrawn
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import desired_key, reported_key, robot_record_key
 from tasks.storage.base.store import Store
+from tasks.storage.tags import Change
 
 _LOG = logging.getLogger(__name__)
 _ROBOTS = "robots"
 _RECORD = "record.json"
+_ROBOT_TAGS = TypeAdapter[dict[str, str]](RobotTagMap)
 TOO_BIG = "too big"
 """Stands for the etag of an object that was not read because of its size."""
 NOTHING_ASKED = b"null"
@@ -53,9 +63,23 @@ def create_robot(
         name=name, architecture=architecture, created_at_s=time.time(), tags=dict(tags or {}), local=local
     )
     try:
-        store.create(robot_record_key(name), encode_document(record))
-    except ObjectExists:
+        return add_robot(store, record)
+    except ResourceAlreadyExists:
         return read_robot(store, name)[0]
+
+
+def add_robot(store: Store, record: RobotRecord) -> RobotRecord:
+    """Returns a robot that was not there before.
+
+    Raises:
+        ResourceAlreadyExists: There is one of that name.
+        DocumentError: The name is none.
+    """
+    try:
+        store.create(robot_record_key(record.name), encode_document(record))
+    except ObjectExists as exc:
+        fault = Fault(path="name", value=repr(record.name), allowed="a name that no robot has")
+        raise ResourceAlreadyExists([fault]) from exc
     return record
 
 
@@ -73,19 +97,54 @@ def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
             fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
             raise DocumentError([fault])
         if changed := _change_fleet(store, record, etag, name):
-            return changed
+            break
+    try:
+        read_fleet(store, fleet)  # who deletes a fleet marks it first: one of the two sees the other
+    except ResourceNotFound:
+        deregister_robot(store, changed.name)
+        raise
+    return changed
 
 
-def deregister_robot(store: Store, robot: str) -> RobotRecord:
+def deregister_robot(store: Store, robot: str, fleet: str = "") -> RobotRecord:
     """Returns the robot as a member of no fleet; what it runs, it keeps running.
 
+    Args:
+        store: Where it is.
+        robot: Its name or ARN.
+        fleet: Name of the fleet that it must be in; empty for any or none.
+
     Raises:
-        ResourceNotFound: No such robot.
+        ResourceNotFound: No such robot, or it is not in that fleet.
     """
     while True:
         record, etag = read_robot(store, robot)
+        if fleet and record.fleet != fleet:
+            raise _missing(robot, f"a robot of the fleet {fleet}")
         if changed := _change_fleet(store, record, etag, ""):
             return changed
+
+
+def change_robot_tags(store: Store, reference: str, change: Change) -> RobotRecord:
+    """Returns a robot after its tags were changed; the next deployment to it gives them to its application.
+
+    Raises:
+        ResourceNotFound: No such robot.
+        DocumentError: There would be too many, or one that cannot be a variable.
+    """
+    while True:
+        record, etag = read_robot(store, reference)
+        try:
+            tags = _ROBOT_TAGS.validate_python(change(record.tags))
+        except ValidationError as exc:
+            fault = Fault(path="tags", value="given", allowed=_reason(exc))
+            raise DocumentError([fault], source=record.name) from exc
+        changed = record.model_copy(update={"tags": tags})
+        try:
+            store.replace(robot_record_key(record.name), encode_document(changed), etag)
+        except ObjectConflict:
+            continue
+        return changed
 
 
 def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
@@ -136,9 +195,15 @@ def robots(store: Store) -> list[RobotRecord]:
 
     A robot with a damaged record is left out, and named in the log: its fleet is not known, so it is asked nothing.
     """
-    names = [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
-    found = [robot for name in names if (robot := read_listed(store, robot_record_key(name), RobotRecord, name))]
+    found = [
+        robot for name in _names(store) if (robot := read_listed(store, robot_record_key(name), RobotRecord, name))
+    ]
     return sorted(found, key=lambda robot: (robot.created_at_s, robot.name))
+
+
+def robot_count(store: Store) -> int:
+    """Returns how many robots there are, without reading them."""
+    return len(_names(store))
 
 
 def members(store: Store, fleet: str) -> list[RobotRecord]:
@@ -191,6 +256,10 @@ def parse_withdrawn(body: bytes) -> Withdrawn | None:
         return Withdrawn.model_validate_json(body)
     except ValidationError:
         return None
+
+
+def _names(store: Store) -> list[str]:
+    return [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
 
 
 @lru_cache(maxsize=4096)

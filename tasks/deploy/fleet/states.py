@@ -46,6 +46,7 @@ class RobotRecord(Spec):
     Attributes:
         fleet: The one fleet it belongs to, or empty.
         local: Whether its agent is a process that a run of a pipeline starts for a demonstration.
+        greengrass_group: What RoboMaker's call named as its Greengrass group: kept and answered, and used for nothing.
     """
 
     name: str
@@ -54,6 +55,7 @@ class RobotRecord(Spec):
     tags: dict[str, str]
     fleet: str = ""
     local: bool = False
+    greengrass_group: str = ""
 
 
 class Signature(Spec):

@@ -104,6 +104,8 @@ def run_sync_job(
 ) -> JobRecord:
     """Returns the record of a job that brings a fleet to its latest deployment, Succeeded, Failed or Canceled.
 
+    Where every robot is in sync the job asks none, and is Succeeded at once.
+
     Args:
         store: Where fleet and robots are.
         fleet: Its name or ARN.
@@ -116,13 +118,16 @@ def run_sync_job(
     Raises:
         ResourceNotFound: No such fleet, or nothing was deployed to it yet.
         ConcurrentDeployment: A deployment to the fleet is under way.
+        IdempotentParameterMismatch: The token came with another fleet before.
         TrustRefused: The signer has not signed what was deployed last, or it is another fleet's, or was withdrawn.
         StoreError: The store fails, or another process has taken the job over.
     """
-    last = latest_deployment(store, fleet)
-    check_recorded_plan(signer, last, read_fleet(store, fleet)[0].name)
+    last, name = latest_deployment(store, fleet), read_fleet(store, fleet)[0].name
+    check_recorded_plan(signer, last, name)
     known = _find_job(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
+    if fleet_name(request.fleet) != name:
+        submit(store, _KIND, canonical_document(sync_request(last, token)), token)  # refuses: the token is another's
     plan = partial(plan_sync, store, last, only_failed=only_failed)
     work = _Work(request, plan=plan, check=lambda: None, follows=last.id)
     return _run(store, work, token, progress, pace=pace or ControllerPace(), robots=None, signer=signer)

@@ -10,6 +10,7 @@ from specs.errors import (
     ResourceNotFound,
     SimyardError,
     StoreAccessDenied,
+    StoreAway,
     StoreFull,
     StoreThrottled,
 )
@@ -58,6 +59,14 @@ def failure_code(error: SimyardError) -> WorldExportJobErrorCode:
         if isinstance(error, kind):
             return code
     return "InternalServiceError"
+
+
+def is_outage(error: SimyardError) -> bool:
+    """Returns whether nothing is wrong but that a store does not answer now: the job need not fail for that.
+
+    RoboMaker has a code for a bucket that asks for fewer requests, even after a while of fewer: RequestThrottled.
+    """
+    return isinstance(error, StoreAway) and not isinstance(error, StoreThrottled)
 
 
 def failure_reason(error: SimyardError) -> str:

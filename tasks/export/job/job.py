@@ -22,7 +22,7 @@ from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export.format.formats import require_writable
-from tasks.export.job.describe import failure_code, failure_reason
+from tasks.export.job.describe import failure_code, failure_reason, is_outage
 from tasks.export.job.upload import put, upload
 from tasks.export.job.world_files import SOURCE, WorldFiles, drop_parts, kept_part, world_files
 from tasks.export.job.zip_archive import write_zip
@@ -85,7 +85,8 @@ def run_export_job(
 
     Raises:
         IdempotentParameterMismatch: The token came with another request before.
-        StoreError: The store itself, which holds the record, cannot be written; the job can be run again.
+        StoreError: The store itself, which holds the record, cannot be written, or the bucket does not answer; the job
+            can be run again.
     """
     document: dict[str, JsonValue] = {**canonical_document(request), "formats": [*sorted(set(formats))]}
     job = submit(store, KIND, document, token).id
@@ -130,6 +131,8 @@ def _work_off(work: _Work, record: JobRecord) -> JobRecord:
     except _Canceling:
         return advance(store, KIND, job, "Canceled")
     except SimyardError as exc:
+        if is_outage(exc):
+            raise
         _log.warning("export %s failed: %s", job, exc)
         return advance(store, KIND, job, "Failed", failure_code=failure_code(exc), failure_reason=failure_reason(exc))
 

@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Collection
 
+from specs.arn import parse_reference
 from specs.base import Spec
 from specs.errors import AccessRefused, DocumentError
 from specs.interface.operations import Operation
@@ -11,7 +12,7 @@ from tasks.gateway.access.access_key import AccessKey
 from tasks.gateway.access.key_file import KeyFile
 from tasks.gateway.access.page_origin import refuse_forms, refuse_other_pages
 from tasks.gateway.access.replay import UsedSignatures
-from tasks.gateway.access.rights import FleetOf, check_right
+from tasks.gateway.access.rights import FleetOf, check_right, is_within
 from tasks.gateway.door import Caller
 from tasks.gateway.error_answers import error_answer
 from tasks.gateway.messages import HttpAnswer, HttpRequest
@@ -53,6 +54,26 @@ class SignedGuard:
         return _refusal(
             lambda: check_right(self._known(caller.key), operation, document, self._store_id, self._fleet_of)
         )
+
+    def secret_of(self, key_id: str) -> str | None:
+        """Returns the secret of a key that may read, for who signs in on the page; None for every other."""
+        key = self._reader(key_id)
+        return key.secret if key else None
+
+    def may_read(self, key_id: str, arn: str) -> bool:
+        """Returns whether a key may see a resource of the store on the page."""
+        key, named = self._reader(key_id), parse_reference(arn)
+        if key is None or named.kind is None:
+            return False
+        return is_within(key, named.kind, named.path, self._store_id, self._fleet_of)
+
+    def _reader(self, key_id: str) -> AccessKey | None:
+        try:
+            key = self._keys.key(key_id)
+        except DocumentError as exc:
+            _LOG.error("%s", exc)
+            return None
+        return key if key and "read" in key.rights else None
 
     def _check_head(self, request: HttpRequest, operation: Operation | None) -> None:
         refuse_other_pages(request, operation=operation is not None)

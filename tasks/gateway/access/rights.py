@@ -115,6 +115,11 @@ def _named(operation: Operation, document: Spec) -> Iterator[_Named]:
         yield _Named(_NAMED[operation.name], str(name), str(name))
 
 
+def is_within(key: AccessKey, kind: ResourceKind, path: str, store_id: str, fleet_of: FleetOf) -> bool:
+    """Returns whether a resource is within the limits of a key; whether it may read is another question."""
+    return not key.scopes or _covered(key, _Named(kind, path, ""), store_id, fleet_of)
+
+
 def _covered(key: AccessKey, named: _Named, store_id: str, fleet_of: FleetOf) -> bool:
     if named.kind is None:
         return False

@@ -41,6 +41,11 @@ class Cell:
     is_number: bool = False
     is_code: bool = False
 
+    @property
+    def is_blank(self) -> bool:
+        """Whether nothing is shown."""
+        return not self.text and not self.small and self.at_s is None
+
 
 @dataclass(frozen=True)
 class Steps:

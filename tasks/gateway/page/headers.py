@@ -21,7 +21,7 @@ def own_headers(*, is_secure: bool) -> Mapping[str, str]:
         is_secure: Whether the browser came by TLS, and shall always do so.
     """
     # With "no-referrer" a browser would send the form without its origin, which the form's answer looks at.
-    policy = f"default-src 'none'; style-src '{style_digest()}'; img-src 'self'; form-action 'self'; {_NOWHERE}"
+    policy = f"default-src 'none'; style-src '{style_digest()}'; img-src 'self' data:; form-action 'self'; {_NOWHERE}"
     return {
         **_ALWAYS,
         "Content-Security-Policy": policy,
@@ -36,8 +36,8 @@ def own_headers(*, is_secure: bool) -> Mapping[str, str]:
 def strangers_headers(*, keep_s: int = 0, file_name: str = "") -> Mapping[str, str]:
     """Returns the headers of what lies in a store: a browser gives it no script, no session and no address.
 
-    ``sandbox`` makes its origin one that nothing else has. There is no Cross-Origin-Opener-Policy: browsers show no page
-    that has both.
+    ``sandbox`` makes its origin one that nothing else has. There is no Cross-Origin-Opener-Policy: browsers show no
+    page that has both.
 
     Args:
         keep_s: How long the browser may keep it.

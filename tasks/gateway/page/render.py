@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from specs.artifact_text import xml_text
-from tasks.gateway.page.content import Block, Facts, Frame, Gallery, Page, Table, tone_of
+from tasks.gateway.page.content import Block, Facts, Frame, Gallery, Page, Table, Text, tone_of
 
 RELOAD_S = 5
 _AGES = ((86_400, "day"), (3_600, "hour"), (60, "minute"), (1, "second"))
@@ -89,8 +89,20 @@ def _iso(at_s: float) -> str:
 
 
 def _sort(block: Block) -> str:
-    names = {Table: "table", Facts: "facts", Gallery: "gallery"}
-    return names.get(type(block), "text")
+    match block:
+        case Table():
+            return "table"
+        case Facts():
+            return "facts"
+        case Gallery():
+            return "gallery"
+        case Text():
+            return "text"
+
+
+def _filled(table: Table) -> list[int]:
+    """Returns the positions of the columns that have something in a row, and of the first."""
+    return [at for at in range(len(table.columns)) if not at or any(not row[at].is_blank for row in table.rows)]
 
 
 def _render(template: str, **values: object) -> bytes:
@@ -108,7 +120,7 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    tools = {"sort": _sort, "moment": moment, "iso": _iso, "age": age, "tone": tone_of}
+    tools = {"sort": _sort, "filled": _filled, "moment": moment, "iso": _iso, "age": age, "tone": tone_of}
     cast("dict[str, Any]", found.globals).update(tools)
     return found
 

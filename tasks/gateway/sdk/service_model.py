@@ -22,6 +22,7 @@ _METADATA = {
     "jsonVersion": "1.1",
     "protocol": "rest-json",
     "protocols": ["rest-json"],
+    "serviceAbbreviation": "RoboMaker",  # names the class of clients
     "serviceFullName": "AWS RoboMaker, served by Simyard",
     "serviceId": "RoboMaker",
     "signatureVersion": "v4",

@@ -10,7 +10,7 @@ from pydantic import JsonValue
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.simulate.batch.chunk_store import chunk_start, committed_chunk
-from tasks.simulate.batch.job import GOING, KIND, canceled_job_mark, job_of, restarted_job_mark
+from tasks.simulate.batch.job import GOING, KIND, canceled_job_mark, canceled_job_time, job_of, restarted_job_mark
 from tasks.simulate.batch.job_states import Jobs
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
@@ -39,12 +39,13 @@ def cancel_job(store: Store, path: str) -> None:
         path: ``<batch>/<index>``.
 
     Raises:
-        ResourceNotFound: No such job.
+        ResourceNotFound: No such job, or its batch ended before it became one.
         DocumentError: It has ended, or its batch has, or is about to.
     """
     batch, index = job_of(store, path)
     chunk = batch.layout.chunk_of(index)
-    mark: dict[str, JsonValue] = {canceled_job_mark(index): chunk_start(store, batch.id, chunk) is not None}
+    begun = chunk_start(store, batch.id, chunk) is not None
+    mark: dict[str, JsonValue] = {canceled_job_mark(index): begun, canceled_job_time(index): time.time()}
     ended = {row.index: row.status for row in committed_chunk(store, batch.id, chunk) or ()}
     record = batch.record()
     if index not in ended and record.status in GOING and mark.keys() <= record.detail.keys():
@@ -54,6 +55,7 @@ def cancel_job(store: Store, path: str) -> None:
         record = advance(store, KIND, batch.id, record.status, only_from={record.status}, detail=mark)
         if mark.keys() <= record.detail.keys():
             return
+    Jobs(store, batch.id).require_job(index)
     status = ended.get(index, f"in a batch that is {record.status}")
     raise _refused(path, f"a job that has not ended; this one is {status}")
 

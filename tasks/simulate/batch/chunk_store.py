@@ -21,6 +21,7 @@ from tasks.storage.jobs.voucher import MAC_LENGTH, Voucher
 _ROWS = TypeAdapter(list[EpisodeResult])
 # A chunk is JSON that begins and ends with these bytes, so that what is vouched for is exactly what stands between.
 _BEGIN, _MIDDLE, _END = b'{"mac":"', b'","rows":', b"}"
+_BEGUN = ".started"
 _ROWS_SHOWN = 3
 
 
@@ -43,6 +44,18 @@ class ChunkNumbers(Spec):
 
     begun: frozenset[int]
     committed: frozenset[int]
+
+
+class ChunkTimes(NamedTuple):
+    """When chunks of a batch were last begun, and committed, by their numbers: by the store's clock, for people."""
+
+    begun_s: dict[int, float]
+    committed_s: dict[int, float]
+
+    @property
+    def begun(self) -> frozenset[int]:
+        """Returns those that were begun, committed or not."""
+        return frozenset(self.begun_s | self.committed_s)
 
 
 def begin_chunk(store: Store, batch: str, number: int, spent_s: float) -> ChunkStart:
@@ -179,8 +192,18 @@ def chunk_numbers(store: Store, batch: str) -> ChunkNumbers:
     """Returns which chunks were begun and which are committed, as a listing tells."""
     names = [key.rpartition("/")[2].removesuffix(".json") for key in store.keys(chunks_prefix(batch))]
     committed = frozenset(int(name) for name in names if name.isdecimal())
-    begun = frozenset(int(name.removesuffix(".started")) for name in names if name.endswith(".started"))
+    begun = frozenset(int(name.removesuffix(_BEGUN)) for name in names if name.endswith(_BEGUN))
     return ChunkNumbers(begun=begun | committed, committed=committed)
+
+
+def chunk_times(store: Store, batch: str) -> ChunkTimes:
+    """Returns when chunks were begun and committed, as a listing tells."""
+    written_s = {each.key.rpartition("/")[2]: each.written_s for each in store.entries(chunks_prefix(batch))}
+    names = {name.removesuffix(".json"): at_s for name, at_s in written_s.items()}
+    return ChunkTimes(
+        begun_s={int(name.removesuffix(_BEGUN)): at_s for name, at_s in names.items() if name.endswith(_BEGUN)},
+        committed_s={int(name): at_s for name, at_s in names.items() if name.isdecimal()},
+    )
 
 
 def spent_s(store: Store, batch: str) -> float:

@@ -79,6 +79,7 @@ def run_chunk(
     lanes: int,
     left_s: float,
     spent_s: float = 0.0,
+    unusable: Mapping[str, Failure] | None = None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, once its results are committed; one that was committed before is not run again.
 
@@ -92,6 +93,7 @@ def run_chunk(
         lanes: How many lanes fit into memory, as far as is known.
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on it before.
+        unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
 
     Raises:
         StageFailed: It was committed with other results, which nobody vouches for.
@@ -103,7 +105,7 @@ def run_chunk(
     chunk = batch.layout.chunk(number)
     worlds, missing = load_worlds(batch, chunk.requests)
     mounted, program = batch_mounts(batch), program_key(chunk.requests[0])
-    unable = _unable(chunk, missing, mounted)
+    unable = _unable(chunk, missing, mounted, unusable or {})
     able = _able(chunk, unable, mounted)
     work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
     with collect_timings() as timings:
@@ -232,9 +234,17 @@ def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
     return row
 
 
-def _unable(chunk: Chunk, missing: Mapping[str, Failure], mounted: Mounts) -> dict[int, Failure]:
-    """Returns why episodes cannot be simulated: their world, or what they read."""
-    why = {each.index: missing.get(each.world) or mounted.failure(each) for each in chunk.requests}
+def _unable(
+    chunk: Chunk, missing: Mapping[str, Failure], mounted: Mounts, unusable: Mapping[str, Failure]
+) -> dict[int, Failure]:
+    """Returns why episodes cannot be simulated: their world, what they read, or what they run."""
+    why = {
+        each.index: missing.get(each.world)
+        or mounted.failure(each)
+        or unusable.get(each.robot.digest)
+        or unusable.get(each.scenario.digest)
+        for each in chunk.requests
+    }
     return {index: failure for index, failure in why.items() if failure}
 
 

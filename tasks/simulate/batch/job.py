@@ -13,13 +13,13 @@ missing, and since a chunk's results depend on the plan alone, an unbroken run w
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal, cast, get_args
 
 from pydantic import JsonValue
 
 from specs.base import Fault
-from specs.errors import ResourceNotFound, StageFailed
-from specs.robomaker.simulation import SimulationJobBatchErrorCode
+from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from specs.robomaker.simulation import SimulationJobBatchErrorCode, SimulationJobErrorCode
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
 from tasks.storage.base.keys import job_key
@@ -32,7 +32,10 @@ KIND = "simulation-job-batch"
 STOPPING = frozenset({"Canceling", "TimingOut"})
 GOING = frozenset({"Pending", "InProgress"})
 _LAYOUTS_KEPT = 4
+_JOB_CODE = "jobFailureCode"
+_ETAGS = "dataSourceEtags"
 _CANCELED_JOB = "canceledJob/"
+_CANCELED_JOB_AT = "canceledJobAt/"
 _RESTARTED_JOB = "restartedJob/"
 
 
@@ -80,7 +83,7 @@ def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], tok
         IdempotentParameterMismatch: The token came with another batch before.
     """
     record = submit(store, KIND, {"request": request, "plan": plan.model_dump(mode="json")}, token)
-    return advance(store, KIND, record.id, "InProgress", only_from={"Pending"})
+    return advance(store, KIND, record.id, "InProgress", only_from={"Pending"}, detail=etag_detail(plan))
 
 
 def load_batch(store: Store, batch: str, voucher: Voucher | None = None) -> OpenBatch:
@@ -181,6 +184,16 @@ def canceled_before_begun(record: JobRecord) -> frozenset[int]:
     return frozenset(index for index in canceled_jobs(record) if record.detail[canceled_job_mark(index)] is False)
 
 
+def canceled_job_time(index: int) -> str:
+    """Returns the key in a batch's detail that says when a job was cancelled by itself, in seconds since 1970."""
+    return f"{_CANCELED_JOB_AT}{index}"
+
+
+def canceled_job_times(record: JobRecord) -> dict[int, float]:
+    """Returns when jobs were cancelled by themselves, by index; records of older versions do not say."""
+    return _times(record, _CANCELED_JOB_AT)
+
+
 def restarted_job_mark(index: int) -> str:
     """Returns the key in a batch's detail that says when a job was last restarted, in seconds since 1970."""
     return f"{_RESTARTED_JOB}{index}"
@@ -188,11 +201,30 @@ def restarted_job_mark(index: int) -> str:
 
 def restarted_jobs(record: JobRecord) -> dict[int, float]:
     """Returns when jobs were last restarted, by index."""
+    return _times(record, _RESTARTED_JOB)
+
+
+def _times(record: JobRecord, mark: str) -> dict[int, float]:
     return {
-        int(key.removeprefix(_RESTARTED_JOB)): cast("float", at_s)
-        for key, at_s in record.detail.items()
-        if key.startswith(_RESTARTED_JOB)
+        int(key.removeprefix(mark)): cast("float", at_s) for key, at_s in record.detail.items() if key.startswith(mark)
     }
+
+
+def etag_detail(plan: BatchPlan) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its data sources' files: the ETag of each, by ``<bucket>/<key>``.
+
+    The plan does not say them: it pins contents, and the same content is the same plan whoever uploaded it.
+    """
+    sources = plan.data_sources.values()
+    etags: dict[str, JsonValue] = {
+        f"{source.bucket}/{file.key}": file.etag for source in sources for file in source.files if file.etag
+    }
+    return {_ETAGS: etags} if etags else {}
+
+
+def etags_of(record: JobRecord) -> dict[str, str]:
+    """Returns the ETags that `etag_detail` noted; records of older versions have none."""
+    return cast("dict[str, str]", record.detail.get(_ETAGS, {}))
 
 
 def close_batch(
@@ -211,6 +243,27 @@ def close_batch(
     """
     code: SimulationJobBatchErrorCode | Literal[""] = "InternalServiceError" if status == "Failed" else ""
     return advance(store, KIND, batch, status, failure_code=code, failure_reason=failure_reason, detail=dict(detail))
+
+
+def close_refused(batch: OpenBatch, error: DocumentError | StageFailed) -> JobRecord:
+    """Returns the record of a batch that nobody can continue: Failed, or Canceled if it was being cancelled.
+
+    Its jobs that have no row, and those whose output is refused, say the same code as the error.
+    """
+    status = "Canceled" if batch.record().status == "Canceling" else "Failed"
+    code = job_code(error.code) if isinstance(error, StageFailed) else "InvalidInput"
+    detail: dict[str, JsonValue] = {_JOB_CODE: code} if code else {}
+    return close_batch(batch.store, batch.id, status, detail, str(error))
+
+
+def lost_job_code(record: JobRecord) -> SimulationJobErrorCode:
+    """Returns the failure code of a Failed batch's jobs that did not come to their end."""
+    return job_code(str(record.detail.get(_JOB_CODE, ""))) or "InternalServiceError"
+
+
+def job_code(text: str) -> SimulationJobErrorCode | None:
+    """Returns text that is a failure code of simulation jobs; None for any other."""
+    return next((code for code in get_args(SimulationJobErrorCode) if code == text), None)
 
 
 @functools.lru_cache(maxsize=_LAYOUTS_KEPT)

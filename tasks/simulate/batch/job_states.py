@@ -10,17 +10,27 @@ from typing import cast
 from pydantic import JsonValue
 
 from specs.arn import arn
-from specs.base import Spec
+from specs.base import Fault, Spec
 from specs.data.episode import EpisodeResult
 from specs.data.outcome_tags import failed_tags, outcome_tags, with_outcome
+from specs.errors import ResourceNotFound
 from specs.robomaker.simulation import SimulationJobRequest
 from specs.robomaker.simulation_descriptions import (
     DescribeSimulationJobResponse,
     FailedCreateSimulationJobRequest,
     SimulationJobSummary,
 )
-from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk
-from tasks.simulate.batch.job import STOPPING, canceled_before_begun, canceled_jobs, load_batch, restarted_jobs
+from tasks.simulate.batch.chunk_store import chunk_start, chunk_times, committed_chunk
+from tasks.simulate.batch.job import (
+    STOPPING,
+    canceled_before_begun,
+    canceled_job_times,
+    canceled_jobs,
+    etags_of,
+    load_batch,
+    lost_job_code,
+    restarted_jobs,
+)
 from tasks.simulate.batch.result_stream import STOP_CODES
 from tasks.simulate.plan.request import entries, is_single
 from tasks.storage.base.store import Store
@@ -28,6 +38,7 @@ from tasks.storage.jobs.records import is_terminal
 from tasks.storage.store_url import store_id
 
 _CHUNKS_KEPT = 4
+_LONGEST_REASON = 1024  # GenericString
 _Document = dict[str, JsonValue]
 
 
@@ -52,8 +63,9 @@ class Jobs:
         self.record = self._batch.record()
         self._ended = is_terminal(self.record)
         self._store_id = store_id(store)
-        self._chunks = chunk_numbers(store, batch)
+        self._chunks = chunk_times(store, batch)
         self._canceled, self._restarted = canceled_jobs(self.record), restarted_jobs(self.record)
+        self._canceled_s, self._etags = canceled_job_times(self.record), etags_of(self.record)
         self._never_begun = canceled_before_begun(self.record)
         self._entries, self._is_single = entries(self.record), is_single(self.record)
         self._rows = functools.lru_cache(maxsize=_CHUNKS_KEPT)(self._read_rows)
@@ -84,15 +96,37 @@ class Jobs:
                     {**asked, **self._why_not_begun(), "failedAt": self.record.updated_at_s}
                 )
 
+    def require_job(self, index: int) -> None:
+        """Does nothing for a job; a request of a batch that ended before it became one has no ARN.
+
+        A single job is one from the call that made it on.
+
+        Raises:
+            ResourceNotFound: It never became a job.
+        """
+        begun = self._batch.layout.chunk_of(index) in self._chunks.begun
+        if not self._ended or begun or is_single(self.record):
+            return
+        why = ": ".join(str(text) for text in self._why_not_begun().values() if text)
+        allowed = (
+            f"a request that never became a job ({why}); simyard describe {self._batch.id} has it in failedRequests"
+        )
+        raise ResourceNotFound([Fault(path="simulation-job", value=f"'{self._batch.id}/{index}'", allowed=allowed)])
+
     def described(self, index: int) -> _Document:
-        """Returns a job as DescribeSimulationJob answers."""
+        """Returns a job as DescribeSimulationJob answers.
+
+        Raises:
+            ResourceNotFound: It never became one.
+        """
+        self.require_job(index)
         chunk = self._batch.layout.chunk_of(index)
         start = chunk_start(self._batch.store, self._batch.id, chunk)
         asked = {
             key: value for key, value in self._asked(index).items() if key in DescribeSimulationJobResponse.model_fields
         }
         if "dataSources" in asked:
-            asked["dataSources"] = [_read_source(source) for source in cast("list[_Document]", asked["dataSources"])]
+            asked["dataSources"] = [self._source(source) for source in cast("list[_Document]", asked["dataSources"])]
         restarted_s = self._restarted.get(index, 0.0)
         started: _Document = {"lastStartedAt": max(start.started_at_s, restarted_s)} if start else {}
         tags = with_outcome(cast("Mapping[str, str]", asked.get("tags") or {}), self.outcome_tags(index))
@@ -106,6 +140,12 @@ class Jobs:
             return outcome_tags(row)
         state = self._state(index)
         return failed_tags(str(state["failureCode"])) if state["status"] == "Failed" else {}
+
+    def _source(self, source: _Document) -> _Document:
+        """Returns a data source as the answer has it: keys with the ETag that their files had; folders have none."""
+        keys = cast("list[str]", source["s3Keys"])
+        etags = [self._etags.get(f"{source['s3Bucket']}/{key}") for key in keys]
+        return {**source, "s3Keys": [{"s3Key": key, "etag": tag} for key, tag in zip(keys, etags, strict=True)]}
 
     def _summary(self, index: int) -> SimulationJobSummary:
         request = self._batch.layout.request(index)
@@ -126,17 +166,33 @@ class Jobs:
         return {
             "arn": arn("simulation-job", self._store_id, f"{self._batch.id}/{index}"),
             "name": f"{self._batch.id}-{index}",
-            "lastUpdatedAt": self.record.updated_at_s,
+            "lastUpdatedAt": self._updated_s(index),
         }
+
+    def _updated_s(self, index: int) -> float:
+        """Returns when a job last changed: its lanes began or ended, or somebody cancelled or restarted it, or all."""
+        chunk, record = self._batch.layout.chunk_of(index), self.record
+        noted = (self._chunks.begun_s, self._chunks.committed_s)
+        own = (self._restarted.get(index), self._canceled_s.get(index))
+        at_s = max(at_s for at_s in (record.created_at_s, *own, *(each.get(chunk) for each in noted)) if at_s)
+        row, stopped = self._rows(chunk).get(index), record.status in STOPPING
+        if (row is None and (stopped or self._ended)) or (row and self._ended and self._is_kept(row)):
+            return record.updated_at_s
+        # What was copied says when it was copied.
+        return min(at_s, record.updated_at_s) if self._ended else at_s
+
+    def _is_kept(self, row: EpisodeResult) -> bool:
+        """Returns whether a job failed, and keeps its place until its batch ends, as RoboMaker kept its host."""
+        return row.status == "Failed" and self._batch.layout.request(row.index).failure_behavior == "Continue"
 
     def _state(self, index: int) -> _Document:
         chunk = self._batch.layout.chunk_of(index)
         row = self._rows(chunk).get(index)
         if row is not None:
-            return self._state_of(row, index)
+            return self._state_of(row)
         if self._ended:
             why = self._why_not_begun()
-            return {**why, "status": "Failed" if why["failureCode"] == "InternalServiceError" else "Canceled"}
+            return {**why, "status": "Canceled" if self.record.status in STOP_CODES else "Failed"}
         return {"status": self._active(index, chunk)}
 
     def _active(self, index: int, chunk: int) -> str:
@@ -150,18 +206,22 @@ class Jobs:
             return "Preparing" if self._is_single and self.record.status == "InProgress" else "Pending"
         return "Restarting" if index in self._restarted else "Running"
 
-    def _state_of(self, row: EpisodeResult, index: int) -> _Document:
+    def _state_of(self, row: EpisodeResult) -> _Document:
         state: _Document = {"status": row.status, "simulationTimeMillis": round(1000 * row.simulated_s)}
         if row.failure_reason:
-            state["failureReason"] = row.failure_reason
+            state["failureReason"] = " ".join(row.failure_reason.split())[:_LONGEST_REASON]
         if row.failure_code:
             state["failureCode"] = row.failure_code
-        # RoboMaker kept a failed job's host for whoever wants to look into it; here the batch keeps it until its end.
-        kept = self._batch.layout.request(index).failure_behavior == "Continue"
-        return {**state, "status": "RunningFailed"} if row.status == "Failed" and kept and not self._ended else state
+        if row.status == "Completed" and self._is_output_refused():
+            return {**state, **self._why_not_begun(), "status": "Failed"}
+        return {**state, "status": "RunningFailed"} if not self._ended and self._is_kept(row) else state
+
+    def _is_output_refused(self) -> bool:
+        """Returns whether nothing that the batch's jobs did could be written into their bucket."""
+        return self.record.status == "Failed" and lost_job_code(self.record) == "BadPermissionsS3Output"
 
     def _why_not_begun(self) -> _Document:
-        code = STOP_CODES.get(self.record.status, "InternalServiceError")
+        code = STOP_CODES.get(self.record.status) or lost_job_code(self.record)
         return {"failureCode": code, "failureReason": self.record.failure_reason}
 
     def _indices(self, first: int, *, begun: bool) -> Iterator[int]:
@@ -177,7 +237,7 @@ class Jobs:
                     yield index
 
     def _read_rows(self, chunk: int) -> dict[int, EpisodeResult]:
-        if chunk not in self._chunks.committed:
+        if chunk not in self._chunks.committed_s:
             return {}
         return {row.index: row for row in committed_chunk(self._batch.store, self._batch.id, chunk) or ()}
 
@@ -199,9 +259,3 @@ class Jobs:
         own = cast("_Document", config.get("environmentVariables") or {})
         values: _Document = {name: environment[name] for name in sorted(own.keys() | self._batch.plan.sweep.keys())}
         return {**config, "environmentVariables": values} if values else config
-
-
-def _read_source(source: _Document) -> _Document:
-    """Returns a data source as the answer has it: keys that may carry an ETag."""
-    keys = cast("list[JsonValue]", source["s3Keys"])
-    return {**source, "s3Keys": [{"s3Key": key} for key in keys]}

@@ -9,6 +9,7 @@ the file system notes of each file: a write changes that, whoever writes.
 """
 
 import hashlib
+import json
 import shutil
 import uuid
 from pathlib import Path
@@ -41,9 +42,10 @@ class DataCache:
         known = _noted(note)
         if known is not None and self.path(known.sha256).is_file():
             return known
-        found = self._download(bucket, key)
+        etag = bucket.etag(key).strip('"')
+        found = self._download(bucket, key).model_copy(update={"etag": etag})
         with whole_file(note) as file:
-            file.write(found.model_dump_json().encode())
+            file.write(json.dumps({**found.model_dump(mode="json"), "etag": etag}).encode())
         return found
 
     def path(self, sha256: str) -> Path:

@@ -2,6 +2,8 @@
 
 from typing import Literal
 
+from pydantic import Field
+
 from specs.base import Spec
 from specs.digest import digest
 from specs.robomaker.simulation import DataSourceConfig
@@ -21,11 +23,13 @@ class PinnedFile(Spec):
     Attributes:
         key: Its key in the bucket.
         sha256: Of its content.
+        etag: What the bucket called that content; for answers, and no part of a plan or of what is written of one.
     """
 
     key: str
     sha256: str
     size_bytes: int
+    etag: str = Field(default="", exclude=True)
 
 
 class PinnedSource(Spec):

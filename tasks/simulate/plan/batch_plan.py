@@ -1,10 +1,13 @@
 """The plan of a batch: job templates to be multiplied by worlds, seeds and parameters."""
 
+from collections.abc import Iterator
+
 from pydantic import Field
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch
 from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
+from specs.robomaker.bundle import ApplicationKind
 from specs.robomaker.simulation import FailureBehavior
 from tasks.simulate.data.sources import PinnedSource
 
@@ -74,8 +77,13 @@ class BatchPlan(Spec):
 
     def bundles(self) -> dict[str, str]:
         """Returns the name of each application that the batch runs, by its bundle's digest."""
-        launches = [launch for template in self.templates for launch in (template.robot, template.scenario)]
-        return {launch.digest: launch.name for launch in launches}
+        return {launch.digest: launch.name for _, launch in self.launches()}
+
+    def launches(self) -> Iterator[tuple[ApplicationKind, ApplicationLaunch]]:
+        """Yields the applications as its requests launch them, and of which kind each is."""
+        for template in self.templates:
+            yield "robot-application", template.robot
+            yield "simulation-application", template.scenario
 
     def records(self) -> bool:
         """Returns whether any of its episodes may be recorded."""

@@ -215,6 +215,17 @@ def named_templates(store: Store) -> list[NamedTemplate]:
     return sorted(found, key=lambda each: (each.created_at_s, each.id))
 
 
+def template_count(store: Store) -> int:
+    """Returns how many templates somebody named, without reading them."""
+    return len(store.keys(named_templates_prefix()))
+
+
+def is_made(store: Store, *, name: str, token: str) -> bool:
+    """Returns whether a token or a name has a template already, so that `create_template` would make no new one."""
+    of_token = bool(token) and _found(store, _new_id(token)) is not None
+    return of_token or (bool(name) and find_template_name(store, name) is not None)
+
+
 def _new_id(token: str) -> str:
     digits = hashlib.sha256(f"world-template|{token}".encode()).hexdigest()[:16] if token else secrets.token_hex(8)
     return f"{NAMED_TEMPLATE_PREFIX}{digits}"

@@ -24,10 +24,11 @@ from specs.robomaker.world_descriptions import (
     world_description,
 )
 from specs.template.body import TemplateBody
-from tasks.storage.base.keys import template_key
+from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, template_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read, records
 from tasks.storage.store_url import store_id
+from tasks.storage.templates.named_templates import NamedTemplate, named_templates, read_template
 from tasks.storage.worlds import decode_world, reference_key
 
 _SUMMARISED = ("template", "worldCount")
@@ -168,33 +169,56 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
 
 
 def list_worlds(store: Store) -> list[WorldSummary]:
-    """Returns the worlds of all generation jobs, oldest job first, and then those that somebody added, by name."""
+    """Returns the worlds of all generation jobs, oldest job first, and then those that somebody added, by name.
+
+    Worlds that were deleted still stand in the records of their jobs, and are left out.
+    """
     jobs = records(store, _KIND)
     generations = {record.id for record in jobs}
     names = [PurePosixPath(key) for key in store.keys("worlds") if key.endswith(".json")]
-    added = [f"{each.parent.name}/{each.stem}" for each in names if each.parent.name not in generations]
+    there = [f"{each.parent.name}/{each.stem}" for each in names]
+    kept = {arn("world", store_id(store), reference) for reference in there}
+    added = [reference for reference in there if reference.partition("/")[0] not in generations]
     return [
-        *(summary for record in jobs for summary in summarise_worlds(record)),
+        *(summary for record in jobs for summary in summarise_worlds(record) if summary.arn in kept),
         *(summarise_added_world(reference, store_id(store)) for reference in added),
     ]
 
 
 def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
-    """Returns a template, by its name in the store: the digest of its body.
+    """Returns a template: one that somebody named, by its id, or a body that worlds were made from, by its digest.
 
     Raises:
         ResourceNotFound: There is no such template.
         DocumentError: The name is none.
     """
+    if name.startswith(NAMED_TEMPLATE_PREFIX):
+        return describe_named_template(store, read_template(store, name)[0])
     body = TemplateBody.model_validate_json(_read_object(store, template_key(name), "world-template", name))
     return DescribeWorldTemplateResponse(arn=_arn(store, name), name=name, version=body.Version)
 
 
+def describe_named_template(store: Store, found: NamedTemplate) -> DescribeWorldTemplateResponse:
+    """Returns the answer of DescribeWorldTemplate for a template that somebody named."""
+    return DescribeWorldTemplateResponse(
+        arn=_arn(store, found.id),
+        clientRequestToken=found.token or None,
+        name=found.name or None,
+        createdAt=found.created_at_s,
+        lastUpdatedAt=found.updated_at_s,
+        tags=found.tags or None,
+        version=found.version,
+    )
+
+
 def list_templates(store: Store) -> list[TemplateSummary]:
-    """Returns the templates that worlds were made from, by name."""
+    """Returns the templates that somebody named, oldest first, and then all other bodies that worlds were made from."""
+    named = named_templates(store)
+    digests = {digest for each in named for digest in (each.digest, *each.earlier)}
     names = [PurePosixPath(key).stem for key in store.keys("templates")]
-    found = [describe_template(store, name) for name in names]
-    return [TemplateSummary(arn=template.arn, name=template.name, version=template.version) for template in found]
+    bodies = [describe_template(store, name) for name in names if name not in digests]
+    found = [*(describe_named_template(store, each) for each in named), *bodies]
+    return [TemplateSummary.model_validate(each.model_dump(exclude={"clientRequestToken", "tags"})) for each in found]
 
 
 def _arn(store: Store, name: str) -> str:

@@ -2,9 +2,10 @@
 
 import pytest
 
-from specs.errors import ResourceNotFound
+from specs.errors import IdempotentParameterMismatch, ResourceNotFound
 from specs.pipeline.simulation_section import RollOutRules
-from tasks.deploy.answers.describe import describe_deployment_job
+from tasks.deploy.answers.describe import describe_deployment_job, describe_fleet
+from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
@@ -168,3 +169,39 @@ def test_a_deployment_that_was_killed_before_its_plan_does_not_hide_the_one_befo
     record = sync(yard, robots)
     assert record.status == "Succeeded"
     assert list(recorded_progress(record)) == ["late"]
+
+
+def test_a_sync_with_nothing_to_do_is_a_job_that_succeeded_and_the_latest_of_its_fleet(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 2), yard.publish({"run.sh": STAYS_UP})
+    first = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    record = sync(yard, robots, "again")
+
+    described = describe_deployment_job(yard.store, record.id)
+    assert (record.status, described.robotDeploymentSummary) == ("Succeeded", ())
+    assert record.id != first.id
+    assert describe_fleet(yard.store, FLEET).lastDeploymentJob == record.arn
+    assert {desired.deployment for desired in robots.asked()} == {first.id}
+    create_robot(yard.store, "late")
+    register_robot(yard.store, FLEET, "late")
+    robots.names.append("late")
+    assert list(recorded_progress(sync(yard, robots, "later"))) == ["late"]
+
+
+def test_the_token_of_a_sync_is_the_same_job_and_of_another_fleet_a_mismatch(yard: Yard) -> None:
+    robots, version = PuppetRobots(yard.store, 2), yard.publish({"run.sh": STAYS_UP})
+    run(yard, robots, yard.request(version, "one"), version.digest)
+    create_fleet(yard.store, "others")
+    request = yard.request(version, "two")
+    other = request.model_copy(update={"fleet": request.fleet.replace(FLEET, "others")})
+    create_robot(yard.store, "o1")
+    register_robot(yard.store, "others", "o1")
+    others = PuppetRobots(yard.store, 0)
+    others.names = ["o1"]
+    run(yard, others, other, version.digest)
+
+    record = sync(yard, robots, "tok")
+
+    assert sync(yard, robots, "tok") == record
+    with pytest.raises(IdempotentParameterMismatch):
+        run_sync_job(yard.store, "others", token="tok", progress=lambda *_: None, pace=robots.pace)  # noqa: S106 - of a client request

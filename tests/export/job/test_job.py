@@ -12,6 +12,7 @@ from specs.errors import (
     BucketNotFound,
     IdempotentParameterMismatch,
     StoreAccessDenied,
+    StoreAway,
     StoreDamaged,
     StoreError,
     StoreFull,
@@ -22,7 +23,7 @@ from tasks.export.job.job import KIND, run_export_job
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.jobs.records import read, submit
+from tasks.storage.jobs.records import read, records, submit
 from tests.export.export_jobs import (
     ARNS,
     GENERATION,
@@ -158,6 +159,19 @@ def test_what_the_bucket_refuses_becomes_a_code(
     record = run(store)
     assert (record.status, record.failure_code) == ("Failed", code)
     assert "\n" not in record.failure_reason
+
+
+@pytest.mark.parametrize("writes", [0, 1])
+def test_a_job_whose_bucket_is_away_goes_on_when_it_answers_again(
+    store: Store, broken: pytest.MonkeyPatch, writes: int
+):
+    break_bucket(broken, StoreAway("no answer"), writes)
+    with pytest.raises(StoreAway):
+        run(store)
+    (left,) = records(store, KIND)
+    assert left.status == "Running"
+    broken.undo()
+    assert run(store).status == "Completed"
 
 
 def test_a_job_killed_between_two_uploads_is_completed_by_the_next_run(store: Store, broken: pytest.MonkeyPatch):

@@ -1,11 +1,12 @@
 """A botocore client of RoboMaker whose requests are answered in this process, by the ASGI application."""
 
 import asyncio
-from collections.abc import Callable, Generator, MutableMapping
+import json
+from collections.abc import Callable, Generator, Mapping, MutableMapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlencode, urlsplit
 
 import botocore.loaders
 import botocore.session
@@ -16,6 +17,7 @@ from flows.gateway.application import Application
 from flows.gateway.calls import Calls, Page, no_page
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.handlers import HANDLERS
+from specs.interface.operations import Operation, location
 from tasks.gateway.access.guards import LoopbackGuard
 from tasks.gateway.access.page_origin import loopback_hosts
 from tasks.gateway.door import Guard
@@ -61,6 +63,18 @@ def client_of(send: Send, models: Path, **settings: Any) -> Any:  # noqa: ANN401
     client = session.create_client("robomaker", "us-west-2", endpoint_url=f"http://{HOST}", config=config)
     client.meta.events.register("before-send", lambda request, **_: _response(send, request))
     return client
+
+
+def request_of(operation: Operation, members: Mapping[str, Any]) -> tuple[str, str, bytes]:
+    """Returns method, target and body of a request, as an SDK would write them."""
+    places = {name: location(operation, name) for name in members}
+    path = operation.path
+    for name in members:
+        path = path.replace(f"{{{name}}}", quote(str(members[name]), safe=""))
+    query = {name: members[name] for name, place in places.items() if place == "querystring"}
+    target = f"{path}?{urlencode(query, doseq=True)}" if query else path
+    body = {name: value for name, value in members.items() if places[name] == "body"}
+    return operation.method, target, json.dumps(body).encode()
 
 
 def _response(send: Send, request: AWSPreparedRequest) -> AWSResponse:

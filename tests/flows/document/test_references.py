@@ -22,7 +22,7 @@ from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.simulate.plan.layout import Layout
 from tasks.simulate.plan.resolve import output_location
-from tasks.storage.base.keys import world_key
+from tasks.storage.base.keys import bundle_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.worlds import apartment
@@ -271,3 +271,25 @@ def test_what_has_no_build_for_x86_is_not_simulated(file_store: Store, bundle: P
 
     with pytest.raises(DocumentError, match=r"mine version 1, for ARM64: a version with an X86_64 source"):
         batch_plan(section, (), file_store, finder(file_store, {}))
+
+
+@pytest.mark.parametrize("spoil", ["removed", "changed"])
+def test_a_version_whose_bundle_is_gone_or_changed_is_refused_with_robomakers_code(
+    file_store: Store, bundle: Path, spoil: str
+):
+    version = publish_bundle(file_store, ROBOT, "mine", bundle)
+    key = bundle_key(version.digest)
+    if spoil == "removed":
+        file_store.delete(key)
+    else:
+        file_store.put(key, file_store.get(key).body.replace(b"def ", b"fed "))
+
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+
+    with pytest.raises(DocumentError) as refused:
+        pins(_generated(_request("mine")), file_store, bundle.parent)
+
+    (fault,) = refused.value.faults
+    assert (fault.path.rpartition(".")[2], fault.value) == ("robotApplications", "mine version 1")
+    assert "InvalidBundleRobotApplication: the bundle of mine version 1" in fault.allowed
+    assert "simyard app publish mine FOLDER" in fault.allowed

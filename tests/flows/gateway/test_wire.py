@@ -1,7 +1,7 @@
 """Every request and answer there can be, through botocore's serializer, the application, and botocore's parser."""
 
 from collections.abc import Generator
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -100,11 +100,11 @@ def exchange(data: st.DataObject, name: str, echo: Echo, client: BaseClient, for
 
 
 def plain(value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Parsed data with times and numbers to the microsecond."""
+    """Parsed data with times as numbers, and numbers as botocore's times have them, to the microsecond."""
     if isinstance(value, datetime):
         value = value.timestamp()
     if isinstance(value, dict):
         return {key: plain(below) for key, below in value.items()}
     if isinstance(value, list):
         return [plain(below) for below in value]
-    return round(value, 5) if isinstance(value, float) else value
+    return datetime.fromtimestamp(value, UTC).timestamp() if isinstance(value, float) else value

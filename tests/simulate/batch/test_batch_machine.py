@@ -17,7 +17,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from flows.batch.batch_end import close_if_stopped, close_with_tables
 from specs.data.episode import EpisodeResult, unfinished_result
-from specs.errors import DocumentError
+from specs.errors import DocumentError, ResourceNotFound
 from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
@@ -143,11 +143,20 @@ class Batches(RuleBasedStateMachine):
         assert counts.pending + counts.created + counts.failed == JOBS
         status = self.batch.record().status
         for index in range(JOBS):
-            job = describe_job(self.batch.store, f"{self.batch.id}/{index}")
+            try:
+                job = describe_job(self.batch.store, f"{self.batch.id}/{index}")
+            except ResourceNotFound:  # the batch ended before this request became a job
+                assert status in {"Canceled", "TimedOut"}
+                assert index not in self.rows_by_index()
+                continue
             assert job.status in STATES.get(status, TERMINAL), status
             assert self.ends.setdefault(index, job.status) == job.status
             if job.status not in TERMINAL:
                 del self.ends[index]
+
+    def rows_by_index(self) -> set[int]:
+        """Returns the indices of the jobs that have a row."""
+        return {row.index for rows in self.rows.values() for row in rows}
 
     def _befall(self, fate: str, job: int) -> None:
         if fate == "death":

@@ -1,32 +1,43 @@
 """RoboMaker's answers about batches and jobs, while a batch runs and after it."""
 
+import json
+import os
+from pathlib import Path
 from typing import cast
 
 import pytest
 from pydantic import JsonValue
 
+from specs.data.episode import EpisodeResult, unfinished_result
+from specs.data.outcome_tags import OUTCOME, REASON
 from specs.errors import DocumentError, ResourceNotFound
 from specs.field_types import Filter
 from specs.robomaker.simulation import (
     CreateSimulationJobRequest,
+    DataSourceConfig,
     ListSimulationJobBatchesRequest,
     ListSimulationJobsRequest,
 )
 from specs.robomaker.simulation_descriptions import DescribeSimulationJobResponse
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
+from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
 from tasks.simulate.batch.chunk_store import begin_chunk
-from tasks.simulate.batch.commit import run_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.describe import (
     batch_describe_jobs,
+    batch_notes,
     describe_batch,
     describe_job,
+    job_outcome_tags,
     list_batches,
     list_batches_page,
     list_jobs,
     list_jobs_page,
 )
-from tasks.simulate.batch.job import OpenBatch, close_batch, complete, load_batch, open_batch, time_out
+from tasks.simulate.batch.job import KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
+from tasks.simulate.data.pins import pin_source
 from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+from tasks.storage.jobs.records import advance
 from tests.factories.planned_batches import ROBOT_ARN, all_pass, begun, mixed, plan, request, template
 
 _APPLICATIONS = {"robotApplications", "simulationApplications"}
@@ -42,6 +53,13 @@ def running(file_store: Store) -> OpenBatch:
     run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
     begin_chunk(file_store, batch.id, 1, 0.0)
     return batch
+
+
+def written_later(batch: OpenBatch, name: str, by_s: float) -> None:
+    """Lets an object of a batch's chunks have been written so much later."""
+    path = Path(batch.store.url.removeprefix("file://"), f"chunks/{batch.id}/{name}.json")
+    at_s = path.stat().st_mtime + by_s
+    os.utime(path, (at_s, at_s))
 
 
 def test_while_it_runs_jobs_are_created_or_pending(running: OpenBatch):
@@ -83,8 +101,72 @@ def test_what_was_never_begun_never_became_a_job(running: OpenBatch, status: str
     failed = answer.failedRequests or ()
     assert {(each.failureCode, each.failureReason) for each in failed} == {(code, "the reason")}
     assert all(each.request and each.request.maxJobDurationInSeconds == 60 and each.failedAt for each in failed)
-    lost = describe_job(running.store, f"{running.id}/11")
-    assert (lost.status, lost.failureCode) == ("Failed" if status == "Failed" else "Canceled", code)
+    lost = f"{running.id}/11"
+    for ask in (describe_job, cancel_job, restart_job):
+        with pytest.raises(ResourceNotFound, match=rf"never became a job \({code}: the reason\).*failedRequests"):
+            ask(running.store, lost)
+    arns = [str(answer.arn).replace("-batch:", ":") + f"/{index}" for index in (3, 11)]
+    found = batch_describe_jobs(running.store, arns)
+    assert [job.arn for job in found.jobs or ()] == arns[:1]
+    assert found.unprocessedJobs == (arns[1],)
+
+
+def test_a_single_job_that_ended_before_it_began_is_a_job_all_the_same(file_store: Store):
+    made = plan(file_store, worlds=("g/w0",), seeds=(0,), lanes=16)
+    (entry,) = cast("list[dict[str, JsonValue]]", request(made)["createSimulationJobRequests"])
+    asked: dict[str, JsonValue] = {**entry, "iamRole": "arn:aws:iam::1:role/r", "maxJobDurationInSeconds": 400}
+    batch = load_batch(file_store, open_batch(file_store, made, asked, "tok").id)
+    cancel_batch(file_store, batch.id)
+    close_batch(file_store, batch.id, "Canceled", {})
+    assert describe_job(file_store, f"{batch.id}/0").status == "Canceled"
+
+
+def test_a_job_was_last_updated_when_something_happened_to_it(running: OpenBatch):
+    def updated() -> list[float]:
+        shown = {str(job.name): job.lastUpdatedAt for job in list_jobs(running.store)}
+        found = [describe_job(running.store, f"{running.id}/{index}") for index in range(12)]
+        assert all(shown.get(str(job.name), job.lastUpdatedAt) == job.lastUpdatedAt for job in found)
+        return [job.lastUpdatedAt or 0.0 for job in found]
+
+    created_s = running.record().created_at_s
+    written_later(running, "000000", 50)
+    written_later(running, "000001.started", 20)
+    first = updated()
+    assert [len(set(first[start : start + 4])) for start in (0, 4, 8)] == [1, 1, 1]
+    assert first[0] > first[4] + 20 > created_s + 40
+    assert first[11] == created_s
+    restart_job(running.store, f"{running.id}/5")
+    cancel_job(running.store, f"{running.id}/11")
+    written_later(running, "000001.started", -70)
+    after = updated()
+    assert after[5] > after[4]
+    assert after[11] > created_s
+    assert after[:4] == first[:4]
+
+
+def test_a_job_says_when_it_was_updated_in_a_batch_that_was_copied(running: OpenBatch):
+    close_batch(running.store, running.id, "Failed", {})
+    written_later(running, "000000", 3600)
+    assert describe_job(running.store, f"{running.id}/0").lastUpdatedAt == running.record().updated_at_s
+
+
+def test_a_reason_of_many_lines_is_answered_as_one(file_store: Store):
+    batch = begun(file_store)
+
+    def verbose(part: ChunkPart) -> list[EpisodeResult]:
+        rows = all_pass(part)
+        failed = unfinished_result(
+            rows[0].index,
+            "Failed",
+            failure_code="RobotApplicationCrash",
+            failure_reason="Traceback:\n" + "x" * 2000,
+        )
+        return [failed, *rows[1:]]
+
+    run_chunk(batch, 0, verbose, lanes=4, left_s=9.0)
+    reason = describe_job(file_store, f"{batch.id}/0").failureReason or ""
+    assert reason.startswith("Traceback: xxx")
+    assert len(reason) == 1024
 
 
 def test_a_batch_that_is_complete_has_created_jobs_only(file_store: Store):
@@ -120,6 +202,27 @@ def test_a_job_says_when_it_began_how_long_it_took_and_what_was_asked(running: O
     assert (pending.status, pending.lastStartedAt, pending.simulationTimeMillis) == ("Pending", None, None)
 
 
+def test_the_outcome_of_a_job_is_told_in_tags_once_it_has_ended(file_store: Store):
+    batch = begun(file_store)
+    assert job_outcome_tags(file_store, f"{batch.id}/0") == {}
+    run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
+    found = [job_outcome_tags(file_store, f"{batch.id}/{index}") for index in range(5)]
+    assert found[0] == {OUTCOME: "Passed"}
+    assert found[1] == {OUTCOME: "Failed", REASON: "collision"}
+    assert found[3] == {OUTCOME: "Failed", REASON: "RobotApplicationCrash"}
+    assert found[4] == {}
+    jobs = batch_describe_jobs(file_store, [f"{batch.id}/0", f"{batch.id}/4"]).jobs or ()
+    assert [job.tags for job in jobs] == [{OUTCOME: "Passed"}, None]
+
+
+def test_a_cancelled_job_has_no_outcome_and_one_that_could_not_begin_has_failed(file_store: Store):
+    stopped, failed = begun(file_store), begun(file_store, name="other")
+    advance(file_store, KIND, stopped.id, "Canceled")
+    advance(file_store, KIND, failed.id, "Failed", failure_code="InternalServiceError")
+    assert job_outcome_tags(file_store, f"{stopped.id}/0") == {}
+    assert job_outcome_tags(file_store, f"{failed.id}/0") == {OUTCOME: "Failed", REASON: "InternalServiceError"}
+
+
 def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
     made = plan(file_store, worlds=("g/w0",), seeds=(0,), lanes=16)
     (entry,) = cast("list[dict[str, JsonValue]]", request(made)["createSimulationJobRequests"])
@@ -141,15 +244,37 @@ def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
     assert describe_batch(file_store, batch.id).pendingRequests is None
     run_chunk(batch, 0, mixed, lanes=16, left_s=9.0)
     job = describe_job(file_store, f"{batch.id}/0").model_dump(mode="json", exclude_none=True)
-    assert {key: job[key] for key in asked if key not in {"dataSources", *_APPLICATIONS}} == {
-        key: value for key, value in asked.items() if key not in {"dataSources", *_APPLICATIONS}
+    told_otherwise = {"dataSources", "tags", *_APPLICATIONS}
+    assert {key: job[key] for key in asked if key not in told_otherwise} == {
+        key: value for key, value in asked.items() if key not in told_otherwise
     }
+    assert job["tags"] == {"Region": "North", OUTCOME: "Failed", REASON: "RobotApplicationCrash"}
     assert job["dataSources"][0]["s3Keys"] == [{"s3Key": "a.yaml"}]
     assert job["simulationApplications"][0]["worldConfigs"][0]["world"].endswith(":g/w0")
     missing = DescribeSimulationJobResponse.model_fields.keys() - job.keys()
     assert missing == {"networkInterface"}
     (line,) = list_jobs(file_store)
     assert (line.dataSourceNames, line.computeType) == (("maps",), "CPU")
+
+
+def test_a_job_says_which_content_of_its_files_it_read(file_store: Store, tmp_path: Path):
+    bucket = open_bucket(file_store, "maps-bucket")
+    bucket.put("maps/one.yaml", b"walls: []\n")
+    asked: list[dict[str, JsonValue]] = [
+        {"name": "maps", "s3Bucket": "maps-bucket", "s3Keys": ["maps/one.yaml"], "type": "File"},
+        {"name": "all", "s3Bucket": "maps-bucket", "s3Keys": ["maps/"], "type": "Prefix"},
+    ]
+    pinned = [pin_source(file_store, tmp_path / "cache", DataSourceConfig.model_validate(each)) for each in asked]
+    made = plan(file_store, data_sources={each.digest: each for each in pinned})
+    document = request(made)
+    cast("list[dict[str, JsonValue]]", document["createSimulationJobRequests"])[0]["dataSources"] = [*asked]
+    batch = load_batch(file_store, open_batch(file_store, made, document, "tok").id)
+
+    answered = describe_job(file_store, f"{batch.id}/0").dataSources or ()
+
+    found = [(file.s3Key, file.etag) for each in answered for file in each.s3Keys or ()]
+    assert found == [("maps/one.yaml", bucket.etag("maps/one.yaml").strip('"')), ("maps/", None)]
+    assert "etag" not in json.dumps(batch.record().request)
 
 
 def test_several_jobs_are_described_and_those_that_are_not_are_named(running: OpenBatch):
@@ -220,13 +345,26 @@ def test_filters_are_alternatives(running: OpenBatch):
         list_jobs_page(running.store, ListSimulationJobsRequest(nextToken="elsewhere"))
 
 
-def test_a_batch_of_more_jobs_than_robomaker_had_shows_a_thousand_of_each(file_store: Store):
+def test_a_batch_of_more_jobs_than_robomaker_had_shows_all_of_them(file_store: Store):
     batch = begun(file_store, plan(file_store, seeds=tuple(range(1500)), lanes=1200, worlds=("g/w0",)))
-    assert len(describe_batch(file_store, batch.id).pendingRequests or ()) == 1000
+    assert len(describe_batch(file_store, batch.id).pendingRequests or ()) == 1500
     begin_chunk(file_store, batch.id, 0, 0.0)
     answer = describe_batch(file_store, batch.id)
-    assert (len(answer.pendingRequests or ()), len(answer.createdRequests or ())) == (300, 1000)
-    assert sum(1 for _ in list_jobs(file_store)) == 1200
+    assert (len(answer.pendingRequests or ()), len(answer.createdRequests or ())) == (300, 1200)
+    assert list(batch_notes(file_store, str(answer.arn))) == []
+
+
+def test_a_batch_of_more_jobs_than_an_answer_holds_says_so(file_store: Store):
+    batch = begun(file_store, plan(file_store, seeds=tuple(range(10_001)), lanes=10_100, worlds=("g/w0",)))
+    begin_chunk(file_store, batch.id, 0, 0.0)
+    answer = describe_batch(file_store, batch.id)
+    assert len(answer.createdRequests or ()) == 10_000
+    (note,) = batch_notes(file_store, str(answer.arn))
+    assert note == (
+        f"createdRequests has the first 10,000 of 10,001: simyard list simulation-jobs shows all jobs, "
+        f"{batch.id}/0 to {batch.id}/10000"
+    )
+    assert list(batch_notes(file_store, "arn:simyard:world:0:g/w0")) == []
 
 
 def test_only_what_has_not_ended_can_be_cancelled(running: OpenBatch):

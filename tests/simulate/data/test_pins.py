@@ -63,11 +63,20 @@ def test_planning_again_fetches_nothing_that_nobody_wrote(
         download(self, key, target)
 
     monkeypatch.setattr(type(bucket), "download", counted)
-    assert pin_source(file_store, cache(tmp_path), source("maps/one.yaml")) == first
+    again = pin_source(file_store, cache(tmp_path), source("maps/one.yaml"))
+    assert again == first
+    assert [file.etag for file in again.files] == [bucket.etag("maps/one.yaml").strip('"')]
     assert fetched == []
     bucket.put("maps/one.yaml", b"new")
     assert pin_source(file_store, cache(tmp_path), source("maps/one.yaml")) != first
     assert fetched == ["maps/one.yaml"]
+
+
+def test_the_same_content_is_the_same_source_whatever_the_bucket_calls_it():
+    file = PinnedFile(key="k", sha256="0" * 64, size_bytes=1)
+    pinned = PinnedSource(name="a", bucket="b", type="File", destination="d", files=(file,))
+    named = pinned.model_copy(update={"files": (file.model_copy(update={"etag": "5-2"}),)})
+    assert (named.digest, named.model_dump(mode="json")) == (pinned.digest, pinned.model_dump(mode="json"))
 
 
 def test_more_than_a_job_may_have_is_refused_for_all_its_sources():

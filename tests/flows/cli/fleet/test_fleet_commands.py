@@ -1,6 +1,7 @@
 """A fleet of real robots, made on the command line."""
 
 import json
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -12,6 +13,8 @@ from tasks.deploy.fleet.fleets import create_fleet, fleets
 from tasks.deploy.fleet.robots import members, robots
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
+from tests.deploy.puppets import PuppetRobots, run
+from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
 
 def _simyard(store: Store, *arguments: str) -> Result:
@@ -80,6 +83,21 @@ def test_a_fleet_to_which_nothing_was_deployed_has_nothing_to_watch_or_sync(file
     assert "nothing was deployed" in _simyard(file_store, "watch", "couriers").output
     with pytest.raises(ResourceNotFound, match="something was deployed"):
         _simyard(file_store, "sync", "couriers", "--unsigned")
+
+
+def test_a_sync_with_nothing_to_do_is_a_deployment_that_its_token_names(file_store: Store, tmp_path: Path) -> None:
+    yard = Yard(file_store, tmp_path)
+    create_fleet(file_store, FLEET)
+    version = yard.publish({"run.sh": STAYS_UP})
+    run(yard, PuppetRobots(yard.store, 1), yard.request(version, "one"), version.digest)
+    told = [_simyard(yard.store, "sync", FLEET, "--token", token) for token in ("mine", "mine", "other")]
+    lines = [each.stdout.splitlines() for each in told]
+    assert [each.exit_code for each in told] == [0, 0, 0]
+    assert lines[0][0] == f"all robots of {FLEET} are in sync"
+    assert lines[0][1].startswith("Succeeded arn:simyard:deployment-job:")
+    assert lines[0] == lines[1] != lines[2]
+    with pytest.raises(DocumentError, match="clientRequestToken"):
+        _simyard(yard.store, "sync", FLEET, "--token", "a b")
 
 
 def test_robots_and_fleets_leave_as_they_came(file_store: Store) -> None:

@@ -1,0 +1,50 @@
+"""What requests meet before they are answered: signatures and rights, or the check that they come from this machine."""
+
+from pathlib import Path
+
+from flows.gateway.calls import Page
+from flows.gateway.fleet_ties import fleet_ties
+from flows.gateway.page.site import Site, answer_page
+from flows.gateway.serve import Entrance
+from specs.settings import actions_days
+from tasks.gateway.access.action_log import ActionLog
+from tasks.gateway.access.call_record import record_call
+from tasks.gateway.access.guards import LoopbackGuard, SignedGuard
+from tasks.gateway.access.key_file import KeyFile
+from tasks.gateway.access.page_origin import loopback_hosts
+from tasks.gateway.door import Note
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import store_id
+
+
+def signed_entrance(store: Store, keys: Path, *, is_encrypted: bool) -> Entrance:
+    """Returns what lets in who signs with a key of a file, for what that key may do.
+
+    Args:
+        store: What is served.
+        keys: The file.
+        is_encrypted: Whether clients come by TLS.
+
+    Raises:
+        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
+    """
+    guard = SignedGuard(KeyFile(keys), store_id(store), fleet_ties(store))
+    return Entrance(guard, _page(Site(store, guard, is_secure=is_encrypted)), _note(store))
+
+
+def open_entrance(store: Store, port: int) -> Entrance:
+    """Returns what lets in every program that reaches this machine's own address at a port.
+
+    Raises:
+        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
+    """
+    return Entrance(LoopbackGuard(loopback_hosts(port)), _page(Site(store, None)), _note(store))
+
+
+def _page(site: Site) -> Page:
+    return lambda request: answer_page(site, request)
+
+
+def _note(store: Store) -> Note:
+    log = ActionLog(store, actions_days())
+    return lambda call: record_call(log, call)
