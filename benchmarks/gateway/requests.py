@@ -139,7 +139,7 @@ def _listens(port: int) -> bool:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measures and prints a table."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--requests", type=int, default=400)
+    parser.add_argument("--requests", type=int, default=200)
     parser.add_argument("--store")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args(arguments)
