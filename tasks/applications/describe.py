@@ -13,7 +13,7 @@ from specs.robomaker.applications import (
     SourceConfig,
 )
 from specs.robomaker.bundle import LATEST, Application, ApplicationKind, Platform, Version
-from tasks.applications.registry import applications, resolve
+from tasks.applications.registry import resolve
 from tasks.applications.versions import application_name, read_application
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
@@ -54,16 +54,14 @@ def describe_simulation_application(
     )
 
 
-def list_robot_applications(store: Store) -> list[RobotApplicationSummary]:
-    """Returns the newest version of every robot application, by name."""
-    found = applications(store, "robot-application")
-    return [RobotApplicationSummary.model_validate(_summary(store, each)) for each in found]
+def summarise_robot_application(store: Store, application: Application) -> RobotApplicationSummary:
+    """Returns a robot application's line in a list, as of the newest of its versions."""
+    return RobotApplicationSummary.model_validate(_summary(store, application))
 
 
-def list_simulation_applications(store: Store) -> list[SimulationApplicationSummary]:
-    """Returns the newest version of every simulation application, by name."""
-    found = applications(store, "simulation-application")
-    return [SimulationApplicationSummary.model_validate(_summary(store, each)) for each in found]
+def summarise_simulation_application(store: Store, application: Application) -> SimulationApplicationSummary:
+    """Returns a simulation application's line in a list, as of the newest of its versions."""
+    return SimulationApplicationSummary.model_validate(_summary(store, application))
 
 
 def _described(store: Store, kind: ApplicationKind, reference: str, version: str | None) -> dict[str, object]:
