@@ -47,7 +47,7 @@ def failing(store: str, batch: str) -> None:
     with announce_changes():
         at = open_store(store)
         advance(at, "simulation-job-batch", batch, "InProgress")
-        record = advance(at, "simulation-job-batch", batch, "Failed", failure_code="InvalidInput", failure_reason="why")
+        record = advance(at, "simulation-job-batch", batch, "Failed", failure_code="InternalServiceError", failure_reason="why")
         _announce(Transition(record.kind, record.arn, "InProgress", "Failed", "InvalidInput", "again"))
 
 failing(*sys.argv[1:])
