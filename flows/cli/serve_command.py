@@ -80,6 +80,9 @@ def serve(
     tls = tls_context(tls_certificate, tls_key)
     _check_reach(host, is_unsigned=unsigned, is_encrypted=tls is not None or without_tls)
     opened = open_store(store)
+    if pool:
+        require_lasting_server(pool)
+    log_to_stderr()
     url = gateway_url(host, port, is_encrypted=tls is not None)
     if unsigned:
         entrance = open_entrance(opened, port)
@@ -87,12 +90,12 @@ def serve(
         keys = access_keys or access_file()
         _show_keys(keys, url, model)
         entrance = signed_entrance(opened, keys, is_encrypted=tls is not None or without_tls)
-    if pool:
-        require_lasting_server(pool)
-    log_to_stderr()
     echo(f"RoboMaker: {url}  (store: {opened.url})")
-    with Crew(opened.url, workers, pool) as crew:
-        serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    try:
+        with Crew(opened.url, workers, pool) as crew:
+            serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
+        echo("stopped", err=True)
 
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:

@@ -13,12 +13,12 @@ from specs.robomaker.deployment import (
 )
 from specs.robomaker.failure_codes import DeploymentJobErrorCode, told_code
 from specs.robomaker.fleet import DescribeFleetResponse, DescribeRobotResponse, Fleet, Robot
-from tasks.deploy.fleet.fleets import fleets, read_fleet
-from tasks.deploy.fleet.robots import members, read_desired, read_reported, read_robot, robots
+from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.robots import members, read_desired, read_reported, read_robot
 from tasks.deploy.fleet.states import Desired, FleetRecord, RobotProgress, RobotRecord, progress_of
 from tasks.deploy.rollout.observation import live_progress, recorded_progress
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
+from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import store_id
 
 _KIND = "deployment-job"
@@ -41,10 +41,9 @@ def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResp
     )
 
 
-def list_deployment_jobs(store: Store) -> list[DeploymentJob]:
-    """Returns all deployment jobs, oldest first."""
-    found = records(store, _KIND)
-    return [_job(record, CreateDeploymentJobRequest.model_validate(record.request)) for record in found]
+def summarise_deployment_job(record: JobRecord) -> DeploymentJob:
+    """Returns the job's line in ListDeploymentJobs."""
+    return _job(record, CreateDeploymentJobRequest.model_validate(record.request))
 
 
 def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
@@ -65,10 +64,9 @@ def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
     )
 
 
-def list_fleets(store: Store) -> list[Fleet]:
-    """Returns all fleets, oldest first."""
-    identifier = store_id(store)
-    return [_fleet(store, fleet, identifier) for fleet in fleets(store)]
+def summarise_fleet(store: Store, fleet: FleetRecord) -> Fleet:
+    """Returns a fleet's line in ListFleets."""
+    return _fleet(store, fleet, store_id(store))
 
 
 def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
@@ -85,10 +83,9 @@ def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
     return DescribeRobotResponse.model_validate({**document, **own})
 
 
-def list_robots(store: Store) -> list[Robot]:
-    """Returns all robots, oldest first."""
-    identifier = store_id(store)
-    return [_robot(store, record, identifier) for record in robots(store)]
+def summarise_robot(store: Store, robot: RobotRecord) -> Robot:
+    """Returns a robot's line in ListRobots."""
+    return _robot(store, robot, store_id(store))
 
 
 def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJob:
