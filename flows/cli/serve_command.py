@@ -89,10 +89,13 @@ def serve(
     else:
         keys = access_keys or access_file()
         _show_keys(keys, url, model)
-        entrance = signed_entrance(opened, keys, is_encrypted=tls is not None)
+        entrance = signed_entrance(opened, keys, is_encrypted=tls is not None or without_tls)
     echo(f"RoboMaker: {url}  (store: {opened.url})")
-    with Crew(opened.url, workers, pool) as crew:
-        serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    try:
+        with Crew(opened.url, workers, pool) as crew:
+            serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
+        echo("stopped", err=True)
 
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:

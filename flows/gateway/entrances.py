@@ -6,6 +6,7 @@ from flows.gateway.calls import Page
 from flows.gateway.fleet_ties import fleet_ties
 from flows.gateway.page.site import Site, answer_page
 from flows.gateway.serve import Entrance
+from flows.server.prefect_server import pages_url
 from specs.settings import actions_days
 from tasks.gateway.access.action_log import ActionLog
 from tasks.gateway.access.call_record import record_call
@@ -23,13 +24,13 @@ def signed_entrance(store: Store, keys: Path, *, is_encrypted: bool) -> Entrance
     Args:
         store: What is served.
         keys: The file.
-        is_encrypted: Whether clients come by TLS.
+        is_encrypted: Whether clients come by TLS, of this process or of a proxy in front of it.
 
     Raises:
         DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
     """
     guard = SignedGuard(KeyFile(keys), store_id(store), fleet_ties(store))
-    return Entrance(guard, _page(Site(store, guard, is_secure=is_encrypted)), _note(store))
+    return Entrance(guard, _page(Site(store, guard, is_encrypted, pages_url)), _note(store))
 
 
 def open_entrance(store: Store, port: int) -> Entrance:
@@ -38,7 +39,7 @@ def open_entrance(store: Store, port: int) -> Entrance:
     Raises:
         DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
     """
-    return Entrance(LoopbackGuard(loopback_hosts(port)), _page(Site(store, None)), _note(store))
+    return Entrance(LoopbackGuard(loopback_hosts(port)), _page(Site(store, None, prefect_url=pages_url)), _note(store))
 
 
 def _page(site: Site) -> Page:

@@ -3,9 +3,10 @@
 import logging
 import os
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
 from specs.settings import server_wait_s
@@ -23,6 +24,7 @@ from tasks.storage.base.cache_folder import cache_folder
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
 _OWN_WAIT_S = 20
+_LOOK_S = 0.5
 logger = logging.getLogger(__name__)
 
 
@@ -73,6 +75,19 @@ def known_server() -> Generator[str, None, None]:
         yield url
 
 
+def pages_url() -> str:
+    """Returns where the pages of the Prefect server are, the user's or the kept one; empty if none is known."""
+    url = process.configured(os.environ, "PREFECT_API_URL")
+    if not url:
+        with suppress(StageFailed):  # it is silent: it has no pages now
+            kept = kept_server(prefect_home(), _LOOK_S)
+            url = kept.api_url if kept else ""
+    parts = urlsplit(url)
+    host = parts.netloc.rpartition("@")[2]  # before it stand a name and a password
+    path = parts.path.rstrip("/").removesuffix("/api")
+    return f"{parts.scheme}://{host}{path}" if parts.scheme in {"http", "https"} and host else ""
+
+
 def _chosen(home: Path) -> dict[str, str]:
     """Returns the variables of the server that the user chose, which answers; none if there is no such choice."""
     chosen = process.configured(os.environ, "PREFECT_API_URL")
@@ -121,15 +136,6 @@ def prefect_home() -> Path:
     if "PREFECT_HOME" in os.environ:
         return Path(os.environ["PREFECT_HOME"])
     return checkout_home(cache_folder(), Path(process.__file__).resolve().parents[2])
-
-
-def flush_prefect() -> None:
-    """Sends what Prefect still holds back; a server that ends with this run would not get it otherwise."""
-    from prefect.events.worker import EventsWorker  # noqa: PLC0415 - only once Prefect is loaded anyway
-    from prefect.logging.handlers import APILogWorker  # noqa: PLC0415
-
-    APILogWorker.drain_all(timeout=5)
-    EventsWorker.drain_all(timeout=5)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from pydantic import JsonValue, ValidationError
 
-from flows.gateway.page.files import has_report, report_address
+from flows.gateway.page.files import has_report, report_address, trend_address
 from flows.gateway.page.stored import PAGE_ROWS, job, known_job, known_jobs, newest_jobs, step_of
 from flows.gateway.page.visit import Visit, address, missing, number, state, tag_rows, when
 from flows.resource.batch_columns import verdict_of
@@ -50,8 +50,8 @@ def batch_page(visit: Visit, name: str) -> Page:
     run = _run(visit, record)
     document = run_document(run) if run else ""
     links = [("Report", report_address(record))] if has_report(record) else []
-    if run and document:
-        links.append((f"Night by night: {document}", f"/batches/trends/{document}.html"))
+    if trend := trend_address(document):
+        links.append((f"Night by night: {document}", trend))
     why = tuple(
         (
             Cell(str(each.get("reason", ""))),

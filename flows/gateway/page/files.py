@@ -4,10 +4,11 @@ An address names a job, a world or a document; the key is made from that, so no 
 """
 
 from contextlib import suppress
+from urllib.parse import quote
 
 from flows.gateway.page.stored import job, known_job, newest_jobs, read_bytes
 from flows.gateway.page.visit import Visit, address, missing
-from specs.errors import ObjectTooBig
+from specs.errors import DocumentError, ObjectTooBig
 from specs.field_types import OutputLocation
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.gateway.messages import HttpAnswer
@@ -43,6 +44,18 @@ def has_report(record: JobRecord) -> bool:
 def report_address(record: JobRecord) -> str:
     """Returns where the report of a batch is shown."""
     return f"{address('simulation-job-batch', record.id)}/{REPORT}"
+
+
+def trend_address(document: str) -> str:
+    """Returns where the nights of a document are shown: beside the batches, as the links of a report have it.
+
+    Empty for a name that no trend can have.
+    """
+    try:
+        trend_key(document)
+    except DocumentError:
+        return ""
+    return f"/batches/trends/{quote(document, safe='')}.html"
 
 
 def batch_file(visit: Visit, batch: str, name: str) -> HttpAnswer:

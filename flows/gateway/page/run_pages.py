@@ -4,6 +4,7 @@ import re
 
 from pydantic import ValidationError
 
+from flows.gateway.page.files import trend_address
 from flows.gateway.page.stored import PAGE_ROWS, job, known_job, known_jobs, newest_jobs, step_of
 from flows.gateway.page.visit import Visit, address, named, state, when
 from specs.data.run_report import PipelineReport
@@ -40,8 +41,11 @@ def run_page(visit: Visit, name: str) -> Page:
     record = job(visit, RUN, name)
     report, document = _report(record), run_document(record)
     links = [("On the Prefect server", url)] if (url := _prefect(visit, record)) else []
-    if any(kind == "simulation-job-batch" for kind, _ in jobs_of(record)) and record.request.get("flow") == "pipeline":
-        links.append(("Night by night", f"/batches/trends/{document}.html"))
+    tests = (
+        any(kind == "simulation-job-batch" for kind, _ in jobs_of(record)) and record.request.get("flow") == "pipeline"
+    )
+    if tests and (trend := trend_address(document)):
+        links.append(("Night by night", trend))
     rows = [
         ("id", Cell(record.id)),
         ("verdict", state(report.verdict)) if report and report.verdict else None,
@@ -113,5 +117,5 @@ def _report(record: JobRecord) -> PipelineReport | None:
 
 def _prefect(visit: Visit, record: JobRecord) -> str:
     found = str(record.detail.get(FLOW_RUN) or record.detail.get(FLOW_RUN_BEFORE) or "")
-    is_known = visit.prefect_url and _FLOW_RUN.fullmatch(found)
-    return f"{visit.prefect_url}/runs/flow-run/{found}" if is_known else ""
+    pages = visit.prefect_url() if _FLOW_RUN.fullmatch(found) else ""
+    return f"{pages}/runs/flow-run/{found}" if pages else ""

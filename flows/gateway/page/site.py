@@ -82,13 +82,13 @@ class Site:
         store: What is shown.
         readers: Who may sign in, and see what; None where everybody who gets here sees all.
         is_secure: Whether browsers come by TLS.
-        prefect_url: Where the pages of the Prefect server are; empty if none is known.
+        prefect_url: Says where the pages of the Prefect server are; empty if none is known.
     """
 
     store: Store
     readers: Readers | None
     is_secure: bool = False
-    prefect_url: str = ""
+    prefect_url: Callable[[], str] = str
     door: Door = field(default_factory=Door)
 
 

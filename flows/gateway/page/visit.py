@@ -49,7 +49,7 @@ class Visit:
         may_read: Whether who looks may see the resource of an ARN.
         now_s: The time, seconds since 1970.
         step: Which page of its list is wanted, from 1.
-        prefect_url: Where the pages of the Prefect server are; empty if none is known.
+        prefect_url: Says where the pages of the Prefect server are; empty if none is known.
     """
 
     store: Store
@@ -57,7 +57,7 @@ class Visit:
     may_read: Callable[[str], bool]
     now_s: float
     step: int = 1
-    prefect_url: str = ""
+    prefect_url: Callable[[], str] = str
 
     def arn(self, kind: ResourceKind, path: str) -> str:
         """Returns the ARN of a resource of the store."""

@@ -1,0 +1,93 @@
+"""Sessions: who has the key's secret made them, nobody else, and not for ever."""
+
+import base64
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tasks.gateway.page.session import (
+    LIFE_S,
+    EndedSessions,
+    cookie_value,
+    matches,
+    new_session,
+    open_session,
+    seal_session,
+)
+
+NOW_S = 1_800_000_000.0
+KEYS = {"SIMYARD1": "one secret", "SIMYARD2": "another secret"}
+
+
+def sealed(key_id: str = "SIMYARD1", now_s: float = NOW_S) -> str:
+    return seal_session(new_session(key_id, now_s), KEYS[key_id])
+
+
+def test_a_session_opens_with_the_secret_that_it_was_made_with():
+    session = open_session(sealed(), KEYS.get, NOW_S)
+    assert session is not None
+    assert session.key_id == "SIMYARD1"
+
+
+def test_a_session_ends():
+    assert open_session(sealed(), KEYS.get, NOW_S + LIFE_S) is not None
+    assert open_session(sealed(), KEYS.get, NOW_S + LIFE_S + 1) is None
+
+
+def test_a_session_of_tomorrow_is_none():
+    assert open_session(sealed(now_s=NOW_S + 3600), KEYS.get, NOW_S) is None
+
+
+def test_a_session_does_not_become_another_keys():
+    body, _, mac = sealed().partition(".")
+    other = base64.urlsafe_b64encode(base64.urlsafe_b64decode(body + "==").replace(b"YARD1", b"YARD2")).decode()
+    assert open_session(f"{other.rstrip('=')}.{mac}", KEYS.get, NOW_S) is None
+
+
+def test_a_session_does_not_become_longer():
+    body, _, mac = sealed(now_s=NOW_S - LIFE_S - 9).partition(".")
+    whole = base64.urlsafe_b64decode(body + "==").replace(b"|1", b"|2", 1)
+    assert open_session(f"{base64.urlsafe_b64encode(whole).decode().rstrip('=')}.{mac}", KEYS.get, NOW_S) is None
+
+
+def test_the_secret_itself_is_no_key_of_a_session():
+    # A signature of a request, which is made from the secret too, must never be one of a session.
+    body = sealed().partition(".")[0]
+    for mac in ("", "AA", base64.urlsafe_b64encode(b"one secret").decode()):
+        assert open_session(f"{body}.{mac}", KEYS.get, NOW_S) is None
+
+
+def test_no_byte_of_a_session_can_be_changed():
+    value = sealed()
+    for at in range(len(value)):
+        other = "A" if value[at] != "A" else "B"
+        changed = f"{value[:at]}{other}{value[at + 1 :]}"
+        session = open_session(changed, KEYS.get, NOW_S)
+        # The last sign of each part has bits that mean nothing.
+        assert session is None or (session.key_id == "SIMYARD1" and value[at + 1 : at + 2] in {"", "."})
+
+
+@given(st.text(max_size=300))
+def test_no_text_is_a_session_by_chance(value: str):
+    assert open_session(value, KEYS.get, NOW_S) is None
+
+
+@pytest.mark.parametrize("header", ["", "simyard", "a=b", 'simyard="', "simyard=x; simyard", "\x00", "=" * 9000])
+def test_any_header_of_cookies_can_be_read(header: str):
+    assert len(cookie_value(header, "simyard")) <= 1
+
+
+def test_an_ended_session_is_known_as_such():
+    ended, session = EndedSessions(), new_session("SIMYARD1", NOW_S)
+    assert session not in ended
+    ended.end(session)
+    assert session in ended
+    assert new_session("SIMYARD1", NOW_S) not in ended
+
+
+def test_an_unknown_key_matches_no_secret():
+    assert matches("one secret", "one secret")
+    assert not matches("one secret", "one secret ")
+    assert not matches(None, "")
+    assert not matches("", "")
