@@ -6,7 +6,7 @@ from flows.queue.recorded_work import work_off
 from specs.errors import SimyardError
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, read
-from tests.factories.queued_jobs import queue_export, queue_generation, queue_job, some_worlds
+from tests.flows.queue.queued_jobs import queue_export, queue_generation, queue_job, some_worlds
 
 
 def test_a_recorded_generation_makes_its_worlds_and_their_picture(file_store: Store):

@@ -12,7 +12,7 @@ from tasks.deploy.rollout.job import run_deployment_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import leave_queue
 from tasks.storage.jobs.records import advance, read
-from tests.factories.queued_jobs import deployment_request, queue_generation, queue_job
+from tests.flows.queue.queued_jobs import deployment_request, queue_generation, queue_job
 
 
 def test_a_queued_job_is_no_abandoned_one(file_store: Store):

@@ -12,7 +12,7 @@ from tasks.simulate.batch.cancel_restart import cancel_batch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
-from tests.factories.queued_jobs import (
+from tests.flows.queue.queued_jobs import (
     deployment_request,
     queue_batch,
     queue_export,
