@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from flows.cli.output import echo
+from flows.cli.server_commands import PoolOption
 
 
 def serve(
@@ -48,6 +49,13 @@ def serve(
     model_only: Annotated[
         bool, typer.Option("--model-only", help="Write the model and end; needs no store and no key.")
     ] = False,
+    workers: Annotated[
+        int,
+        typer.Option(
+            "--workers", metavar="N", min=0, help="So many batches at once, each in a process; 0 leaves jobs to others."
+        ),
+    ] = 1,
+    pool: PoolOption = "",
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
@@ -62,6 +70,9 @@ def serve(
     from flows.gateway.entrances import open_entrance, signed_entrance
     from flows.gateway.serve import Listener
     from flows.gateway.serve import serve as serve_store
+    from flows.queue.crew import Crew
+    from flows.queue.foreman import require_lasting_server
+    from flows.queue.worker_log import log_to_stderr
     from tasks.gateway.access.key_file import access_file
     from tasks.gateway.connection.tls import tls_context
     from tasks.storage.store_url import open_store
@@ -76,8 +87,15 @@ def serve(
         keys = access_keys or access_file()
         _show_keys(keys, url, model)
         entrance = signed_entrance(opened, keys, is_encrypted=tls is not None or without_tls)
+    if pool:
+        require_lasting_server(pool)
+    log_to_stderr()
     echo(f"RoboMaker: {url}  (store: {opened.url})")
-    serve_store(opened, entrance, Listener(host, port, tls))
+    try:
+        with Crew(opened.url, workers, pool) as crew:
+            serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
+        echo("stopped", err=True)
 
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:

@@ -20,7 +20,7 @@ from flows.cli.fleet.fleet_commands import fleet_app
 from flows.cli.output import echo
 from flows.cli.resource_commands import cancel, describe, list_, restart
 from flows.cli.serve_command import serve
-from flows.cli.server_commands import down, up
+from flows.cli.server_commands import down, up, worker
 from flows.cli.store_commands import gc, reap
 from flows.cli.world_commands import world_app
 
@@ -58,7 +58,7 @@ def options(
 for command in (run, plan, validate, gate, report, trend, replay, compare, shrink, describe, cancel, restart):
     app.command()(command)
 app.command("list")(list_)
-for command in (serve, gc, reap, up, down):
+for command in (serve, worker, gc, reap, up, down):
     app.command()(command)
 
 

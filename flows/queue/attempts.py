@@ -23,6 +23,7 @@ from specs.errors import (
     TrustRefused,
     WorldChanged,
 )
+from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim_unless_alive
 from tasks.storage.jobs.claim_state import ClaimWatch
@@ -62,7 +63,7 @@ class Attempts:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._watches: dict[str, ClaimWatch] = {}
+        self._watches: dict[str, list[ClaimWatch]] = {}
         self._begun: dict[str, QueueEntry] = {}
 
     def attempt(self, entry: QueueEntry, work: Work) -> bool:
@@ -83,6 +84,16 @@ class Attempts:
             self._store.delete(turn_key(entry.kind, entry.id))
         return True
 
+    def drop_if_done(self, entry: QueueEntry) -> bool:
+        """Returns whether nothing is to be done for an entry, now or ever; one of a job that has ended is removed."""
+        if not self._has_record(entry):
+            return True
+        if not is_terminal(read(self._store, entry.kind, entry.id)):
+            return False
+        if self._is_free(entry):
+            leave_queue(self._store, entry.kind, entry.id)
+        return True
+
     def give_back(self) -> None:
         """Uncounts the attempts that are under way: this process is about to end, by no fault of theirs."""
         for entry in list(self._begun.values()):
@@ -99,11 +110,15 @@ class Attempts:
         return True
 
     def _is_free(self, entry: QueueEntry) -> bool:
-        """Returns whether no live worker has the job, as far as can be told without waiting."""
-        watch = self._watches.get(entry.id)
-        if watch is None:
-            watch = self._watches[entry.id] = ClaimWatch(self._store, turn_key(entry.kind, entry.id))
-        return watch.is_left() and watch.release()
+        """Returns whether nobody alive works on the job, as far as can be told without waiting.
+
+        It may be a worker, or a `simyard run` whose job somebody has queued to be ended.
+        """
+        if entry.id not in self._watches:
+            keys = turn_key(entry.kind, entry.id), claim_key(entry.kind, entry.id)
+            self._watches[entry.id] = [ClaimWatch(self._store, key) for key in keys]
+        left = [watch.is_left() for watch in self._watches[entry.id]]  # each, each time: so they see a heartbeat
+        return all(left) and self._watches[entry.id][0].release()
 
     def _take(self, seen: QueueEntry, work: Work) -> bool:
         """Returns whether the job has left the queue."""

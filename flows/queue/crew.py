@@ -12,9 +12,9 @@ import threading
 import time
 from types import TracebackType
 
-_SHORT_LIFE_S = 30.0
+_SHORT_LIFE_S = 5.0
 _FIRST_PAUSE_S = 0.5
-_LONGEST_PAUSE_S = 30.0
+_LONGEST_PAUSE_S = 10.0
 _END_S = 15.0
 logger = logging.getLogger(__name__)
 

@@ -38,7 +38,7 @@ def lead(store_url: str, workers: int, pool: str, wait: Callable[[Callable[[], N
         StageFailed: Prefect's server does not come up, or goes away.
     """
     if pool:
-        _require_lasting_server(pool)
+        require_lasting_server(pool)
     with prefect_server() as server, _server_guard(server), _lanes(store_url, workers, pool) as lanes:
         wait(lambda: _wake(lanes))
 
@@ -48,7 +48,12 @@ def _wake(lanes: list[KeptProcess]) -> None:
         lane.wake()
 
 
-def _require_lasting_server(pool: str) -> None:
+def require_lasting_server(pool: str) -> None:
+    """Does nothing where there is a Prefect server that other machines and later programs know.
+
+    Raises:
+        DocumentError: There is none.
+    """
     with known_server() as url:
         if not url:
             allowed = "a work pool of a server that stays: set PREFECT_API_URL, or simyard up"

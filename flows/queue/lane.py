@@ -23,23 +23,29 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import QueueView
 from tasks.storage.store_url import open_store
 
-_LOOK_S = 2.0
+LOOK_S = 2.0
 _GRACE_S = 10.0
 logger = logging.getLogger(__name__)
 
 
-class _Signals:
-    """What the process is told: that there is work, and that it is to end."""
+class Signals:
+    """What a worker's process is told: that there is work, and that it is to end."""
 
     def __init__(self) -> None:
+        """Begins without either."""
         self.work, self.ending = threading.Event(), threading.Event()
 
     def end(self, _number: int = 0, _frame: FrameType | None = None) -> None:
+        """Ends the process; a signal's handler."""
         self.ending.set()
         self.work.set()
 
     def listen(self, give_back: Callable[[], None]) -> None:
-        """Reads standard input to its end; then the process has a little time to end by itself."""
+        """Reads standard input to its end; then the process has a little time to end by itself.
+
+        Args:
+            give_back: Called if it does not, right before it is ended.
+        """
         while os.read(sys.stdin.fileno(), 4096):
             self.work.set()
         self.end()
@@ -56,7 +62,7 @@ def main(name: str, store_url: str) -> None:
         name: Of the lane.
         store_url: Where the queue is.
     """
-    lane, signals, store = LANES[name], _Signals(), open_store(store_url)
+    lane, signals, store = LANES[name], Signals(), open_store(store_url)
     attempts = Attempts(store)
     signal.signal(signal.SIGTERM, signals.end)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's interrupt is for who started it
@@ -85,7 +91,7 @@ def _warm(lane: Lane, store: Store) -> Callable[[Job], None]:
     return lambda job: call_flow(store, job, lambda: is_answering(server))
 
 
-def _work(lane: Lane, store: Store, attempts: Attempts, work: Callable[[Job], None], signals: _Signals) -> None:
+def _work(lane: Lane, store: Store, attempts: Attempts, work: Callable[[Job], None], signals: Signals) -> None:
     view, threads = QueueView(store, lane.kinds), dict[str, threading.Thread]()
     while not signals.ending.is_set():
         signals.work.clear()
@@ -95,7 +101,7 @@ def _work(lane: Lane, store: Store, attempts: Attempts, work: Callable[[Job], No
             logger.warning("the queue could not be looked at: %s", exc)
             begun = False
         if not begun:
-            signals.work.wait(_LOOK_S)
+            signals.work.wait(LOOK_S)
 
 
 def _begin(

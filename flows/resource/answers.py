@@ -7,6 +7,7 @@ What a kind needs is imported when it is asked for, so that the shell answers at
 from collections.abc import Iterable, Sequence
 
 from flows.resource.kinds import KINDS, PageRequest, Resource
+from flows.resource.tags_now import with_tags_now
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
 from tasks.storage.base.store import Store
@@ -21,7 +22,7 @@ def describe_resource(store: Store, text: str) -> Spec:
         DocumentError: The text is an ARN of no kind of resource, or the name of several.
     """
     kind, path = find_resource(store, text, KINDS)
-    return KINDS[kind].load().describe(store, path)
+    return with_tags_now(store, kind, path, KINDS[kind].load().describe(store, path))
 
 
 def describe_jobs(store: Store, arns: Sequence[str]) -> Spec:
@@ -56,13 +57,9 @@ def list_page(store: Store, kind: str, request: PageRequest) -> Spec:
         request: The call's request: ``maxResults``, ``nextToken`` and ``filters``, each if wanted.
 
     Raises:
-        DocumentError: There is no such kind, or it has no pages; or the request is not one that RoboMaker takes.
+        DocumentError: There is no such kind, or the request is not one that RoboMaker takes.
     """
-    page = _resource(kind).page
-    if page is None:
-        allowed = "fleets, robots, deployment-jobs, simulation-jobs or simulation-job-batches; others have no pages"
-        raise _refused("kind", kind, allowed)
-    return page(store, request)
+    return _resource(kind).page(store, request)
 
 
 def restart_named_job(store: Store, text: str) -> None:

@@ -1,4 +1,4 @@
-"""The filters that all List calls share; several filters are alternatives."""
+"""The filters that all List calls share; up to three of the same name are alternatives."""
 
 from collections.abc import Collection
 
@@ -7,17 +7,21 @@ from specs.errors import DocumentError
 from specs.field_types import FilteredPage
 
 
-def filter_pairs(request: FilteredPage, names: Collection[str]) -> list[tuple[str, str]]:
-    """Returns the names and values that a list request filters by; an item is wanted if any of them fits.
+def wanted_values(request: FilteredPage, names: Collection[str]) -> dict[str, frozenset[str]]:
+    """Returns the name that a list request filters by, with its values, of which a thing must have one.
 
     Raises:
-        DocumentError: It filters by another name than the call knows.
+        DocumentError: It filters by another name than the call knows, or by several (docs/reference/robomaker.md,
+            section 9).
     """
-    pairs: list[tuple[str, str]] = []
-    for each in request.filters or ():
-        name = each.name or ""
-        if name not in names:
-            fault = Fault(path="filters.name", value=repr(name), allowed=f"one of {', '.join(names)}")
-            raise DocumentError([fault], source="simyard")
-        pairs += [(name, value) for value in each.values or ()]
-    return pairs
+    filters = request.filters or ()
+    asked = {each.name or "" for each in filters}
+    for name in sorted(asked - set(names)):
+        raise _refused(name, f"one of {', '.join(names)}" if names else "nothing: this list has no filters")
+    if len(asked) > 1:
+        raise _refused(" and ".join(sorted(asked)), "filters of one name, of which any one suffices")
+    return {name: frozenset(value for each in filters for value in each.values or ()) for name in asked}
+
+
+def _refused(name: str, allowed: str) -> DocumentError:
+    return DocumentError([Fault(path="filters.name", value=repr(name), allowed=allowed)], source="simyard")

@@ -10,6 +10,7 @@ from tasks.documents.template_source import find_template
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tasks.storage.templates.named_templates import create_template, update_template
 
 BODY: JsonValue = {"Buildings": [{"Floors": [{"Floorplan": {"Ceiling": {"Height": 3.5}}}]}]}
 EXPECTED = template_body(BODY)
@@ -62,3 +63,25 @@ def test_a_template_of_version_2_is_told_from_one_of_version_1(file_store: Store
     (tmp_path / "flat.yaml").write_text('Version: "2"')
 
     assert find_template("flat.yaml", file_store, tmp_path) == TemplateBody(Version="2")
+
+
+def test_a_template_that_somebody_named_is_found_by_name_by_id_and_by_arn(file_store: Store, tmp_path: Path):
+    named = create_template(file_store, EXPECTED, name="a flat with 1.5 baths")
+
+    for reference in ("a flat with 1.5 baths", named.id, f"arn:simyard:world-template:any:{named.id}"):
+        assert find_template(reference, file_store, tmp_path) == EXPECTED
+
+
+def test_a_changed_template_is_found_as_it_is_now(file_store: Store, tmp_path: Path):
+    other = template_body({"Buildings": [{"Floors": [{"Floorplan": {"Ceiling": {"Height": 2.5}}}]}]})
+    named = create_template(file_store, EXPECTED, name="flat")
+    update_template(file_store, named.id, body=other)
+
+    assert find_template("flat", file_store, tmp_path) == other
+
+
+def test_a_path_wins_over_a_template_of_that_name(file_store: Store, tmp_path: Path):
+    create_template(file_store, template_body({"Buildings": [{"Floors": [{}]}]}), name="flat.json")
+    (tmp_path / "flat.json").write_text(json.dumps(BODY))
+
+    assert find_template("flat.json", file_store, tmp_path) == EXPECTED

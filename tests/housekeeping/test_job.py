@@ -1,6 +1,6 @@
 """What a gc removes and what it keeps, on a folder and on a real S3 server."""
 
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import cast
 
 import pytest
@@ -8,7 +8,7 @@ from pydantic import JsonValue
 
 from specs.errors import StoreAccessDenied
 from tasks.housekeeping.job import Ages
-from tasks.storage.base.keys import bundle_key, job_key, world_key
+from tasks.storage.base.keys import bundle_key, job_key, tags_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance
 from tasks.storage.jobs.runs import stage_token
@@ -40,6 +40,22 @@ def test_what_a_batch_without_a_record_left_goes_and_its_worlds_stay(yard: Yard,
     assert not [key for key in yard.store.keys("") if batch in key]
     assert all(yard.store.exists(key) for key in worlds_of(generation))
     assert freed(yard.gc(tmp_path)) == {}
+
+
+def test_tags_go_with_the_job_that_they_are_of_and_stay_as_long_as_it_is_there(file_yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(file_yard)
+    world = PurePosixPath(worlds_of(generation)[0]).stem
+    of_batch = [tags_key("simulation-job-batch", batch), tags_key("simulation-job", f"{batch}/7")]
+    of_generation = [tags_key("world-generation-job", generation), tags_key("world", f"{generation}/{world}")]
+    for key in (*of_batch, *of_generation):
+        file_yard.store.put(key, b"{}")
+    assert freed(file_yard.gc(tmp_path)) == {}
+    file_yard.store.delete(job_key("simulation-job-batch", batch))
+    assert freed(file_yard.gc(tmp_path))["tags"] == 2
+    assert file_yard.store.keys("tags") == sorted(of_generation)
+    file_yard.store.delete(job_key("world-generation-job", generation))
+    file_yard.gc(tmp_path)
+    assert file_yard.store.keys("tags") == []
 
 
 def test_without_being_told_to_nothing_is_removed_or_written(yard: Yard, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 import hashlib
 import io
+import subprocess
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ from specs.errors import BundleRefused, ObjectNotFound
 from tasks.storage.archives import ArchiveLimits, digest_of, extract, install, list_bundle_files, missing_files
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
+from tasks.storage.sealed_bundle import seal, sealed_files
 
 
 def _file(name: str, body: bytes = b"x", mode: int = 0o644) -> tuple[tarfile.TarInfo, bytes]:
@@ -40,6 +42,9 @@ CORPUS: dict[str, Callable[[Path], Path]] = {
     "has a backslash": lambda folder: _tar(folder, _file("..\\escaped")),
     "has an empty part": lambda folder: _tar(folder, _file("a//escaped")),
     "has a line feed": lambda folder: _tar(folder, _file("a\nb")),
+    "climbs behind a dot": lambda folder: _tar(folder, _file("./../escaped")),
+    "is absolute behind a dot": lambda folder: _tar(folder, _file(".//escaped")),
+    "writes a file twice, once behind a dot": lambda folder: _tar(folder, _file("a"), _file("./a", b"other")),
     "has no name": lambda folder: _tar(folder, _file("./")),
     "holds a symbolic link": lambda folder: _tar(folder, _special("escaped", tarfile.SYMTYPE, "/etc")),
     "writes through a symbolic link": lambda folder: _tar(
@@ -176,3 +181,20 @@ def test_a_bundle_that_is_no_archive_has_no_files_to_name(file_store: Store, tmp
 def test_a_bundle_that_is_not_in_the_store_has_no_files_to_name(file_store: Store) -> None:
     with pytest.raises(ObjectNotFound):
         missing_files(file_store, "0" * 64, [])
+
+
+def test_a_folder_that_was_packed_as_a_dot_is_the_same_bundle(tmp_path: Path, file_store: Store) -> None:
+    folder = tmp_path / "bundle"
+    (folder / "courier").mkdir(parents=True)
+    (folder / "courier/launch.sh").write_text("#!/bin/sh")
+    (folder / "courier/launch.sh").chmod(0o755)
+    archive = tmp_path / "bundle.tar"
+    subprocess.run(["tar", "-C", folder, "-cf", archive, "."], check=True)
+
+    digest = digest_of(archive)
+    extract(archive, tmp_path / "unpacked")
+    file_store.put(bundle_key(digest), archive.read_bytes())
+
+    assert (tmp_path / "unpacked/courier/launch.sh").read_text() == "#!/bin/sh"
+    assert list_bundle_files(file_store, digest) == {"courier/launch.sh": True}
+    assert seal(archive, tmp_path / "sealed", digest) == sealed_files(tmp_path / "sealed", digest)

@@ -2,14 +2,16 @@
 
 import pytest
 
-from specs.arn import KINDS
+from specs.arn import KINDS, ArnForm, arn
 from specs.errors import DocumentError, ResourceNotFound
+from specs.template.body import template_body
 from tasks.storage.base.keys import application_key, fleet_key, robot_record_key, template_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import submit
 from tasks.storage.jobs.runs import stage_token
 from tasks.storage.resource_names import find_batch_name, find_resource, resource_arn
 from tasks.storage.store_url import store_id
+from tasks.storage.templates.named_templates import create_template
 
 BATCH = "simulation-job-batch"
 
@@ -41,6 +43,17 @@ def test_a_job_is_found_by_its_id_its_arn_and_by_an_old_arn_of_robomaker(file_st
     for text in (record.id, record.arn, old):
         assert found(file_store, text) == (BATCH, record.id)
     assert found(file_store, f"{record.id}/3") == ("simulation-job", f"{record.id}/3")
+
+
+def test_a_batch_and_its_jobs_are_found_by_the_names_that_robomakers_clients_see(file_store: Store):
+    record = submit(file_store, BATCH, {}, "one")
+    digits = record.id.partition("-")[2]
+    form = ArnForm("another-store", "eu-west-1")
+    job = form.robomakers(arn("simulation-job", "x", f"{record.id}/3"))
+    for text in (f"sim-{digits}3", job):
+        assert found(file_store, text) == ("simulation-job", f"{record.id}/3")
+    for text in (f"sjb-{digits}", form.robomakers(record.arn)):
+        assert found(file_store, text) == (BATCH, record.id)
 
 
 def test_a_cut_id_is_not_found_and_the_whole_one_is_told(file_store: Store):
@@ -103,3 +116,17 @@ def test_the_arn_of_a_name_is_that_of_what_the_store_has(file_store: Store):
     assert (resource_arn(file_store, "dock"), resource_arn(file_store, arn)) == (arn, arn)
     with pytest.raises(DocumentError, match="planet"):
         resource_arn(file_store, "arn:simyard:planet:0:mars")
+
+
+def test_a_template_that_somebody_named_is_found_by_its_name_and_its_id(file_store: Store):
+    named = create_template(file_store, template_body({"Buildings": [{"Floors": [{}]}]}), name="a small flat")
+    for text in ("a small flat", named.id, f"arn:simyard:world-template:0:{named.id}"):
+        assert found(file_store, text) == ("world-template", named.id)
+
+
+def test_a_template_of_the_name_of_a_robot_is_told_apart_by_its_arn(file_store: Store):
+    named = create_template(file_store, template_body({"Buildings": [{"Floors": [{}]}]}), name="r1")
+    file_store.put(robot_record_key("r1"), b"{}")
+    with pytest.raises(DocumentError, match=named.id):
+        found(file_store, "r1")
+    assert find_resource(file_store, "r1", ["robot"]) == ("robot", "r1")

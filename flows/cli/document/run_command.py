@@ -14,6 +14,7 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.document.progress_bars import progress_bars
+from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import pins
 from flows.document.version_room import version_lines
 from flows.server.prefect_server import ServerChoice, flush_prefect, prefect_server
@@ -52,7 +53,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     store = open_store(store_url)
     trial = OverlayStore(store)
     pins(spec, trial, base)  # a document with faults is refused before a server starts
-    for line in version_lines(spec, store, trial):
+    for line in (*version_lines(spec, store, trial), *new_bucket_lines(spec, store)):
         console.print(line, markup=False, highlight=False)
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.references import path_of
 from flows.gateway.resource.quota import one_more
-from specs.arn import Reference
+from flows.resource.tags_now import with_tags_now
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from specs.interface.quotas import TEMPLATES
@@ -27,7 +27,7 @@ from tasks.documents.template_source import find_template_in_bucket
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read
-from tasks.storage.tags import require_free_keys, tags_of
+from tasks.storage.tags import require_free_keys
 from tasks.storage.templates.named_templates import (
     create_template,
     delete_template,
@@ -76,9 +76,7 @@ def _delete(gateway: Gateway, request: DeleteWorldTemplateRequest) -> DeleteWorl
 
 def _describe(gateway: Gateway, request: DescribeWorldTemplateRequest) -> DescribeWorldTemplateResponse:
     template = _template(gateway.store, request.template)
-    found = describe_template(gateway.store, template)
-    now = tags_of(gateway.store, Reference(kind="world-template", path=template), found.tags)
-    return found.model_copy(update={"tags": now or None})
+    return with_tags_now(gateway.store, "world-template", template, describe_template(gateway.store, template))
 
 
 def _body_text(gateway: Gateway, request: GetWorldTemplateBodyRequest) -> GetWorldTemplateBodyResponse:

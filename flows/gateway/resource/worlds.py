@@ -2,20 +2,17 @@
 
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.references import path_of
-from specs.arn import Reference
+from flows.resource.tags_now import with_tags_now
 from specs.errors import DocumentError
 from specs.robomaker.world_descriptions import DescribeWorldResponse
 from specs.robomaker.world_jobs import BatchDeleteWorldsRequest, BatchDeleteWorldsResponse, DescribeWorldRequest
-from tasks.storage.tags import tags_of
 from tasks.worlds.job.describe import describe_stored_world
 from tasks.worlds.job.world_deletion import delete_worlds
 
 
 def _describe(gateway: Gateway, request: DescribeWorldRequest) -> DescribeWorldResponse:
     world = path_of(gateway.store, request.world, "world", "world")
-    found = describe_stored_world(gateway.store, world)
-    now = tags_of(gateway.store, Reference(kind="world", path=world), found.tags)
-    return found.model_copy(update={"tags": now or None})
+    return with_tags_now(gateway.store, "world", world, describe_stored_world(gateway.store, world))
 
 
 def _batch_delete(gateway: Gateway, request: BatchDeleteWorldsRequest) -> BatchDeleteWorldsResponse:

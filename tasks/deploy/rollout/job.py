@@ -226,16 +226,12 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
         require_free(store, name, other)
     if known is None or is_terminal(known):
         return
-    if is_queued(store, _KIND, other):  # nobody works on it yet, or its worker has died: the next one goes on
-        raise _busy(name, known)
     with hold_claim_unless_alive(store, claim_key(_KIND, other)) as claim:
         if claim is None:
-            raise _busy(name, known)
+            fault = Fault(
+                path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}"
+            )
+            raise ConcurrentDeployment([fault], source="deployment")
         reason = f"nobody worked on it any more when {job} was asked for"
         ended = close_abandoned_job(store, known, claim, reason)
     _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)
-
-
-def _busy(fleet: str, active: JobRecord) -> ConcurrentDeployment:
-    allowed = f"a fleet without an active deployment; wait for {active.arn}"
-    return ConcurrentDeployment([Fault(path="fleet", value=fleet, allowed=allowed)], source="deployment")

@@ -8,9 +8,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
+from specs.arn import ArnForm
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
 from specs.data.world import World
 from specs.errors import ObjectNotFound, WorldChanged
+from specs.settings import region
 from specs.terminal_text import terminal_line
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
@@ -21,8 +23,9 @@ from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.data.mounts import Mounts
 from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
+from tasks.simulate.plan.job_variables import job_variables
 from tasks.storage.base.cache_folder import cache_folder
-from tasks.storage.store_url import open_store
+from tasks.storage.store_url import open_store, store_id
 from tasks.storage.worlds import decode_world, pinned_world_bytes
 
 logger = logging.getLogger(__name__)
@@ -255,8 +258,9 @@ def _able(chunk: Chunk, unable: Mapping[int, Failure], mounted: Mounts) -> Chunk
 
 
 def batch_mounts(batch: OpenBatch) -> Mounts:
-    """Returns the data sources of a batch on this machine."""
-    return Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data")
+    """Returns the data sources of a batch on this machine, and what its applications are told of their jobs."""
+    variables = functools.partial(job_variables, ArnForm(store_id(batch.store), region()), batch.id)
+    return Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data", variables)
 
 
 def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, Failure]]:

@@ -27,6 +27,7 @@ from tasks.simulate.lane.result_rows import finished_row, stopped_row
 from tasks.simulate.lane.samples import Ends
 from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
+from tasks.simulate.plan.job_variables import without_job_variables
 from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.sensor.sensors import read_sensors
 
@@ -204,7 +205,7 @@ def with_engine(engine: str, row: EpisodeResult) -> EpisodeResult:
 
 
 def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
-    numbers, texts = split_environment(request.environment)
+    numbers, texts = split_environment(without_job_variables(request.environment))
     folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
     environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
     return _program((request.robot, request.scenario), folders, environment, lanes, engine)

@@ -3,7 +3,7 @@
 import errno
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,14 +33,22 @@ class Mounted(NamedTuple):
 class Mounts:
     """The data sources of a batch, mounted when a chunk first needs them."""
 
-    def __init__(self, store: Store, sources: Mapping[str, PinnedSource], cache: Path) -> None:
+    def __init__(
+        self,
+        store: Store,
+        sources: Mapping[str, PinnedSource],
+        cache: Path,
+        job_variables: Callable[[int], Mapping[str, str]] = lambda _: {},
+    ) -> None:
         """Mounts nothing yet.
 
         Args:
             store: What the buckets' places follow from.
             sources: By digest.
             cache: Folder of fetched files.
+            job_variables: Returns the variables that tell an application which job it is in, by the episode's index.
         """
+        self._job_variables = job_variables
         self._store, self._sources, self._cache = store, sources, DataCache(cache)
         self._mounted: dict[str, Mounted] = {}
 
@@ -53,9 +61,10 @@ class Mounts:
         return next((found.failure for _, found in self._of(request) if found.failure), None)
 
     def resolved(self, request: EpisodeRequest) -> EpisodeRequest:
-        """Returns an episode whose variables name folders of this machine; none of its data sources has failed."""
+        """Returns an episode whose variables name its job and folders of this machine; no data source has failed."""
         folders = {name: str(found.folder) for name, found in self._of(request)}
-        return request.model_copy(update={"environment": request.environment | folders}) if folders else request
+        environment = {**request.environment, **folders, **self._job_variables(request.index)}
+        return request.model_copy(update={"environment": environment})
 
     def _of(self, request: EpisodeRequest) -> list[tuple[str, Mounted]]:
         named = {

@@ -14,6 +14,7 @@ from functools import cached_property
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from tasks.simulate.plan.job_variables import without_job_variables
 
 ProgramKey = tuple[str, ...]
 # 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.
@@ -56,7 +57,7 @@ def program_key(request: EpisodeRequest) -> ProgramKey:
 
     Numeric variables enter the program as values, so a sweep over them is one program.
     """
-    numbers, texts = split_environment(request.environment)
+    numbers, texts = split_environment(without_job_variables(request.environment))
     pairs = tuple(part for name in sorted(texts) for part in (name, texts[name]))
     return (*_launch_key(request.robot), *_launch_key(request.scenario), "|", *sorted(numbers), "|", *pairs)
 

@@ -5,7 +5,7 @@ its record and its evidence name the world's digest, and the record of the gener
 the seed, of which the same world is made again.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 from pydantic import JsonValue
 
@@ -14,6 +14,8 @@ from specs.errors import DocumentError, ObjectNotFound
 from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
+from tasks.storage.jobs.runs import KIND as RUN
+from tasks.storage.jobs.runs import jobs_of
 from tasks.storage.tags import delete_tags
 from tasks.storage.worlds import reference_key, world_bytes, write_world
 
@@ -30,7 +32,7 @@ def delete_worlds(store: Store, worlds: Iterable[str]) -> list[str]:
     """
     left: list[str] = []
     gone: dict[str, bytes] = {}
-    needed = _needed_worlds(store)
+    needed = _Needed(store)
     for world in dict.fromkeys(worlds):
         body = None if world in needed or _is_under_way(store, world) else _body(store, world)
         if body is None:
@@ -38,9 +40,9 @@ def delete_worlds(store: Store, worlds: Iterable[str]) -> list[str]:
             continue
         store.delete(reference_key(world))
         gone[world] = body
-    back = _needed_worlds(store) if gone else frozenset[str]()
+    needed = _Needed(store) if gone else needed
     for world, body in gone.items():
-        if world in back:  # a job that began between the look and the removal names it
+        if world in needed:  # a job that began between the look and the removal names it
             write_world(store, world, body)
             left.append(world)
         else:
@@ -63,14 +65,17 @@ def _is_under_way(store: Store, world: str) -> bool:
         return False
 
 
-def _needed_worlds(store: Store) -> Collection[str]:
-    return {
-        world
-        for kind in _USERS
-        for record in records(store, kind)
-        if not is_terminal(record)
-        for world in _named_worlds(record)
-    }
+class _Needed:
+    """The worlds that jobs under way name, and those that runs of documents under way have made."""
+
+    def __init__(self, store: Store) -> None:
+        users = [each for kind in _USERS for each in records(store, kind) if not is_terminal(each)]
+        runs = [each for each in records(store, RUN) if not is_terminal(each)]
+        self._worlds = frozenset(world for each in users for world in _named_worlds(each))
+        self._generations = frozenset(job for each in runs for kind, job in jobs_of(each) if kind == _GENERATION)
+
+    def __contains__(self, world: str) -> bool:
+        return world in self._worlds or world.partition("/")[0] in self._generations
 
 
 def _named_worlds(record: JobRecord) -> Iterable[str]:

@@ -4,9 +4,11 @@ import pytest
 
 from flows.resource.answers import describe_jobs, describe_resource, list_resources
 from flows.resource.cancel import cancel_resource
+from specs.arn import Reference
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
 from specs.robomaker.simulation_descriptions import BatchDescribeSimulationJobResponse
+from specs.template.body import template_body, template_digest
 from tasks.deploy.fleet.robots import create_robot
 from tasks.simulate.batch.job import canceled_jobs
 from tasks.storage.base.keys import claim_key
@@ -14,6 +16,8 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import read, submit
 from tasks.storage.store_url import store_id
+from tasks.storage.tags import change_tags, with_tags
+from tasks.storage.templates.named_templates import create_template, keep_body, update_template
 from tests.factories.batches import put_worlds
 from tests.factories.planned_batches import begun
 from tests.factories.worlds import apartment
@@ -96,3 +100,21 @@ def test_a_world_of_a_job_that_goes_on_is_not_taken_for_an_added_one(file_store:
     job = submit(file_store, "world-generation-job", {}, "one")
     put_worlds(file_store, {f"{job.id}/world-1-1": apartment()})
     assert list(list_resources(file_store, "worlds")) == []
+
+
+def test_what_was_tagged_later_is_described(file_store: Store):
+    record = submit(file_store, "world-export-job", {"worlds": ["arn:simyard:world:s:g/w"], "tags": {"a": "b"}}, "t")
+    job = Reference(kind="world-export-job", path=record.id)
+    change_tags(file_store, job, lambda: {"a": "b"}, with_tags({"c": "d"}))
+    assert describe_resource(file_store, record.id).model_dump()["tags"] == {"a": "b", "c": "d"}
+
+
+def test_templates_that_somebody_named_are_listed_before_what_worlds_were_made_from(file_store: Store):
+    first, second = (template_body({"Version": version, "Buildings": [{"Floors": [{}]}]}) for version in ("1", "2"))
+    named = create_template(file_store, first, name="a flat")
+    update_template(file_store, named.id, body=second)
+    other = template_body({"Buildings": [{"Floors": [{"Floorplan": {"Ceiling": {"Height": 3.5}}}]}]})
+    keep_body(file_store, other)
+    listed = [each.model_dump()["name"] for each in list_resources(file_store, "world-templates")]
+    assert listed == ["a flat", template_digest(other)]
+    assert describe_resource(file_store, "a flat").model_dump()["version"] == "2"

@@ -7,6 +7,7 @@ from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
 from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.result_stream import result_parts
+from tasks.simulate.plan.job_variables import JOB_ID
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tests.factories.episodes import passed
@@ -35,6 +36,18 @@ def test_of_two_processes_the_first_to_commit_decides(file_store: Store):
 
     run_chunk(batch, 0, slow, lanes=4, left_s=9.0)
     assert [row.outcome for row in committed_chunk(file_store, batch.id, 0) or ()] == ["Passed"] * 4
+
+
+def test_each_episode_is_told_which_job_it_is(file_store: Store):
+    batch, told = begun(file_store), list[str]()
+
+    def look(part: ChunkPart) -> list[EpisodeResult]:
+        told.extend(each.environment[JOB_ID] for each in part.chunk.requests)
+        return all_pass(part)
+
+    run_chunk(batch, 1, look, lanes=4, left_s=9.0)
+    own = batch.id.removeprefix("simb-")
+    assert told == [f"sim-{own}4", f"sim-{own}5"]
 
 
 def test_each_beginning_is_counted_with_what_was_spent_before(file_store: Store):
