@@ -97,8 +97,8 @@ def served(folder: Path, *options: str) -> Generator[Served]:
         "PREFECT_HOME": str(folder / "prefect"),
         "PYTHONPATH": str(ROOT),
     }
-    command = [sys.executable, "-m", "simyard", "serve", "--port", str(port), "--store", (folder / "store").as_uri()]
-    how = options or ("--access-keys", str(keys))
+    command = [sys.executable, "-m", "simyard", "serve", "--workers", "0", "--port", str(port)]
+    how = [*(options or ("--access-keys", str(keys))), "--store", (folder / "store").as_uri()]
     (folder / "store").mkdir()
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen([*command, *how], env=environment, stdout=log, stderr=log, cwd=folder)

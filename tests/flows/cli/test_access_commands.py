@@ -1,0 +1,84 @@
+"""The commands of `simyard access`, and what `simyard serve` refuses before it listens."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from flows.cli.shell import app
+from specs.errors import DocumentError
+from tasks.gateway.access.key_file import read_keys
+
+
+@pytest.fixture
+def keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SIMYARD_ACCESS_FILE", str(tmp_path / "keys"))
+    monkeypatch.setenv("SIMYARD_STORE", (tmp_path / "store").as_uri())
+    monkeypatch.delenv("AWS_ENDPOINT_URL_ROBOMAKER", raising=False)
+    return tmp_path / "keys"
+
+
+def typed(*words: str) -> Result:
+    return CliRunner().invoke(app, words, catch_exceptions=False)
+
+
+def test_a_key_is_made_and_its_lines_are_for_a_shell(keys: Path) -> None:
+    told = typed("access", "add", "ci", "--right", "read", "--right", "simulate", "--url", "https://here:1")
+    (key,) = read_keys(keys).values()
+    said = [shlex.split(line, comments=True) for line in told.output.splitlines()]
+    assert ["export", f"AWS_ACCESS_KEY_ID={key.key_id}"] in said
+    assert ["export", f"AWS_SECRET_ACCESS_KEY={key.secret}"] in said
+    assert ["export", "AWS_ENDPOINT_URL_ROBOMAKER=https://here:1"] in said
+    assert key.rights == {"read", "simulate"}
+
+
+def test_the_list_shows_limits_and_no_secret(keys: Path) -> None:
+    typed("access", "add", "ci", "--right", "read", "--on", "robot/*", "--on", "world/a")
+    told = typed("access", "list").output
+    (key,) = read_keys(keys).values()
+    assert "robot/* world/a" in told
+    assert key.key_id in told
+    assert key.secret not in told
+
+
+def test_the_lines_of_a_key_can_be_had_again(keys: Path) -> None:
+    made = typed("access", "add", "ci", "--right", "read").output
+    assert typed("access", "export", "ci").output == made
+
+
+@pytest.mark.usefixtures("keys")
+def test_a_revoked_key_is_gone() -> None:
+    typed("access", "add", "ci", "--right", "read")
+    assert "revoked ci" in typed("access", "revoke", "ci").output
+    assert "ci" not in typed("access", "list").output
+
+
+@pytest.mark.usefixtures("keys")
+def test_a_right_that_is_none_is_refused() -> None:
+    with pytest.raises(DocumentError, match="some of read, simulate, deploy"):
+        typed("access", "add", "ci", "--right", "admin")
+
+
+@pytest.mark.usefixtures("keys")
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--host", "0.0.0.0", "--unsigned"], "would be let in"),  # noqa: S104
+        (["--host", "gateway.example", "--unsigned", "--without-tls"], "would be let in"),
+        (["--host", "0.0.0.0"], "--without-tls"),  # noqa: S104
+        (["--host", "::"], "--without-tls"),
+        (["--host", "localhost.example"], "--without-tls"),
+        (["--tls-key", "key.pem"], "both or neither"),
+    ],
+)
+def test_it_does_not_listen_where_strangers_could_reach_it_unprotected(options: list[str], why: str) -> None:
+    with pytest.raises(DocumentError, match=why):
+        typed("serve", *options)
+
+
+def test_a_file_of_keys_that_others_can_read_is_refused_at_the_start(keys: Path) -> None:
+    typed("access", "add", "ci", "--right", "read")
+    keys.chmod(0o644)
+    with pytest.raises(DocumentError, match="chmod 600"):
+        typed("serve")
