@@ -70,7 +70,7 @@ def job_request(store: Store) -> Document:
     scenario["worldConfigs"] = [{"world": arn("world", store_id(store), world)}]
     return {
         "iamRole": _ROLE,
-        "maxJobDurationInSeconds": 60,
+        "maxJobDurationInSeconds": 5,
         "robotApplications": [robot],
         "simulationApplications": [scenario],
     }
@@ -110,6 +110,7 @@ def wait_s(port: int, request: Mapping[str, Any]) -> float:
     while (status := ask(port, "describeSimulationJob", {"job": job})["status"]) not in _ENDED:
         if status == "Running" and not running_s:
             running_s = time.perf_counter() - began_s
+            ask(port, "cancelSimulationJob", {"job": job})
         time.sleep(0.02)
     return running_s or time.perf_counter() - began_s
 
@@ -139,9 +140,11 @@ def main(jobs: int) -> None:
         with gateway(store, folder) as port:
             _wait_for_gateway(port)
             first_s = wait_s(port, request)
-            waits_s = sorted(wait_s(port, request) for _ in range(jobs))
+            print(f"first {first_s:.2f} s", flush=True)
+            waits_s = [wait_s(port, request) for _ in range(jobs)]
+    waits_s.sort()
     shown = ", ".join(f"{each:.2f}" for each in waits_s)
-    print(f"first {first_s:.2f} s; median {statistics.median(waits_s):.2f} s, worst {waits_s[-1]:.2f} s of {shown}")
+    print(f"median {statistics.median(waits_s):.2f} s, worst {waits_s[-1]:.2f} s of {shown}")
 
 
 if __name__ == "__main__":

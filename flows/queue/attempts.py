@@ -20,6 +20,7 @@ from specs.errors import (
     SimyardError,
     StageFailed,
     StoreAway,
+    StoreError,
     TrustRefused,
     WorldChanged,
 )
@@ -75,7 +76,16 @@ class Attempts:
             entry: The job's.
             work: Ends the job; raises what it cannot explain away.
         """
-        if entry.not_before_s > time.time() or not self._has_record(entry) or not self._is_free(entry):
+        try:
+            return entry.not_before_s <= time.time() and self._attempt(entry, work)
+        except StoreAway:
+            raise
+        except StoreError as exc:  # of this job alone: the others shall not wait for it
+            self._put_off(entry, exc)
+            return False
+
+    def _attempt(self, entry: QueueEntry, work: Work) -> bool:
+        if not self._has_record(entry) or not self._is_free(entry):
             return False
         with hold_claim_unless_alive(self._store, turn_key(entry.kind, entry.id)) as claim:
             if claim is None:
@@ -151,7 +161,13 @@ class Attempts:
 
     def _done(self, record: JobRecord) -> int:
         look = KINDS[record.kind].load().progress
-        return look(self._store, record)[1] if look else 0
+        try:
+            return look(self._store, record)[1] if look else 0
+        except StoreAway:
+            raise
+        except (SimyardError, ValueError, LookupError) as exc:  # the record is not what its stage reads
+            logger.warning("how far %s is could not be seen: %s", record.arn, exc)
+            return 0
 
     def _try(self, job: Job, work: Work) -> None:
         self._begun[job.entry.id] = job.entry
@@ -180,7 +196,7 @@ class Attempts:
             self._put_off(job.entry, exc)
 
     def _put_off(self, entry: QueueEntry, exc: Exception) -> None:
-        pause_s = _pause_s(entry.attempts)
+        pause_s = _pause_s(max(1, entry.attempts))
         logger.warning("%s is tried again in %.0f s: %s", entry.id, pause_s, exc)
         change_entry(self._store, entry.kind, entry.id, not_before_s=time.time() + pause_s)
 

@@ -20,7 +20,7 @@ from specs.errors import StoreError
 from tasks.server.collector_pause import pause_collector
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.queue import QueueView
+from tasks.storage.jobs.queue import QueueEntry, QueueView
 from tasks.storage.store_url import open_store
 
 LOOK_S = 2.0
@@ -118,10 +118,17 @@ def _begin(
         del threads[job]
     for entry in view.entries():
         if entry.id not in threads and len(threads) < lane.at_once:
-            thread = threading.Thread(target=attempts.attempt, args=(entry, work), name=entry.id, daemon=True)
+            thread = threading.Thread(target=_attempt, args=(attempts, entry, work), name=entry.id, daemon=True)
             threads[entry.id] = thread
             thread.start()
     return False
+
+
+def _attempt(attempts: Attempts, entry: QueueEntry, work: Callable[[Job], None]) -> None:
+    try:
+        attempts.attempt(entry, work)
+    except StoreError as exc:  # it is looked at again in two seconds
+        logger.warning("%s could not be looked at: %s", entry.id, exc)
 
 
 if __name__ == "__main__":

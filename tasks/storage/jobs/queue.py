@@ -5,6 +5,7 @@ history of a store to find what waits. It is made before the record and removed 
 between leaves at worst an entry of a job that was never recorded, or one that has ended.
 """
 
+import logging
 import time
 from collections.abc import Collection
 from contextlib import suppress
@@ -12,11 +13,13 @@ from contextlib import suppress
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
+from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreAway, StoreError
 from specs.job_kinds import JobKind
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import claim_key, queue_key, queue_prefix
 from tasks.storage.base.store import Entry, Store
+
+_LOG = logging.getLogger(__name__)
 
 
 class QueueEntry(Spec):
@@ -123,6 +126,7 @@ class QueueView:
         self._store = store
         self._folders = [f"{queue_prefix()}/{kind}" for kind in kinds]
         self._known: dict[str, tuple[str, QueueEntry]] = {}
+        self._damaged: dict[str, str] = {}
 
     def entries(self) -> list[QueueEntry]:
         """Returns the queue as it is now, oldest first."""
@@ -134,7 +138,16 @@ class QueueView:
         known = self._known.get(listed.key)
         if known and known[0] == listed.mark:
             return known
-        found = _read(self._store, listed.key)
+        if self._damaged.get(listed.key) == listed.mark:
+            return None
+        try:
+            found = _read(self._store, listed.key)
+        except StoreAway:
+            raise
+        except StoreError as exc:  # the jobs of the others do not wait for it
+            self._damaged[listed.key] = listed.mark
+            _LOG.warning("an entry of the queue is passed by until somebody changes it: %s", exc)
+            return None
         return (listed.mark, found[0]) if found else None
 
 

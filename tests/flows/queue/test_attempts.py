@@ -167,6 +167,27 @@ def test_a_job_that_a_live_process_outside_of_the_queue_works_on_is_passed_by(fi
         assert not attempt(file_store, no_work)
 
 
+def test_a_job_whose_record_is_damaged_keeps_nobody_from_the_others(file_store: Store):
+    job = waiting(file_store)
+    file_store.put(f"jobs/{KIND}/{job.id}.json", b"{")
+
+    assert not attempt(file_store, no_work)
+
+    entry = find_entry(file_store, KIND, job.id)
+    assert entry
+    assert entry.not_before_s > time.time()
+
+
+def test_a_record_that_its_stage_cannot_read_is_counted_as_without_progress(file_store: Store):
+    job = waiting(file_store, "simulation-job-batch")  # without a plan
+    change_entry(file_store, job.kind, job.id, attempts=MOST_ATTEMPTS, done=0)
+
+    attempt(file_store, no_work)
+
+    ended = read(file_store, job.kind, job.id)
+    assert (ended.status, ended.failure_code) == ("Failed", "InternalServiceError")
+
+
 class _Killed(BaseException):
     """What kill -9 looks like from the store: nothing is tidied up."""
 

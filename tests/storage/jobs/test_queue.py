@@ -75,3 +75,13 @@ def test_a_view_reads_an_entry_once_as_long_as_nobody_changes_it(tmp_path: Path,
     monkeypatch.setattr(type(store), "get", None)
 
     assert view.entries() == first
+
+
+def test_a_damaged_entry_keeps_nobody_from_the_others(tmp_path: Path):
+    store = open_store(tmp_path.as_uri())
+    enqueue(store, "world-export-job", "mine")
+    store.put("queue/world-export-job/spoilt.json", b"{")
+    view = QueueView(store, ["world-export-job"])
+
+    assert [entry.id for entry in view.entries()] == ["mine"]
+    assert [entry.id for entry in view.entries()] == ["mine"]
