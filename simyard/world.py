@@ -107,7 +107,7 @@ def _of_job(store: "Store", job: str) -> "Worlds":
 def _of_store(store: "Store") -> "Worlds":
     from simyard.answer.world import Worlds
     from specs.arn import resource_name
-    from tasks.worlds.job.describe import list_worlds
+    from tasks.worlds.job.list_pages import list_worlds
 
     names = tuple(resource_name(each.arn) for each in list_worlds(store) if each.arn)
     return Worlds(f"all worlds of {store.url}", names, _read=lambda name: _read(store, name))

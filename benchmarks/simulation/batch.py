@@ -25,9 +25,10 @@ from specs.data.episode import ApplicationLaunch, EpisodeResult, unfinished_resu
 from tasks.documents.template_source import find_template
 from tasks.results.tables.result_files import write_results
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.describe import describe_batch, list_jobs
+from tasks.simulate.batch.describe import describe_batch
 from tasks.simulate.batch.job import close_batch, complete, load_batch, open_batch
 from tasks.simulate.batch.result_stream import result_parts
+from tasks.simulate.lists.job_pages import list_jobs
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import world_key

@@ -97,16 +97,18 @@ def list_(
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON document a line; of a page, RoboMaker's answer.")
     ] = False,
-    max_results: Annotated[int | None, typer.Option(min=1, help="List one page of at most so many.")] = None,
+    max_results: Annotated[int | None, typer.Option(help="List one page of at most so many.")] = None,
     next_token: Annotated[str | None, typer.Option(help="List the page that the page before it named.")] = None,
     filters: Annotated[
         list[str] | None,
         typer.Option(
-            "--filter", metavar="NAME=VALUE", help="List a page of what fits, such as status=Failed; any one suffices."
+            "--filter",
+            metavar="NAME=VALUE",
+            help="List a page of what fits, such as status=Failed; of one name, any one suffices.",
         ),
     ] = None,
 ) -> None:
-    """List what a store holds of one kind: all, or a page of fleets, robots, deployments, batches or their jobs."""
+    """List what a store holds of one kind, oldest first: all, or a page, filtered if you wish."""
     if kind is None:
         raise typer.BadParameter(f"say what to list, one of {_KINDS}", param_hint="KIND")
     from flows.resource.abandoned_jobs import kind_notes
@@ -138,7 +140,7 @@ def _with_columns(store: "Store", kind: str, rows: list[dict[str, JsonValue]]) -
         return rows
     from flows.resource.batch_columns import batch_columns
 
-    known = batch_columns(store)
+    known = batch_columns(store, [str(row["arn"]) for row in rows])
     return [{"arn": row.get("arn"), **known.get(str(row.get("arn")), {}), **row} for row in rows]
 
 

@@ -18,6 +18,7 @@ from specs.job_kinds import JOB_KINDS, JobKind
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim_state import ClaimWatch
+from tasks.storage.jobs.lines.under_way import records_under_way
 from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
 from tasks.storage.jobs.runs import KIND as RUN
@@ -64,7 +65,7 @@ def kind_notes(store: Store, plural: str) -> Iterator[str]:
     Where a process on another machine may live, nothing is said: to find that out takes seconds, and `reap_jobs` does.
     """
     kinds: list[JobKind] = [kind for kind in JOB_KINDS if KINDS[kind].plural == plural]
-    left = [record for kind in kinds for record in records(store, kind) if _is_left(store, record)]
+    left = [record for kind in kinds for record in records_under_way(store, kind) if _is_left(store, record)]
     runs = records(store, RUN) if left else []
     outdated = [record for record in left if _is_outdated(record, runs)]
     yield from (_note(store, record, runs) for record in left if record not in outdated)
@@ -113,7 +114,7 @@ def _is_outdated(record: JobRecord, runs: Sequence[JobRecord]) -> bool:
 
 def under_way(store: Store) -> list[JobRecord]:
     """Returns the jobs that have not ended, oldest first of each kind."""
-    return [record for kind in JOB_KINDS for record in records(store, kind) if not is_terminal(record)]
+    return [record for kind in JOB_KINDS for record in records_under_way(store, kind)]
 
 
 def reap_jobs(

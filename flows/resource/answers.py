@@ -57,13 +57,9 @@ def list_page(store: Store, kind: str, request: PageRequest) -> Spec:
         request: The call's request: ``maxResults``, ``nextToken`` and ``filters``, each if wanted.
 
     Raises:
-        DocumentError: There is no such kind, or it has no pages; or the request is not one that RoboMaker takes.
+        DocumentError: There is no such kind, or the request is not one that RoboMaker takes.
     """
-    page = _resource(kind).page
-    if page is None:
-        allowed = "fleets, robots, deployment-jobs, simulation-jobs or simulation-job-batches; others have no pages"
-        raise _refused("kind", kind, allowed)
-    return page(store, request)
+    return _resource(kind).page(store, request)
 
 
 def restart_named_job(store: Store, text: str) -> None:

@@ -1,23 +1,57 @@
 """What a person wants to see of a batch in a list and RoboMaker's summary has no field for."""
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Iterable, Mapping
 
 from pydantic import JsonValue
 
+from specs.arn import resource_name
 from specs.data.run_report import PipelineReport, Verdict
+from specs.errors import ResourceNotFound
 from tasks.simulate.batch.job import KIND
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, records
+from tasks.storage.jobs.records import JobRecord, read, records
 from tasks.storage.jobs.runs import KIND as RUN
-from tasks.storage.jobs.runs import jobs_of, run_document
+from tasks.storage.jobs.runs import jobs_of, run_document, run_of
 
 Columns = Mapping[str, JsonValue]
 
 
-def batch_columns(store: Store) -> dict[str, Columns]:
-    """Returns for each batch, by its ARN, the document, the gate's verdict, and how many of its episodes passed."""
-    runs = {job: run for run in records(store, RUN) for kind, job in jobs_of(run) if kind == KIND}
-    return {batch.arn: _columns(batch, runs.get(batch.id)) for batch in records(store, KIND)}
+def batch_columns(store: Store, batches: Iterable[str]) -> dict[str, Columns]:
+    """Returns for batches, by their ARNs, the document, the gate's verdict, and how many of its episodes passed."""
+    runs = _Runs(store)
+    found = ((arn, _read(store, resource_name(arn))) for arn in batches)
+    return {arn: _columns(batch, runs.of(batch)) for arn, batch in found if batch}
+
+
+class _Runs:
+    """The runs that batches belong to; all are read only for a batch whose document brought a token of its own."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._read = functools.cache(self._one)
+
+    def of(self, batch: JobRecord) -> JobRecord | None:
+        """Returns the run of a batch, or None."""
+        run = run_of(batch.token)
+        return self._read(run) if run else self._by_job.get(batch.id)
+
+    @functools.cached_property
+    def _by_job(self) -> dict[str, JobRecord]:
+        return {job: run for run in records(self._store, RUN) for kind, job in jobs_of(run) if kind == KIND}
+
+    def _one(self, run: str) -> JobRecord | None:
+        try:
+            return read(self._store, RUN, run)
+        except ResourceNotFound:
+            return None
+
+
+def _read(store: Store, batch: str) -> JobRecord | None:
+    try:
+        return read(store, KIND, batch)
+    except ResourceNotFound:  # removed since it was listed
+        return None
 
 
 def verdict_of(run: JobRecord | None) -> Verdict | None:

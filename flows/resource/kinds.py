@@ -11,17 +11,17 @@ from pydantic import JsonValue
 
 from specs.arn import ResourceKind, list_name
 from specs.base import Spec
-from specs.field_types import FilteredPage
+from specs.field_types import Page
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import worlds_prefix
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
+from tasks.storage.jobs.records import JobRecord, is_terminal, read
 
 StageProgress = tuple[str, int, int]
 """The stage that a run is at, and how many of how many worlds, episodes or robots of it are done."""
 
 PageRequest = Mapping[str, JsonValue]
-R = TypeVar("R", bound=FilteredPage)
+R = TypeVar("R", bound=Page)
 
 
 class Resource(NamedTuple):
@@ -30,14 +30,14 @@ class Resource(NamedTuple):
     Attributes:
         describe: Answers RoboMaker's Describe call for a path in the store.
         list: Answers its List call, all pages in one.
-        page: Answers its List call, a page for a request; None for what has no pages.
+        page: Answers its List call, a page for a request.
         cancel: Cancels the one at a path; None for what nobody cancels.
         progress: Returns how far a job is; None for what is no stage of a run.
     """
 
     describe: Callable[[Store, str], Spec]
     list: Callable[[Store], Iterable[Spec]]
-    page: Callable[[Store, PageRequest], Spec] | None = None
+    page: Callable[[Store, PageRequest], Spec]
     cancel: Callable[[Store, str], object] | None = None
     progress: Callable[[Store, JobRecord], StageProgress] | None = None
 
@@ -55,60 +55,77 @@ class Kind(NamedTuple):
 
 
 def _world_template() -> Resource:
-    from tasks.worlds.job.describe import describe_template, list_templates
+    from specs.robomaker.world_jobs import ListWorldTemplatesRequest
+    from tasks.worlds.job.describe import describe_template
+    from tasks.worlds.job.list_pages import list_templates, list_templates_page
 
-    return Resource(describe_template, list_templates)
+    return Resource(describe_template, list_templates, _checked(ListWorldTemplatesRequest, list_templates_page))
 
 
 def _world() -> Resource:
-    from tasks.worlds.job.describe import describe_stored_world, list_worlds
+    from specs.robomaker.world_jobs import ListWorldsRequest
+    from tasks.worlds.job.describe import describe_stored_world
+    from tasks.worlds.job.list_pages import list_worlds, list_worlds_page
 
-    return Resource(describe_stored_world, list_worlds)
+    return Resource(describe_stored_world, list_worlds, _checked(ListWorldsRequest, list_worlds_page))
 
 
 def _world_generation_job() -> Resource:
+    from specs.robomaker.world_jobs import ListWorldGenerationJobsRequest
     from tasks.storage.jobs.cancellation import cancel_watched_job
-    from tasks.worlds.job.describe import describe_generation_job, summarise_generation_job
+    from tasks.worlds.job.describe import describe_generation_job
+    from tasks.worlds.job.list_pages import list_generation_jobs, list_generation_jobs_page
 
     kind: JobKind = "world-generation-job"
     return Resource(
         lambda store, path: describe_generation_job(read(store, kind, path)),
-        lambda store: [summarise_generation_job(each) for each in records(store, kind)],
+        list_generation_jobs,
+        _checked(ListWorldGenerationJobsRequest, list_generation_jobs_page),
         cancel=lambda store, path: cancel_watched_job(store, kind, path),
         progress=_worlds_made,
     )
 
 
 def _world_export_job() -> Resource:
-    from tasks.export.job.describe import describe_export_job, summarise_export_job
+    from specs.robomaker.world_jobs import ListWorldExportJobsRequest
+    from tasks.export.job.describe import describe_export_job
+    from tasks.export.job.list_pages import list_export_jobs, list_export_jobs_page
     from tasks.storage.jobs.cancellation import cancel_watched_job
 
     kind: JobKind = "world-export-job"
     return Resource(
         lambda store, path: describe_export_job(read(store, kind, path)),
-        lambda store: [summarise_export_job(each) for each in records(store, kind)],
+        list_export_jobs,
+        _checked(ListWorldExportJobsRequest, list_export_jobs_page),
         cancel=lambda store, path: cancel_watched_job(store, kind, path),
         progress=lambda _, record: ("Export", int(is_terminal(record)), 1),
     )
 
 
 def _robot_application() -> Resource:
-    from tasks.applications.describe import describe_robot_application, list_robot_applications
+    from specs.robomaker.applications import ListRobotApplicationsRequest
+    from tasks.applications.describe import describe_robot_application
+    from tasks.applications.list_pages import list_robot_applications, list_robot_applications_page
 
-    return Resource(describe_robot_application, list_robot_applications)
+    page = _checked(ListRobotApplicationsRequest, list_robot_applications_page)
+    return Resource(describe_robot_application, list_robot_applications, page)
 
 
 def _simulation_application() -> Resource:
-    from tasks.applications.describe import describe_simulation_application, list_simulation_applications
+    from specs.robomaker.applications import ListSimulationApplicationsRequest
+    from tasks.applications.describe import describe_simulation_application
+    from tasks.applications.list_pages import list_simulation_applications, list_simulation_applications_page
 
-    return Resource(describe_simulation_application, list_simulation_applications)
+    page = _checked(ListSimulationApplicationsRequest, list_simulation_applications_page)
+    return Resource(describe_simulation_application, list_simulation_applications, page)
 
 
 def _simulation_job() -> Resource:
     from flows.resource.stopped_batches import close_stopped_batch, close_stopped_batches
     from specs.robomaker.simulation import ListSimulationJobsRequest
     from tasks.simulate.batch.cancel_restart import cancel_job
-    from tasks.simulate.batch.describe import describe_job, list_jobs, list_jobs_page
+    from tasks.simulate.batch.describe import describe_job
+    from tasks.simulate.lists.job_pages import list_jobs, list_jobs_page
 
     page = _checked(ListSimulationJobsRequest, list_jobs_page)
     return Resource(
@@ -123,7 +140,8 @@ def _simulation_job_batch() -> Resource:
     from flows.resource.stopped_batches import close_stopped_batch, close_stopped_batches
     from specs.robomaker.simulation import ListSimulationJobBatchesRequest
     from tasks.simulate.batch.cancel_restart import cancel_batch
-    from tasks.simulate.batch.describe import describe_batch, list_batches, list_batches_page
+    from tasks.simulate.batch.describe import describe_batch
+    from tasks.simulate.lists.job_pages import list_batches, list_batches_page
 
     page = _checked(ListSimulationJobBatchesRequest, list_batches_page)
     return Resource(
@@ -137,16 +155,16 @@ def _simulation_job_batch() -> Resource:
 
 def _fleet() -> Resource:
     from specs.robomaker.fleet import ListFleetsRequest
-    from tasks.deploy.answers.describe import describe_fleet, list_fleets
-    from tasks.deploy.answers.list_pages import list_fleets_page
+    from tasks.deploy.answers.describe import describe_fleet
+    from tasks.deploy.answers.list_pages import list_fleets, list_fleets_page
 
     return Resource(describe_fleet, list_fleets, _checked(ListFleetsRequest, list_fleets_page))
 
 
 def _robot() -> Resource:
     from specs.robomaker.fleet import ListRobotsRequest
-    from tasks.deploy.answers.describe import describe_robot, list_robots
-    from tasks.deploy.answers.list_pages import list_robots_page
+    from tasks.deploy.answers.describe import describe_robot
+    from tasks.deploy.answers.list_pages import list_robots, list_robots_page
 
     return Resource(describe_robot, list_robots, _checked(ListRobotsRequest, list_robots_page))
 
@@ -154,8 +172,8 @@ def _robot() -> Resource:
 def _deployment_job() -> Resource:
     from flows.resource.withdrawal import cancel_deployment
     from specs.robomaker.deployment import ListDeploymentJobsRequest
-    from tasks.deploy.answers.describe import describe_deployment_job, list_deployment_jobs
-    from tasks.deploy.answers.list_pages import list_deployment_jobs_page
+    from tasks.deploy.answers.describe import describe_deployment_job
+    from tasks.deploy.answers.list_pages import list_deployment_jobs, list_deployment_jobs_page
 
     return Resource(
         describe_deployment_job,
@@ -167,27 +185,15 @@ def _deployment_job() -> Resource:
 
 
 def _pipeline_run() -> Resource:
-    from flows.resource.batch_columns import verdict_of, why_not
     from flows.resource.cancel import cancel_run
-    from specs.data.run_report import RunSummary
-
-    kind: JobKind = "pipeline-run"
-
-    def summary(run: JobRecord) -> Spec:
-        spec = run.request.get("spec", {})
-        return RunSummary(
-            arn=run.arn,
-            name=str(spec.get("name", run.request.get("flow"))) if isinstance(spec, dict) else run.id,
-            status=run.status,
-            createdAt=run.created_at_s,
-            verdict=verdict_of(run),
-            failureReason=why_not(run),
-        )
+    from flows.resource.run_pages import list_runs, list_runs_page
+    from specs.data.run_report import ListPipelineRunsRequest
 
     return Resource(
-        lambda store, path: read(store, kind, path),
-        lambda store: [summary(run) for run in records(store, kind)],
-        cancel=cancel_run,
+        lambda store, path: read(store, "pipeline-run", path),
+        list_runs,
+        _checked(ListPipelineRunsRequest, list_runs_page),
+        cancel_run,
     )
 
 

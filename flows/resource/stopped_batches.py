@@ -6,7 +6,8 @@ from specs.errors import StoreError
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.simulate.batch.job import STOPPING
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import read, records
+from tasks.storage.jobs.lines.under_way import records_under_way
+from tasks.storage.jobs.records import read
 
 logger = logging.getLogger(__name__)
 
@@ -29,6 +30,6 @@ def close_stopped_batch(store: Store, path: str) -> str:
 
 def close_stopped_batches(store: Store) -> Store:
     """Closes every batch that was stopped and abandoned; returns the store."""
-    for record in records(store, BATCH):
+    for record in records_under_way(store, BATCH):
         close_stopped_batch(store, record.id)
     return store

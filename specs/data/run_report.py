@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
+from specs.field_types import FilteredPage
 
 StageName = Literal["worldGeneration", "worldExport", "simulationBatch", "gate", "deployment"]
 Verdict = Literal["PASS", "FAIL", "INCONCLUSIVE"]
@@ -74,3 +75,14 @@ class RunSummary(Spec):
     createdAt: float
     verdict: Verdict | None = None
     failureReason: str | None = None
+
+
+class ListPipelineRunsRequest(FilteredPage):
+    """Asks for the runs of documents."""
+
+
+class ListPipelineRunsResponse(Spec):
+    """A page of runs of documents."""
+
+    runSummaries: tuple[RunSummary, ...]
+    nextToken: str | None = None

@@ -13,11 +13,11 @@ from specs.robomaker.applications import (
     SourceConfig,
 )
 from specs.robomaker.bundle import LATEST, Application, ApplicationKind, Platform, Version
-from tasks.applications.registry import applications, resolve
+from tasks.applications.registry import resolve
 from tasks.applications.versions import application_name, read_application
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.buckets import open_bucket
+from tasks.storage.buckets import etag_now
 from tasks.storage.store_url import store_id
 
 _ROBOT = RobotSoftwareSuite(name="General")
@@ -54,16 +54,14 @@ def describe_simulation_application(
     )
 
 
-def list_robot_applications(store: Store) -> list[RobotApplicationSummary]:
-    """Returns the newest version of every robot application, by name."""
-    found = applications(store, "robot-application")
-    return [RobotApplicationSummary.model_validate(_summary(store, each)) for each in found]
+def summarise_robot_application(store: Store, application: Application) -> RobotApplicationSummary:
+    """Returns a robot application's line in a list, as of the newest of its versions."""
+    return RobotApplicationSummary.model_validate(_summary(store, application))
 
 
-def list_simulation_applications(store: Store) -> list[SimulationApplicationSummary]:
-    """Returns the newest version of every simulation application, by name."""
-    found = applications(store, "simulation-application")
-    return [SimulationApplicationSummary.model_validate(_summary(store, each)) for each in found]
+def summarise_simulation_application(store: Store, application: Application) -> SimulationApplicationSummary:
+    """Returns a simulation application's line in a list, as of the newest of its versions."""
+    return SimulationApplicationSummary.model_validate(_summary(store, application))
 
 
 def _described(store: Store, kind: ApplicationKind, reference: str, version: str | None) -> dict[str, object]:
@@ -106,8 +104,8 @@ def _latest(store: Store, application: Application) -> dict[str, object]:
 
 def _etag_now(store: Store, source: SourceConfig) -> str | None:
     try:
-        return open_bucket(store, source.s3Bucket or "").etag(source.s3Key or "").strip('"')
-    except StoreError:  # nothing lies there yet, or nobody may look: who makes a version of it is told so
+        return etag_now(store, source.s3Bucket or "", source.s3Key or "") or None
+    except StoreError:  # nobody may look: who makes a version of it is told so
         return None
 
 

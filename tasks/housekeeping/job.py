@@ -12,6 +12,7 @@ from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
 from tasks.housekeeping.cache_garbage import CacheEntry, remove_entry, unused_entries
 from tasks.housekeeping.findings import FindingRow, GcReport, UnreadRecord
+from tasks.housekeeping.line_sweep import mend_lines, unnamed_segments
 from tasks.housekeeping.object_kinds import TOKENS, Job, job_of_id, kind_of_key
 from tasks.housekeeping.references import NamedByRecords, Records, names_in, read_records, record_entries
 from tasks.housekeeping.signed_metadata import replaced_metadata
@@ -74,6 +75,7 @@ def collect_garbage(store: Store, cache: Path, ages: Ages, *, remove: bool) -> G
     if remove:
         _keep_notes(store, plan, etag)
         swept = sweep(store, plan, marked.look_again)
+        mend_lines(store, marked.look_again().jobs)
         cached = [entry for entry in cached if remove_entry(entry)]
     return _report(marked, plan, swept, cached, removed=remove)
 
@@ -92,7 +94,7 @@ class _Marked:
             entries=entries,
             unfinished=self._unfinished(),
             token_jobs=_token_jobs(store, entries, self.named),
-            replaced=replaced_metadata(store, entries, now_s - ages.grace_s),
+            replaced=replaced_metadata(store, entries, now_s - ages.grace_s) | unnamed_segments(store, entries),
             now_s=now_s,
         )
 

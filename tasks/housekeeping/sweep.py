@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from specs.errors import ObjectExists, ObjectNotFound
+from tasks.housekeeping.line_sweep import mark_job, sweep_lines
 from tasks.housekeeping.object_kinds import BUNDLES, NAMED_BY_OTHERS, TOKENS, UNFINISHED, WORLDS, Job
 from tasks.housekeeping.references import NamedByRecords
 from tasks.housekeeping.sweep_plan import Item, Leftover, SweepPlan
@@ -56,6 +57,7 @@ def sweep(store: Store, plan: SweepPlan, look_again: LookAgain) -> SweepResult:
         swept.note(item, is_gone=_remove(store, item))
     for leftover in plan.leftovers:
         _sweep_leftover(store, leftover, look_again, swept)
+    sweep_lines(store, [leftover.job for leftover in plan.leftovers if leftover.record or leftover.marks])
     for few in _few_at_a_time(plan.bundles):
         _sweep_bundles(store, few, look_again, swept)
     return swept
@@ -108,7 +110,10 @@ def _is_left(store: Store, leftover: Leftover, look_again: LookAgain) -> bool:
     job, kinds = leftover.job, {item.what for item in leftover.items}
     if leftover.record:
         named = look_again()
-        if job.id in named.ids or named.spoilt or not store.delete_unchanged(leftover.record.entry):
+        if job.id in named.ids or named.spoilt:
+            return False
+        mark_job(store, job)
+        if not store.delete_unchanged(leftover.record.entry):
             return False
     elif store.exists(job_key(job.kind, job.id)):
         return False

@@ -7,11 +7,13 @@ from dataclasses import dataclass, field
 from tasks.housekeeping.object_kinds import (
     BUNDLES,
     CLAIMS,
+    LINE_MARKS,
     METADATA,
     NAMED_BY_OTHERS,
     NEEDS_PROOF,
     PROBES,
     RECORDS,
+    SEGMENTS,
     SPENT,
     TOKENS,
     UNFINISHED,
@@ -29,6 +31,7 @@ _WHY = {
     BUNDLES: "that nothing names",
     PROBES: "of processes that were killed while they opened the store",
     METADATA: "that newer versions have replaced",
+    SEGMENTS: "of processes that were killed while they listed jobs",
     UNFINISHED: "of processes that were killed",
 }
 _FIRST_SEEN = "that nothing names since this time; a later gc frees them"
@@ -59,16 +62,18 @@ class Leftover:
         record: Its record, which goes first.
         items: What it left, without record, token and claim.
         ends: Its token and claim, which go last, and only when all else is gone: they show that the rest was made here.
+        marks: That it has no line, or had none; they go after the lines of all that went.
     """
 
     job: Job
     record: Item | None
     items: tuple[Item, ...]
     ends: tuple[Item, ...]
+    marks: tuple[Item, ...] = ()
 
     @property
     def all(self) -> tuple[Item, ...]:
-        """All that goes, in the order in which it goes."""
+        """All that goes and is told of, in the order in which it goes; a mark is a name without bytes."""
         return (*((self.record,) if self.record else ()), *self.items, *self.ends)
 
 
@@ -105,7 +110,8 @@ class StoreListing:
         entries: All of it.
         unfinished: Writes that have not come to their end.
         token_jobs: Jobs of the tokens that belong to no record, by key.
-        replaced: Keys of signed metadata that newer versions have replaced, for longer than the grace.
+        replaced: Keys of signed metadata that newer versions have replaced, for longer than the grace, and of lines of
+            jobs that no root names.
         now_s: The time, by the store's clock.
     """
 
@@ -152,7 +158,7 @@ class _Planning:
     def _loose(self) -> Iterable[Item]:
         for entry, place in self._placed:
             done = place.what in SPENT and place.job is not None and self._named.jobs.get(place.job, False)
-            replaced = place.what == METADATA and entry.key in self._listing.replaced
+            replaced = place.what in {METADATA, SEGMENTS} and entry.key in self._listing.replaced
             if done or replaced or place.what == PROBES:
                 yield Item(entry, place.what, _WHY[place.what])
 
@@ -196,9 +202,10 @@ class _Planning:
             self._waiting += [Item(item.entry, item.what, _YOUNG) for item in going]
             return None
         ends = [item for item in going if item.what in {TOKENS, CLAIMS}] if len(going) == len(items) else []
-        rest = [item for item in going if item.what not in {TOKENS, CLAIMS, RECORDS}]
+        rest = [item for item in going if item.what not in {TOKENS, CLAIMS, RECORDS, LINE_MARKS}]
         record = next((item for item in going if item.what == RECORDS), None)
-        return Leftover(job, record, tuple(rest), tuple(ends)) if record or rest or ends else None
+        marks = tuple(item for item in going if item.what == LINE_MARKS)
+        return Leftover(job, record, tuple(rest), tuple(ends), marks) if going else None
 
     def _old(self, items: Iterable[Item]) -> list[Item]:
         """Returns those that are old enough; the others wait."""

@@ -2,7 +2,7 @@
 
 import time
 
-from specs.arn import arn
+from specs.arn import arn, store_id_of
 from specs.errors import ResourceNotFound
 from specs.robomaker.deployment import (
     CreateDeploymentJobRequest,
@@ -13,12 +13,12 @@ from specs.robomaker.deployment import (
 )
 from specs.robomaker.failure_codes import DeploymentJobErrorCode, told_code
 from specs.robomaker.fleet import DescribeFleetResponse, DescribeRobotResponse, Fleet, Robot
-from tasks.deploy.fleet.fleets import fleets, read_fleet
-from tasks.deploy.fleet.robots import members, read_desired, read_reported, read_robot, robots
+from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.robots import members, read_desired, read_reported, read_robot
 from tasks.deploy.fleet.states import Desired, FleetRecord, RobotProgress, RobotRecord, progress_of
 from tasks.deploy.rollout.observation import live_progress, recorded_progress
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
+from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import store_id
 
 _KIND = "deployment-job"
@@ -33,19 +33,17 @@ def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResp
     """
     record = read(store, _KIND, job)
     request = CreateDeploymentJobRequest.model_validate(record.request)
-    identifier = store_id(store)
     progress = recorded_progress(record) if is_terminal(record) else live_progress(store, record, time.time())
-    summary = tuple(_robot_deployment(name, each, identifier) for name, each in progress.items())
+    summary = tuple(_robot_deployment(name, each, record.arn) for name, each in progress.items())
     # The fields that a list shows, and the robots and tags.
     return DescribeDeploymentJobResponse.model_validate(
         {**_job(record, request).model_dump(), "robotDeploymentSummary": summary, "tags": request.tags}
     )
 
 
-def list_deployment_jobs(store: Store) -> list[DeploymentJob]:
-    """Returns all deployment jobs, oldest first."""
-    found = records(store, _KIND)
-    return [_job(record, CreateDeploymentJobRequest.model_validate(record.request)) for record in found]
+def summarise_deployment_job(record: JobRecord) -> DeploymentJob:
+    """Returns the job's line in ListDeploymentJobs."""
+    return _job(record, CreateDeploymentJobRequest.model_validate(record.request))
 
 
 def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
@@ -66,10 +64,9 @@ def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
     )
 
 
-def list_fleets(store: Store) -> list[Fleet]:
-    """Returns all fleets, oldest first."""
-    identifier = store_id(store)
-    return [_fleet(store, fleet, identifier) for fleet in fleets(store)]
+def summarise_fleet(store: Store, fleet: FleetRecord) -> Fleet:
+    """Returns a fleet's line in ListFleets."""
+    return _fleet(store, fleet, store_id(store))
 
 
 def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
@@ -86,10 +83,9 @@ def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
     return DescribeRobotResponse.model_validate({**document, **own})
 
 
-def list_robots(store: Store) -> list[Robot]:
-    """Returns all robots, oldest first."""
-    identifier = store_id(store)
-    return [_robot(store, record, identifier) for record in robots(store)]
+def summarise_robot(store: Store, robot: RobotRecord) -> Robot:
+    """Returns a robot's line in ListRobots."""
+    return _robot(store, robot, store_id(store))
 
 
 def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJob:
@@ -107,17 +103,18 @@ def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJo
     )
 
 
-def _robot_deployment(name: str, progress: RobotProgress, identifier: str) -> RobotDeployment:
+def _robot_deployment(name: str, progress: RobotProgress, job: str) -> RobotDeployment:
     # docs/reference/robomaker.md, section 8: the only step with a percentage
     loading = progress.step == "DownloadingExtracting"
-    detail = ProgressDetail(currentProgress=progress.step, percentDone=progress.percent_done if loading else None)
+    percent = progress.percent_done if loading else None
+    detail = ProgressDetail(currentProgress=progress.step, percentDone=percent, targetResource=job)
     return RobotDeployment(
-        arn=arn("robot", identifier, name),
+        arn=arn("robot", store_id_of(job), name),
         deploymentStartTime=progress.started_at_s or None,
         deploymentFinishTime=progress.finished_at_s or None,
         status=progress.status,
         progressDetail=detail if progress.step else None,
-        failureReason=progress.failure_reason or None,
+        failureReason=" ".join(progress.failure_reason.split())[:_REASON_CHARACTERS] or None,  # as a robot wrote it
         failureCode=progress.failure_code,
     )
 

@@ -4,7 +4,7 @@ Nothing here needs more memory for a batch with more jobs: what is asked for in 
 """
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import cast
 
 from pydantic import JsonValue
@@ -23,18 +23,21 @@ from specs.robomaker.simulation_descriptions import (
 from tasks.simulate.batch.chunk_store import chunk_start, chunk_times, committed_chunk
 from tasks.simulate.batch.job import (
     STOPPING,
+    OpenBatch,
     canceled_before_begun,
     canceled_job_times,
     canceled_jobs,
     etags_of,
     load_batch,
     lost_job_code,
+    plan_of,
     restarted_jobs,
 )
 from tasks.simulate.batch.result_stream import STOP_CODES
+from tasks.simulate.plan.layout import Layout
 from tasks.simulate.plan.request import entries, is_single
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import is_terminal
+from tasks.storage.jobs.records import JobRecord, is_terminal
 from tasks.storage.store_url import store_id
 
 _CHUNKS_KEPT = 4
@@ -53,14 +56,19 @@ class JobCounts(Spec):
 class Jobs:
     """The jobs of a batch, as they stood when this was made."""
 
-    def __init__(self, store: Store, batch: str) -> None:
+    def __init__(self, store: Store, batch: str, record: JobRecord | None = None) -> None:
         """Reads the batch's record, and which of its chunks were begun.
+
+        Args:
+            store: Where the batch is.
+            batch: Its id.
+            record: Its record, if that was read just now.
 
         Raises:
             ResourceNotFound: No such batch.
         """
-        self._batch = load_batch(store, batch)
-        self.record = self._batch.record()
+        self._batch = OpenBatch(store, batch, Layout(plan_of(record))) if record else load_batch(store, batch)
+        self.record = record or self._batch.record()
         self._ended = is_terminal(self.record)
         self._store_id = store_id(store)
         self._chunks = chunk_times(store, batch)
@@ -79,7 +87,37 @@ class Jobs:
 
     def created(self, first: int = 0) -> Iterator[SimulationJobSummary]:
         """Yields a summary of each job that was begun, by index, from the index ``first`` on."""
-        return (self._summary(index) for index in self._indices(first, begun=True))
+        return (SimulationJobSummary.model_validate(self._summary(index)) for index in self._indices(first, begun=True))
+
+    def listed(self, first: int = 0, statuses: Collection[str] = ()) -> Iterator[tuple[int, _Document]]:
+        """Yields index and summary of each job that lists show, by index: those that were begun, and a single job.
+
+        Args:
+            first: Where to begin.
+            statuses: Only jobs of these, if there are any.
+        """
+        for index in self._listed_indices(first):
+            if not statuses or self._state(index)["status"] in statuses:
+                yield index, self._summary(index)
+
+    def summaries_by_chunk(self) -> Iterator[tuple[int, _Document]]:
+        """Yields what `listed` yields, chunk by chunk, so that each is read once also if the plan was shuffled."""
+        if is_single(self.record):
+            yield from self.listed()
+            return
+        for number in sorted(self._chunks.begun):
+            for request in self._batch.layout.chunk(number).requests:
+                yield request.index, self._summary(request.index)
+
+    @property
+    def episodes(self) -> int:
+        """How many jobs the batch asks for."""
+        return self._batch.layout.episodes
+
+    def _listed_indices(self, first: int) -> Iterator[int]:
+        if is_single(self.record):
+            return iter(range(first, 1))
+        return self._indices(first, begun=True)
 
     def pending(self) -> Iterator[SimulationJobRequest]:
         """Yields what is asked of each job that is still to be begun; a single job is no entry of a batch."""
@@ -147,20 +185,18 @@ class Jobs:
         etags = [self._etags.get(f"{source['s3Bucket']}/{key}") for key in keys]
         return {**source, "s3Keys": [{"s3Key": key, "etag": tag} for key, tag in zip(keys, etags, strict=True)]}
 
-    def _summary(self, index: int) -> SimulationJobSummary:
+    def _summary(self, index: int) -> _Document:
         request = self._batch.layout.request(index)
         asked = self._entries[self._batch.layout.template_of(index)]
         sources = [source["name"] for source in cast("list[_Document]", asked.get("dataSources") or [])]
-        return SimulationJobSummary.model_validate(
-            {
-                **self._identity(index),
-                "status": self._state(index)["status"],
-                "dataSourceNames": sources or None,
-                "computeType": cast("_Document", asked.get("compute") or {}).get("computeType"),
-                "robotApplicationNames": (request.robot.name,),
-                "simulationApplicationNames": (request.scenario.name,),
-            }
-        )
+        return {
+            **self._identity(index),
+            "status": self._state(index)["status"],
+            "dataSourceNames": cast("JsonValue", sources or None),
+            "computeType": cast("_Document", asked.get("compute") or {}).get("computeType"),
+            "robotApplicationNames": [request.robot.name],
+            "simulationApplicationNames": [request.scenario.name],
+        }
 
     def _identity(self, index: int) -> _Document:
         return {

@@ -3,8 +3,6 @@
 What a store holds of templates and worlds, in RoboMaker's words.
 """
 
-from pathlib import PurePosixPath
-
 from pydantic import JsonValue, TypeAdapter
 
 from specs.arn import ResourceKind, absence, arn, store_id_of
@@ -18,17 +16,15 @@ from specs.robomaker.world_descriptions import (
     DescribeWorldGenerationJobResponse,
     DescribeWorldResponse,
     DescribeWorldTemplateResponse,
-    TemplateSummary,
     WorldGenerationJobSummary,
-    WorldSummary,
     world_description,
 )
 from specs.template.body import TemplateBody
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, template_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, read, records
+from tasks.storage.jobs.records import JobRecord, read
 from tasks.storage.store_url import store_id
-from tasks.storage.templates.named_templates import NamedTemplate, named_templates, read_template
+from tasks.storage.templates.named_templates import NamedTemplate, read_template
 from tasks.storage.worlds import decode_world, reference_key
 
 _SUMMARISED = ("template", "worldCount")
@@ -86,17 +82,6 @@ def describe_world(world: World, record: JobRecord | None, store: str) -> Descri
     if world.doors:
         fields["worldDescriptionBody"] = canonical_json(world_description(world)).decode()
     return DescribeWorldResponse.model_validate(fields)
-
-
-def summarise_worlds(record: JobRecord) -> tuple[WorldSummary, ...]:
-    """Returns the lines of a job's worlds in ListWorlds."""
-    store = store_id_of(record.arn)
-    return tuple(WorldSummary.model_validate(_identity(reference, record, store)) for reference in _worlds(record))
-
-
-def summarise_added_world(reference: str, store: str) -> WorldSummary:
-    """Returns the line in ListWorlds of a world that no job generated."""
-    return WorldSummary.model_validate(_identity(reference, None, store))
 
 
 def _identity(reference: str, record: JobRecord | None, store: str) -> dict[str, JsonValue]:
@@ -168,23 +153,6 @@ def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
     return describe_world(decode_world(body), record, store_id(store))
 
 
-def list_worlds(store: Store) -> list[WorldSummary]:
-    """Returns the worlds of all generation jobs, oldest job first, and then those that somebody added, by name.
-
-    Worlds that were deleted still stand in the records of their jobs, and are left out.
-    """
-    jobs = records(store, _KIND)
-    generations = {record.id for record in jobs}
-    names = [PurePosixPath(key) for key in store.keys("worlds") if key.endswith(".json")]
-    there = [f"{each.parent.name}/{each.stem}" for each in names]
-    kept = {arn("world", store_id(store), reference) for reference in there}
-    added = [reference for reference in there if reference.partition("/")[0] not in generations]
-    return [
-        *(summary for record in jobs for summary in summarise_worlds(record) if summary.arn in kept),
-        *(summarise_added_world(reference, store_id(store)) for reference in added),
-    ]
-
-
 def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
     """Returns a template: one that somebody named, by its id, or a body that worlds were made from, by its digest.
 
@@ -209,16 +177,6 @@ def describe_named_template(store: Store, found: NamedTemplate) -> DescribeWorld
         tags=found.tags or None,
         version=found.version,
     )
-
-
-def list_templates(store: Store) -> list[TemplateSummary]:
-    """Returns the templates that somebody named, oldest first, and then all other bodies that worlds were made from."""
-    named = named_templates(store)
-    digests = {digest for each in named for digest in (each.digest, *each.earlier)}
-    names = [PurePosixPath(key).stem for key in store.keys("templates")]
-    bodies = [describe_template(store, name) for name in names if name not in digests]
-    found = [*(describe_named_template(store, each) for each in named), *bodies]
-    return [TemplateSummary.model_validate(each.model_dump(exclude={"clientRequestToken", "tags"})) for each in found]
 
 
 def _arn(store: Store, name: str) -> str:

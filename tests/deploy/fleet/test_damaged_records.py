@@ -3,7 +3,8 @@
 import pytest
 
 from specs.errors import ResourceNotFound
-from tasks.deploy.answers.describe import describe_fleet, list_fleets, list_robots
+from tasks.deploy.answers.describe import describe_fleet
+from tasks.deploy.answers.list_pages import list_fleets, list_robots
 from tasks.deploy.fleet.deletion import delete_fleet, delete_robot
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, read_robot, register_robot

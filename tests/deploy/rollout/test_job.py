@@ -8,7 +8,8 @@ import pytest
 
 from specs.errors import ConcurrentDeployment, DocumentError, IdempotentParameterMismatch, ResourceNotFound, StageFailed
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.answers.describe import describe_deployment_job, list_deployment_jobs
+from tasks.deploy.answers.describe import describe_deployment_job
+from tasks.deploy.answers.list_pages import list_deployment_jobs
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.robots import create_robot, members, register_robot
 from tasks.deploy.rollout.observation import recorded_progress

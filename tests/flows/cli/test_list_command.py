@@ -41,7 +41,9 @@ def test_pages_of_robots_follow_one_another_and_hold_each_once(robots: Store):
 
 def test_a_page_in_the_terminal_names_the_next_one(robots: Store):
     shown = listing(robots, "robots", "--max-results", "1")
-    assert shown.stderr == "the next page: --next-token r1\n"
+    assert shown.stderr.startswith("the next page: --next-token ")
+    following = listing(robots, "robots", "--max-results", "1", "--next-token", shown.stderr.split()[-1])
+    assert [line.split()[1] for line in following.stdout.splitlines()[1:]] == ["r1"]
     assert [line.split()[1] for line in shown.stdout.splitlines()[1:]] == ["r0"]
     assert "the next page" not in listing(robots, "robots", "--max-results", "9").stderr
 
@@ -51,7 +53,7 @@ def test_a_page_in_the_terminal_names_the_next_one(robots: Store):
     [
         (["fleetName=couriers"], ["r1", "r3"]),
         (["status=Available"], ["r0", "r2", "r4"]),
-        (["status=Available", "fleetName=couriers"], ["r0", "r1", "r2", "r3", "r4"]),
+        (["status=Available", "status=Registered"], ["r0", "r1", "r2", "r3", "r4"]),
     ],
 )
 def test_filters_are_alternatives(robots: Store, filters: list[str], names: list[str]):
@@ -72,6 +74,13 @@ def test_without_the_options_a_list_is_whole(robots: Store):
         ("deployment-jobs", "deploymentJobs"),
         ("simulation-jobs", "simulationJobSummaries"),
         ("simulation-job-batches", "simulationJobBatchSummaries"),
+        ("worlds", "worldSummaries"),
+        ("world-templates", "templateSummaries"),
+        ("world-generation-jobs", "worldGenerationJobSummaries"),
+        ("world-export-jobs", "worldExportJobSummaries"),
+        ("robot-applications", "robotApplicationSummaries"),
+        ("simulation-applications", "simulationApplicationSummaries"),
+        ("pipeline-runs", "runSummaries"),
     ],
 )
 def test_other_kinds_have_pages_too(robots: Store, kind: str, answer: str):
@@ -85,7 +94,13 @@ def test_other_kinds_have_pages_too(robots: Store, kind: str, answer: str):
         (["robots", "--filter", "colour=red"], "colour"),
         (["robots", "--next-token", "made-up"], "nextToken"),
         (["robots", "--filter", "status"], "filters"),
-        (["worlds", "--max-results", "1"], "others have no pages"),
+        (["robots", "--filter", "status=Failed", "--filter", "fleetName=couriers"], "of one name"),
+        (["world-templates", "--filter", "status=Failed"], "filters"),
+        (["deployment-jobs", "--max-results", "0"], "1 to 200"),
+        (["deployment-jobs", "--max-results", "201"], "1 to 200"),
+        (["simulation-jobs", "--max-results", "-1"], "1 to 1000"),
+        (["simulation-jobs", "--max-results", "-5"], "1 to 1000"),
+        (["simulation-jobs", "--max-results", "1001"], "1 to 1000"),
     ],
 )
 def test_what_robomaker_would_not_take_is_refused(robots: Store, arguments: list[str], said: str):

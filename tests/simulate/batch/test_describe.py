@@ -28,13 +28,10 @@ from tasks.simulate.batch.describe import (
     describe_batch,
     describe_job,
     job_outcome_tags,
-    list_batches,
-    list_batches_page,
-    list_jobs,
-    list_jobs_page,
 )
 from tasks.simulate.batch.job import KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
 from tasks.simulate.data.pins import pin_source
+from tasks.simulate.lists.job_pages import list_batches, list_batches_page, list_jobs, list_jobs_page
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import advance

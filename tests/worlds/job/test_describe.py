@@ -12,7 +12,6 @@ from tasks.worlds.job.describe import (
     describe_generation_job,
     describe_world,
     summarise_generation_job,
-    summarise_worlds,
 )
 from tests.factories.worlds import apartment
 from tests.worlds.templates import doorway, room, template
@@ -113,11 +112,3 @@ def test_a_world_with_doors_is_described_with_them() -> None:
     (door,) = json.loads(text)["doors"]
     assert (door["name"], sorted(door["rooms"]), door["openPercent"]) == ("door_1", ["A", "B"], 25)
     assert door["hinge"] == {"x": world.doors[0].hinge_m[0], "y": world.doors[0].hinge_m[1]}
-
-
-def test_worlds_of_a_job_are_summarised_in_order() -> None:
-    made = record("Completed", [f"{JOB}/world-1-1", f"{JOB}/world-1-2"], {})
-    assert [each.arn for each in summarise_worlds(made)] == [
-        f"arn:simyard:world:feed:{JOB}/world-1-1",
-        f"arn:simyard:world:feed:{JOB}/world-1-2",
-    ]

@@ -92,6 +92,14 @@ class JobLines:
                 continue
             return
 
+    def line(self, found: Found) -> Line:
+        """Returns the line of a job; of one that is under way, as it stands now."""
+        if found.line is None:
+            if found.record is None:
+                raise AssertionError(f"{found.mark.id} has neither line nor record")
+            return self._line_of(self._store, found.record)
+        return found.line
+
     def settle(self, at_least: int = _SETTLED_FROM) -> None:
         """Writes the lines of what was found to have ended, unless they are few or another process is at it."""
         lines, self._ended = self._ended, []

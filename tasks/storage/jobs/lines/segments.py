@@ -51,7 +51,7 @@ class SegmentNote(Spec):
         name: Part of its key.
         first: The place of its first line.
         last: The place of its last line.
-        values: What its lines can be filtered by; a name is missing that has too many values.
+        values: What its lines can be filtered by; a name is missing that has too many values, or that a line lacks.
     """
 
     name: str
@@ -195,10 +195,9 @@ def _bodies(lines: Sequence[Line]) -> Iterator[tuple[list[Line], bytes]]:
 
 
 def _noted_values(lines: Sequence[Line]) -> dict[str, tuple[str, ...]]:
-    found: dict[str, set[str]] = {}
-    for line in lines:
-        for name, values in line.values.items():
-            found.setdefault(name, set()).update(values)
+    """Returns the values of all lines; a line without a name may have any value of it."""
+    names = set(lines[0].values).intersection(*(line.values for line in lines))
+    found = {name: {value for line in lines for value in line.values[name]} for name in sorted(names)}
     return {name: tuple(sorted(values)) for name, values in found.items() if len(values) <= _VALUES_NOTED}
 
 

@@ -12,7 +12,7 @@ from tasks.storage.base.keys import tags_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tasks.storage.jobs.runs import jobs_of
-from tasks.worlds.job.describe import list_worlds
+from tasks.worlds.job.list_pages import list_worlds
 from tasks.worlds.job.world_deletion import delete_worlds
 from tests.factories.worlds import apartment
 from tests.flows.gateway.jobs.asked import Asked
