@@ -29,8 +29,8 @@ def answer_of(shape: type[T], described: Spec, store: Store) -> T:
         store: Where the job is; its place need not be known to clients.
     """
     document = canonical_document(described)
-    if "tags" in shape.model_fields and (tags := tags_now(store, document)):
-        document["tags"] = cast("JsonValue", tags)
+    if "tags" in shape.model_fields:
+        document["tags"] = cast("JsonValue", tags_now(store, document) or None)
     fields: dict[str, JsonValue] = {name: document[name] for name in document if name in shape.model_fields}
     return shape.model_validate(placeless(fields, store))
 

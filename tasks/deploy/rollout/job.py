@@ -221,10 +221,14 @@ def _free_fleet(store: Store, name: str, job: str) -> None:
         ConcurrentDeployment: One is.
     """
     other = read_fleet(store, name)[0].deployment
-    known = _find_job(store, other) if other and other != job else None
-    if other and other != job and is_queued(store, _KIND, other):  # a worker takes it, though nobody may have yet
+    if not other or other == job:
+        return
+    known = _find_job(store, other)
+    if known is not None and is_terminal(known):
+        return
+    if is_queued(store, _KIND, other):  # a worker takes it, though nobody may have yet
         require_free(store, name, other)
-    if known is None or is_terminal(known):
+    if known is None:
         return
     with hold_claim_unless_alive(store, claim_key(_KIND, other)) as claim:
         if claim is None:

@@ -42,6 +42,15 @@ def test_what_has_no_effect_is_kept_and_answered(asked: Asked):
     assert set(made) < set(described)
 
 
+def test_tags_are_those_that_the_job_has_now(asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world(), tags={"team": "blue"}))
+    asked.call("TagResource", resourceArn=made["arn"], tags={"shift": "night"})
+    told = asked.call("BatchDescribeSimulationJob", jobs=[made["arn"]])["jobs"][0]["tags"]
+    assert told == {"team": "blue", "shift": "night"}
+    asked.call("UntagResource", resourceArn=made["arn"], tagKeys=["team", "shift"])
+    assert "tags" not in asked.call("DescribeSimulationJob", job=made["arn"])
+
+
 def test_the_same_call_again_is_the_same_job_whatever_was_published_since(asked: Asked, tmp_path: Path):
     request = asked.job_request(asked.world(), clientRequestToken="a")
     made = asked.call("CreateSimulationJob", **request)
