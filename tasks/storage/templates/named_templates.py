@@ -33,6 +33,8 @@ from tasks.storage.base.keys import (
 from tasks.storage.base.store import Store
 from tasks.storage.templates.template_names import confirm_name, leave_name, name_holder, name_taken, take_name
 
+_EARLIER = 100
+
 
 class NamedTemplate(Spec):
     """A template.
@@ -42,7 +44,7 @@ class NamedTemplate(Spec):
         name: Free text, or empty.
         digest: Of its body now.
         version: Of the form of that body, as WorldForge numbers it.
-        earlier: Digests of the bodies that it had before, oldest first, each once.
+        earlier: Digests of the last hundred bodies that it had before, oldest first, each once.
         token: The clientRequestToken that made it, or empty.
         request_digest: Of the request that came with the token.
     """
@@ -145,7 +147,7 @@ def update_template(
     def step(found: NamedTemplate) -> NamedTemplate:
         changes: dict[str, object] = {"updated_at_s": max(time.time(), found.updated_at_s)}
         if body and digest != found.digest:
-            earlier = tuple(dict.fromkeys((*found.earlier, found.digest)))
+            earlier = tuple(dict.fromkeys((*found.earlier, found.digest)))[-_EARLIER:]
             changes |= {"digest": digest, "version": body.Version or "1", "earlier": earlier}
         return found.model_copy(update=changes if name is None else {**changes, "name": name})
 

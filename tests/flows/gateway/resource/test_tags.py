@@ -1,14 +1,12 @@
 """Calls about tags."""
 
 from collections.abc import Callable
-from threading import Barrier, Thread
 
 import pytest
 
 from specs.errors import DocumentError, ResourceNotFound
 from specs.template.body import TemplateBody
 from tasks.deploy.fleet.robots import read_robot
-from tasks.storage.base.store import Store
 from tasks.storage.templates.named_templates import keep_body
 from tests.flows.gateway.jobs.asked import TEMPLATE, Asked
 from tests.flows.gateway.resource.test_worlds import generation
@@ -185,20 +183,3 @@ def test_an_application_that_comes_with_simyard_is_tagged(gateway: Asked) -> Non
     courier = gateway.arn("robot-application", "courier")
     gateway.call("TagResource", resourceArn=courier, tags=BORN)
     assert gateway.call("DescribeRobotApplication", application=courier)["tags"] == BORN
-
-
-@pytest.mark.parametrize("make", [a_robot, a_robot_application, a_template, a_world])
-def test_of_many_gateways_that_tag_at_once_none_loses_a_tag(make: Make, file_store: Store) -> None:
-    resource, start = make(Asked(file_store)), Barrier(6)
-
-    def tag(number: int) -> None:
-        start.wait()
-        Asked(file_store).call("TagResource", resourceArn=resource, tags={f"k{number}": str(number)})
-
-    threads = [Thread(target=tag, args=(number,)) for number in range(6)]
-    for each in threads:
-        each.start()
-    for each in threads:
-        each.join()
-    found = Asked(file_store).call("ListTagsForResource", resourceArn=resource)["tags"]
-    assert found == {**BORN, **{f"k{number}": str(number) for number in range(6)}}
