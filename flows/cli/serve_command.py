@@ -73,6 +73,7 @@ def serve(
     from flows.queue.crew import Crew
     from flows.queue.foreman import require_lasting_server
     from flows.queue.worker_log import log_to_stderr
+    from flows.server.prefect_server import pages_url
     from tasks.gateway.access.key_file import access_file
     from tasks.gateway.connection.tls import tls_context
     from tasks.storage.store_url import open_store
@@ -85,11 +86,11 @@ def serve(
     log_to_stderr()
     url = gateway_url(host, port, is_encrypted=tls is not None)
     if unsigned:
-        entrance = open_entrance(opened, port)
+        entrance = open_entrance(opened, port, pages_url)
     else:
         keys = access_keys or access_file()
         _show_keys(keys, url, model)
-        entrance = signed_entrance(opened, keys, is_encrypted=tls is not None or without_tls)
+        entrance = signed_entrance(opened, keys, pages_url, is_encrypted=tls is not None or without_tls)
     echo(f"RoboMaker: {url}  (store: {opened.url})")
     try:
         with Crew(opened.url, workers, pool) as crew:

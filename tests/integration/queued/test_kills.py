@@ -14,7 +14,7 @@ from tasks.simulate.batch.job import load_batch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, read, records
-from tests.factories.queued_jobs import queue_batch, some_worlds
+from tests.flows.queue.queued_jobs import queue_batch, some_worlds
 from tests.integration.queued.crews import CrewProcess, crew_at, kill_lane, lane_pids, wait_until_done
 
 VICTIMS = ("worker", "gateway")

@@ -16,7 +16,7 @@ from specs.errors import DocumentError
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, read
-from tests.factories.queued_jobs import queue_generation
+from tests.flows.queue.queued_jobs import queue_generation
 from tests.repository import ROOT
 from tests.servers.eventually import eventually
 
