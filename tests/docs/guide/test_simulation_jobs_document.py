@@ -49,9 +49,9 @@ def _first_column(heading: str) -> list[str]:
 
 
 def test_the_states_are_robomakers():
-    assert set(_first_column("of a batch")) == set(get_args(SimulationJobBatchStatus)) - {"Pending", "Failed"}
-    # Nothing has to be prepared, and nothing ends without a reason.
-    assert set(_first_column("of a job")) == set(get_args(SimulationJobStatus)) - {"Preparing", "Terminated"}
+    assert set(_first_column("of a batch")) == set(get_args(SimulationJobBatchStatus)) - {"Failed"}
+    # Nothing ends without a reason.
+    assert set(_first_column("of a job")) == set(get_args(SimulationJobStatus)) - {"Terminated"}
 
 
 def test_the_codes_are_robomakers():

@@ -17,7 +17,7 @@ from tasks.deploy.rollout.operator_commands import wish_of
 from tasks.storage.base.keys import job_key
 from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs
 from tasks.storage.jobs.records import advance, read
-from tests.factories.old_records import fail_with_code
+from tests.factories.gateway.old_records import fail_with_code
 from tests.flows.gateway.jobs.asked import Asked, path
 
 KIND = "deployment-job"

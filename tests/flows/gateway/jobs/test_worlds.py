@@ -13,7 +13,7 @@ from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import advance, read
 from tasks.storage.templates.named_templates import read_body
 from tasks.worlds.step import generate_worlds
-from tests.factories.old_records import fail_with_code
+from tests.factories.gateway.old_records import fail_with_code
 from tests.flows.gateway.jobs.asked import ROLE, Asked, path
 
 GENERATION: JobKind = "world-generation-job"
