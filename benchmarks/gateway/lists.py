@@ -1,4 +1,4 @@
-"""How long a page of a list takes in stores of many jobs, as lists were before decision 18 and as they are.
+"""How long a page of a list takes in stores of many jobs, as lists were and as they are (docs/decisions/0018).
 
     .venv/bin/python -m benchmarks.gateway.lists [--jobs 10000] [--s3-jobs 1000] [--document docs/operate/scale.md]
 
@@ -126,7 +126,7 @@ def _page(store: Store, what: str, place: int) -> Callable[[], object]:
 
 
 def _before(store: Store) -> Iterator[object]:
-    """Yields the jobs as lists did until decision 18: all records, and then batch by batch."""
+    """Yields the jobs as lists did before there were lines: all records, and then batch by batch."""
     for record in records(store, KIND):
         yield from Jobs(store, record.id).created()
 

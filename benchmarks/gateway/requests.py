@@ -57,8 +57,9 @@ def filled(url: str | None, folder: Path) -> Store:
     store = open_store(url or (folder / "store").as_uri())
     for number in range(FLEETS):
         create_fleet(store, f"fleet-{number}")
+    template = arn("world-template", store_id(store), "t")
     for number in range(GENERATIONS):
-        submit(store, "world-generation-job", {"template": "t", "worldCount": {"floorplanCount": 1}}, f"g-{number}")
+        submit(store, "world-generation-job", {"template": template, "worldCount": {}}, f"g-{number}")
     store_night(store, 1)
     return store
 
@@ -71,7 +72,7 @@ def operations(store: Store) -> list[Asked]:
         Asked("/ping", {}),
         Asked("/describeFleet", {"fleet": arn("deployment-fleet", own, "fleet-1")}),
         Asked("/describeWorldGenerationJob", {"job": arn("world-generation-job", own, generation)}),
-        Asked("/describeSimulationJob", {"job": arn("simulation-job", own, f"{batch}/3")}),
+        Asked("/describeSimulationJobBatch", {"batch": arn("simulation-job-batch", own, batch)}),
         Asked("/listFleets", {"maxResults": 100}),
         Asked("/listWorldGenerationJobs", {"maxResults": 100}),
         Asked("/listSimulationJobs", {"maxResults": 100}),
@@ -84,7 +85,8 @@ def gateway(store: Store) -> Generator[tuple[subprocess.Popen[bytes], int]]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = int(probe.getsockname()[1])
-    command = [sys.executable, "-m", "simyard", "serve", "--unsigned", "--port", str(port), "--store", store.url]
+    command = [sys.executable, "-m", "simyard", "serve", "--unsigned", "--workers", "0"]
+    command += ["--port", str(port), "--store", store.url]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         while process.poll() is None and not _listens(port):

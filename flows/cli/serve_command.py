@@ -81,6 +81,9 @@ def serve(
     tls = tls_context(tls_certificate, tls_key)
     _check_reach(host, is_unsigned=unsigned, is_encrypted=tls is not None or without_tls)
     opened = open_store(store)
+    if pool:
+        require_lasting_server(pool)
+    log_to_stderr()
     url = gateway_url(host, port, is_encrypted=tls is not None)
     if unsigned:
         entrance = open_entrance(opened, port, pages_url)
@@ -88,9 +91,6 @@ def serve(
         keys = access_keys or access_file()
         _show_keys(keys, url, model)
         entrance = signed_entrance(opened, keys, pages_url, is_encrypted=tls is not None or without_tls)
-    if pool:
-        require_lasting_server(pool)
-    log_to_stderr()
     echo(f"RoboMaker: {url}  (store: {opened.url})")
     try:
         with Crew(opened.url, workers, pool) as crew:

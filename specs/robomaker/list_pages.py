@@ -1,4 +1,4 @@
-"""Pages of a list: how long one is, and the token that says where the next one begins.
+"""Pages of a list: how long one is, what is on it, and the token that says where the next one begins.
 
 A token holds the place of the last thing on its page in the order of the list, and nothing of who made it: it works
 anywhere and at any time, whatever was made or removed since.
@@ -6,7 +6,7 @@ anywhere and at any time, whatever was made or removed since.
 
 import base64
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import islice
 from typing import TypeVar, cast
 
@@ -14,10 +14,30 @@ from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from specs.field_types import Page
+from specs.field_types import FilteredPage, Page
 
 T = TypeVar("T")
 Place = tuple[int | str, ...]
+
+
+def wanted_values(request: FilteredPage, names: Collection[str]) -> dict[str, frozenset[str]]:
+    """Returns the name that a list request filters by, with its values, of which a thing must have one.
+
+    Raises:
+        DocumentError: It filters by another name than the call knows, or by several (docs/reference/robomaker.md,
+            section 9).
+    """
+    filters = request.filters or ()
+    asked = {each.name or "" for each in filters}
+    for name in sorted(asked - set(names)):
+        raise _refused(
+            "filters.name", repr(name), f"one of {', '.join(names)}" if names else "nothing: this list has no filters"
+        )
+    if len(asked) > 1:
+        raise _refused(
+            "filters.name", repr(" and ".join(sorted(asked))), "filters of one name, of which any one suffices"
+        )
+    return {name: frozenset(value for each in filters for value in each.values or ()) for name in asked}
 
 
 def page_size(request: Page, most: int) -> int:

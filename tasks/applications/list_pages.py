@@ -14,8 +14,7 @@ from specs.robomaker.applications import (
     SimulationApplicationSummary,
 )
 from specs.robomaker.bundle import Application, ApplicationKind
-from specs.robomaker.list_filters import wanted_values
-from specs.robomaker.list_pages import Place, page_of, page_size, place_after
+from specs.robomaker.list_pages import Place, page_of, page_size, place_after, wanted_values
 from tasks.applications.describe import summarise_robot_application, summarise_simulation_application
 from tasks.applications.versions import read_application
 from tasks.storage.base.keys import applications_prefix

@@ -19,6 +19,7 @@ MOST_LEVELS = 32
 MOST_VALUES = 20_000
 """In a request; the check of each takes memory and time, also of those that are wrong."""
 _MOST_VALUES_OF = {"StartSimulationJobBatch": 200_000}  # of 1,000 jobs
+_MOST_INTEGER = 1 << 63  # what RoboMaker calls long
 _OBJECT = "one JSON object in UTF-8"
 
 
@@ -55,7 +56,7 @@ def _body(body: bytes, most_values: int) -> dict[str, JsonValue]:
     if not body.strip():
         return {}
     try:
-        found = json.loads(body.decode(), object_pairs_hook=_object, parse_constant=_refuse)
+        found = json.loads(body.decode(), object_pairs_hook=_object, parse_int=_integer, parse_constant=_refuse)
     except (ValueError, RecursionError) as exc:
         raise _refused(repr(body[:40]), _OBJECT) from exc
     if not isinstance(found, dict):
@@ -70,6 +71,13 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice, _ = Counter(key for key, _ in pairs).most_common(1)[0]
         raise _refused(repr(twice[:40]), "each key once")
     return found
+
+
+def _integer(text: str) -> int:
+    value = int(text)
+    if not -_MOST_INTEGER <= value < _MOST_INTEGER:
+        raise _refused(text[:40], "a whole number of 64 bits")
+    return value
 
 
 def _refuse(constant: str) -> NoReturn:

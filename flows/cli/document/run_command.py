@@ -17,7 +17,7 @@ from flows.cli.document.progress_bars import progress_bars
 from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import pins
 from flows.document.version_room import version_lines
-from flows.server.prefect_server import ServerChoice, flush_prefect, prefect_server
+from flows.server.prefect_server import ServerChoice, prefect_server
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, StageFailed
@@ -65,6 +65,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         from prefect.exceptions import CancelledRun  # noqa: PLC0415 - Prefect loads while the server starts
 
         from flows.pipeline import pipeline  # noqa: PLC0415 - same
+        from flows.server.unsent_events import flush_prefect  # noqa: PLC0415 - same
 
         try:
             return pipeline(spec, store=store.url, base=str(base))

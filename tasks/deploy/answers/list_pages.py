@@ -13,8 +13,7 @@ from specs.robomaker.fleet import (
     ListRobotsResponse,
     Robot,
 )
-from specs.robomaker.list_filters import wanted_values
-from specs.robomaker.list_pages import Place, page_of, page_size, place_after
+from specs.robomaker.list_pages import Place, page_of, page_size, place_after, wanted_values
 from tasks.deploy.answers.describe import summarise_deployment_job, summarise_fleet, summarise_robot
 from tasks.deploy.fleet.fleets import fleets
 from tasks.deploy.fleet.robots import robots

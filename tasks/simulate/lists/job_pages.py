@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from typing import cast
 
 from specs.errors import ResourceNotFound
-from specs.robomaker.list_filters import wanted_values
-from specs.robomaker.list_pages import Place, page_of, page_size, place_after
+from specs.robomaker.list_pages import Place, page_of, page_size, place_after, wanted_values
 from specs.robomaker.simulation import ListSimulationJobBatchesRequest, ListSimulationJobsRequest
 from specs.robomaker.simulation_descriptions import (
     ListSimulationJobBatchesResponse,

@@ -9,8 +9,7 @@ from pydantic import JsonValue
 
 from specs.arn import arn, reference_path
 from specs.job_kinds import JobKind
-from specs.robomaker.list_filters import wanted_values
-from specs.robomaker.list_pages import Place, page_of, page_size, place_after
+from specs.robomaker.list_pages import Place, page_of, page_size, place_after, wanted_values
 from specs.robomaker.world_descriptions import (
     ListWorldGenerationJobsResponse,
     ListWorldsResponse,

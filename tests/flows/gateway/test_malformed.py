@@ -53,6 +53,7 @@ BODIES = {
     "not a number": b'{"fleet": NaN}',
     "infinity": b'{"fleet": -Infinity}',
     "a huge number": b'{"fleet": ' + b"9" * 100_000 + b"}",
+    "a number of 65 bits": b'{"fleet": 18446744073709551616}',
     "a large number": b'{"fleet": 1e999}',
     "UTF-16": '{"fleet": "arn:x"}'.encode("utf-16"),
     "a byte order mark": b'\xef\xbb\xbf{"fleet": "arn:x"}',
@@ -75,6 +76,11 @@ def test_a_body_that_is_no_request_is_refused_in_a_sentence(body: bytes, send: S
     message = assert_refused(send("POST", "/describeFleet", body))
     assert message
     assert len(message) < 500
+
+
+@pytest.mark.parametrize("number", [2**63, -(2**63) - 1, 10**30])
+def test_numbers_have_at_most_64_bits(number: int, send: Send):
+    assert "64 bits" in assert_refused(send("POST", "/listFleets", json.dumps({"maxResults": number}).encode()))
 
 
 @pytest.mark.parametrize("body", [b"", b" \n", b"{}", b'{"nextToken": null}'])

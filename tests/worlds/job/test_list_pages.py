@@ -21,7 +21,8 @@ from tests.worlds.templates import room, template
 
 def generated(store: Store, token: str, worlds: list[str], status: str = "Completed") -> JobRecord:
     """Returns a job that made worlds."""
-    request: dict[str, JsonValue] = {"template": f"arn:simyard:world-template:0:{token}", "worldCount": {"floorplanCount": 1}}
+    template_arn = f"arn:simyard:world-template:0:{token}"
+    request: dict[str, JsonValue] = {"template": template_arn, "worldCount": {"floorplanCount": 1}}
     job = submit(store, "world-generation-job", request, token)
     for name in worlds:
         store.put(world_key(job.id, name), b"{}")

@@ -1,1 +1,1 @@
-"""What lists say of the jobs that have ended, kept in a few objects, and marks of all others. docs/decisions/0018."""
+"""What lists say of ended jobs, kept in a few objects, and marks of all others. The other job modules import it."""

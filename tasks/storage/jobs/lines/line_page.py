@@ -6,8 +6,7 @@ from pydantic import JsonValue
 
 from specs.field_types import FilteredPage, Page
 from specs.job_kinds import JobKind
-from specs.robomaker.list_filters import wanted_values
-from specs.robomaker.list_pages import Place, page_of, page_size, place_after
+from specs.robomaker.list_pages import Place, page_of, page_size, place_after, wanted_values
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.lines.job_lines import START, JobLines, LineOf, Wanted
 from tasks.storage.jobs.lines.marks import Mark

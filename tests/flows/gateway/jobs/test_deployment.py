@@ -17,6 +17,7 @@ from tasks.deploy.rollout.operator_commands import wish_of
 from tasks.storage.base.keys import job_key
 from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs
 from tasks.storage.jobs.records import advance, read
+from tests.factories.old_records import fail_with_code
 from tests.flows.gateway.jobs.asked import Asked, path
 
 KIND = "deployment-job"
@@ -155,5 +156,5 @@ def test_a_deployment_that_is_not_there_is_not_found(operation: str, asked: Aske
 
 def test_a_failure_code_of_another_kind_is_told_as_an_internal_error(asked: Asked):
     made = asked.call("CreateDeploymentJob", **asked.deployment_request(asked.fleet()))
-    advance(asked.store, KIND, path(made), "Failed", failure_code="InvalidInput", failure_reason="why")
+    fail_with_code(asked.store, KIND, path(made), "InvalidInput", "why")
     assert asked.call("DescribeDeploymentJob", job=made["arn"])["failureCode"] == "InternalServerError"

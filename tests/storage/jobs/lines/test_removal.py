@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tasks.housekeeping.job import Ages
 from tasks.storage.base.keys import job_key, line_marks_prefix, lines_prefix
 from tasks.storage.base.store import Store
@@ -38,6 +40,18 @@ def exported(yard: Yard, count: int) -> list[str]:
     """Returns the ids of export jobs that have ended, oldest first."""
     generation = yard.generation("worlds").id
     return [yard.export(f"export-{number}", generation).id for number in range(count)]
+
+
+@pytest.fixture
+def yard(store: Store) -> Yard:
+    """A store of each kind in turn."""
+    return Yard(store)
+
+
+@pytest.fixture
+def file_yard(file_store: Store) -> Yard:
+    """A store in a folder."""
+    return Yard(file_store)
 
 
 def test_the_lines_of_forgotten_jobs_go_with_their_records(yard: Yard, tmp_path: Path) -> None:
