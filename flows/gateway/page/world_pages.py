@@ -12,8 +12,9 @@ from flows.gateway.page.visit import Visit, address, missing, named, number, sta
 from specs.data.world import World
 from specs.job_kinds import JobKind
 from tasks.gateway.page.content import Block, Cell, Facts, Gallery, Page, Picture, Table, Text
-from tasks.storage.base.keys import contact_sheet_key, template_key
+from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, contact_sheet_key, named_templates_prefix, template_key
 from tasks.storage.jobs.records import JobRecord, is_terminal
+from tasks.storage.templates.named_templates import read_template
 from tasks.storage.worlds import decode_world
 
 _GENERATION: JobKind = "world-generation-job"
@@ -160,16 +161,23 @@ def export_page(visit: Visit, name: str) -> Page:
 
 
 def templates_page(visit: Visit) -> Page:
-    """Returns the list of templates."""
+    """Returns the list of templates: those that somebody named, and the bodies that jobs have used."""
 
     def name_of(key: str) -> str:
         name = PurePosixPath(key).stem
         return name if visit.may_read(visit.arn("world-template", name)) else ""
 
+    shown, steps = step_of(visit, newest_names(visit, named_templates_prefix(), name_of), "/templates")
+    named_rows = tuple(
+        (Cell(each.name or each.id, address("world-template", each.id)), Cell(each.version), when(each.updated_at_s))
+        for each in (read_template(visit.store, template)[0] for template in shown)
+    )
+    columns = ("Template", "Version", "Changed")
+    templates = Table("Templates", columns, named_rows, "CreateWorldTemplate makes one.", steps=steps)
     shown, steps = step_of(visit, newest_names(visit, "templates", name_of), "/templates")
     rows = tuple((Cell(name, address("world-template", name)),) for name in shown)
-    empty = "No template yet: a generation job keeps the one that it used."
-    return Page("Templates", blocks=(Table("Templates", ("Template",), rows, empty, steps=steps),))
+    bodies = Table("Bodies", ("Digest",), rows, "A generation job keeps the one that it used.", steps=steps)
+    return Page("Templates", blocks=(templates, bodies))
 
 
 def template_page(visit: Visit, name: str) -> Page:
@@ -180,14 +188,24 @@ def template_page(visit: Visit, name: str) -> Page:
         DocumentError: The name can be no template's.
     """
     visit.require("world-template", name)
-    body = read_bytes(visit.store, template_key(name), _MOST_TEMPLATE_BYTES)
+    template = read_template(visit.store, name)[0] if name.startswith(NAMED_TEMPLATE_PREFIX) else None
+    digest = template.digest if template else name
+    body = read_bytes(visit.store, template_key(digest), _MOST_TEMPLATE_BYTES)
     if body is None:
         raise missing("world-template", name)
     try:
         text = json.dumps(json.loads(body), indent=2, ensure_ascii=False)
     except (ValueError, RecursionError):
         text = body.decode(errors="replace")
-    return Page(name, "World template", trail=(("Templates", "/templates"),), blocks=(Text("Body", text),))
+    times = (("made", when(template.created_at_s)), ("changed", when(template.updated_at_s))) if template else ()
+    rows = (
+        ("ARN", Cell(visit.arn("world-template", name), is_code=True)),
+        ("body", Cell(digest, is_code=True)),
+        *times,
+    )
+    facts = Facts("The template", (*rows, *tag_rows(template.tags if template else None)))
+    title = template.name or name if template else name
+    return Page(title, "World template", trail=(("Templates", "/templates"),), blocks=(facts, Text("Body", text)))
 
 
 def _certificate(world: World) -> Facts:

@@ -39,7 +39,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         url = f"http://127.0.0.1:{free.getsockname()[1]}"
-    command = [sys.executable, "-m", "simyard", "serve", "--port", url.rpartition(":")[2]]
+    command = [sys.executable, "-m", "simyard", "serve", "--workers", "0", "--port", url.rpartition(":")[2]]
     environment = {**os.environ, "SIMYARD_STORE": (folder / "store").as_uri(), "PREFECT_HOME": str(folder)}
     output = folder / "output"
     with output.open("wb") as file:
@@ -50,7 +50,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         told = dict(re.findall(r"export AWS_(ACCESS_KEY_ID|SECRET_ACCESS_KEY)='?([^'\s]+)", output.read_text()))
         yield Served(url, told["ACCESS_KEY_ID"], told["SECRET_ACCESS_KEY"], shown)
     finally:
-        process.kill()
+        process.terminate()
         process.wait()
 
 

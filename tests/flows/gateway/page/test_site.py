@@ -1,5 +1,6 @@
 """What a browser is answered: each page, to whom, with which headers, and nothing of the machine."""
 
+import json
 import re
 import subprocess
 import sys
@@ -320,6 +321,24 @@ def test_the_nights_of_a_document_are_found_beside_its_batches(tmp_path: Path):
     shown_store(site.store)
     assert "A report" in text(site, "/batches/trends/plain.html")
     assert get(site, "/batches/trends/other.html").status == 404
+
+
+def test_a_named_template_is_shown_with_its_body_of_now(tmp_path: Path):
+    site = Site(open_store(tmp_path.as_uri()), None)
+    site.store.put(f"templates/{'d' * 64}.json", b'{"rooms": "four"}')
+    times = {"created_at_s": 1e9, "updated_at_s": 1e9}
+    record = {
+        "id": "wt-0000000000000001",
+        "name": "<b>flats</b>",
+        "digest": "d" * 64,
+        "version": "2",
+        "tags": {},
+        **times,
+    }
+    site.store.put("world-templates/wt-0000000000000001.json", json.dumps(record).encode())
+    assert "&lt;b&gt;flats&lt;/b&gt;" in text(site, "/templates")
+    assert "&#34;rooms&#34;: &#34;four&#34;" in text(site, "/templates/wt-0000000000000001")
+    assert get(site, "/templates/wt-0000000000000002").status == 404
 
 
 def test_other_paths_and_methods_are_no_pages(open_site: Site):
