@@ -81,7 +81,7 @@ def _is_in_flow_run() -> bool:
 
 def _flush() -> None:
     """Sends what Prefect still holds back, in a thread: where an event loop runs, Prefect would return an awaitable."""
-    from flows.server.prefect_server import flush_prefect
+    from flows.server.unsent_events import flush_prefect
 
     thread = Thread(target=flush_prefect, name="simyard flush")
     thread.start()

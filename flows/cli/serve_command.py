@@ -73,6 +73,7 @@ def serve(
     from flows.queue.crew import Crew
     from flows.queue.foreman import require_lasting_server
     from flows.queue.worker_log import log_to_stderr
+    from flows.server.prefect_server import pages_url
     from tasks.gateway.access.key_file import access_file
     from tasks.gateway.connection.tls import tls_context
     from tasks.storage.store_url import open_store
@@ -80,19 +81,22 @@ def serve(
     tls = tls_context(tls_certificate, tls_key)
     _check_reach(host, is_unsigned=unsigned, is_encrypted=tls is not None or without_tls)
     opened = open_store(store)
-    url = gateway_url(host, port, is_encrypted=tls is not None)
-    if unsigned:
-        entrance = open_entrance(opened, port)
-    else:
-        keys = access_keys or access_file()
-        _show_keys(keys, url, model)
-        entrance = signed_entrance(opened, keys, is_encrypted=tls is not None or without_tls)
     if pool:
         require_lasting_server(pool)
     log_to_stderr()
+    url = gateway_url(host, port, is_encrypted=tls is not None)
+    if unsigned:
+        entrance = open_entrance(opened, port, pages_url)
+    else:
+        keys = access_keys or access_file()
+        _show_keys(keys, url, model)
+        entrance = signed_entrance(opened, keys, pages_url, is_encrypted=tls is not None or without_tls)
     echo(f"RoboMaker: {url}  (store: {opened.url})")
-    with Crew(opened.url, workers, pool) as crew:
-        serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    try:
+        with Crew(opened.url, workers, pool) as crew:
+            serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
+        echo("stopped", err=True)
 
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:

@@ -8,12 +8,13 @@ from specs.arn import reference_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
+from specs.pipeline.driven_requests import undriven_faults
 from specs.robomaker.bundle import LATEST
 from tasks.applications.registry import shipped_application
 
 
 class _Launch(NamedTuple):
-    """A file that is launched, and of which application, as the document names it."""
+    """A file that is launched, and of which application, as the document names it; empty if it does not say."""
 
     path: str
     kind: str
@@ -21,6 +22,17 @@ class _Launch(NamedTuple):
     version: str | None
     file: str
     meant: str
+
+
+def check_driven_requests(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG001 - as every check of a document
+    """Refuses requests that lack an application, or do not say what of it is launched.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    faults = undriven_faults(spec.simulationBatch) if spec.simulationBatch else []
+    if faults:
+        raise DocumentError(faults)
 
 
 def check_launch_files(spec: PipelineSpec, base: Path) -> None:
@@ -37,7 +49,7 @@ def check_launch_files(spec: PipelineSpec, base: Path) -> None:
     faults: list[Fault] = []
     for launch in _launches(spec):
         folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
-        if folder and not (folder / launch.file).is_file():
+        if folder and launch.file and not (folder / launch.file).is_file():
             allowed = f"{launch.meant} in {launch.application}'s bundle; it has no {launch.file}"
             faults.append(Fault(path=launch.path, value=repr(Path(launch.file).name), allowed=allowed))
     if faults:
@@ -67,7 +79,8 @@ def _launches(spec: PipelineSpec) -> Iterator[_Launch]:
         for kind, given in uses:
             for place, use in enumerate(given or ()):
                 path = f"simulationBatch.createSimulationJobRequests[{number}].{kind}Applications[{place}].launchConfig"
-                file = f"{use.launchConfig.packageName}/{use.launchConfig.launchFile}.py"
+                package, module = use.launchConfig.packageName, use.launchConfig.launchFile
+                file = f"{package}/{module}.py" if package and module else ""
                 name = reference_path(use.application)
                 yield _Launch(f"{path}.launchFile", kind, name, use.applicationVersion, file, "a module")
     for number, use in enumerate(spec.deployment.deploymentApplicationConfigs if spec.deployment else ()):

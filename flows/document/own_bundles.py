@@ -1,16 +1,21 @@
-"""What `simyard validate` looks at in a document's own bundles: robots, launch files, and names of metrics."""
+"""What `simyard validate` looks at: what is launched, and in a document's own bundles files, robots and metrics."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-from flows.document.launch_files import check_launch_files
+from flows.document.launch_files import check_driven_requests, check_launch_files
 from flows.document.measured_names import check_own_names
 from flows.document.robot_files import check_robot_files
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 
-_CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (check_launch_files, check_robot_files, check_own_names)
+_CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (
+    check_driven_requests,
+    check_launch_files,
+    check_robot_files,
+    check_own_names,
+)
 
 
 def check_own_bundles(spec: PipelineSpec, base: Path) -> None:

@@ -18,7 +18,7 @@ from flows.document.tested_batch import (
     tested_bundles,
     world_digests,
 )
-from flows.document.version_room import publish_brought
+from flows.document.version_room import latest_version, publish_brought
 from specs.arn import parse_reference, reference_path
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound
@@ -119,6 +119,17 @@ def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
         return found
 
     return find
+
+
+def latest_finder(store: Store) -> FindVersion:
+    """Returns a finder for RoboMaker's calls, to which ``$LATEST``, or no version, is what lies at the sources now."""
+    find = finder(store, {})
+
+    @cache
+    def find_latest(kind: ApplicationKind, reference: str, version: str | None) -> Version:
+        return latest_version(store, kind, reference) if version in {None, LATEST} else find(kind, reference, version)
+
+    return find_latest
 
 
 def numbered_finder(store: Store, numbers: Numbers | None) -> FindVersion:

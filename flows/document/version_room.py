@@ -17,9 +17,9 @@ from specs.errors import LimitExceeded, ResourceNotFound
 from specs.job_kinds import JOB_KINDS
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Version
-from tasks.applications.bucket_sources import delete_application
-from tasks.applications.registry import publish_bundle
-from tasks.applications.versions import read_application
+from tasks.applications.bucket_sources import create_version, delete_application, version_at_sources
+from tasks.applications.registry import publish_bundle, resolve
+from tasks.applications.versions import application_name, read_application
 from tasks.housekeeping.object_kinds import digests_in
 from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.store import Store
@@ -54,7 +54,31 @@ def publish_brought(store: Store, kind: ApplicationKind, name: str, folder: Path
             _make_room(store, kind, name, spec, exc)  # another run may take it first: then there is to be more
 
 
-def _make_room(store: Store, kind: ApplicationKind, name: str, spec: PipelineSpec, why: LimitExceeded) -> None:
+def latest_version(store: Store, kind: ApplicationKind, reference: str) -> Version:
+    """Returns what ``$LATEST`` stands for when a call of RoboMaker's names it.
+
+    Of an application whose bundles somebody puts into a bucket it is what lies there now, as it was RoboMaker's: a
+    version is made of it if there is none. Of any other it is the newest version.
+
+    Raises:
+        ResourceNotFound: No such application, or it has neither sources nor a version.
+        DocumentError: What lies there is no bundle.
+        LimitExceeded: There are 40 versions, and none of them may go.
+    """
+    name = application_name(kind, reference)
+    application = read_application(store, kind, name)
+    if application is None or not application.sources:
+        return resolve(store, kind, reference)
+    while True:
+        if known := version_at_sources(store, application):
+            return known
+        try:
+            return create_version(store, kind, name, brought=True)
+        except LimitExceeded as exc:
+            _make_room(store, kind, name, None, exc)
+
+
+def _make_room(store: Store, kind: ApplicationKind, name: str, spec: PipelineSpec | None, why: LimitExceeded) -> None:
     """Deletes the oldest version that may go.
 
     Raises:

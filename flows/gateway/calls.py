@@ -104,10 +104,7 @@ class Calls:
         return parse(shape, with_arns(members, shape, self._arns.own), operation.name)
 
     def _handled(self, operation: Operation, document: Spec) -> HttpAnswer:
-        handler = self._handlers.get(operation.name)
-        if handler is None:
-            return error_answer(500, "InternalServerException", f"{operation.name} is not served yet")
-        answer = handler(self._gateway, document)
+        answer = self._handlers[operation.name](self._gateway, document)
         members = answer.model_dump(mode="json", exclude_none=True)
         return written(with_arns(members, type(answer), self._arns.robomakers))
 

@@ -11,6 +11,7 @@ from flows.gateway.application import Application
 from flows.gateway.calls import Calls, Page
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
+from tasks.gateway.connection.bound_socket import bound_socket
 from tasks.gateway.connection.bounded_protocol import BoundedProtocol
 from tasks.gateway.connection.connections import Bounds, Connections
 from tasks.gateway.door import Guard, Note
@@ -57,6 +58,9 @@ def serve(store: Store, entrance: Entrance, listener: Listener, wake: Callable[[
         entrance: What requests meet.
         listener: Where they come from.
         wake: Tells the workers of this machine that the queue has something new.
+
+    Raises:
+        DocumentError: Another program listens there.
     """
     gateway = Gateway(store, wake)
     application = Application(Calls(gateway, HANDLERS, *entrance))
@@ -69,12 +73,11 @@ def serve(store: Store, entrance: Entrance, listener: Listener, wake: Callable[[
         h11_max_incomplete_event_size=_MOST_HEAD_BYTES,
         timeout_keep_alive=int(listener.bounds.idle_s),
         proxy_headers=False,  # whoever may say where it comes from could say anything
-        host=listener.host,
-        port=listener.port,
         log_config=None,
         log_level="error",  # what is no HTTP is a line for each attempt otherwise
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=10,
     )
-    uvicorn.Server(config).run()
+    with bound_socket(listener.host, listener.port) as bound:
+        uvicorn.Server(config).run([bound])

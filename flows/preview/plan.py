@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import finder, pinned_shipment, pins
 from flows.document.tested_batch import compared_digest, failing_sources
 from flows.document.version_room import version_lines
@@ -54,6 +55,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.worldExport:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
+    yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
     judged, audited, programs = GateBasis(0, 0), 0, 1
     if spec.simulationBatch and batch and plan:
         section, find = spec.simulationBatch, finder(trial, own)
@@ -157,10 +159,13 @@ def _gigabytes(span: Span) -> str:
 
 
 def _recordings(section: SimulationBatch) -> str:
-    asked = section.recordings
+    asked, requests = section.recordings, section.createSimulationJobRequests
+    every = sum(bool(each.loggingConfig and each.loggingConfig.recordAllRosTopics) for each in requests)
+    also = f"all of {_count(every, 'request')} with recordAllRosTopics" if every and asked.episodes != "all" else ""
     if asked.episodes == "none":
-        return "no recordings"
-    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz"
+        return f"recordings of {also} at {asked.rateHz:g} Hz" if also else "no recordings"
+    more = f", and {also}" if also else ""
+    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz{more}"
 
 
 def _audit(plan: EnginePlan) -> str:

@@ -30,12 +30,14 @@ from tasks.storage.jobs.claim_state import ClaimWatch
 from tasks.storage.jobs.queue import QueueEntry, change_entry, find_entry, leave_queue, turn_key
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
 
-MOST_ATTEMPTS = 5
+# Enough for somebody who kills workers for another reason than the job.
+MOST_ATTEMPTS = 10
 # Whoever queued it died before the record; a client that repeats its request makes both.
 _WITHOUT_RECORD_S = 60.0
 # A roll-out works in bursts and waits between them: one that ran so long did not kill its worker.
 _LASTED_S = 300.0
 _LONGEST_PAUSE_S = 60.0
+_PATIENCE = 2
 _REFUSED = (DocumentError, TrustRefused, BundleRefused, WorldChanged, StageFailed)
 logger = logging.getLogger(__name__)
 
@@ -142,7 +144,10 @@ class Attempts:
         done = self._done(record)
         lasted = record.kind == "deployment-job" and now_s - entry.begun_s > _LASTED_S
         attempts = 1 if lasted or -1 < entry.done < done else entry.attempts + 1
-        return change_entry(self._store, entry.kind, entry.id, attempts=attempts, done=done, begun_s=now_s)
+        # For the worker after this one, if this one dies, too: others shall have their turn.
+        pause_s = _pause_s(attempts) if attempts > _PATIENCE else 0.0
+        fields = {"attempts": attempts, "done": done, "begun_s": now_s, "not_before_s": now_s + pause_s}
+        return change_entry(self._store, entry.kind, entry.id, **fields)
 
     def _done(self, record: JobRecord) -> int:
         look = KINDS[record.kind].load().progress
@@ -175,7 +180,7 @@ class Attempts:
             self._put_off(job.entry, exc)
 
     def _put_off(self, entry: QueueEntry, exc: Exception) -> None:
-        pause_s = min(2.0**entry.attempts, _LONGEST_PAUSE_S)
+        pause_s = _pause_s(entry.attempts)
         logger.warning("%s is tried again in %.0f s: %s", entry.id, pause_s, exc)
         change_entry(self._store, entry.kind, entry.id, not_before_s=time.time() + pause_s)
 
@@ -187,4 +192,8 @@ class Attempts:
             logger.warning("%s has failed: %s", record.arn, ended.failure_reason)
 
     def _uncount(self, entry: QueueEntry) -> None:
-        change_entry(self._store, entry.kind, entry.id, attempts=max(0, entry.attempts - 1))
+        change_entry(self._store, entry.kind, entry.id, attempts=max(0, entry.attempts - 1), not_before_s=0.0)
+
+
+def _pause_s(attempts: int) -> float:
+    return min(2.0**attempts, _LONGEST_PAUSE_S)

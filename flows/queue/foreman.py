@@ -6,6 +6,7 @@ the user's, the kept one, or one of the foreman's own, which all lanes share. It
 
 import logging
 import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Generator
@@ -93,22 +94,37 @@ def _server_guard(server: ServerChoice) -> Generator[None, None, None]:
         yield
 
 
-def wait_for_input(wake: Callable[[], None]) -> None:
-    """Returns at the end of standard input, each line of which wakes the lanes."""
-    while os.read(sys.stdin.fileno(), 4096):
-        wake()
-
-
 def wait_for_ever(_wake: Callable[[], None]) -> None:
     """Waits until a signal ends it; the lanes look by themselves."""
     threading.Event().wait()
+
+
+class _Orders:
+    """What a gateway sends over standard input: lines that say that there is work, and its own end."""
+
+    def __init__(self) -> None:
+        self._wake: Callable[[], None] = lambda: None
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
+        threading.Thread(target=self._listen, name="orders", daemon=True).start()
+
+    def wait(self, wake: Callable[[], None]) -> None:
+        """Wakes the lanes at each line; the end interrupts it, as it does the start of a server before."""
+        self._wake = wake
+        threading.Event().wait()
+
+    def _listen(self) -> None:
+        while os.read(sys.stdin.fileno(), 4096):
+            self._wake()
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def _main(arguments: list[str]) -> NoReturn:
     log_to_stderr()
     store_url, workers, *pool = arguments
     try:
-        lead(store_url, int(workers), "".join(pool), wait_for_input)
+        lead(store_url, int(workers), "".join(pool), _Orders().wait)
+    except KeyboardInterrupt:
+        sys.exit(0)
     except SimyardError as exc:
         sys.exit(str(exc))
     sys.exit(0)

@@ -138,15 +138,6 @@ def prefect_home() -> Path:
     return checkout_home(cache_folder(), Path(process.__file__).resolve().parents[2])
 
 
-def flush_prefect() -> None:
-    """Sends what Prefect still holds back; a server that ends with this run would not get it otherwise."""
-    from prefect.events.worker import EventsWorker  # noqa: PLC0415 - only once Prefect is loaded anyway
-    from prefect.logging.handlers import APILogWorker  # noqa: PLC0415
-
-    APILogWorker.drain_all(timeout=5)
-    EventsWorker.drain_all(timeout=5)
-
-
 @contextmanager
 def _environment(**values: str) -> Generator[None, None, None]:
     before = {name: os.environ.get(name) for name in values}

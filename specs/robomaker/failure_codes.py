@@ -1,5 +1,6 @@
 """Failure codes: RoboMaker's reasons for which jobs of each kind fail, one list an operation."""
 
+from collections.abc import Mapping
 from typing import Literal, get_args
 
 WorldGenerationJobErrorCode = Literal[
@@ -45,6 +46,26 @@ JobFailureCode = (
     WorldGenerationJobErrorCode | WorldExportJobErrorCode | DeploymentJobErrorCode | RunFailureCode | Literal[""]
 )
 """What the record of a job may say, empty for one that has not failed; a batch has InternalServiceError alone."""
+
+_CODES_OF: Mapping[str, object] = {
+    "world-generation-job": WorldGenerationJobErrorCode,
+    "world-export-job": WorldExportJobErrorCode,
+    "simulation-job-batch": Literal["InternalServiceError"],
+    "deployment-job": DeploymentJobErrorCode,
+}
+
+
+def require_code_of(kind: str, code: str) -> None:
+    """Does nothing for no code, and for one that jobs of a kind may fail with; a run of a pipeline may have any.
+
+    A record with another kind's code would be answered otherwise than it was meant.
+
+    Raises:
+        ValueError: Jobs of that kind do not fail with it.
+    """
+    known = get_args(_CODES_OF.get(kind, Literal[""]))
+    if code and kind in _CODES_OF and code not in known:
+        raise ValueError(f"{code!r} is no failure code of a {kind}; they are {', '.join(known)}")
 
 
 def told_code(code: str, codes: object) -> str:

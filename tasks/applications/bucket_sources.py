@@ -26,7 +26,7 @@ from tasks.applications.versions import (
 from tasks.storage.archives import digest_of, extract
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.buckets import open_bucket
+from tasks.storage.buckets import etag_now, open_bucket
 
 
 def create_application(
@@ -118,6 +118,7 @@ def create_version(
     *,
     etags: Sequence[str] | None = None,
     image_digest: str = "",
+    brought: bool = False,
 ) -> Version:
     """Returns the version that stands for what lies at the application's sources now.
 
@@ -128,6 +129,7 @@ def create_version(
         current_revision: The revision that the caller knows; None for whatever is there.
         etags: Those that the sources must have, in any order; None for whatever lies there.
         image_digest: Of the container image that the application's environment names, or empty.
+        brought: Whether nobody asked for a version: a job needs it, and it may make room for another.
 
     Raises:
         ResourceNotFound: No such application.
@@ -145,13 +147,41 @@ def create_version(
     if etags is not None:
         _require_etags(bundles, etags)
     made = add_version(
-        store, kind, found.name, bundles, whole=False, current_revision=found.revision, image_digest=image_digest
+        store,
+        kind,
+        found.name,
+        bundles,
+        whole=False,
+        brought=brought,
+        current_revision=found.revision,
+        image_digest=image_digest,
     )
     missing = missing_bundles(store, bundles)
     for source in found.sources:
         if source.architecture in missing:
             _taken(store, source)
     return made
+
+
+def version_at_sources(store: Store, application: Application) -> Version | None:
+    """Returns the newest version that was made of what lies at an application's sources now; None for none.
+
+    Raises:
+        StoreError: A bucket cannot be read.
+    """
+    now = {
+        (source.architecture, source.s3Bucket, source.s3Key): etag_now(store, source.s3Bucket or "", source.s3Key or "")
+        for source in application.sources
+    }
+    for version in reversed(application.versions):
+        made_of = {
+            (build.architecture, build.origin.bucket, build.origin.key): build.origin.etag
+            for build in version.builds
+            if build.origin
+        }
+        if made_of == now and version.platform.model_copy(update={"image_digest": ""}) == application.platform:
+            return version
+    return None
 
 
 def delete_application(store: Store, kind: ApplicationKind, reference: str, version: str | None = None) -> Application:

@@ -17,7 +17,7 @@ from tasks.applications.registry import resolve
 from tasks.applications.versions import application_name, read_application
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.buckets import open_bucket
+from tasks.storage.buckets import etag_now
 from tasks.storage.store_url import store_id
 
 _ROBOT = RobotSoftwareSuite(name="General")
@@ -104,8 +104,8 @@ def _latest(store: Store, application: Application) -> dict[str, object]:
 
 def _etag_now(store: Store, source: SourceConfig) -> str | None:
     try:
-        return open_bucket(store, source.s3Bucket or "").etag(source.s3Key or "").strip('"')
-    except StoreError:  # nothing lies there yet, or nobody may look: who makes a version of it is told so
+        return etag_now(store, source.s3Bucket or "", source.s3Key or "") or None
+    except StoreError:  # nobody may look: who makes a version of it is told so
         return None
 
 

@@ -16,6 +16,8 @@ from tasks.documents.key_places import Place
 MAX_FAULTS = 100
 """More than a person reads; the rest is counted."""
 
+_MOST_TOLD = 5_000
+"""Errors beyond which they are only counted: to tell each costs as much as to read the document a thousand times."""
 _ROUNDS = 10
 _MOST_CORRECTED = 300
 """Errors beyond which nothing is corrected: no person wrote that, and each round reads the whole document again."""
@@ -39,6 +41,9 @@ def parse(model: type[Model], data: JsonValue, source: str = "document") -> Mode
     try:
         document = model.model_validate(data)
     except ValidationError as exc:
+        if exc.error_count() > _MOST_TOLD:
+            fault = Fault(path="document", value=f"{exc.error_count():,} faults", allowed=f"a {model.__name__}")
+            raise DocumentError([fault], source) from None
         faults, more = _with_errors(_all_errors(exc, model, data), model, faults)
     else:
         if not faults:

@@ -9,7 +9,6 @@ import os
 
 from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound, ObjectTooBig, StoreUnreachable
-from specs.field_types import S3Object
 from specs.robomaker.bundle import Version
 from tasks.storage.backends.s3_access import share_access
 from tasks.storage.base.keys import STORE, checked_bucket
@@ -71,7 +70,7 @@ def source_faults(store: Store, version: Version, path: str) -> list[Fault]:
     """
     faults: list[Fault] = []
     for build in version.builds:
-        if build.origin and (found := _etag(store, build.origin)) != build.origin.etag:
+        if build.origin and (found := etag_now(store, build.origin.bucket, build.origin.key)) != build.origin.etag:
             place = f"s3://{build.origin.bucket}/{build.origin.key}"
             what = f"{place}, which {f'has ETag {found}' if found else 'is gone'} ({MISMATCHED[version.kind]})"
             allowed = f"ETag {build.origin.etag}, which version {version.number} was made of; make a new version"
@@ -79,8 +78,13 @@ def source_faults(store: Store, version: Version, path: str) -> list[Fault]:
     return faults
 
 
-def _etag(store: Store, origin: S3Object) -> str:
+def etag_now(store: Store, bucket: str, key: str) -> str:
+    """Returns the ETag of what lies in a bucket, without quotation marks; empty for nothing.
+
+    Raises:
+        StoreError: The bucket cannot be asked.
+    """
     try:
-        return open_bucket(store, origin.bucket).etag(origin.key).strip('"')
+        return open_bucket(store, bucket).etag(key).strip('"')
     except ObjectNotFound:
         return ""

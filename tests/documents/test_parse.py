@@ -9,6 +9,7 @@ from specs.base import Spec
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.deployment import CreateDeploymentJobRequest
+from specs.robomaker.simulation import BatchDescribeSimulationJobRequest
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
 from tests.factories.strategies import pipelines
@@ -234,3 +235,9 @@ def test_any_data_is_parsed_or_refused_with_faults(data: JsonValue):
             parse(model, data)
         except DocumentError as exc:
             assert exc.faults  # noqa: PT017 - either outcome is right, a crash is not
+
+
+def test_faults_that_nobody_would_read_are_only_counted():
+    data: dict[str, Any] = {"jobs": [{}] * 6000}
+    told = {"document": ("6,001 faults", "a BatchDescribeSimulationJobRequest")}
+    assert faults(data, BatchDescribeSimulationJobRequest) == told

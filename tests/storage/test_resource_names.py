@@ -2,7 +2,7 @@
 
 import pytest
 
-from specs.arn import KINDS
+from specs.arn import KINDS, ArnForm, arn
 from specs.errors import DocumentError, ResourceNotFound
 from specs.template.body import template_body
 from tasks.storage.base.keys import application_key, fleet_key, robot_record_key, template_key, world_key
@@ -43,6 +43,17 @@ def test_a_job_is_found_by_its_id_its_arn_and_by_an_old_arn_of_robomaker(file_st
     for text in (record.id, record.arn, old):
         assert found(file_store, text) == (BATCH, record.id)
     assert found(file_store, f"{record.id}/3") == ("simulation-job", f"{record.id}/3")
+
+
+def test_a_batch_and_its_jobs_are_found_by_the_names_that_robomakers_clients_see(file_store: Store):
+    record = submit(file_store, BATCH, {}, "one")
+    digits = record.id.partition("-")[2]
+    form = ArnForm("another-store", "eu-west-1")
+    job = form.robomakers(arn("simulation-job", "x", f"{record.id}/3"))
+    for text in (f"sim-{digits}3", job):
+        assert found(file_store, text) == ("simulation-job", f"{record.id}/3")
+    for text in (f"sjb-{digits}", form.robomakers(record.arn)):
+        assert found(file_store, text) == (BATCH, record.id)
 
 
 def test_a_cut_id_is_not_found_and_the_whole_one_is_told(file_store: Store):

@@ -9,11 +9,13 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.document.progress_bars import progress_bars
+from flows.document.output_buckets import new_bucket_lines
 from flows.stage.pipeline_run import pipeline
 from specs.data.run_report import PipelineReport
 from specs.pipeline.document import PipelineSpec
 from tasks.progress.listener import listen_to_progress
 from tasks.simulate.devices import prepare_devices
+from tasks.storage.store_url import open_store
 
 
 def run_directly(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
@@ -28,6 +30,8 @@ def run_directly(spec: PipelineSpec, base: Path, store_url: str | None, console:
     Raises:
         SimyardError: The document, the store or a stage is at fault.
     """
+    for line in new_bucket_lines(spec, open_store(store_url)):
+        console.print(line, markup=False, highlight=False)
     prepare_devices()
     with progress_bars(console) as listener, listen_to_progress(listener):
         return pipeline(spec, store_url, str(base))

@@ -14,9 +14,10 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.document.progress_bars import progress_bars
+from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import pins
 from flows.document.version_room import version_lines
-from flows.server.prefect_server import ServerChoice, flush_prefect, prefect_server
+from flows.server.prefect_server import ServerChoice, prefect_server
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, StageFailed
@@ -52,7 +53,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     store = open_store(store_url)
     trial = OverlayStore(store)
     pins(spec, trial, base)  # a document with faults is refused before a server starts
-    for line in version_lines(spec, store, trial):
+    for line in (*version_lines(spec, store, trial), *new_bucket_lines(spec, store)):
         console.print(line, markup=False, highlight=False)
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
     with (
@@ -64,6 +65,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         from prefect.exceptions import CancelledRun  # noqa: PLC0415 - Prefect loads while the server starts
 
         from flows.pipeline import pipeline  # noqa: PLC0415 - same
+        from flows.server.unsent_events import flush_prefect  # noqa: PLC0415 - same
 
         try:
             return pipeline(spec, store=store.url, base=str(base))

@@ -16,15 +16,18 @@ from pydantic import JsonValue
 from flows.gateway.jobs.quota import require_place
 from specs.base import Fault, Spec
 from specs.digest import canonical_document
-from specs.errors import IdempotentParameterMismatch, ResourceNotFound
+from specs.errors import DocumentError, IdempotentParameterMismatch, ResourceNotFound
 from specs.interface.quotas import Quota
 from specs.job_kinds import JobKind
+from tasks.storage.base.keys import token_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import enqueue, is_queued, leave_queue
 from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, submit
+from tasks.storage.jobs.runs import run_of
 
 Document = dict[str, JsonValue]
 _LOOKS, _LOOK_EVERY_S = 20, 0.05
+_TRIES = 2
 
 
 class Tokened(Protocol):
@@ -87,9 +90,13 @@ def admit(store: Store, admission: Admission) -> JobRecord:
     """Returns the job of a call's token, recorded and in the queue; a repeated call returns the job as it stands.
 
     Raises:
+        DocumentError: The request cannot be done, or its token is one that a run of a document gives its jobs.
         IdempotentParameterMismatch: The token came with another request before.
         LimitExceeded: There are as many jobs of this kind as there may be.
     """
+    if run_of(admission.token):
+        allowed = "another token: those that begin with run- and 16 digits are of the jobs of documents"
+        raise DocumentError([Fault(path="clientRequestToken", value=repr(admission.token), allowed=allowed)], "request")
     known = _known(store, admission)
     if known is None:
         document = admission.document()
@@ -114,16 +121,25 @@ def _known(store: Store, admission: Admission) -> JobRecord | None:
 
 
 def _recorded(store: Store, admission: Admission, document: Document) -> JobRecord:
-    try:
-        return submit(store, admission.kind, document, admission.token, detail=admission.options)
-    except IdempotentParameterMismatch:
-        # The same call at the same moment, elsewhere, while a version was published: the first to record it wins.
-        for _ in range(_LOOKS):
-            known = _known(store, admission)
-            if known is not None:
+    for _ in range(_TRIES):
+        try:
+            return submit(store, admission.kind, document, admission.token, detail=admission.options)
+        except IdempotentParameterMismatch:
+            # The same call at the same moment, elsewhere, while a version was published: the first to record it wins.
+            if known := _awaited(store, admission):
                 return known
-            time.sleep(_LOOK_EVERY_S)
-        raise
+            # Who came with the token died before the record; housekeeping would remove it as well.
+            store.delete(token_key(admission.kind, admission.token))
+    return submit(store, admission.kind, document, admission.token, detail=admission.options)
+
+
+def _awaited(store: Store, admission: Admission) -> JobRecord | None:
+    """Returns the job that somebody else is about to record; None if nobody does."""
+    for _ in range(_LOOKS):
+        if known := _known(store, admission):
+            return known
+        time.sleep(_LOOK_EVERY_S)
+    return None
 
 
 def _keep_queued(store: Store, admission: Admission, record: JobRecord) -> None:

@@ -1,5 +1,6 @@
 """Answers about jobs: the fields that a call's shape has, and no paths of this machine in them."""
 
+import re
 from collections.abc import Mapping
 from typing import TypeVar, cast
 
@@ -14,6 +15,7 @@ from tasks.storage.tags import tags_of
 
 T = TypeVar("T", bound=Spec)
 _REASON = "failureReason"
+_FOLDER_URL = re.compile(r"file://[^\s'\";,)]*")
 
 
 def answer_of(shape: type[T], described: Spec, store: Store) -> T:
@@ -60,8 +62,7 @@ def _placeless(value: JsonValue, store: Store, name: str) -> JsonValue:
 
 
 def said_of(store: Store, text: str) -> str:
-    """Returns a message that says "the store" where it has the place of the store: a folder, or a bucket's URL."""
-    folder = store.url.removeprefix("file://")
-    for place in (store.url, folder):
+    """Returns a message that says "the store" where it has the place of the store, or of a bucket on this machine."""
+    for place in (store.url, store.url.removeprefix("file://")):
         text = text.replace(f"the store {place}", "the store").replace(place, "the store")
-    return text
+    return _FOLDER_URL.sub("the store", text)

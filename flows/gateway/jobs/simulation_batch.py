@@ -6,7 +6,7 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from flows.document.references import finder
+from flows.document.references import latest_finder
 from flows.document.tested_batch import batch_plan, launch_faults
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of
@@ -106,7 +106,7 @@ def _plan(store: Store, asked: Document) -> JsonValue:
     section = cast("SimulationBatch", pipeline_of_request(asked, Path(_SOURCE)).simulationBatch)
     try:
         require_output(store, output_location(section).s3Bucket, "outputLocation.s3Bucket")
-        plan = batch_plan(section, (), store, finder(store, {}))
+        plan = batch_plan(section, (), store, latest_finder(store))
         faults = launch_faults(plan, store)
     except DocumentError as exc:
         raise type(exc)([in_request(fault, asked) for fault in exc.faults], _SOURCE) from exc

@@ -1,1 +1,1 @@
-"""The pages that a browser is shown: what is read from the store for each, and who may see it."""
+"""Pages of a browser: what is read from the store for each, and who may see it. Only flows.gateway imports it."""

@@ -19,6 +19,7 @@ from tasks.storage.jobs.records import JobRecord, is_terminal
 
 _DEPLOYMENT: JobKind = "deployment-job"
 _ROBOTS_LOOKED_AT = 5_000
+_NOTE = "A robot reports when something changes, and not otherwise."
 _COLUMNS = ("Robot", "Status", "Shall run", "Runs", "Step", "Last report", "Why not")
 
 
@@ -59,13 +60,10 @@ def fleet_page(visit: Visit, name: str) -> Page:
     records = at_once(partial(_robot, visit), known[:_ROBOTS_LOOKED_AT])
     members = sorted(record.name for record in records if record and record.fleet == fleet.name)
     left_out = len(known) - _ROBOTS_LOOKED_AT
-    note = (
-        f"The {_ROBOTS_LOOKED_AT:,} robots that were changed last are looked at; {left_out:,} are not."
-        if left_out > 0
-        else ""
-    )
+    cut = f" The {_ROBOTS_LOOKED_AT:,} robots that were changed last are looked at; {left_out:,} are not."
     here = address("deployment-fleet", fleet.name)
     shown, steps = step_of(visit, members, here)
+    note = f"{_NOTE}{cut if left_out > 0 else ''}"
     table = Table("Robots", _COLUMNS, _robot_rows(visit, shown), "No robot is in it.", steps=steps, note=note)
     last = [known_jobs(visit, _DEPLOYMENT, [fleet.deployment])] if fleet.deployment else []
     rows = (
@@ -89,7 +87,9 @@ def robots_page(visit: Visit) -> Page:
     """Returns the list of robots."""
     shown, steps = step_of(visit, _robot_names(visit), "/robots")
     empty = "No robot yet: simyard fleet robot, or CreateRobot, makes one."
-    return Page("Robots", blocks=(Table("Robots", _COLUMNS, _robot_rows(visit, shown), empty, steps=steps),))
+    return Page(
+        "Robots", blocks=(Table("Robots", _COLUMNS, _robot_rows(visit, shown), empty, steps=steps, note=_NOTE),)
+    )
 
 
 def robot_page(visit: Visit, name: str) -> Page:

@@ -28,7 +28,7 @@ def runs_table(visit: Visit, most: int = PAGE_ROWS, href: str = "") -> Table:
 
 def runs_page(visit: Visit) -> Page:
     """Returns the list of runs."""
-    return Page("Runs", blocks=(runs_table(visit),))
+    return Page("Runs of documents", blocks=(runs_table(visit),))
 
 
 def run_page(visit: Visit, name: str) -> Page:

@@ -76,7 +76,7 @@ def generations_page(visit: Visit) -> Page:
         for record in known_jobs(visit, _GENERATION, shown)
     )
     columns = ("Job", "Status", "Worlds", "Template", "Changed", "Why not")
-    table = Table("World generation jobs", columns, rows, "None yet.", steps=steps)
+    table = Table("Generation jobs", columns, rows, "None yet.", steps=steps)
     return Page("Generation jobs", blocks=(table,))
 
 
@@ -128,7 +128,7 @@ def exports_page(visit: Visit) -> Page:
         for record in known_jobs(visit, _EXPORT, shown)
     )
     columns = ("Job", "Status", "Worlds", "Bucket", "Changed", "Why not")
-    return Page("Export jobs", blocks=(Table("World export jobs", columns, rows, "None yet.", steps=steps),))
+    return Page("Export jobs", blocks=(Table("Export jobs", columns, rows, "None yet.", steps=steps),))
 
 
 def export_page(visit: Visit, name: str) -> Page:
@@ -169,7 +169,7 @@ def templates_page(visit: Visit) -> Page:
     shown, steps = step_of(visit, newest_names(visit, "templates", name_of), "/templates")
     rows = tuple((Cell(name, address("world-template", name)),) for name in shown)
     empty = "No template yet: a generation job keeps the one that it used."
-    return Page("Templates", blocks=(Table("World templates", ("Template",), rows, empty, steps=steps),))
+    return Page("Templates", blocks=(Table("Templates", ("Template",), rows, empty, steps=steps),))
 
 
 def template_page(visit: Visit, name: str) -> Page:

@@ -2,7 +2,7 @@
 
 import time
 
-from specs.arn import arn
+from specs.arn import arn, store_id_of
 from specs.errors import ResourceNotFound
 from specs.robomaker.deployment import (
     CreateDeploymentJobRequest,
@@ -33,9 +33,8 @@ def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResp
     """
     record = read(store, _KIND, job)
     request = CreateDeploymentJobRequest.model_validate(record.request)
-    identifier = store_id(store)
     progress = recorded_progress(record) if is_terminal(record) else live_progress(store, record, time.time())
-    summary = tuple(_robot_deployment(name, each, identifier) for name, each in progress.items())
+    summary = tuple(_robot_deployment(name, each, record.arn) for name, each in progress.items())
     # The fields that a list shows, and the robots and tags.
     return DescribeDeploymentJobResponse.model_validate(
         {**_job(record, request).model_dump(), "robotDeploymentSummary": summary, "tags": request.tags}
@@ -104,17 +103,18 @@ def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJo
     )
 
 
-def _robot_deployment(name: str, progress: RobotProgress, identifier: str) -> RobotDeployment:
+def _robot_deployment(name: str, progress: RobotProgress, job: str) -> RobotDeployment:
     # docs/reference/robomaker.md, section 8: the only step with a percentage
     loading = progress.step == "DownloadingExtracting"
-    detail = ProgressDetail(currentProgress=progress.step, percentDone=progress.percent_done if loading else None)
+    percent = progress.percent_done if loading else None
+    detail = ProgressDetail(currentProgress=progress.step, percentDone=percent, targetResource=job)
     return RobotDeployment(
-        arn=arn("robot", identifier, name),
+        arn=arn("robot", store_id_of(job), name),
         deploymentStartTime=progress.started_at_s or None,
         deploymentFinishTime=progress.finished_at_s or None,
         status=progress.status,
         progressDetail=detail if progress.step else None,
-        failureReason=progress.failure_reason or None,
+        failureReason=" ".join(progress.failure_reason.split())[:_REASON_CHARACTERS] or None,  # as a robot wrote it
         failureCode=progress.failure_code,
     )
 

@@ -10,7 +10,7 @@ from specs.errors import AccessRefused, DocumentError
 from specs.interface.operations import Operation
 from tasks.gateway.access.access_key import AccessKey
 from tasks.gateway.access.key_file import KeyFile
-from tasks.gateway.access.page_origin import refuse_forms, refuse_other_pages
+from tasks.gateway.access.page_origin import refuse_other_pages
 from tasks.gateway.access.replay import UsedSignatures
 from tasks.gateway.access.rights import FleetOf, check_right, is_within
 from tasks.gateway.door import Caller
@@ -114,16 +114,11 @@ class LoopbackGuard:
 
     def admit(self, request: HttpRequest, operation: Operation | None) -> Caller | HttpAnswer:
         """Returns the nameless caller, or the refusal."""
-        return self.refuse_head(request, operation) or _refusal(lambda: _check_body(request, operation)) or Caller()
+        return self.refuse_head(request, operation) or Caller()
 
     def permit(self, caller: Caller, operation: Operation, document: Spec) -> HttpAnswer | None:  # noqa: ARG002
         """Allows everything."""
         return None
-
-
-def _check_body(request: HttpRequest, operation: Operation | None) -> None:
-    if operation is not None:
-        refuse_forms(request)
 
 
 def _refusal(check: Callable[[], None]) -> HttpAnswer | None:

@@ -116,9 +116,7 @@ class KeyFile:
         with self._lock:
             mark = self._state()
             if mark != self._mark:
-                # Forgotten first: if the file cannot be read now, what it said before is not in force either.
-                self._mark, self._keys = None, {}
-                self._keys = read_keys(self._path)
+                self._keys = read_keys(self._path)  # raises as long as the file cannot be trusted: no old key is used
                 self._mark = mark
             return self._keys.get(key_id)
 

@@ -1,7 +1,8 @@
 """Requests that a page of another site makes a browser send.
 
 A browser says which page asks (``Origin``, ``Sec-Fetch-Site``) and by which name it found this address (``Host``). A
-name of an attacker's may lead here (DNS rebinding). Programs send neither Origin nor Sec-Fetch-Site.
+name of an attacker's may lead here (DNS rebinding). Programs send neither Origin nor Sec-Fetch-Site. A browser sends
+Origin with every POST and DELETE, forms among them, so the type of a body need not be looked at.
 """
 
 from collections.abc import Collection
@@ -10,7 +11,6 @@ from ipaddress import ip_address
 from specs.errors import AccessRefused
 from tasks.gateway.messages import HttpRequest
 
-_FORM_TYPES = frozenset({"text/plain", "application/x-www-form-urlencoded", "multipart/form-data"})
 _OWN_SITES = frozenset({"same-origin", "none"})
 _NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
 
@@ -50,17 +50,6 @@ def refuse_other_pages(request: HttpRequest, *, operation: bool, hosts: Collecti
     site = _only(request, "sec-fetch-site") or "none"
     if site not in _OWN_SITES and (operation or not _is_followed_link(request)):
         raise _refused("pages of other sites may not ask this server")
-
-
-def refuse_forms(request: HttpRequest) -> None:
-    """Passes what a form of a web page cannot send without asking first.
-
-    Raises:
-        AccessRefused: The body is of a type that forms have.
-    """
-    kind = _only(request, "content-type").partition(";")[0].strip().lower()
-    if request.body and kind in _FORM_TYPES:
-        raise _refused(f"send the header Content-Type: application/json; {kind} is what a form of any web page sends")
 
 
 def _is_followed_link(request: HttpRequest) -> bool:

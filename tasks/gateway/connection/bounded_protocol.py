@@ -21,7 +21,7 @@ _FULL = (
     b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/json\r\nretry-after: 1\r\nconnection: close\r\n"
     b"x-amzn-errortype: ServiceUnavailableException\r\ncontent-length: %d\r\n\r\n%s"
 ) % (len(_FULL_BODY), _FULL_BODY)
-_Await = Literal["", "head", "body", "reader", "next"]
+_Await = Literal["", "head", "body", "next"]
 
 
 class BoundedProtocol(H11Protocol):
@@ -49,6 +49,7 @@ class BoundedProtocol(H11Protocol):
         self._begun, self._early = False, b""
         self._awaited: _Await = ""
         self._timer: asyncio.TimerHandle | None = None
+        self._reader: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Counts a new connection; answers it once it is encrypted."""
@@ -83,7 +84,8 @@ class BoundedProtocol(H11Protocol):
         """Waits for the next request, or for the client to read the answer."""
         super().on_response_complete()
         if self.transport.is_closing():
-            self._await("reader", self._bounds.answer_s)
+            self._await("")
+            self._expect_reader()
         elif self.conn.their_state is h11.IDLE and not self.conn.trailing_data[0]:
             self._all.wait(self)
             self._await("next", self._bounds.idle_s + _GRACE_S)  # uvicorn's own timer is first
@@ -94,17 +96,18 @@ class BoundedProtocol(H11Protocol):
     def pause_writing(self) -> None:
         """Waits for the client to read."""
         super().pause_writing()
-        self._await("reader", self._bounds.answer_s)
+        self._expect_reader()
 
     def resume_writing(self) -> None:
         """Goes on: the client has read."""
         super().resume_writing()
-        if self._awaited == "reader" and not self.transport.is_closing():
-            self._await("")
+        if not self.transport.is_closing():
+            self._forget_reader()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forgets the connection."""
         self._await("")
+        self._forget_reader()
         self._all.forget(self)
         if self._begun:
             super().connection_lost(exc)
@@ -156,6 +159,15 @@ class BoundedProtocol(H11Protocol):
             self._timer.cancel()
         self._awaited = awaited
         self._timer = self.loop.call_later(at_most_s, self.drop) if awaited else None
+
+    def _expect_reader(self) -> None:
+        if self._reader is None:
+            self._reader = self.loop.call_later(self._bounds.answer_s, self.drop)
+
+    def _forget_reader(self) -> None:
+        if self._reader is not None:
+            self._reader.cancel()
+            self._reader = None
 
     def _is_chunked(self) -> bool:
         sends = self.conn.their_state is h11.SEND_BODY

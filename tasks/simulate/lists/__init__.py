@@ -1,1 +1,1 @@
-"""Lists of batches and of their jobs, in pages. Flows may import it."""
+"""Lists of batches and of their jobs, in pages. Flows import it."""

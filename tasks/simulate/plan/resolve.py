@@ -7,6 +7,7 @@ from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.field_types import Architecture, OutputLocation
+from specs.pipeline.driven_requests import REQUESTS, undriven_faults
 from specs.pipeline.simulation_section import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline.simulation_section import PipelineSimulationApplication as ScenarioUse
 from specs.robomaker.bundle import ApplicationKind, Version
@@ -17,7 +18,6 @@ from tasks.simulate.plan.layout import Layout
 
 FindVersion = Callable[[ApplicationKind, str, str | None], Version]
 FindData = Callable[[DataSourceConfig], PinnedSource]
-_REQUESTS = "simulationBatch.createSimulationJobRequests"
 DEFAULT_TIMEOUT_S = 86_400.0
 DEFAULT_OUTPUT = OutputLocation(s3Bucket="results")
 
@@ -42,7 +42,8 @@ def plan_batch(
         DocumentError: A request lacks an application or a launch configuration; tells of all requests at once.
     """
     requests, policy = section.createSimulationJobRequests, section.batchPolicy
-    if faults := [fault for number, request in enumerate(requests) for fault in _faults(number, request)]:
+    named = [fault for number, request in enumerate(requests) for fault in _twice_named(number, request)]
+    if faults := [*undriven_faults(section), *named]:
         raise DocumentError(faults)
     data = [within_limits(tuple(map(find_data, request.dataSources or ()))) for request in requests]
     plan = BatchPlan(
@@ -102,7 +103,7 @@ def _templates(
     requests: Sequence[PipelineJobRequest], find_version: FindVersion, data: Sequence[Sequence[PinnedSource]]
 ) -> tuple[JobTemplate, ...]:
     return tuple(
-        _template(f"{_REQUESTS}[{number}]", request, find_version, data[number])
+        _template(f"{REQUESTS}[{number}]", request, find_version, data[number])
         for number, request in enumerate(requests)
     )
 
@@ -168,29 +169,9 @@ def _own_worlds(request: PipelineJobRequest) -> list[str]:
     return [config.world for scenario in scenarios for config in scenario.worldConfigs or () if config.world]
 
 
-def _faults(number: int, request: PipelineJobRequest) -> list[Fault]:
-    where = f"{_REQUESTS}[{number}]"
-    faults: list[Fault] = []
-    for field, uses in (
-        ("robotApplications", request.robotApplications),
-        ("simulationApplications", request.simulationApplications),
-    ):
-        if not uses:
-            faults.append(
-                Fault(path=f"{where}.{field}", value="none", allowed="one: an episode needs a robot and a scenario")
-            )
-            continue
-        launch = uses[0].launchConfig
-        faults += [
-            Fault(path=f"{where}.{field}[0].launchConfig.{name}", value="none", allowed=f"the {what} to launch")
-            for name, value, what in (
-                ("packageName", launch.packageName, "folder in the bundle"),
-                ("launchFile", launch.launchFile, "module in that folder"),
-            )
-            if not value
-        ]
+def _twice_named(number: int, request: PipelineJobRequest) -> list[Fault]:
     variables = [data_variable(source.name) for source in request.dataSources or ()]
-    if len(set(variables)) < len(variables):
-        allowed = "names that stay different in capital letters with _ for -, as variables have them"
-        faults.append(Fault(path=f"{where}.dataSources", value=", ".join(variables), allowed=allowed))
-    return faults
+    if len(set(variables)) == len(variables):
+        return []
+    allowed = "names that stay different in capital letters with _ for -, as variables have them"
+    return [Fault(path=f"{REQUESTS}[{number}].dataSources", value=", ".join(variables), allowed=allowed)]

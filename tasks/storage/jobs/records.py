@@ -25,7 +25,7 @@ from specs.errors import (
     StoreError,
 )
 from specs.job_kinds import JOB_KINDS, JobKind
-from specs.robomaker.failure_codes import JobFailureCode
+from specs.robomaker.failure_codes import JobFailureCode, require_code_of
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
@@ -159,10 +159,11 @@ def advance(
         ResourceNotFound: No such job.
         StoreError: The record was written under a later epoch.
         ObjectConflict: Others wrote the record faster, a thousand times in a row.
-        ValueError: The status is none of RoboMaker's.
+        ValueError: The status is none of RoboMaker's, or the failure code none of this kind's.
     """
     if status not in _STATUSES:
         raise ValueError(f"{status!r} is no job status; they are {', '.join(sorted(_STATUSES))}")
+    require_code_of(kind, failure_code)
     fields = {"status": status, "failure_code": failure_code, "failure_reason": _one_line(failure_reason)}
     return _advance(store, kind, id, _Change(fields, detail or {}, only_from, epoch))
 

@@ -13,7 +13,8 @@ from specs.arn import Reference, reference_path
 from specs.errors import DocumentError, ObjectNotFound
 from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
+from tasks.storage.jobs.lines.under_way import records_under_way
+from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.jobs.runs import KIND as RUN
 from tasks.storage.jobs.runs import jobs_of
 from tasks.storage.tags import delete_tags
@@ -69,8 +70,8 @@ class _Needed:
     """The worlds that jobs under way name, and those that runs of documents under way have made."""
 
     def __init__(self, store: Store) -> None:
-        users = [each for kind in _USERS for each in records(store, kind) if not is_terminal(each)]
-        runs = [each for each in records(store, RUN) if not is_terminal(each)]
+        users = [each for kind in _USERS for each in records_under_way(store, kind)]
+        runs = records_under_way(store, RUN)
         self._worlds = frozenset(world for each in users for world in _named_worlds(each))
         self._generations = frozenset(job for each in runs for kind, job in jobs_of(each) if kind == _GENERATION)
 

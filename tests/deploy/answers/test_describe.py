@@ -7,7 +7,7 @@ from tasks.deploy.answers.describe import (
 )
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
-from tasks.storage.base.keys import reported_key
+from tasks.storage.base.keys import job_key, reported_key
 from tasks.storage.base.store import Store
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
@@ -49,3 +49,23 @@ def test_a_deployment_under_way_is_described_as_its_robots_are_now(yard: Yard) -
 
     assert seen[:2] == ["InSync", "PendingNewDeployment"]
     assert yard.store.exists(reported_key("r1"))
+
+
+def test_the_progress_of_a_robot_names_the_deployment_that_it_is_of(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    record = run(yard, PuppetRobots(yard.store, 1), yard.request(version, "one"), version.digest)
+
+    robots = describe_deployment_job(yard.store, record.id).robotDeploymentSummary or ()
+
+    assert [robot.progressDetail and robot.progressDetail.targetResource for robot in robots] == [record.arn]
+
+
+def test_a_reason_of_many_lines_that_a_robot_gives_is_answered_as_one(yard: Yard) -> None:
+    version = yard.publish({"run.sh": STAYS_UP})
+    record = run(yard, PuppetRobots(yard.store, 1), yard.request(version, "one"), version.digest)
+    before, _, after = record.model_dump_json().rpartition('"failure_reason":""')
+    yard.store.put(job_key("deployment-job", record.id), f'{before}"failure_reason":"a\\n b"{after}'.encode())
+
+    robots = describe_deployment_job(yard.store, record.id).robotDeploymentSummary or ()
+
+    assert [robot.failureReason for robot in robots] == ["a b"]

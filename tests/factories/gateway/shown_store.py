@@ -30,7 +30,8 @@ from tests.factories.worlds import apartment
 
 ATTACK = "<script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
 GOOD = "plain"
-REPORT = b"<!doctype html><title>report</title><script>document.title='owned'</script><p id=shown>A report</p>"
+REPORT = b"""<!doctype html><title>report</title><script>document.title='owned'</script><p>A report</p>
+<a href=/batches>All</a><img src=/fleets><form action=/sign-out method=post><button>Leave</button></form>"""
 SHEET = (
     b'<svg xmlns="http://www.w3.org/2000/svg" width="40" height="30"><script>alert(1)</script><rect width="9"/></svg>'
 )

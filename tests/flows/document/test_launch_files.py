@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from flows.document.launch_files import check_launch_files, unchecked_references
+from flows.document.own_bundles import check_own_bundles
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
+from tasks.simulate.plan.resolve import plan_batch
 from tests.repository import ROOT
 
 
@@ -39,6 +41,35 @@ def test_a_script_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
     spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"), deployment=deployment)
     with pytest.raises(DocumentError, match=r"deploymentApplicationConfigs\[0\].launchConfig.launchFile: 'walk.sh'"):
         check_launch_files(spec, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "paths"),
+    [
+        ({"robotApplications": None}, ["robotApplications"]),
+        ({"simulationApplications": None}, ["simulationApplications"]),
+        (
+            {"robotApplications": [{"application": "mine", "launchConfig": {"command": ["go"]}}]},
+            [f"robotApplications[0].launchConfig.{name}" for name in ("packageName", "launchFile")],
+        ),
+    ],
+)
+def test_what_cannot_be_driven_is_refused_without_a_store_in_the_words_of_a_plan(
+    tmp_path: Path, changes: dict[str, Any], paths: list[str]
+):
+    document = _spec(tmp_path, _use("mine", "courier", "go_to_goal")).model_dump(mode="json", exclude_none=True)
+    document["simulationBatch"]["createSimulationJobRequests"][0] |= changes
+    spec = PipelineSpec.model_validate(document)
+    assert spec.simulationBatch is not None
+
+    with pytest.raises(DocumentError) as refused:
+        check_own_bundles(spec, tmp_path)
+    with pytest.raises(DocumentError) as planned:
+        plan_batch(spec.simulationBatch, ("g/w",), {}, lambda *_: pytest.fail("looked up"))
+
+    where = "simulationBatch.createSimulationJobRequests[0]"
+    assert [fault.path for fault in refused.value.faults] == [f"{where}.{path}" for path in paths]
+    assert refused.value.faults == planned.value.faults
 
 
 def test_what_is_there_is_not_refused(tmp_path: Path):

@@ -53,6 +53,7 @@ BODIES = {
     "not a number": b'{"fleet": NaN}',
     "infinity": b'{"fleet": -Infinity}',
     "a huge number": b'{"fleet": ' + b"9" * 100_000 + b"}",
+    "a number of 65 bits": b'{"fleet": 18446744073709551616}',
     "a large number": b'{"fleet": 1e999}',
     "UTF-16": '{"fleet": "arn:x"}'.encode("utf-16"),
     "a byte order mark": b'\xef\xbb\xbf{"fleet": "arn:x"}',
@@ -62,6 +63,7 @@ BODIES = {
     "deep lists": b'{"fleet": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
     "deep objects": b'{"fleet":' * 5000 + b"1" + b"}" * 5000,
     "rather deep": b'{"fleet": ' + b"[" * 40 + b"]" * 40 + b"}",
+    "more values than any request has": b'{"fleet": [' + b"0," * 30_000 + b"0]}",
     "compressed": b"\x1f\x8b\x08\x00\x00\x00\x00\x00",
     "nothing": b"",
     "null": b'{"fleet": null}',
@@ -76,13 +78,18 @@ def test_a_body_that_is_no_request_is_refused_in_a_sentence(body: bytes, send: S
     assert len(message) < 500
 
 
+@pytest.mark.parametrize("number", [2**63, -(2**63) - 1, 10**30])
+def test_numbers_have_at_most_64_bits(number: int, send: Send):
+    assert "64 bits" in assert_refused(send("POST", "/listFleets", json.dumps({"maxResults": number}).encode()))
+
+
 @pytest.mark.parametrize("body", [b"", b" \n", b"{}", b'{"nextToken": null}'])
 def test_what_is_null_or_left_out_is_absent(body: bytes, send: Send):
     assert send("POST", "/listFleets", body).status == 200
 
 
-@pytest.mark.parametrize("content_type", ["", "text/plain", "application/x-www-form-urlencoded", "x" * 5000])
-def test_the_content_type_does_not_matter(content_type: str, send: Send):
+@pytest.mark.parametrize("content_type", ["", "application/x-amz-json-1.1", "application/octet-stream", "x" * 5000])
+def test_what_no_form_of_a_page_sends_is_read_whatever_its_content_type(content_type: str, send: Send):
     headers = (("host", HOST), ("content-type", content_type))
     assert send("POST", "/listFleets", b"{}", headers).status == 200
 

@@ -53,6 +53,15 @@ def test_what_is_turned_off_is_said(lines: Tell):
     assert "no recordings; no audit" in told
 
 
+def test_requests_that_record_everything_are_told(lines: Tell):
+    spec = read_pipeline(ROOT / "examples/quickstart.yaml")
+    assert spec.simulationBatch
+    (request,) = spec.simulationBatch.createSimulationJobRequests
+    asked = {**request.model_dump(mode="json", exclude_none=True), "loggingConfig": {"recordAllRosTopics": True}}
+    told = lines(createSimulationJobRequests=[asked])
+    assert "recordings of failed episodes at 10 Hz, and all of 1 request with recordAllRosTopics;" in told
+
+
 UNDRIVEN = """
 <mujoco><worldbody><body name="base"><joint name="x" type="slide" axis="1 0 0"/>
 <joint name="y" type="slide" axis="0 1 0"/><joint name="yaw" axis="0 0 1"/><geom size="0.2" pos="0 0 0.2"/>

@@ -10,7 +10,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.queue import change_entry, enqueue, find_entry, queued_jobs, turn_key
 from tasks.storage.jobs.records import JobRecord, advance, job_id, read
-from tests.factories.queued_jobs import queue_job
+from tests.flows.queue.queued_jobs import queue_job
 
 KIND: JobKind = "world-export-job"
 

@@ -17,7 +17,7 @@ from tasks.export.job.describe import describe_export_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance
 from tasks.worlds.job.describe import describe_generation_job
-from tests.factories.queued_jobs import queue_export, queue_generation, queue_job
+from tests.flows.queue.queued_jobs import queue_export, queue_generation, queue_job
 
 ROBOMAKERS: Mapping[JobKind, object] = {
     "world-generation-job": WorldGenerationJobErrorCode,

@@ -30,11 +30,17 @@ def batch_of(store: Store) -> JobRecord:
 def test_a_change_of_status_is_an_event_about_the_jobs_arn(file_store: Store, sent: Sent):
     batch = batch_of(file_store)
     with announce_changes():
-        advance(file_store, batch.kind, batch.id, "Failed", failure_code="InvalidInput", failure_reason="no worlds")
+        advance(
+            file_store, batch.kind, batch.id, "Failed", failure_code="InternalServiceError", failure_reason="no worlds"
+        )
     ((event, resource, more),) = sent
     assert event == "simyard.simulation-batch.Failed"
     assert resource == {"prefect.resource.id": batch.arn, "prefect.resource.name": batch.id}
-    assert more["payload"] == {"was": "Pending", "failureCode": "InvalidInput", "failureReason": "no worlds"}
+    assert more["payload"] == {
+        "was": "Pending",
+        "failureCode": "InternalServiceError",
+        "failureReason": "no worlds",
+    }
 
 
 def test_the_run_of_a_document_is_an_event_and_the_run_of_a_stage_alone_is_none(file_store: Store, sent: Sent):

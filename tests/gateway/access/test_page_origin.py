@@ -3,7 +3,7 @@
 import pytest
 
 from specs.errors import AccessRefused
-from tasks.gateway.access.page_origin import is_loopback, loopback_hosts, refuse_forms, refuse_other_pages
+from tasks.gateway.access.page_origin import is_loopback, loopback_hosts, refuse_other_pages
 from tasks.gateway.messages import HttpRequest
 
 HERE = "127.0.0.1:8600"
@@ -63,17 +63,6 @@ def test_a_link_to_a_page_may_be_followed(method: str, passes: bool) -> None:  #
     else:
         with pytest.raises(AccessRefused):
             refuse_other_pages(asked, operation=False)
-
-
-@pytest.mark.parametrize("kind", ["text/plain", "Text/Plain;charset=UTF-8", "multipart/form-data; boundary=x"])
-def test_what_a_form_sends_is_refused(kind: str) -> None:
-    with pytest.raises(AccessRefused, match="application/json"):
-        refuse_forms(request(("content-type", kind)))
-
-
-def test_json_is_no_form() -> None:
-    refuse_forms(request(("content-type", "application/json")))
-    refuse_forms(request(("content-type", "text/plain"), method="GET", body=b""))
 
 
 @pytest.mark.parametrize(

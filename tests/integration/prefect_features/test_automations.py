@@ -47,8 +47,9 @@ def failing(store: str, batch: str) -> None:
     with announce_changes():
         at = open_store(store)
         advance(at, "simulation-job-batch", batch, "InProgress")
-        record = advance(at, "simulation-job-batch", batch, "Failed", failure_code="InvalidInput", failure_reason="why")
-        _announce(Transition(record.kind, record.arn, "InProgress", "Failed", "InvalidInput", "again"))
+        code = "InternalServiceError"
+        record = advance(at, "simulation-job-batch", batch, "Failed", failure_code=code, failure_reason="why")
+        _announce(Transition(record.kind, record.arn, "InProgress", "Failed", code, "again"))
 
 failing(*sys.argv[1:])
 """
@@ -123,7 +124,7 @@ def test_the_example_tells_of_a_batch_that_failed_and_once(
     assert {each["resource"]["prefect.resource.id"] for each in told} == {failed.arn}
     assert all("flow-run" in [each["prefect.resource.role"] for each in event["related"]] for event in told)
     assert found == [
-        {"subject": "simyard.simulation-batch.Failed", "body": f"InvalidInput why\nJob: {failed.arn}"},
+        {"subject": "simyard.simulation-batch.Failed", "body": f"InternalServiceError why\nJob: {failed.arn}"},
     ]
 
 

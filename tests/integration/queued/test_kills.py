@@ -14,7 +14,7 @@ from tasks.simulate.batch.job import load_batch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, read, records
-from tests.factories.queued_jobs import queue_batch, some_worlds
+from tests.flows.queue.queued_jobs import queue_batch, some_worlds
 from tests.integration.queued.crews import CrewProcess, crew_at, kill_lane, lane_pids, wait_until_done
 
 VICTIMS = ("worker", "gateway")
@@ -42,7 +42,7 @@ def _kill(store: Store, crew: CrewProcess, victim: str, rng: random.Random) -> N
         time.sleep(0.05)
     if rng.random() < 0.7:
         _wait_for_attempt(store)
-    time.sleep(rng.uniform(0.0, 2.5))
+    time.sleep(rng.uniform(0.0, 6.0))
     while not (crew.kill() if victim == "gateway" else kill_lane(store, "simulation")):
         time.sleep(0.05)
 
@@ -58,7 +58,7 @@ def _survives(store: Store, folder: Path, victim: str, kills: int, seeds: int) -
                 broken.append(_queued(store, worlds, f"broken-{len(broken)}", seeds))
             _kill(store, crew, victim, rng)
             _LOG.warning("%s: kill %d of the %s, batch %d", store.url, number + 1, victim, len(broken))
-        wait_until_done(store, 600.0)
+        wait_until_done(store, 1200.0)
 
     expected = _rows(store, unbroken)
     assert None not in expected
@@ -75,6 +75,7 @@ def test_a_batch_whose_worker_is_killed_has_the_results_of_an_unbroken_one(file_
 
 @pytest.mark.integration
 @pytest.mark.soak
+@pytest.mark.timeout(3000)
 @pytest.mark.parametrize("victim", VICTIMS)
 def test_twenty_kills_lose_and_double_nothing(
     store: Store, tmp_path: Path, victim: str, monkeypatch: pytest.MonkeyPatch

@@ -1,5 +1,6 @@
 """Queued jobs at a work pool: a real server, a process worker, two that hand over, and a flow run that is lost."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Generator
@@ -8,13 +9,14 @@ from pathlib import Path
 import pytest
 from prefect.client.orchestration import get_client
 from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterTags
+from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 
 from flows.queue.pool import PoolDesk
 from specs.errors import DocumentError
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, read
-from tests.factories.queued_jobs import queue_generation
+from tests.flows.queue.queued_jobs import queue_generation
 from tests.repository import ROOT
 from tests.servers.eventually import eventually
 
@@ -23,9 +25,12 @@ POOL = "api-pool"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def pool(prefect_server: str, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Makes the pool."""
-    _prefect("work-pool", "create", POOL, "--type", "process")
+def pool(prefect_server: str) -> Generator[None]:
+    """Makes the pool, at the server that this process asks, too."""
+    _prefect("work-pool", "create", POOL, "--type", "process", "--overwrite")
+    password = os.environ["PREFECT_API_AUTH_STRING"]
+    with temporary_settings({PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: password}):
+        yield
 
 
 @pytest.fixture

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from pydantic import JsonValue
 
 from specs.errors import IdempotentParameterMismatch, ResourceNotFound, StoreError, StoreUnreachable
+from specs.job_kinds import JobKind
+from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import job_key, token_key
 from tasks.storage.base.store import Store
@@ -101,6 +103,22 @@ def test_a_crash_between_token_and_job_still_binds_the_token(file_store: Store, 
         submit(_DiesBetween(tmp_path / "store"), _KIND, _REQUEST, "tok")
     with pytest.raises(IdempotentParameterMismatch):
         submit(file_store, _KIND, {"template": "other"}, "tok")
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [
+        ("world-generation-job", "AccessDenied"),
+        ("world-export-job", "AllWorldGenerationFailed"),
+        ("simulation-job-batch", "InvalidInput"),
+        ("deployment-job", "InternalServiceError"),
+    ],
+)
+def test_no_record_says_a_code_of_another_kind(file_store: Store, kind: JobKind, code: JobFailureCode) -> None:
+    job = submit(file_store, kind, _REQUEST, "tok").id
+    with pytest.raises(ValueError, match=f"'{code}' is no failure code of a {kind}"):
+        advance(file_store, kind, job, "Failed", failure_code=code)
+    assert read(file_store, kind, job).status == "Pending"
 
 
 def test_an_advance_sets_the_status_and_merges_the_detail(store: Store) -> None:

@@ -1,1 +1,1 @@
-"""What lists say of ended jobs, kept in a few objects, and marks of all others. Anyone above storage may import it."""
+"""What lists say of ended jobs, kept in a few objects, and marks of all others. The other job modules import it."""

@@ -9,13 +9,17 @@ from specs.arn import ResourceKind, arn, parse_reference
 from specs.digest import canonical_document, canonical_json
 from specs.interface.operations import OPERATIONS
 from specs.interface.shapes import shapes
+from specs.robomaker.deployment import CreateDeploymentJobRequest
 from specs.template.body import TemplateBody
 from tasks.applications.registry import publish_bundle, resolve
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.rollout.resolved_request import plan_deployment
 from tasks.documents.parse import parse
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.queue import leave_queue
+from tasks.storage.jobs.records import advance, read
 from tasks.storage.store_url import store_id
 from tasks.storage.templates.named_templates import create_template
 from tests.factories.worlds import apartment
@@ -92,6 +96,15 @@ class Asked:
         configs = [{**use, "applicationVersion": "1"}]
         return {"clientRequestToken": name, "fleet": fleet, "deploymentApplicationConfigs": configs, **more}
 
+    def deployed(self, fleet: str, name: str) -> str:
+        """Returns the ARN of a deployment to a fleet that has ended."""
+        made = self.call("CreateDeploymentJob", **self.deployment_request(self.arn("deployment-fleet", fleet), name))
+        request = CreateDeploymentJobRequest.model_validate(read(self.store, "deployment-job", path(made)).request)
+        plan = plan_deployment(self.store, request, self.digest()).model_dump(mode="json")
+        advance(self.store, "deployment-job", path(made), "Succeeded", detail={"plan": plan})
+        leave_queue(self.store, "deployment-job", path(made))
+        return made["arn"]
+
     def _wake(self) -> None:
         self.woken += 1
 
@@ -103,3 +116,25 @@ def path(answer: dict[str, Any]) -> str:
 
 def _use(application: str, package: str, launch_file: str) -> dict[str, Any]:
     return {"application": application, "launchConfig": {"packageName": package, "launchFile": launch_file}}
+
+
+def asked_for_everything(asked: Asked) -> None:
+    """Makes each call about jobs once; the store has the applications."""
+    world = asked.world()
+    worlds = {"template": asked.template(), "worldCount": {"floorplanCount": 1}}
+    export = {"worlds": [world], "outputLocation": {"s3Bucket": "exports"}, "iamRole": ROLE}
+    for name, request in (("WorldGenerationJob", worlds), ("WorldExportJob", export)):
+        job = asked.call(f"Create{name}", **request)["arn"]
+        asked.call(f"Describe{name}", job=job)
+        asked.call(f"Cancel{name}", job=job)
+    entry = asked.job_request(world)
+    job = asked.call("CreateSimulationJob", **entry)["arn"]
+    asked.call("DescribeSimulationJob", job=job)
+    asked.call("BatchDescribeSimulationJob", jobs=[job])
+    asked.call("CancelSimulationJob", job=job)
+    batch = asked.call("StartSimulationJobBatch", createSimulationJobRequests=[entry])["arn"]
+    asked.call("DescribeSimulationJobBatch", batch=batch)
+    asked.call("CancelSimulationJobBatch", batch=batch)
+    made = asked.call("CreateDeploymentJob", **asked.deployment_request(asked.fleet()))
+    asked.call("DescribeDeploymentJob", job=made["arn"])
+    asked.call("CancelDeploymentJob", job=made["arn"])

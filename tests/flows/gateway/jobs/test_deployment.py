@@ -14,24 +14,13 @@ from tasks.deploy.fleet.deletion import delete_fleet
 from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.rollout.operator_commands import wish_of
-from tasks.deploy.rollout.resolved_request import plan_deployment
 from tasks.storage.base.keys import job_key
 from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs
 from tasks.storage.jobs.records import advance, read
+from tests.factories.old_records import fail_with_code
 from tests.flows.gateway.jobs.asked import Asked, path
 
 KIND = "deployment-job"
-
-
-def _deployed(asked: Asked, fleet: str, name: str = "d1") -> str:
-    """Returns the ARN of a deployment that has ended."""
-    made = asked.call("CreateDeploymentJob", **asked.deployment_request(fleet, name))
-    request = CreateDeploymentJobRequest.model_validate(read(asked.store, KIND, path(made)).request)
-    digest = asked.digest()
-    plan = plan_deployment(asked.store, request, digest).model_dump(mode="json")
-    advance(asked.store, KIND, path(made), "Succeeded", detail={"plan": plan})
-    leave_queue(asked.store, KIND, path(made))
-    return made["arn"]
 
 
 def test_a_deployment_is_recorded_and_queued_and_has_its_fleet(asked: Asked):
@@ -91,7 +80,7 @@ def test_a_token_comes_back_after_the_fleet_was_busy(asked: Asked):
 
 def test_a_sync_is_a_job_of_its_own_and_its_entry_says_what_it_is(asked: Asked):
     fleet = asked.fleet()
-    _deployed(asked, fleet)
+    asked.deployed("team", "d1")
     made = asked.call("SyncDeploymentJob", clientRequestToken="s1", fleet=fleet)
     assert (made["status"], made["fleet"]) == ("Pending", fleet)
     (entry,) = queued_jobs(asked.store)
@@ -101,7 +90,7 @@ def test_a_sync_is_a_job_of_its_own_and_its_entry_says_what_it_is(asked: Asked):
 
 def test_a_token_of_a_sync_is_no_deployments_and_no_other_fleets(asked: Asked):
     fleet, other = asked.fleet(), asked.fleet("others")
-    _deployed(asked, fleet)
+    asked.deployed("team", "d1")
     made = asked.call("SyncDeploymentJob", clientRequestToken="s1", fleet=fleet)
     advance(asked.store, KIND, path(made), "Succeeded")
     with pytest.raises(IdempotentParameterMismatch):
@@ -124,7 +113,8 @@ def test_a_cancelled_deployment_is_left_to_its_worker(asked: Asked):
         assert asked.call("CancelDeploymentJob", job=made["arn"]) == {}
     assert wish_of(asked.store, path(made)) == "cancel"
     advance(asked.store, KIND, path(made), "Succeeded")
-    other = _deployed(asked, asked.fleet("others"), "d3")
+    asked.fleet("others")
+    other = asked.deployed("others", "d3")
     with pytest.raises(DocumentError, match="Succeeded"):
         asked.call("CancelDeploymentJob", job=other)
 
@@ -166,5 +156,5 @@ def test_a_deployment_that_is_not_there_is_not_found(operation: str, asked: Aske
 
 def test_a_failure_code_of_another_kind_is_told_as_an_internal_error(asked: Asked):
     made = asked.call("CreateDeploymentJob", **asked.deployment_request(asked.fleet()))
-    advance(asked.store, KIND, path(made), "Failed", failure_code="InvalidInput", failure_reason="why")
+    fail_with_code(asked.store, KIND, path(made), "InvalidInput", "why")
     assert asked.call("DescribeDeploymentJob", job=made["arn"])["failureCode"] == "InternalServerError"

@@ -13,6 +13,7 @@ from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import advance, read
 from tasks.storage.templates.named_templates import read_body
 from tasks.worlds.step import generate_worlds
+from tests.factories.old_records import fail_with_code
 from tests.flows.gateway.jobs.asked import ROLE, Asked, path
 
 GENERATION: JobKind = "world-generation-job"
@@ -102,7 +103,7 @@ def test_a_failure_code_of_another_kind_is_told_as_an_internal_error(kind: JobKi
     name, request = _asked_for(asked, kind)
     made = asked.call(f"Create{name}", **request)
     why = f"{asked.store.url}/jobs is gone"
-    advance(asked.store, kind, path(made), "Failed", failure_code="EtagMismatch", failure_reason=why)
+    fail_with_code(asked.store, kind, path(made), "EtagMismatch", why)
     told = asked.call(f"Describe{name}", job=made["arn"])
     assert told["failureCode"] == "InternalServiceError"
     assert told.get("failureReason", "the store/jobs is gone") == "the store/jobs is gone"

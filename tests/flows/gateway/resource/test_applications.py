@@ -1,7 +1,10 @@
 """Calls about applications."""
 
+import hashlib
 import io
+import shutil
 import tarfile
+from pathlib import Path
 from threading import Barrier, Thread
 from typing import Any
 
@@ -9,8 +12,12 @@ import pytest
 
 from specs.errors import DocumentError, LimitExceeded, ResourceAlreadyExists, ResourceNotFound
 from specs.robomaker.bundle import VERSIONS_AT_MOST
+from tasks.applications.pack import pack
+from tasks.applications.versions import read_application
 from tasks.storage.buckets import open_bucket
+from tasks.storage.jobs.records import records
 from tests.flows.gateway.jobs.asked import Asked
+from tests.repository import ROOT
 
 SUITE = {"name": "ROS2", "version": "Foxy"}
 SIMULATOR = {"name": "Gazebo", "version": "11"}
@@ -209,6 +216,27 @@ def test_only_a_deleted_version_is_gone(gateway: Asked) -> None:
     with pytest.raises(ResourceNotFound):
         gateway.call("DescribeRobotApplication", application=made["arn"], applicationVersion="1")
     assert gateway.call("DescribeRobotApplication", application=made["arn"], applicationVersion="2")["version"] == "2"
+
+
+def test_a_job_without_a_version_runs_what_lies_at_the_sources_now(gateway: Asked, tmp_path: Path) -> None:
+    source = {"s3Bucket": "builds", "s3Key": "courier.tar", "architecture": "X86_64"}
+    gateway.call("CreateRobotApplication", name="courier", robotSoftwareSuite=SUITE, sources=[source])
+    world, digests = gateway.world(), list[str]()
+    for content in ("one", "one", "two"):
+        shutil.copytree(ROOT / "applications/courier", tmp_path / "courier", dirs_exist_ok=True)
+        (tmp_path / "courier/note.txt").write_text(content)
+        body = pack(tmp_path / "courier")
+        open_bucket(gateway.store, "builds").put("courier.tar", body)
+        gateway.call("CreateSimulationJob", **gateway.job_request(world))
+        digests.append(hashlib.sha256(body).hexdigest())
+    plans = [each.request["plan"] for each in records(gateway.store, "simulation-job-batch")]
+    assert [digest in str(plan) for digest, plan in zip(digests, plans, strict=True)] == [True, True, True]
+    application = read_application(gateway.store, "robot-application", "courier")
+    assert application
+    assert [(each.number, each.brought) for each in application.versions] == [(1, True), (2, True)]
+    open_bucket(gateway.store, "builds").delete("courier.tar")
+    with pytest.raises(DocumentError, match=r"s3://builds/courier\.tar"):
+        gateway.call("CreateSimulationJob", **gateway.job_request(world))
 
 
 def test_an_application_that_comes_with_simyard_is_described(gateway: Asked) -> None:

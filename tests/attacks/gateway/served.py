@@ -1,0 +1,128 @@
+"""`simyard serve` as an attacker meets it: the real command, on a port of 127.0.0.1."""
+
+import http.client
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from tasks.gateway.access.access_key import AccessKey
+from tasks.gateway.access.key_file import add_key, first_key
+from tasks.gateway.messages import HttpRequest
+from tests.gateway.signed_requests import signed_request
+from tests.repository import ROOT
+
+_START_S = 60
+NOBODY = b'{"fleet": "arn:aws:robomaker:us-west-2:123456789012:deployment-fleet/nobody"}'
+"""A request that is answered in the same way whatever the store holds: 400, there is no such fleet."""
+
+
+@dataclass(frozen=True)
+class Served:
+    """A gateway that runs.
+
+    Attributes:
+        port: Of 127.0.0.1.
+        process: The id of its process.
+        keys: The file with its keys.
+        owner: The key with all rights; of nobody where it does not check signatures.
+        store: The folder of its store.
+    """
+
+    port: int
+    process: int
+    keys: Path
+    owner: AccessKey
+    store: Path
+
+    @property
+    def host(self) -> str:
+        """What clients ask for."""
+        return f"127.0.0.1:{self.port}"
+
+    def signed(
+        self, target: str, body: bytes = b"{}", key: AccessKey | None = None, method: str = "POST"
+    ) -> HttpRequest:
+        """Returns a request that the owner signed, or whoever has another key."""
+        by = key or self.owner
+        return signed_request(method, target, body, secret=by.secret, key_id=by.key_id, host=self.host)
+
+    def send(self, request: HttpRequest, *, raw_path: str | None = None) -> tuple[int, str]:
+        """Returns status and error of the answer to a request, sent as it is."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        target = (raw_path or request.raw_path) + (f"?{request.query}" if request.query else "")
+        connection.putrequest(request.method, target, skip_host=True, skip_accept_encoding=True)
+        for name, value in request.headers:
+            if name != "content-length":
+                connection.putheader(name, value)
+        connection.putheader("content-length", str(len(request.body)))
+        connection.endheaders(request.body)
+        answer = connection.getresponse()
+        answer.read()
+        connection.close()
+        return answer.status, answer.getheader("x-amzn-errortype", "")
+
+    def answers(self) -> bool:
+        """Returns whether a client of this very address is answered."""
+        return self.send(self.signed("/describeFleet", NOBODY)) == (400, "ResourceNotFoundException")
+
+    def key(self, name: str, *rights: str, on: tuple[str, ...] = ()) -> AccessKey:
+        """Returns a new key."""
+        return add_key(self.keys, name, rights, on)
+
+    def memory_mb(self) -> float:
+        """Returns the largest memory that the process ever had."""
+        text = Path(f"/proc/{self.process}/status").read_text()
+        return int(text.partition("VmHWM:")[2].split()[0]) / 1024
+
+    def open_files(self) -> int:
+        """Returns how many files and connections the process has open."""
+        return len(list(Path(f"/proc/{self.process}/fd").iterdir()))
+
+
+@contextmanager
+def served(folder: Path, *options: str) -> Generator[Served]:
+    """Yields a gateway of a new store."""
+    folder.mkdir(parents=True, exist_ok=True)
+    keys, port = folder / "keys", _free_port()
+    owner = first_key(keys)
+    assert owner is not None
+    environment = os.environ | {
+        "SIMYARD_CACHE": str(folder / "cache"),
+        "PREFECT_HOME": str(folder / "prefect"),
+        "PYTHONPATH": str(ROOT),
+    }
+    command = [sys.executable, "-m", "simyard", "serve", "--port", str(port), "--store", (folder / "store").as_uri()]
+    how = options or ("--access-keys", str(keys))
+    (folder / "store").mkdir()
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen([*command, *how], env=environment, stdout=log, stderr=log, cwd=folder)
+    try:
+        _await_answer(port, process, folder / "log")
+        yield Served(port, process.pid, keys, owner, folder / "store")
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+def _await_answer(port: int, process: "subprocess.Popen[bytes]", log: Path) -> None:
+    until_s = time.monotonic() + _START_S
+    while time.monotonic() < until_s and process.poll() is None:
+        try:
+            socket.create_connection(("127.0.0.1", port), 1).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+    raise TimeoutError(log.read_text())

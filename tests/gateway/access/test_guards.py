@@ -1,0 +1,160 @@
+"""Who gets in, who may do it, and what is written down of it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from specs.interface.operations import OPERATIONS
+from specs.interface.shapes import shapes
+from tasks.gateway.access.access_key import AccessKey
+from tasks.gateway.access.action_log import ActionLog, actions
+from tasks.gateway.access.call_record import record_call
+from tasks.gateway.access.guards import LoopbackGuard, SignedGuard
+from tasks.gateway.access.key_file import KeyFile, add_key, revoke_key
+from tasks.gateway.access.page_origin import loopback_hosts
+from tasks.gateway.door import Call, Caller
+from tasks.gateway.messages import HttpAnswer, HttpRequest
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
+from tests.gateway.signed_requests import changed, now_s, signed_request
+
+CREATE, DESCRIBE = OPERATIONS["CreateFleet"], OPERATIONS["DescribeFleet"]
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    return tmp_path / "keys"
+
+
+@pytest.fixture
+def folder_store(tmp_path: Path) -> Store:
+    return open_store((tmp_path / "store").as_uri())
+
+
+@pytest.fixture
+def key(keys: Path) -> AccessKey:
+    return add_key(keys, "ci", ["read", "deploy"], ["deployment-fleet/home"])
+
+
+@pytest.fixture
+def guard(keys: Path, key: AccessKey) -> SignedGuard:
+    return SignedGuard(KeyFile(keys), "store", lambda _kind, _path: "")
+
+
+def by(key: AccessKey) -> HttpRequest:
+    return signed_request(secret=key.secret, key_id=key.key_id)
+
+
+def code(answer: object) -> str:
+    return answer.error if isinstance(answer, HttpAnswer) else ""
+
+
+def test_the_owner_of_a_key_gets_in(guard: SignedGuard, key: AccessKey) -> None:
+    request = by(key)
+    assert guard.refuse_head(request, CREATE) is None
+    assert guard.admit(request, CREATE) == Caller(key.key_id, "ci")
+
+
+def test_a_change_is_admitted_once_and_a_look_as_often_as_it_is_asked(guard: SignedGuard, key: AccessKey) -> None:
+    request = by(key)
+    assert isinstance(guard.admit(request, CREATE), Caller)
+    assert code(guard.admit(request, CREATE)) == "InvalidSignatureException"
+    look = by(key)
+    assert all(isinstance(guard.admit(look, DESCRIBE), Caller) for _ in range(2))
+
+
+def test_a_forged_signature_uses_up_none(guard: SignedGuard, key: AccessKey) -> None:
+    request = by(key)
+    assert code(guard.admit(replace(request, body=b"{ }"), CREATE)) == "InvalidSignatureException"
+    assert isinstance(guard.admit(request, CREATE), Caller)
+
+
+@pytest.mark.parametrize("name", ["authorization", "x-amz-date"])
+def test_the_head_alone_is_enough_to_refuse(guard: SignedGuard, key: AccessKey, name: str) -> None:
+    assert guard.refuse_head(changed(by(key), **{name: None}), CREATE) is not None
+
+
+def test_an_unknown_key_is_refused_by_its_head(guard: SignedGuard) -> None:
+    assert code(guard.refuse_head(signed_request(key_id="NOBODY"), CREATE)) == "UnrecognizedClientException"
+
+
+def test_a_page_of_another_site_is_refused_though_it_is_signed(guard: SignedGuard, key: AccessKey) -> None:
+    request = changed(by(key), origin="http://evil.example")
+    assert code(guard.refuse_head(request, CREATE)) == "AccessDeniedException"
+    assert code(guard.admit(request, CREATE)) == "AccessDeniedException"
+
+
+def test_a_browser_reaches_the_page_without_a_signature(guard: SignedGuard) -> None:
+    request = HttpRequest("GET", "/", "", (("host", "127.0.0.1:8600"),), b"")
+    assert guard.admit(request, None) == Caller()
+
+
+def test_limits_are_checked(guard: SignedGuard, key: AccessKey) -> None:
+    shape = shapes()["CreateFleetRequest"]
+    caller = Caller(key.key_id, "ci")
+    assert guard.permit(caller, CREATE, shape.model_validate({"name": "home"})) is None
+    assert code(guard.permit(caller, CREATE, shape.model_validate({"name": "other"}))) == "AccessDeniedException"
+
+
+def test_whoever_was_let_in_without_a_key_may_do_nothing(guard: SignedGuard) -> None:
+    document = shapes()["CreateFleetRequest"].model_validate({"name": "home"})
+    assert code(guard.permit(Caller(), CREATE, document)) == "UnrecognizedClientException"
+
+
+def test_a_key_that_is_revoked_meanwhile_may_do_nothing(guard: SignedGuard, key: AccessKey, keys: Path) -> None:
+    document = shapes()["CreateFleetRequest"].model_validate({"name": "home"})
+    revoke_key(keys, "ci")
+    assert code(guard.permit(Caller(key.key_id, "ci"), CREATE, document)) == "UnrecognizedClientException"
+
+
+def test_nobody_gets_in_while_the_keys_cannot_be_trusted(guard: SignedGuard, key: AccessKey, keys: Path) -> None:
+    keys.chmod(0o644)
+    answer = guard.admit(by(key), CREATE)
+    assert code(answer) == "InternalServerException"
+    assert isinstance(answer, HttpAnswer)
+    assert str(keys) not in answer.body.decode()
+
+
+def test_without_signatures_only_names_of_this_machine_get_in() -> None:
+    guard = LoopbackGuard(loopback_hosts(8600))
+    request = HttpRequest("POST", "/createFleet", "", (("host", "localhost:8600"),), b"{}")
+    assert guard.admit(request, CREATE) == Caller()
+    assert code(guard.admit(changed(request, host="evil.example:8600"), CREATE)) == "AccessDeniedException"
+
+
+def called(operation: str | None, answer: HttpAnswer, *, is_in: bool = True) -> Call:
+    request = replace(signed_request(), id="r-1")
+    name = OPERATIONS[operation] if operation else None
+    return Call(request, answer, 0.0, Caller("KEY", "ci") if is_in else None, name)
+
+
+@pytest.mark.parametrize(
+    ("call", "outcomes"),
+    [
+        (called("CreateFleet", HttpAnswer(200, b'{"arn": "arn:made"}')), ["done"]),
+        (called("CreateFleet", HttpAnswer(400, b"{}", error="LimitExceededException")), ["LimitExceededException"]),
+        (called("DescribeFleet", HttpAnswer(200, b"{}")), []),
+        (called("DescribeFleet", HttpAnswer(400, b"{}", error="ResourceNotFoundException")), []),
+        (called("DescribeFleet", HttpAnswer(403, b"{}", error="AccessDeniedException")), ["AccessDeniedException"]),
+        (called("DescribeFleet", HttpAnswer(403, b"{}", error="X"), is_in=False), ["X"]),
+        (called(None, HttpAnswer(403, b"<html>", "text/html")), ["refused"]),
+        (called(None, HttpAnswer(404, b"{}", error="UnknownOperationException")), []),
+    ],
+)
+def test_changes_and_refusals_are_written_down(folder_store: Store, call: Call, outcomes: list[str]) -> None:
+    record_call(ActionLog(folder_store, 90), call)
+    lines = [json.loads(line) for line in actions(folder_store, 2, now_s())]
+    assert [line["outcome"] for line in lines] == outcomes
+    assert all(line["request"] == "r-1" for line in lines)
+
+
+def test_the_line_has_what_was_made_and_what_it_was_about(folder_store: Store) -> None:
+    document = shapes()["CreateFleetRequest"].model_validate({"name": "home"})
+    made = replace(called("CreateFleet", HttpAnswer(200, b'{"arn": "arn:made"}')), document=document)
+    record_call(ActionLog(folder_store, 90), made)
+    record_call(ActionLog(folder_store, 90), called("CreateFleet", HttpAnswer(403, b"{}", error="X"), is_in=False))
+    first, second = (json.loads(line) for line in actions(folder_store, 2, now_s()))
+    assert (first["key"], first["name"], first["arns"]) == ("KEY", "ci", ["arn:made"])
+    assert (second["key"], second["name"]) == ("SIMYARDTEST000000001", "")
