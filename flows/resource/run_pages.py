@@ -26,7 +26,7 @@ def run_line(_store: Store, run: JobRecord) -> Line:
         failureReason=why_not(run),
     )
     values = {"status": (summary.status,), "name": (summary.name,), "verdict": (summary.verdict or "",)}
-    return Line(mark_of(run.created_at_s, run.id), values, summary.model_dump(mode="json"), {})
+    return Line(mark_of(run.created_at_s, run.id), values, summary.model_dump(mode="json", exclude_none=True), {})
 
 
 def list_runs(store: Store) -> Iterator[RunSummary]:

@@ -30,9 +30,7 @@ def wanted_values(request: FilteredPage, names: Collection[str]) -> dict[str, fr
     filters = request.filters or ()
     asked = {each.name or "" for each in filters}
     for name in sorted(asked - set(names)):
-        raise _refused(
-            "filters.name", repr(name), f"one of {', '.join(names)}" if names else "nothing: this list has no filters"
-        )
+        raise _refused("filters.name", repr(name), f"one of {', '.join(names)}")
     if len(asked) > 1:
         raise _refused(
             "filters.name", repr(" and ".join(sorted(asked))), "filters of one name, of which any one suffices"

@@ -33,7 +33,7 @@ def deployment_line(_store: Store, record: JobRecord) -> Line:
     """Returns the line of a deployment job."""
     job = summarise_deployment_job(record)
     values = {"status": (record.status,), "fleetName": (reference_path(str(job.fleet)),)}
-    return Line(mark_of(record.created_at_s, record.id), values, job.model_dump(mode="json"), {})
+    return Line(mark_of(record.created_at_s, record.id), values, job.model_dump(mode="json", exclude_none=True), {})
 
 
 def list_deployment_jobs(store: Store) -> Iterator[DeploymentJob]:

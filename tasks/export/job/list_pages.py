@@ -31,7 +31,7 @@ def export_line(store: Store, record: JobRecord) -> Line:
         "generationJobId": tuple(generations),
         "templateId": tuple(sorted({each for job in generations for each in _templates(store, job)})),
     }
-    summary = summarise_export_job(record).model_dump(mode="json")
+    summary = summarise_export_job(record).model_dump(mode="json", exclude_none=True)
     return Line(mark_of(record.created_at_s, record.id), values, summary, {})
 
 

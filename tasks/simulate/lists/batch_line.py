@@ -54,7 +54,9 @@ def batch_line(store: Store, record: JobRecord) -> Line:
         table = _table(jobs)
         detail = {_JOBS: table}
         values |= _values(cast("list[Document]", table[_SUMMARIES]))
-    return Line(mark_of(record.created_at_s, record.id), values, summary.model_dump(mode="json"), detail)
+    return Line(
+        mark_of(record.created_at_s, record.id), values, summary.model_dump(mode="json", exclude_none=True), detail
+    )
 
 
 def has_jobs(line: Line) -> bool:
@@ -78,7 +80,9 @@ def _table(jobs: Jobs) -> Document:
     numbers: dict[str, int] = {}
     of_job: dict[int, int] = {}
     for index, summary in jobs.summaries_by_chunk():
-        text = json.dumps({name: value for name, value in summary.items() if name not in _OWN}, sort_keys=True)
+        text = json.dumps(
+            {name: value for name, value in summary.items() if name not in _OWN and value is not None}, sort_keys=True
+        )
         of_job[index] = numbers.setdefault(text, len(numbers))
     runs: list[JsonValue] = []
     # Neighbours of one summary have the same difference between their index and their place in the group.

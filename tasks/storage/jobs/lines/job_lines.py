@@ -26,7 +26,7 @@ from tasks.storage.jobs.lines.marks import Mark, mark_of, mark_open, open_marks,
 from tasks.storage.jobs.lines.segments import (
     Line,
     Root,
-    SegmentNote,
+    Values,
     read_root,
     read_segment,
     remove_segments,
@@ -37,7 +37,7 @@ from tasks.storage.jobs.records import JobRecord, is_terminal
 
 _LOG = logging.getLogger(__name__)
 _AT_ONCE, _READ_AHEAD = 16, 32
-_SETTLED_FROM, _SETTLED_AT_ONCE = 8, 512
+_SETTLED_FROM, _SETTLED_AT_ONCE, _FILLED_AT_ONCE = 8, 512, 2048
 T = TypeVar("T")
 START = Mark(0, "")
 Wanted = Mapping[str, Collection[str]]
@@ -193,10 +193,12 @@ class JobLines:
     def _settled(self, root: Root, etag: str, first: Mark, wanted: Wanted) -> Iterator[Found]:
         marked = {mark.id for mark in self._marks}
         for note in root.segments:
-            if note.last >= first and _may_hold(note, wanted):
+            if note.last >= first and _may_fit(note.values, wanted):
                 lines = self._segment(note.name, etag)
                 yield from (
-                    Found(line.mark, line, None) for line in lines if line.mark >= first and line.mark.id not in marked
+                    Found(line.mark, line, None)
+                    for line in lines
+                    if line.mark >= first and line.mark.id not in marked and _may_fit(line.values, wanted)
                 )
 
     def _segment(self, name: str, etag: str) -> Sequence[Line]:
@@ -223,7 +225,7 @@ class JobLines:
         known |= {mark.id for mark in self._marks}
         unwritten: list[Line] = []
         jobs = [key.rpartition("/")[2].removesuffix(".json") for key in self._store.keys(jobs_prefix(self._kind))]
-        for few in _batched([job for job in jobs if job not in known], _SETTLED_AT_ONCE):
+        for few in _batched([job for job in jobs if job not in known], _FILLED_AT_ONCE):
             records = [record for record in self._records(few) if record]
             for record in records:
                 if not is_terminal(record):
@@ -243,9 +245,9 @@ class JobLines:
             _LOG.debug("%s may only be read: %s", self._store.url, exc)
 
 
-def _may_hold(note: SegmentNote, wanted: Wanted) -> bool:
-    """Returns whether a segment may hold a line that is wanted."""
-    return all(name not in note.values or not set(note.values[name]).isdisjoint(each) for name, each in wanted.items())
+def _may_fit(values: Values, wanted: Wanted) -> bool:
+    """Returns whether something with these values may be wanted; what lacks a name may have any value of it."""
+    return all(name not in values or not set(values[name]).isdisjoint(each) for name, each in wanted.items())
 
 
 def _batched(items: Sequence[T], size: int) -> Iterator[list[T]]:

@@ -81,7 +81,7 @@ def test_a_store_of_an_older_version_gets_its_lines_when_it_is_listed_first(stor
 def test_lines_are_filled_in_from_where_a_killed_process_left_them(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job_lines, "_SETTLED_AT_ONCE", 2)
+    monkeypatch.setattr(job_lines, "_FILLED_AT_ONCE", 2)
     jobs = [ended(file_store, f"t{number}") for number in range(5)]
     forget_lines(file_store)
 
