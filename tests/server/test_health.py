@@ -14,7 +14,7 @@ from tasks.server.health import (
     succeeds_within,
     url_without_password,
 )
-from tests.factories.answering_server import NOBODY, answering
+from tests.factories.gateway.answering_server import NOBODY, answering
 
 
 def test_nothing_listening_is_not_healthy():

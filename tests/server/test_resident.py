@@ -11,7 +11,7 @@ from specs.errors import StageFailed
 from tasks.server import resident
 from tasks.server.process import Server
 from tasks.server.resident import end_kept, keep, kept_server, lasting_port
-from tests.factories.answering_server import NOBODY, answering
+from tests.factories.gateway.answering_server import NOBODY, answering
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from tasks.server import process
 from tasks.server.process import Server
 from tasks.server.start_lock import end_turn_when, take_turn
-from tests.factories.answering_server import NOBODY
+from tests.factories.gateway.answering_server import NOBODY
 from tests.servers.eventually import eventually
 
 _TRY = """

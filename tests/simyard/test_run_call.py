@@ -21,7 +21,7 @@ from simyard.answer.run import Run
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
-from tests.factories.answering_server import NOBODY
+from tests.factories.gateway.answering_server import NOBODY
 from tests.repository import ROOT
 
 DOCUMENT = ROOT / "examples/worlds-only.yaml"

@@ -15,7 +15,7 @@ from flows.server.prefect_server import prefect_server
 from specs.errors import DocumentError, StageFailed
 from specs.pipeline.document import PipelineSpec
 from tasks.server.health import succeeds_within
-from tests.factories.answering_server import NOBODY, answering
+from tests.factories.gateway.answering_server import NOBODY, answering
 from tests.integration.runs import finished
 from tests.repository import ROOT
 
