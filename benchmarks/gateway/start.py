@@ -34,7 +34,7 @@ from tasks.worlds.job.job import run_generation_job
 
 _ENDED = frozenset({"Completed", "Failed", "Canceled"})
 _ROLE = "arn:aws:iam::000000000000:role/none"
-_WARM_S = 60.0
+_WARM_S = 120.0
 Document = dict[str, Any]
 
 
