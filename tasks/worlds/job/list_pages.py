@@ -42,7 +42,7 @@ _LAST_US = 1 << 62
 def generation_line(_store: Store, record: JobRecord) -> Line:
     """Returns the line of a generation job."""
     summary = summarise_generation_job(record).model_dump(mode="json", exclude_none=True)
-    template = reference_path(str(record.request["template"]))
+    template = reference_path(str(record.request.get("template", "")))
     values = {"status": (record.status,), "templateId": (template,), "generationJobId": (record.id,)}
     return Line(mark_of(record.created_at_s, record.id), values, summary, {})
 

@@ -1,10 +1,5 @@
-from tasks.deploy.answers.describe import (
-    describe_deployment_job,
-    describe_fleet,
-    describe_robot,
-    list_fleets,
-    list_robots,
-)
+from tasks.deploy.answers.describe import describe_deployment_job, describe_fleet, describe_robot
+from tasks.deploy.answers.list_pages import list_fleets, list_robots
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.storage.base.keys import job_key, reported_key
