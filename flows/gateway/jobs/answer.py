@@ -30,7 +30,7 @@ def answer_of(shape: type[T], described: Spec, store: Store) -> T:
     """
     document = canonical_document(described)
     if "tags" in shape.model_fields:
-        document["tags"] = cast("JsonValue", tags_now(store, document) or None)
+        document["tags"] = cast("JsonValue", tags_now(store, document))
     fields: dict[str, JsonValue] = {name: document[name] for name in document if name in shape.model_fields}
     return shape.model_validate(placeless(fields, store))
 
