@@ -3,7 +3,7 @@
 import hashlib
 
 from flows.gateway.gateway import Gateway, Handlers
-from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of, without
+from flows.gateway.jobs.admission import Admission, Document, NewRecord, admit, asked_document, token_of, without
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.wish import wish_canceled
 from flows.gateway.references import path_of
@@ -33,12 +33,12 @@ def create(gateway: Gateway, request: CreateWorldGenerationJobRequest) -> Create
     """Answers CreateWorldGenerationJob: the job waits for a worker, with the body that its template has now."""
     store, token = gateway.store, token_of(request)
 
-    def document() -> Document:
+    def checked() -> NewRecord:
         digest = template_digest_of(store, request.template)
-        return {**asked, "seed": _seed(token), "templateDigest": digest}
+        return NewRecord({**asked, "seed": _seed(token), "templateDigest": digest})
 
     asked = asked_document(request, token)
-    record = admit(store, Admission(KIND, token, asked, _asked_in, document, GENERATION_JOBS))
+    record = admit(store, Admission(KIND, token, asked, _asked_in, checked, GENERATION_JOBS))
     gateway.wake()
     return answer_of(CreateWorldGenerationJobResponse, describe_generation_job(record), store)
 

@@ -9,6 +9,7 @@ from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceed
 from tasks.simulate.batch.chunk_store import begin_chunk
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.simulate.batch.job import load_batch
+from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.queue import is_queued, queued_jobs
 from tasks.storage.jobs.records import advance, read
 from tests.flows.gateway.jobs.asked import ROLE, Asked, path
@@ -40,6 +41,17 @@ def test_what_has_no_effect_is_kept_and_answered(asked: Asked):
     for answer in (made, described):
         assert {name: answer[name] for name in kept} == kept
     assert set(made) < set(described)
+
+
+def test_a_job_says_which_content_of_its_files_it_reads(asked: Asked):
+    bucket = open_bucket(asked.store, "maps")
+    bucket.put("one.yaml", b"walls: []\n")
+    source = {"name": "maps", "s3Bucket": "maps", "s3Keys": ["one.yaml"], "type": "File"}
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world(), dataSources=[source]))
+    described = asked.call("DescribeSimulationJob", job=made["arn"])
+    etag = bucket.etag("one.yaml").strip('"')
+    for answer in (made, described):
+        assert answer["dataSources"][0]["s3Keys"] == [{"s3Key": "one.yaml", "etag": etag}]
 
 
 def test_tags_are_those_that_the_job_has_now(asked: Asked):
