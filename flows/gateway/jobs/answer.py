@@ -2,16 +2,15 @@
 
 import re
 from collections.abc import Mapping
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from pydantic import JsonValue
 
+from flows.resource.tags_now import with_tags_now
 from specs.arn import parse_reference
 from specs.base import Spec
-from specs.data.outcome_tags import is_reserved, with_outcome
 from specs.digest import canonical_document
 from tasks.storage.base.store import Store
-from tasks.storage.tags import tags_of
 
 T = TypeVar("T", bound=Spec)
 _REASON = "failureReason"
@@ -29,23 +28,11 @@ def answer_of(shape: type[T], described: Spec, store: Store) -> T:
         store: Where the job is; its place need not be known to clients.
     """
     document = canonical_document(described)
-    if "tags" in shape.model_fields:
-        document["tags"] = cast("JsonValue", tags_now(store, document) or None)
+    resource = parse_reference(str(document["arn"]))
+    if "tags" in shape.model_fields and resource.kind:
+        document = canonical_document(with_tags_now(store, resource.kind, resource.path, described))
     fields: dict[str, JsonValue] = {name: document[name] for name in document if name in shape.model_fields}
     return shape.model_validate(placeless(fields, store))
-
-
-def tags_now(store: Store, document: Mapping[str, JsonValue]) -> dict[str, str]:
-    """Returns the tags that a job has now, its outcome's among them.
-
-    Args:
-        store: Where the job is.
-        document: Its description, with its ARN, and the tags that it was made with.
-    """
-    born = cast("Mapping[str, str]", document.get("tags") or {})
-    outcome = {key: value for key, value in born.items() if is_reserved(key)}
-    own = {key: value for key, value in born.items() if key not in outcome}
-    return with_outcome(tags_of(store, parse_reference(str(document["arn"])), own), outcome)
 
 
 def placeless(document: Mapping[str, JsonValue], store: Store) -> dict[str, JsonValue]:
