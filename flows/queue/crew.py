@@ -16,6 +16,7 @@ _SHORT_LIFE_S = 5.0
 _FIRST_PAUSE_S = 0.5
 _LONGEST_PAUSE_S = 10.0
 _END_S = 15.0
+_CREW_END_S = 40.0  # the lanes' own, and then that of a Prefect server
 logger = logging.getLogger(__name__)
 
 
@@ -25,10 +26,11 @@ class KeptProcess:
     Args:
         command: What runs in it; it ends when its input does.
         name: For the log.
+        end_s: How long it may take to end before it is killed.
     """
 
-    def __init__(self, command: list[str], name: str) -> None:
-        self._command, self._name = command, name
+    def __init__(self, command: list[str], name: str, end_s: float = _END_S) -> None:
+        self._command, self._name, self._end_s = command, name, end_s
         self._ending = threading.Event()
         self._lock = threading.Lock()
         self._process = self._start()
@@ -51,7 +53,7 @@ class KeptProcess:
         with self._lock:
             _close_input(self._process)
         try:
-            self._process.wait(_END_S)
+            self._process.wait(self._end_s)
         except subprocess.TimeoutExpired:
             logger.warning("%s did not end, and is killed", self._name)
             self._process.kill()
@@ -120,7 +122,7 @@ class Crew:
     def __enter__(self) -> "Crew":
         """Starts the workers, which are warm some seconds later."""
         if self._command:
-            self._foreman = KeptProcess(self._command, "the foreman of the workers")
+            self._foreman = KeptProcess(self._command, "the foreman of the workers", _CREW_END_S)
         return self
 
     def __exit__(

@@ -99,30 +99,32 @@ def wait_for_ever(_wake: Callable[[], None]) -> None:
     threading.Event().wait()
 
 
-class _Orders:
+class Orders:
     """What a gateway sends over standard input: lines that say that there is work, and its own end."""
 
     def __init__(self) -> None:
         self._wake: Callable[[], None] = lambda: None
+        self._end = threading.Event()
         signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
         threading.Thread(target=self._listen, name="orders", daemon=True).start()
 
     def wait(self, wake: Callable[[], None]) -> None:
         """Wakes the lanes at each line; the end interrupts it, as it does the start of a server before."""
         self._wake = wake
-        threading.Event().wait()
+        self._end.wait()  # an interrupt before may have met something that swallowed it
 
     def _listen(self) -> None:
         while os.read(sys.stdin.fileno(), 4096):
             self._wake()
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        self._end.set()  # after it, so that the interrupt never meets what ends the lanes
 
 
 def _main(arguments: list[str]) -> NoReturn:
     log_to_stderr()
     store_url, workers, *pool = arguments
     try:
-        lead(store_url, int(workers), "".join(pool), _Orders().wait)
+        lead(store_url, int(workers), "".join(pool), Orders().wait)
     except KeyboardInterrupt:
         sys.exit(0)
     except SimyardError as exc:

@@ -64,10 +64,12 @@ def main(name: str, store_url: str) -> None:
     """
     lane, signals, store = LANES[name], Signals(), open_store(store_url)
     attempts = Attempts(store)
-    signal.signal(signal.SIGTERM, signals.end)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's interrupt is for who started it
     threading.Thread(target=signals.listen, args=(attempts.give_back,), name="orders", daemon=True).start()
     work = _warm(lane, store)
+    signal.signal(
+        signal.SIGTERM, signals.end
+    )  # before, it ends the process at once: imports take long, and nothing is begun
     logger.info("worker %d takes %s", os.getpid(), " and ".join(lane.kinds))
     try:
         _work(lane, store, attempts, work, signals)

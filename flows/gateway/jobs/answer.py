@@ -2,15 +2,15 @@
 
 import re
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from pydantic import JsonValue
 
-from flows.resource.tags_now import with_tags_now
 from specs.arn import parse_reference
 from specs.base import Spec
 from specs.digest import canonical_document
 from tasks.storage.base.store import Store
+from tasks.storage.tags import tags_of
 
 T = TypeVar("T", bound=Spec)
 _REASON = "failureReason"
@@ -28,9 +28,9 @@ def answer_of(shape: type[T], described: Spec, store: Store) -> T:
         store: Where the job is; its place need not be known to clients.
     """
     document = canonical_document(described)
-    resource = parse_reference(str(document["arn"]))
-    if "tags" in shape.model_fields and resource.kind:
-        document = canonical_document(with_tags_now(store, resource.kind, resource.path, described))
+    if "tags" in shape.model_fields:
+        said = cast("Mapping[str, str] | None", document.get("tags"))
+        document["tags"] = cast("JsonValue", tags_of(store, parse_reference(str(document["arn"])), said))
     fields: dict[str, JsonValue] = {name: document[name] for name in document if name in shape.model_fields}
     return shape.model_validate(placeless(fields, store))
 

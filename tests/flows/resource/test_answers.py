@@ -107,7 +107,8 @@ def test_a_world_that_somebody_added_is_listed_and_described_without_a_job(file_
 def test_a_world_of_a_job_that_goes_on_is_not_taken_for_an_added_one(file_store: Store):
     job = submit(file_store, "world-generation-job", {}, "one")
     put_worlds(file_store, {f"{job.id}/world-1-1": apartment()})
-    assert list(list_resources(file_store, "worlds")) == []
+    (world,) = list_resources(file_store, "worlds")
+    assert world.model_dump()["generationJob"] == job.arn
 
 
 def test_what_was_tagged_later_is_described(file_store: Store):
