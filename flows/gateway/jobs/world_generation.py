@@ -68,16 +68,6 @@ def template_digest_of(store: Store, template: str) -> str:
     return keep_body(store, TemplateBody.model_validate_json(read_body(store, name)))
 
 
-def generation_body(store: Store, job: str) -> bytes:
-    """Returns the template body that a generation job used, as canonical JSON, by the job's ARN.
-
-    Raises:
-        ResourceNotFound: There is no such job.
-    """
-    record = read(store, KIND, path_of(store, job, KIND, "generationJob"))
-    return read_body(store, str(record.request["templateDigest"]))
-
-
 def _seed(token: str) -> int:
     """Returns the seed of a token's worlds: RoboMaker's jobs made other worlds each, and a token is one job."""
     return int.from_bytes(hashlib.sha256(token.encode()).digest()[:8], "big") % (MAX_SEED + 1)
