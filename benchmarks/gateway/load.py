@@ -2,9 +2,9 @@
 
     .venv/bin/python -m benchmarks.gateway.load [--requests N] [--clients N] [--document docs/operate/scale.md]
 
-Clients sign their requests. Each makes robots, simulation jobs, templates and fleets in turn, and describes what it made;
-nobody works the jobs off. Then the store is compared with the answers: each answered Create has a record, and each
-record an answered Create.
+Clients sign their requests. Each makes robots, simulation jobs, templates and fleets in turn, and describes what it
+made; nobody works the jobs off. Then the store is compared with the answers: each answered Create has a record, and
+each record an answered Create.
 """
 
 import argparse
@@ -37,6 +37,7 @@ _PLACE = "many clients at once"
 _QUOTAS = {f"SIMYARD_MAX_{name}": "1000000" for name in ("SIMULATION_JOBS", "TEMPLATES", "FLEETS", "ROBOTS")}
 _ROBOT = {"architecture": "X86_64", "greengrassGroupId": "none"}
 _CYCLE = 10
+_FIRST = "first"
 _FLEET_EVERY = 5
 _THERE: dict[ResourceKind, Callable[[Store], set[str]]] = {
     "robot": lambda store: {each.name for each in robots(store)},
@@ -48,7 +49,7 @@ Request = tuple[str, dict[str, Any]]
 
 
 class Told(NamedTuple):
-    """What a client was answered: an operation, how long it took, the ARN of what was made, an error if there was one."""
+    """What a client was answered: an operation, how long it took, the ARN of what was made, an error if any."""
 
     operation: str
     took_s: float
@@ -114,7 +115,7 @@ def material_of(store: Store) -> dict[str, Any]:
 
     asked = Asked(store)
     world = asked.world()
-    asked.call("CreateSimulationJob", **asked.job_request(world, clientRequestToken="first"))  # it brings them
+    asked.call("CreateSimulationJob", **asked.job_request(world, clientRequestToken=_FIRST))  # it brings them
     return {"job": asked.job_request(world), "template": TEMPLATE.read_text()}
 
 
@@ -134,7 +135,7 @@ def lost(store: Store, told: Sequence[Told]) -> dict[str, int]:
 
 
 def _first(store: Store) -> str:
-    return next(f"{each.id}/0" for each in records(store, "simulation-job-batch") if each.token == "first")
+    return next(f"{each.id}/0" for each in records(store, "simulation-job-batch") if each.token == _FIRST)
 
 
 def tables(told: Sequence[Told], took_s: float, losses: dict[str, int], memory_mb: tuple[float, float]) -> str:
@@ -161,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--clients", type=int, default=50)
     parser.add_argument("--document", type=Path)
     given = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "gateway", **_QUOTAS) as gateway:
+    with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "gateway", settings=_QUOTAS) as gateway:
         store = open_store(gateway.store.as_uri())
         material, before_mb = material_of(store), gateway.memory_mb()
         start = threading.Barrier(given.clients)

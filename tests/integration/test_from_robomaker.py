@@ -1,4 +1,4 @@
-"""docs/guide/from-robomaker.md, as one types it: a script of boto3 alone, from a world template to a fleet with an agent."""
+"""docs/guide/from-robomaker.md, as one types it: a script of boto3 alone, from a template to a fleet with an agent."""
 
 import os
 import re

@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,7 +87,11 @@ class Served:
 
 @contextmanager
 def served(
-    folder: Path, *options: str, workers: int = 0, beside: Served | None = None, **settings: str
+    folder: Path,
+    *options: str,
+    workers: int = 0,
+    beside: Served | None = None,
+    settings: Mapping[str, str] | None = None,
 ) -> Generator[Served]:
     """Yields a gateway.
 
@@ -105,7 +109,7 @@ def served(
         "SIMYARD_CACHE": str(folder / "cache"),
         "PREFECT_HOME": str(folder / "prefect"),
         "PYTHONPATH": str(ROOT),
-        **settings,
+        **(settings or {}),
     }
     command = [sys.executable, "-m", "simyard", "serve", "--workers", str(workers), "--port", str(port)]
     how = [*(options or ("--access-keys", str(keys))), "--store", store.as_uri()]

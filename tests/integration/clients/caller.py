@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import time
-from collections.abc import Callable
 from typing import Any
 
 Answer = dict[str, Any]
@@ -34,12 +33,12 @@ class Caller:
 
     def __init__(self, endpoint: str, aws: str = "") -> None:
         self.called: set[str] = set()
-        self._send = _cli(endpoint, aws) if aws else _boto3(endpoint)
+        self._client = _Cli(endpoint, aws) if aws else _Boto3(endpoint)
 
-    def __call__(self, operation: str, **members: Any) -> Answer:
+    def __call__(self, operation: str, **members: Any) -> Answer:  # noqa: ANN401 - RoboMaker's requests
         """Returns an operation's answer; one that is refused raises Refused."""
         self.called.add(operation)
-        return self._send(operation, members)
+        return self._client.send(operation, members)
 
     def ended(self, operation: str, **job: str) -> Answer:
         """Returns what a Describe call answers once its job has ended."""
@@ -57,56 +56,58 @@ class Caller:
     def pages(self, operation: str, member: str) -> list[int]:
         """Returns how many entries each page of a List has, one a page; the SDK's own paginator asks for them."""
         self.called.add(operation)
-        return [len(page[member]) for page in self._send.pages(operation)]  # type: ignore[attr-defined]
+        return self._client.pages(operation, member)
 
 
-def _snake(operation: str) -> str:
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", operation).lower()
+class _Boto3:
+    """Sends by boto3; it retries as it does for everybody."""
 
+    def __init__(self, endpoint: str) -> None:
+        import boto3  # noqa: PLC0415 - the CLI's Python has none
 
-def _boto3(endpoint: str) -> Callable[[str, Answer], Answer]:
-    import boto3  # noqa: PLC0415 - the CLI has none of its own
-    from botocore.exceptions import ClientError  # noqa: PLC0415
+        self._client: Any = boto3.client("robomaker", endpoint_url=endpoint)  # pyright: ignore[reportUnknownMemberType]
 
-    client = boto3.client("robomaker", endpoint_url=endpoint)
-
-    def send(operation: str, members: Answer) -> Answer:
+    def send(self, operation: str, members: Answer) -> Answer:
         try:
-            answer = getattr(client, _snake(operation))(**members)
-        except ClientError as exc:
+            answer = getattr(self._client, _snake(operation))(**members)
+        except self._client.exceptions.ClientError as exc:
             error = exc.response["Error"]
             raise Refused(error["Code"], error["Message"]) from exc
         answer.pop("ResponseMetadata")
         return answer
 
-    def pages(operation: str) -> Any:
-        return client.get_paginator(_snake(operation)).paginate(PaginationConfig={"PageSize": 1})
-
-    send.pages = pages  # type: ignore[attr-defined]
-    return send
+    def pages(self, operation: str, member: str) -> list[int]:
+        paginator = self._client.get_paginator(_snake(operation))
+        return [len(page[member]) for page in paginator.paginate(PaginationConfig={"PageSize": 1})]
 
 
-def _cli(endpoint: str, aws: str) -> Callable[[str, Answer], Answer]:
-    def run(operation: str, *arguments: str) -> Any:
-        command = [aws, "--endpoint-url", endpoint, "--output", "json", "--cli-read-timeout", "60", "robomaker"]
-        named = _snake(operation).replace("_", "-")
-        done = subprocess.run([*command, named, *arguments], capture_output=True, text=True, check=False)
+class _Cli:
+    """Sends by the AWS CLI, a process for each request."""
+
+    def __init__(self, endpoint: str, aws: str) -> None:
+        self._command = [aws, "--endpoint-url", endpoint, "--output", "json", "robomaker"]
+
+    def send(self, operation: str, members: Answer) -> Answer:
+        done = self._run(operation, "--no-paginate", "--cli-input-json", json.dumps(members))
+        return json.loads(done.stdout or "{}")
+
+    def pages(self, operation: str, member: str) -> list[int]:
+        """The CLI joins the pages; its log has each request."""
+        done = self._run(operation, "--page-size", "1", "--debug")
+        requests = len(re.findall(r"Making request for OperationModel", done.stderr))
+        entries = json.loads(done.stdout)[member]
+        assert requests >= len(entries)
+        return [1] * len(entries)
+
+    def _run(self, operation: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
+        command = [*self._command, _snake(operation).replace("_", "-"), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode == 0:
             return done
         told = re.search(r"An error occurred \((\w+)\) when calling the \w+ operation[^:]*: (.*)", done.stderr)
         assert told, done.stderr
         raise Refused(told[1], told[2])
 
-    def send(operation: str, members: Answer) -> Answer:
-        return json.loads(run(operation, "--no-paginate", "--cli-input-json", json.dumps(members)).stdout or "{}")
 
-    def pages(operation: str) -> Any:
-        # The CLI joins the pages; its log has each request.
-        done = run(operation, "--page-size", "1", "--debug")
-        requests = len(re.findall(r"Making request for OperationModel", done.stderr))
-        ((name, entries),) = json.loads(done.stdout).items()
-        assert requests >= len(entries) > 0
-        return [{name: [entry]} for entry in entries]
-
-    send.pages = pages  # type: ignore[attr-defined]
-    return send
+def _snake(operation: str) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", operation).lower()

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
-from caller import Caller  # noqa: E402 - a script with a neighbour
+from caller import Caller, Refused
 
+_TRIES = 5
 ROLE = "arn:aws:iam::111122223333:role/robomaker"
 GENERAL = {"name": "General"}
 SUITES = {"robotSoftwareSuite": GENERAL, "simulationSoftwareSuite": {"name": "SimulationRuntime"}}
@@ -62,18 +63,17 @@ def worlds(call: Caller) -> dict[str, Any]:
     return {"template": template, "worlds": made, "generation": job, "export": export}
 
 
-def _cancels(call: Caller, kind: str, **request: Any) -> None:
+def _cancels(call: Caller, kind: str, **request: Any) -> None:  # noqa: ANN401 - RoboMaker's requests
     """Cancels a job at once; a worker may have been quicker, which the call then says."""
-    job = call(f"Create{kind}", **request)["arn"]
-    for _ in range(3):
+    for _ in range(_TRIES):
+        job = call(f"Create{kind}", **request)["arn"]
         try:
             call(f"Cancel{kind}", job=job)
-        except Exception as exc:
-            assert getattr(exc, "code", "") == "InvalidParameterException", exc
-            job = call(f"Create{kind}", **request)["arn"]
-        else:
-            break
-    call.ended(f"Describe{kind}", job=job)
+        except Refused:
+            continue
+        assert call.ended(f"Describe{kind}", job=job)["status"] == "Canceled"
+        return
+    raise AssertionError(f"{_TRIES} jobs of {kind} ended before they could be canceled")
 
 
 def applications(call: Caller) -> dict[str, Any]:
@@ -179,7 +179,8 @@ def main() -> None:
     pages = {name: call.pages(name, member) for name, member in PAGES.items()}
     deletions(call, made)
     Path(sys.argv[1]).write_text(json.dumps(made))
-    print(json.dumps({"called": sorted(call.called), "pages": pages, "s": round(time.monotonic() - began_s)}))
+    said = {"called": sorted(call.called), "pages": pages, "s": round(time.monotonic() - began_s)}
+    sys.stdout.write(json.dumps(said))
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ def drive(folder: Path, python: str = sys.executable, aws: str = "") -> dict[str
         work = asked("drive_work.py", python, state, environment, aws)
     with (
         served(folder / "second", beside=gateway) as free,
-        served(folder / "limited", beside=gateway, **{f"SIMYARD_MAX_{name}": "1" for name in QUOTAS}) as limited,
+        served(folder / "limited", beside=gateway, settings={f"SIMYARD_MAX_{name}": "1" for name in QUOTAS}) as limited,
     ):
         environment = client_environment(free, folder / "models") | {"LIMITED": f"http://{limited.host}"}
         errors = asked("drive_refused.py", python, state, environment, aws)
