@@ -8,7 +8,6 @@ from pydantic import JsonValue
 
 from specs.arn import parse_reference
 from specs.base import Spec
-from specs.data.outcome_tags import is_reserved, with_outcome
 from specs.digest import canonical_document
 from tasks.storage.base.store import Store
 from tasks.storage.tags import tags_of
@@ -30,22 +29,10 @@ def answer_of(shape: type[T], described: Spec, store: Store) -> T:
     """
     document = canonical_document(described)
     if "tags" in shape.model_fields:
-        document["tags"] = cast("JsonValue", tags_now(store, document))
+        said = cast("Mapping[str, str] | None", document.get("tags"))
+        document["tags"] = cast("JsonValue", tags_of(store, parse_reference(str(document["arn"])), said))
     fields: dict[str, JsonValue] = {name: document[name] for name in document if name in shape.model_fields}
     return shape.model_validate(placeless(fields, store))
-
-
-def tags_now(store: Store, document: Mapping[str, JsonValue]) -> dict[str, str]:
-    """Returns the tags that a job has now, its outcome's among them.
-
-    Args:
-        store: Where the job is.
-        document: Its description, with its ARN, and the tags that it was made with.
-    """
-    born = cast("Mapping[str, str]", document.get("tags") or {})
-    outcome = {key: value for key, value in born.items() if is_reserved(key)}
-    own = {key: value for key, value in born.items() if key not in outcome}
-    return with_outcome(tags_of(store, parse_reference(str(document["arn"])), own), outcome)
 
 
 def placeless(document: Mapping[str, JsonValue], store: Store) -> dict[str, JsonValue]:

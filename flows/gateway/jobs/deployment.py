@@ -28,14 +28,12 @@ from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.reservation import require_free, reserve_fleet
 from tasks.deploy.rollout.operator_commands import wish_deployment_canceled
 from tasks.deploy.rollout.resolved_request import plan_deployment
-from tasks.deploy.rollout.sync import latest_deployment, sync_request
+from tasks.deploy.rollout.sync import SYNC, latest_deployment, sync_request
 from tasks.storage.jobs.queue import enqueue
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import store_id
 
 KIND: JobKind = "deployment-job"
-SYNC = "sync"
-"""The option of a queue entry, and the mark in a record's detail, that say that a job is a sync."""
 
 
 def create(gateway: Gateway, request: CreateDeploymentJobRequest) -> CreateDeploymentJobResponse:
