@@ -65,7 +65,8 @@ def test_a_change_is_taken_once(gateway: Served) -> None:
     request = gateway.signed("/createFleet", create("once"))
     assert gateway.send(request)[0] == 200
     gateway.send(gateway.signed("/deleteFleet", json.dumps({"fleet": _arn("once")}).encode()))
-    assert gateway.send(request) == (403, "InvalidSignatureException")
+    refusals = {(400, "ThrottlingException"), (403, "InvalidSignatureException")}  # in the same second, and later
+    assert gateway.send(request) in refusals
     assert "once" not in fleets(gateway)
 
 
