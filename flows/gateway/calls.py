@@ -7,7 +7,7 @@ from collections.abc import Callable
 from flows.gateway.gateway import Gateway, Handlers
 from specs.arn import ArnForm
 from specs.base import Spec
-from specs.errors import SimyardError
+from specs.errors import SimyardError, StoreError
 from specs.interface.operations import Operation
 from specs.interface.shapes import shapes
 from specs.settings import region
@@ -65,11 +65,18 @@ class Calls:
         began_s = time.perf_counter()
         try:
             call = self._call(request, began_s)
-            self._note(call)
+            return call.answer if self._is_noted(call) else _unnoted(call.answer)
         except Exception:  # noqa: BLE001 - the outermost frame of a request
             _LOG.exception("%s %a", request.method, request.raw_path[:200])
             return error_answer(500, "InternalServerException", "this is a defect of Simyard; its log says more")
-        return call.answer
+
+    def _is_noted(self, call: Call) -> bool:
+        try:
+            self._note(call)
+        except StoreError as exc:
+            _LOG.error("%s: no line in the log of actions: %s", call.request.id, exc)
+            return False
+        return True
 
     def _call(self, request: HttpRequest, began_s: float) -> Call:
         found = route(request)
@@ -107,6 +114,14 @@ class Calls:
         answer = self._handlers[operation.name](self._gateway, document)
         members = answer.model_dump(mode="json", exclude_none=True)
         return written(with_arns(members, type(answer), self._arns.robomakers))
+
+
+def _unnoted(answer: HttpAnswer) -> HttpAnswer:
+    """Returns what is said when the log of actions did not take the line: of what was refused, the refusal."""
+    if answer.status >= 400:
+        return answer
+    message = "it was done, but the log of actions could not be written; the line follows with the next call"
+    return error_answer(500, "InternalServerException", message)
 
 
 def _unknown(request: HttpRequest) -> HttpAnswer:

@@ -83,6 +83,10 @@ class Attempts:
         except StoreError as exc:  # of this job alone: the others shall not wait for it
             self._put_off(entry, exc)
             return False
+        except Exception as exc:  # a record that nobody foresaw, such as a stranger's, shall not end the worker
+            logger.exception("%s met a defect of Simyard", entry.id)
+            self._put_off(entry, exc)
+            return False
 
     def _attempt(self, entry: QueueEntry, work: Work) -> bool:
         if not self._has_record(entry) or not self._is_free(entry):

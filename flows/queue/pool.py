@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from uuid import UUID
@@ -31,7 +31,7 @@ from flows.queue.worker_log import log_to_stderr
 from flows.resource.cancel import cancel_resource
 from flows.run.abandoned_flow_runs import end_abandoned_flow_run
 from specs.base import Fault
-from specs.errors import DocumentError, SimyardError
+from specs.errors import DocumentError, SimyardError, StoreAway
 from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim_state import ClaimWatch
@@ -168,11 +168,25 @@ def main(pool: str, store_url: str) -> None:
     while not signals.ending.is_set():
         signals.work.clear()
         try:
-            for entry in view.entries():
-                desk.look(entry)
+            look_at_all(desk.look, view.entries())
         except (SimyardError, httpx.HTTPError, RuntimeError) as exc:  # RuntimeError: Prefect's client of a server away
             logger.warning("jobs could not be handed over: %s", exc)
         signals.work.wait(LOOK_S)
+
+
+def look_at_all(look: Callable[[QueueEntry], None], entries: Iterable[QueueEntry]) -> None:
+    """Looks at each job of a queue; one that cannot be looked at keeps nobody from the others.
+
+    Raises:
+        StoreAway: The store does not answer.
+    """
+    for entry in entries:
+        try:
+            look(entry)
+        except StoreAway:
+            raise
+        except (SimyardError, ValueError) as exc:  # ValueError: a stranger wrote a flow run that is none
+            logger.warning("%s could not be handed over: %s", entry.id, exc)
 
 
 if __name__ == "__main__":

@@ -62,9 +62,12 @@ def list_page(store: Store, kind: str, request: PageRequest) -> Spec:
         request: The call's request: ``maxResults``, ``nextToken`` and ``filters``, each if wanted.
 
     Raises:
-        DocumentError: There is no such kind, or the request is not one that RoboMaker takes.
+        DocumentError: There is no such kind, it has no pages, or the request is not one that RoboMaker takes.
     """
-    return _resource(kind).page(store, request)
+    page = _resource(kind).page
+    if page is None:
+        raise _refused("kind", kind, "a kind that has pages; this one is listed without them")
+    return page(store, request)
 
 
 def restart_named_job(store: Store, text: str) -> None:

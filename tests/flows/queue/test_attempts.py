@@ -6,6 +6,7 @@ import pytest
 from flows.queue.attempts import MOST_ATTEMPTS, Attempts, Job, ServerAway
 from specs.errors import DocumentError, StoreAway, StoreError
 from specs.job_kinds import JobKind
+from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.queue import change_entry, enqueue, find_entry, queued_jobs, turn_key
@@ -208,6 +209,18 @@ def test_a_record_that_its_stage_cannot_read_is_counted_as_without_progress(file
 
     ended = read(file_store, job.kind, job.id)
     assert (ended.status, ended.failure_code) == ("Failed", "InternalServiceError")
+
+
+def test_a_record_that_a_stranger_changed_does_not_end_the_worker(file_store: Store):
+    job = waiting(file_store, "deployment-job")
+    strange = read(file_store, job.kind, job.id).model_copy(update={"status": "Strange"})
+    file_store.put(f"jobs/{job.kind}/{job.id}.json", encode_document(strange))
+
+    assert not attempt(file_store, raises(DocumentError([])))
+
+    entry = find_entry(file_store, job.kind, job.id)
+    assert entry
+    assert entry.not_before_s > time.time()
 
 
 class _Killed(BaseException):
