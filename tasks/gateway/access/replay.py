@@ -1,7 +1,9 @@
 """Signatures that were used for a change: whoever saw such a request cannot send it a second time.
 
-A signature is good for as long as the clocks may differ, before and after. So long this process remembers it. Clients
-sign each attempt anew, with another time or another id of the attempt, so a retry is never taken for a replay.
+A signature is good for as long as the clocks may differ, before and after. So long this process remembers it. A client
+that repeats a request within the second in which it signed it, or two that ask for the same at once, make the same
+signature: botocore signs neither the id nor the number of an attempt. They are asked to come again, as SDKs do by
+themselves, with a signature of another second.
 """
 
 from collections import OrderedDict
@@ -42,8 +44,8 @@ class UsedSignatures:
             while self._used and now_s - next(iter(self._used.values())) > _LIFETIME_S:
                 self._used.popitem(last=False)
             if mark in self._used:
-                why = "this request was sent before; sign it anew to send it again"
-                raise AccessRefused("InvalidSignatureException", why)
+                why = "this request was sent before; sign it anew, in another second, to send it again"
+                raise AccessRefused("ThrottlingException", why, 400)
             if len(self._used) >= self._most:
                 why = f"more than {self._most} changes in {_LIFETIME_S // 60} minutes; wait"
                 raise AccessRefused("ThrottlingException", why, 400)

@@ -60,7 +60,7 @@ def test_the_owner_of_a_key_gets_in(guard: SignedGuard, key: AccessKey) -> None:
 def test_a_change_is_admitted_once_and_a_look_as_often_as_it_is_asked(guard: SignedGuard, key: AccessKey) -> None:
     request = by(key)
     assert isinstance(guard.admit(request, CREATE), Caller)
-    assert code(guard.admit(request, CREATE)) == "InvalidSignatureException"
+    assert code(guard.admit(request, CREATE)) == "ThrottlingException"  # an SDK's retry of the same second comes again
     look = by(key)
     assert all(isinstance(guard.admit(look, DESCRIBE), Caller) for _ in range(2))
 
