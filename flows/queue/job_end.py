@@ -9,6 +9,7 @@ from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
 from specs.robomaker.failure_codes import JobFailureCode
 from tasks.deploy.rollout.job_end import close_abandoned_job
+from tasks.simulate.batch.job import lost_job_detail
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim, hold_claim_unless_alive
@@ -61,6 +62,8 @@ def _end(store: Store, record: JobRecord, claim: Claim, cause: Exception | str) 
     if record.status == "Canceling":
         return advance(store, record.kind, record.id, "Canceled", failure_reason=reason, detail=detail)
     code = _code(record.kind, cause)
+    if record.kind == "simulation-job-batch":
+        detail |= lost_job_detail(cause)
     return advance(store, record.kind, record.id, "Failed", failure_code=code, failure_reason=reason, detail=detail)
 
 

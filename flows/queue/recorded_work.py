@@ -33,6 +33,7 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest, CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
 from tasks.applications.registry import resolve
+from tasks.deploy.rollout.sync import SYNC
 from tasks.deploy.step import deploy_version, sync_fleet
 from tasks.export.step import draw_worlds, export_worlds
 from tasks.simulate.batch.job import STOPPING
@@ -43,8 +44,6 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
 from tasks.worlds.step import generate_worlds
 
-SYNC = "sync"
-"""The option of a queue entry that says that a deployment job brings a fleet to its latest deployment."""
 _SEED, _TEMPLATE, _RADIUS, _FORMATS = "seed", "templateDigest", "robotRadius", "formats"
 _WORLD_FORMATS = TypeAdapter(tuple[WorldFormat, ...])
 _MADE = frozenset({"Completed", "PartialFailed"})

@@ -8,10 +8,13 @@ from collections.abc import Iterable, Sequence
 
 from flows.resource.kinds import KINDS, PageRequest, Resource
 from flows.resource.tags_now import with_tags_now
+from specs.arn import ResourceKind, parse_reference
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
 from tasks.storage.base.store import Store
 from tasks.storage.resource_names import find_resource
+
+_JOB: ResourceKind = "simulation-job"
 
 
 def describe_resource(store: Store, text: str) -> Spec:
@@ -36,7 +39,9 @@ def describe_jobs(store: Store, arns: Sequence[str]) -> Spec:
     from tasks.simulate.batch.describe import batch_describe_jobs
 
     request = parse(BatchDescribeSimulationJobRequest, {"jobs": [*arns]}, "simyard")
-    return batch_describe_jobs(store, request.jobs)
+    told = batch_describe_jobs(store, request.jobs)
+    jobs = (with_tags_now(store, _JOB, parse_reference(str(job.arn)).path, job) for job in told.jobs or ())
+    return told.model_copy(update={"jobs": tuple(jobs) or None})
 
 
 def list_resources(store: Store, kind: str) -> Iterable[Spec]:
@@ -57,9 +62,12 @@ def list_page(store: Store, kind: str, request: PageRequest) -> Spec:
         request: The call's request: ``maxResults``, ``nextToken`` and ``filters``, each if wanted.
 
     Raises:
-        DocumentError: There is no such kind, or the request is not one that RoboMaker takes.
+        DocumentError: There is no such kind, it has no pages, or the request is not one that RoboMaker takes.
     """
-    return _resource(kind).page(store, request)
+    page = _resource(kind).page
+    if page is None:
+        raise _refused("kind", kind, "a kind that has pages; this one is listed without them")
+    return page(store, request)
 
 
 def restart_named_job(store: Store, text: str) -> None:

@@ -30,14 +30,14 @@ class Resource(NamedTuple):
     Attributes:
         describe: Answers RoboMaker's Describe call for a path in the store.
         list: Answers its List call, all pages in one.
-        page: Answers its List call, a page for a request.
+        page: Answers its List call, a page for a request; None for what has no pages.
         cancel: Cancels the one at a path; None for what nobody cancels.
         progress: Returns how far a job is; None for what is no stage of a run.
     """
 
     describe: Callable[[Store, str], Spec]
     list: Callable[[Store], Iterable[Spec]]
-    page: Callable[[Store, PageRequest], Spec]
+    page: Callable[[Store, PageRequest], Spec] | None = None
     cancel: Callable[[Store, str], object] | None = None
     progress: Callable[[Store, JobRecord], StageProgress] | None = None
 

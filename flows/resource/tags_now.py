@@ -4,9 +4,8 @@ from typing import TypeVar
 
 from specs.arn import Reference, ResourceKind
 from specs.base import Spec
-from specs.data.outcome_tags import is_reserved, with_outcome
 from tasks.storage.base.store import Store
-from tasks.storage.tags import Tags, tags_of
+from tasks.storage.tags import tags_of
 
 Described = TypeVar("Described", bound=Spec)
 
@@ -22,8 +21,5 @@ def with_tags_now(store: Store, kind: ResourceKind, path: str, described: Descri
     """
     if "tags" not in type(described).model_fields:
         return described
-    said: Tags = getattr(described, "tags", None) or {}
-    outcome = {key: value for key, value in said.items() if is_reserved(key)}
-    own = {key: value for key, value in said.items() if key not in outcome}
-    now = with_outcome(tags_of(store, Reference(kind=kind, path=path), own), outcome)
+    now = tags_of(store, Reference(kind=kind, path=path), getattr(described, "tags", None))
     return described.model_copy(update={"tags": now or None})

@@ -199,7 +199,8 @@ class _Planning:
         going = [item for item in items if item.what not in stay]
         # A claim that is held is looked at when its turn comes; one that a killed gc has left says nothing of the rest.
         if any(self._is_young(item.entry) for item in going if item.what != CLAIMS or len(going) == 1):
-            self._waiting += [Item(item.entry, item.what, _YOUNG) for item in going]
+            told = [item for item in going if item.what != LINE_MARKS]  # a mark goes with its record, unsaid
+            self._waiting += [Item(item.entry, item.what, _YOUNG) for item in told]
             return None
         ends = [item for item in going if item.what in {TOKENS, CLAIMS}] if len(going) == len(items) else []
         rest = [item for item in going if item.what not in {TOKENS, CLAIMS, RECORDS, LINE_MARKS}]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 
 from specs.arn import Reference, ResourceKind
 from specs.base import Fault, Spec
-from specs.data.outcome_tags import is_reserved
+from specs.data.outcome_tags import is_reserved, with_outcome
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, tags_key
@@ -38,16 +38,17 @@ def are_in_record(reference: Reference) -> bool:
     return reference.kind in _IN_RECORDS or is_named
 
 
-def tags_of(store: Store, reference: Reference, born: Tags | None) -> dict[str, str]:
-    """Returns the tags of a resource now.
+def tags_of(store: Store, reference: Reference, said: Tags | None) -> dict[str, str]:
+    """Returns the tags of a resource now; the outcome of a job stays among them.
 
     Args:
         store: Where it is.
         reference: Its kind and path.
-        born: The tags that it was made with, or those in its record.
+        said: The tags that it was made with, or those in its record, and those that Simyard gives it.
     """
+    outcome = {key: value for key, value in (said or {}).items() if is_reserved(key)}
     found = None if are_in_record(reference) else _read(store, reference)
-    return dict(found[0].tags) if found else dict(born or {})
+    return with_outcome(found[0].tags if found else said or {}, outcome)
 
 
 def change_tags(store: Store, reference: Reference, born: Callable[[], Tags], change: Change) -> None:

@@ -203,7 +203,7 @@ def test_what_is_deleted_is_gone_for_who_asks_and_not_for_who_runs_it(file_store
 
     with pytest.raises(ResourceNotFound):
         resolve(file_store, ROBOT, "mine", "1")
-    assert list_robot_applications(file_store) == []
+    assert list(list_robot_applications(file_store)) == []
     assert file_store.exists(bundle_key(second.digest))
 
 

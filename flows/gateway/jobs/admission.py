@@ -40,6 +40,19 @@ class Tokened(Protocol):
 
 
 @dataclass(frozen=True)
+class NewRecord:
+    """What the record of a job begins with.
+
+    Attributes:
+        request: What the job's token stands for.
+        detail: What the record says besides.
+    """
+
+    request: Document
+    detail: Document = field(default_factory=dict[str, JsonValue])
+
+
+@dataclass(frozen=True)
 class Admission:
     """A call that asks for a job.
 
@@ -48,8 +61,8 @@ class Admission:
         token: The client request token.
         asked: RoboMaker's request with its token, as JSON: what a repetition is compared with.
         asked_in: Returns what was asked for out of the record of a job that the token made before.
-        document: Checks everything and returns what the job's record keeps as its request. Not called again for a
-            repetition: worlds, versions and templates may have changed since.
+        checked: Checks everything and returns what the job's record begins with. Not called again for a repetition:
+            worlds, versions and templates may have changed since.
         quota: How many such jobs there may be.
         options: What a worker must know beside the record.
         before_record: What has to be had before the job is recorded, such as its fleet; its id is given.
@@ -59,7 +72,7 @@ class Admission:
     token: str
     asked: Document
     asked_in: Callable[[JobRecord], Mapping[str, JsonValue]]
-    document: Callable[[], Document]
+    checked: Callable[[], NewRecord]
     quota: Quota
     options: Document = field(default_factory=dict[str, JsonValue])
     before_record: Callable[[str], None] = lambda _: None
@@ -99,10 +112,10 @@ def admit(store: Store, admission: Admission) -> JobRecord:
         raise DocumentError([Fault(path="clientRequestToken", value=repr(admission.token), allowed=allowed)], "request")
     known = _known(store, admission)
     if known is None:
-        document = admission.document()
+        new = admission.checked()
         with require_place(store, admission.kind, admission.job, admission.quota, admission.options):
             admission.before_record(admission.job)
-            known = _recorded(store, admission, document)
+            known = _recorded(store, admission, new)
     _keep_queued(store, admission, known)
     return known
 
@@ -120,17 +133,18 @@ def _known(store: Store, admission: Admission) -> JobRecord | None:
     return record
 
 
-def _recorded(store: Store, admission: Admission, document: Document) -> JobRecord:
+def _recorded(store: Store, admission: Admission, new: NewRecord) -> JobRecord:
+    detail = {**admission.options, **new.detail}
     for _ in range(_TRIES):
         try:
-            return submit(store, admission.kind, document, admission.token, detail=admission.options)
+            return submit(store, admission.kind, new.request, admission.token, detail=detail)
         except IdempotentParameterMismatch:
             # The same call at the same moment, elsewhere, while a version was published: the first to record it wins.
             if known := _awaited(store, admission):
                 return known
             # Who came with the token died before the record; housekeeping would remove it as well.
             store.delete(token_key(admission.kind, admission.token))
-    return submit(store, admission.kind, document, admission.token, detail=admission.options)
+    return submit(store, admission.kind, new.request, admission.token, detail=detail)
 
 
 def _awaited(store: Store, admission: Admission) -> JobRecord | None:

@@ -1,6 +1,5 @@
 """Answers about jobs: the fields that a call's shape has, and no paths of this machine in them."""
 
-import re
 from collections.abc import Mapping
 from typing import TypeVar, cast
 
@@ -8,14 +7,13 @@ from pydantic import JsonValue
 
 from specs.arn import parse_reference
 from specs.base import Spec
-from specs.data.outcome_tags import is_reserved, with_outcome
 from specs.digest import canonical_document
+from tasks.gateway.places import without_places
 from tasks.storage.base.store import Store
 from tasks.storage.tags import tags_of
 
 T = TypeVar("T", bound=Spec)
 _REASON = "failureReason"
-_FOLDER_URL = re.compile(r"file://[^\s'\";,)]*")
 
 
 def answer_of(shape: type[T], described: Spec, store: Store) -> T:
@@ -30,22 +28,10 @@ def answer_of(shape: type[T], described: Spec, store: Store) -> T:
     """
     document = canonical_document(described)
     if "tags" in shape.model_fields:
-        document["tags"] = cast("JsonValue", tags_now(store, document) or None)
+        said = cast("Mapping[str, str] | None", document.get("tags"))
+        document["tags"] = cast("JsonValue", tags_of(store, parse_reference(str(document["arn"])), said))
     fields: dict[str, JsonValue] = {name: document[name] for name in document if name in shape.model_fields}
     return shape.model_validate(placeless(fields, store))
-
-
-def tags_now(store: Store, document: Mapping[str, JsonValue]) -> dict[str, str]:
-    """Returns the tags that a job has now, its outcome's among them.
-
-    Args:
-        store: Where the job is.
-        document: Its description, with its ARN, and the tags that it was made with.
-    """
-    born = cast("Mapping[str, str]", document.get("tags") or {})
-    outcome = {key: value for key, value in born.items() if is_reserved(key)}
-    own = {key: value for key, value in born.items() if key not in outcome}
-    return with_outcome(tags_of(store, parse_reference(str(document["arn"])), own), outcome)
 
 
 def placeless(document: Mapping[str, JsonValue], store: Store) -> dict[str, JsonValue]:
@@ -58,11 +44,4 @@ def _placeless(value: JsonValue, store: Store, name: str) -> JsonValue:
         return placeless(value, store)
     if isinstance(value, list):
         return [_placeless(each, store, name) for each in value]
-    return said_of(store, value) if isinstance(value, str) and name == _REASON else value
-
-
-def said_of(store: Store, text: str) -> str:
-    """Returns a message that says "the store" where it has the place of the store, or of a bucket on this machine."""
-    for place in (store.url, store.url.removeprefix("file://")):
-        text = text.replace(f"the store {place}", "the store").replace(place, "the store")
-    return _FOLDER_URL.sub("the store", text)
+    return without_places(value, store.url) if isinstance(value, str) and name == _REASON else value

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pydantic import JsonValue
 
 from flows.gateway.gateway import Gateway, Handlers
-from flows.gateway.jobs.admission import Admission, Document, admit
+from flows.gateway.jobs.admission import Admission, Document, NewRecord, admit
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.references import path_of
 from specs.arn import arn
@@ -28,14 +28,12 @@ from tasks.deploy.fleet.fleets import read_fleet
 from tasks.deploy.fleet.reservation import require_free, reserve_fleet
 from tasks.deploy.rollout.operator_commands import wish_deployment_canceled
 from tasks.deploy.rollout.resolved_request import plan_deployment
-from tasks.deploy.rollout.sync import latest_deployment, sync_request
+from tasks.deploy.rollout.sync import SYNC, latest_deployment, sync_request
 from tasks.storage.jobs.queue import enqueue
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import store_id
 
 KIND: JobKind = "deployment-job"
-SYNC = "sync"
-"""The option of a queue entry, and the mark in a record's detail, that say that a job is a sync."""
 
 
 def create(gateway: Gateway, request: CreateDeploymentJobRequest) -> CreateDeploymentJobResponse:
@@ -44,14 +42,14 @@ def create(gateway: Gateway, request: CreateDeploymentJobRequest) -> CreateDeplo
     fleet = path_of(store, request.fleet, "deployment-fleet", "fleet")
     path_of(store, request.deploymentApplicationConfigs[0].application, "robot-application", "application")
 
-    def document() -> Document:
+    def checked() -> NewRecord:
         use = request.deploymentApplicationConfigs[0]
         require_free(store, fleet, read_fleet(store, fleet)[0].deployment)
         version = resolve(store, "robot-application", use.application, use.applicationVersion)
         plan_deployment(store, request, version.digest)
-        return asked
+        return NewRecord(asked)
 
-    record = _admit(gateway, fleet, Admission(KIND, token, asked, _asked_in, document, DEPLOYMENTS))
+    record = _admit(gateway, fleet, Admission(KIND, token, asked, _asked_in, checked, DEPLOYMENTS))
     return answer_of(CreateDeploymentJobResponse, describe_deployment_job(store, record.id), store)
 
 
@@ -62,13 +60,13 @@ def sync(gateway: Gateway, request: SyncDeploymentJobRequest) -> SyncDeploymentJ
     # What the fleet's latest deployment is may change; what was asked for is the fleet.
     asked: Document = {"fleet": arn("deployment-fleet", store_id(store), fleet), SYNC: True}
 
-    def document() -> Document:
+    def checked() -> NewRecord:
         require_free(store, fleet, read_fleet(store, fleet)[0].deployment)
         last = sync_request(latest_deployment(store, fleet), token)
-        return {**canonical_document(last), "fleet": asked["fleet"]}
+        return NewRecord({**canonical_document(last), "fleet": asked["fleet"]})
 
     options: dict[str, JsonValue] = {SYNC: True}
-    admission = Admission(KIND, token, asked, _synced_in, document, DEPLOYMENTS, options)
+    admission = Admission(KIND, token, asked, _synced_in, checked, DEPLOYMENTS, options)
     record = _admit(gateway, fleet, admission)
     return answer_of(SyncDeploymentJobResponse, describe_deployment_job(store, record.id), store)
 

@@ -62,7 +62,7 @@ def describe_several(
             raise missing(store, text, _JOB, "jobs")
     described = batch_describe_jobs(store, request.jobs)
     jobs = tuple(answer_of(SimulationJob, job, store) for job in described.jobs or ())
-    return described.model_copy(update={"jobs": jobs or None})
+    return described.model_copy(update={"jobs": jobs})
 
 
 def cancel(gateway: Gateway, request: CancelSimulationJobRequest) -> CancelSimulationJobResponse:

@@ -4,12 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
 
-from pydantic import JsonValue
-
 from flows.document.references import latest_finder
 from flows.document.tested_batch import batch_plan, launch_faults
 from flows.gateway.gateway import Gateway, Handlers
-from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of
+from flows.gateway.jobs.admission import Admission, Document, NewRecord, admit, asked_document, token_of
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.output import require_output
 from flows.gateway.references import missing, path_of
@@ -29,6 +27,8 @@ from specs.robomaker.simulation_descriptions import DescribeSimulationJobBatchRe
 from tasks.documents.bare_requests import in_request, pipeline_of_request
 from tasks.simulate.batch.cancel_restart import cancel_batch
 from tasks.simulate.batch.describe import describe_batch
+from tasks.simulate.batch.job import etag_detail
+from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.request import is_single
 from tasks.simulate.plan.resolve import output_location
 from tasks.storage.base.store import Store
@@ -65,10 +65,11 @@ def admit_batch(gateway: Gateway, asked: Document, quota: Quota, options: Docume
     """Returns the batch of a request, or the batch of one that a single job is, with its plan."""
     store = gateway.store
 
-    def document() -> Document:
-        return {"request": asked, "plan": _plan(store, asked)}
+    def checked() -> NewRecord:
+        plan = _plan(store, asked)
+        return NewRecord({"request": asked, "plan": plan.model_dump(mode="json")}, etag_detail(plan))
 
-    admission = Admission(KIND, str(asked["clientRequestToken"]), asked, _asked_in, document, quota, options)
+    admission = Admission(KIND, str(asked["clientRequestToken"]), asked, _asked_in, checked, quota, options)
     record = admit(store, admission)
     gateway.wake()
     return record
@@ -101,7 +102,7 @@ def _batch_of(store: Store, text: str) -> str:
     return batch
 
 
-def _plan(store: Store, asked: Document) -> JsonValue:
+def _plan(store: Store, asked: Document) -> BatchPlan:
     """Returns the plan of a request whose worlds, versions, launch files, data and output bucket are there."""
     section = cast("SimulationBatch", pipeline_of_request(asked, Path(_SOURCE)).simulationBatch)
     try:
@@ -112,7 +113,7 @@ def _plan(store: Store, asked: Document) -> JsonValue:
         raise type(exc)([in_request(fault, asked) for fault in exc.faults], _SOURCE) from exc
     if faults:
         raise DocumentError([in_request(fault, asked) for fault in faults], _SOURCE)
-    return plan.model_dump(mode="json")
+    return plan
 
 
 def _asked_in(record: JobRecord) -> Document:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from flows.gateway.gateway import Gateway, Handlers
-from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of, without
+from flows.gateway.jobs.admission import Admission, Document, NewRecord, admit, asked_document, token_of, without
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.output import require_output
 from flows.gateway.jobs.wish import wish_canceled
@@ -36,14 +36,14 @@ def create(gateway: Gateway, request: CreateWorldExportJobRequest) -> CreateWorl
     """Answers CreateWorldExportJob: the job waits for a worker."""
     store, token = gateway.store, token_of(request)
 
-    def document() -> Document:
+    def checked() -> NewRecord:
         _require_worlds(store, request)
         require_output(store, request.outputLocation.s3Bucket, "outputLocation.s3Bucket")
         require_writable(_FORMATS, "request")
-        return {**asked, "formats": [*sorted(_FORMATS)]}
+        return NewRecord({**asked, "formats": [*sorted(_FORMATS)]})
 
     asked = asked_document(request, token)
-    record = admit(store, Admission(KIND, token, asked, _asked_in, document, EXPORT_JOBS))
+    record = admit(store, Admission(KIND, token, asked, _asked_in, checked, EXPORT_JOBS))
     gateway.wake()
     return answer_of(CreateWorldExportJobResponse, describe_export_job(record), store)
 

@@ -3,7 +3,7 @@
 import hashlib
 
 from flows.gateway.gateway import Gateway, Handlers
-from flows.gateway.jobs.admission import Admission, Document, admit, asked_document, token_of, without
+from flows.gateway.jobs.admission import Admission, Document, NewRecord, admit, asked_document, token_of, without
 from flows.gateway.jobs.answer import answer_of
 from flows.gateway.jobs.wish import wish_canceled
 from flows.gateway.references import path_of
@@ -19,10 +19,9 @@ from specs.robomaker.world_jobs import (
     DescribeWorldGenerationJobRequest,
 )
 from specs.template.body import TemplateBody
-from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
-from tasks.storage.templates.named_templates import keep_body, read_body, read_template
+from tasks.storage.templates.named_templates import digest_now, keep_body, read_body
 from tasks.worlds.job.describe import describe_generation_job
 
 KIND: JobKind = "world-generation-job"
@@ -33,12 +32,12 @@ def create(gateway: Gateway, request: CreateWorldGenerationJobRequest) -> Create
     """Answers CreateWorldGenerationJob: the job waits for a worker, with the body that its template has now."""
     store, token = gateway.store, token_of(request)
 
-    def document() -> Document:
+    def checked() -> NewRecord:
         digest = template_digest_of(store, request.template)
-        return {**asked, "seed": _seed(token), "templateDigest": digest}
+        return NewRecord({**asked, "seed": _seed(token), "templateDigest": digest})
 
     asked = asked_document(request, token)
-    record = admit(store, Admission(KIND, token, asked, _asked_in, document, GENERATION_JOBS))
+    record = admit(store, Admission(KIND, token, asked, _asked_in, checked, GENERATION_JOBS))
     gateway.wake()
     return answer_of(CreateWorldGenerationJobResponse, describe_generation_job(record), store)
 
@@ -63,19 +62,8 @@ def template_digest_of(store: Store, template: str) -> str:
     Raises:
         ResourceNotFound: There is no such template.
     """
-    path = path_of(store, template, "world-template", "template")
-    name = read_template(store, path)[0].digest if path.startswith(NAMED_TEMPLATE_PREFIX) else path
-    return keep_body(store, TemplateBody.model_validate_json(read_body(store, name)))
-
-
-def generation_body(store: Store, job: str) -> bytes:
-    """Returns the template body that a generation job used, as canonical JSON, by the job's ARN.
-
-    Raises:
-        ResourceNotFound: There is no such job.
-    """
-    record = read(store, KIND, path_of(store, job, KIND, "generationJob"))
-    return read_body(store, str(record.request["templateDigest"]))
+    digest = digest_now(store, path_of(store, template, "world-template", "template"))
+    return keep_body(store, TemplateBody.model_validate_json(read_body(store, digest)))
 
 
 def _seed(token: str) -> int:

@@ -74,8 +74,8 @@ def fleet_page(visit: Visit, name: str) -> Page:
             for found in last
             for each in found
         ),
-        ("ARN", Cell(visit.arn("deployment-fleet", fleet.name), is_code=True)),
-        *tag_rows(fleet.tags),
+        ("ARN", visit.arn_cell(visit.arn("deployment-fleet", fleet.name))),
+        *tag_rows(visit, "deployment-fleet", name, fleet.tags),
     )
     going = any(not is_terminal(each) for found in last for each in found)
     return Page(
@@ -111,8 +111,8 @@ def robot_page(visit: Visit, name: str) -> Page:
         else ("fleet", Cell("none")),
         ("architecture", Cell(record.architecture)),
         ("made", when(record.created_at_s)),
-        ("ARN", Cell(visit.arn("robot", name), is_code=True)),
-        *tag_rows(record.tags),
+        ("ARN", visit.arn_cell(visit.arn("robot", name))),
+        *tag_rows(visit, "robot", name, record.tags),
     )
     trail = (("Robots", "/robots"),)
     blocks = (_desired(visit, name), _reported(visit, name, now), Facts("The robot", who))
@@ -176,8 +176,8 @@ def deployment_page(visit: Visit, name: str) -> Page:
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,
-        ("ARN", Cell(record.arn, is_code=True)),
-        *tag_rows(described.tags),
+        ("ARN", visit.arn_cell(record.arn)),
+        *tag_rows(visit, _DEPLOYMENT, name, described.tags),
     ]
     blocks = (table, Facts("The deployment", tuple(row for row in facts if row)))
     why, trail = visit.plain(record.failure_reason), (("Deployments", "/deployments"),)

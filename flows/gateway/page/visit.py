@@ -5,11 +5,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from urllib.parse import quote, urlsplit
 
-from specs.arn import ResourceKind, arn, parse_reference
+from specs.arn import ArnForm, Reference, ResourceKind, arn, parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
+from specs.settings import region
 from tasks.gateway.page.content import Cell
 from tasks.storage.base.store import Store
+from tasks.storage.tags import tags_of
 
 _FOLDERS: Mapping[str, str] = {
     "pipeline-run": "runs",
@@ -62,6 +64,10 @@ class Visit:
     def arn(self, kind: ResourceKind, path: str) -> str:
         """Returns the ARN of a resource of the store."""
         return arn(kind, self.store_id, path)
+
+    def arn_cell(self, text: str) -> Cell:
+        """Returns an ARN as Simyard's commands print it, and below it as clients of RoboMaker's API get it."""
+        return Cell(text, small=ArnForm(self.store_id, region()).robomakers(text), is_code=True)
 
     def require(self, kind: ResourceKind, path: str) -> None:
         """Lets who may see a resource pass.
@@ -131,7 +137,15 @@ def number(value: float | None, unit: str = "", digits: int = 2) -> Cell:
     return Cell(f"{text} {unit}".rstrip(), is_number=True)
 
 
-def tag_rows(tags: object) -> tuple[tuple[str, Cell], ...]:
-    """Returns a row for each tag."""
-    given = tags if isinstance(tags, Mapping) else {}
-    return tuple((f"tag {key}", Cell(str(value))) for key, value in given.items())
+def tag_rows(visit: Visit, kind: ResourceKind, path: str, said: object) -> tuple[tuple[str, Cell], ...]:
+    """Returns a row for each tag that a resource has now.
+
+    Args:
+        visit: Who looks, and where.
+        kind: The resource's.
+        path: Its path, as in its ARN.
+        said: The tags in its record or request; what is no map stands for none.
+    """
+    made_with = {str(key): str(value) for key, value in said.items()} if isinstance(said, Mapping) else {}
+    now = tags_of(visit.store, Reference(kind=kind, path=path), made_with)
+    return tuple((f"tag {key}", Cell(value)) for key, value in now.items())

@@ -6,7 +6,7 @@ from typing import cast
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.references import ROBOMAKER_KINDS, missing, referenced
 from specs.arn import Reference, ResourceKind, arn
-from specs.data.outcome_tags import MOST_OWN_TAGS, is_reserved, with_outcome
+from specs.data.outcome_tags import MOST_OWN_TAGS, is_reserved
 from specs.job_kinds import JobKind
 from specs.robomaker.bundle import ApplicationKind
 from specs.robomaker.tags import (
@@ -45,9 +45,7 @@ _BATCH: JobKind = "simulation-job-batch"
 
 def _list(gateway: Gateway, request: ListTagsForResourceRequest) -> ListTagsForResourceResponse:
     store, resource = gateway.store, _resource(gateway.store, request.resourceArn)
-    said = _tags_said(store, resource)
-    outcome = {key: value for key, value in said.items() if is_reserved(key)}
-    return ListTagsForResourceResponse(tags=with_outcome(tags_of(store, resource, _own(said)), outcome))
+    return ListTagsForResourceResponse(tags=tags_of(store, resource, _tags_said(store, resource)))
 
 
 def _tag(gateway: Gateway, request: TagResourceRequest) -> TagResourceResponse:

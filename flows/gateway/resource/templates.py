@@ -31,6 +31,7 @@ from tasks.storage.tags import require_free_keys
 from tasks.storage.templates.named_templates import (
     create_template,
     delete_template,
+    digest_now,
     is_made,
     read_body,
     read_template,
@@ -87,9 +88,7 @@ def _body_text(gateway: Gateway, request: GetWorldTemplateBodyRequest) -> GetWor
         job = path_of(store, request.generationJob, _GENERATION, "generationJob")
         digest = str(read(store, _GENERATION, job).request["templateDigest"])
     else:
-        digest = _template(store, request.template or "")
-        if digest.startswith(NAMED_TEMPLATE_PREFIX):
-            digest = read_template(store, digest)[0].digest
+        digest = digest_now(store, _template(store, request.template or ""))
     return GetWorldTemplateBodyResponse(templateBody=read_body(store, digest).decode())
 
 

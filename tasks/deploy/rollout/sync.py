@@ -20,6 +20,8 @@ from tasks.deploy.rollout.rollout_plan import RolloutPlan, digests_for
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read, records
 
+SYNC = "sync"
+"""The option of a queue entry, and the mark in a record's detail, that say that a job is a sync."""
 _KIND = "deployment-job"
 
 

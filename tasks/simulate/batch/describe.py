@@ -51,7 +51,8 @@ def describe_batch(store: Store, batch: str) -> DescribeSimulationJobBatchRespon
         batchPolicy=policy,
         pendingRequests=_few(jobs.pending()),
         createdRequests=_few(jobs.created()) or (),
-        failedRequests=_few(jobs.failed()),
+        # Programs count these two; only pendingRequests may not be empty.
+        failedRequests=_few(jobs.failed()) or (),
         tags=tags,
     )
 
@@ -109,7 +110,7 @@ def batch_describe_jobs(store: Store, jobs: Sequence[str]) -> BatchDescribeSimul
             found.append(SimulationJob.model_validate(batches(batch.id).described(index)))
         except ResourceNotFound:
             missing.append(arn)
-    return BatchDescribeSimulationJobResponse(jobs=tuple(found) or None, unprocessedJobs=tuple(missing) or None)
+    return BatchDescribeSimulationJobResponse(jobs=tuple(found), unprocessedJobs=tuple(missing) or None)
 
 
 def _job_path(reference: str) -> str:

@@ -251,9 +251,15 @@ def close_refused(batch: OpenBatch, error: DocumentError | StageFailed) -> JobRe
     Its jobs that have no row, and those whose output is refused, say the same code as the error.
     """
     status = "Canceled" if batch.record().status == "Canceling" else "Failed"
-    code = job_code(error.code) if isinstance(error, StageFailed) else "InvalidInput"
-    detail: dict[str, JsonValue] = {_JOB_CODE: code} if code else {}
-    return close_batch(batch.store, batch.id, status, detail, str(error))
+    return close_batch(batch.store, batch.id, status, lost_job_detail(error), str(error))
+
+
+def lost_job_detail(cause: Exception | str) -> dict[str, JsonValue]:
+    """Returns what a batch's record says of its jobs that do not come to their end, by what ended the batch."""
+    if isinstance(cause, DocumentError):
+        return {_JOB_CODE: "InvalidInput"}
+    code = job_code(cause.code) if isinstance(cause, StageFailed) else None
+    return {_JOB_CODE: code} if code else {}
 
 
 def lost_job_code(record: JobRecord) -> SimulationJobErrorCode:

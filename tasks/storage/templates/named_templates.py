@@ -83,6 +83,15 @@ def read_body(store: Store, digest: str) -> bytes:
         raise _missing(store, digest) from exc
 
 
+def digest_now(store: Store, template: str) -> str:
+    """Returns the digest of the body that a template has now; its id may be such a digest itself.
+
+    Raises:
+        ResourceNotFound: There is no such template.
+    """
+    return read_template(store, template)[0].digest if template.startswith(NAMED_TEMPLATE_PREFIX) else template
+
+
 def create_template(
     store: Store, body: TemplateBody, *, name: str = "", tags: Mapping[str, str] | None = None, token: str = ""
 ) -> NamedTemplate:

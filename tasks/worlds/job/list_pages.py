@@ -109,7 +109,7 @@ def _worlds(store: Store, request: ListWorldsRequest) -> Iterator[tuple[Place, W
         for name in made:
             own: dict[str, JsonValue] = {
                 "generationJob": job["arn"],
-                "template": job["template"],
+                "template": job.get("template"),
                 "createdAt": job["createdAt"],
             }
             yield (*line.mark, _in_order(name)), _world(store, f"{line.mark.id}/{name}", own)

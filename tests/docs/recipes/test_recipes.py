@@ -251,7 +251,8 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
         commands,
         "_LOADS: Mapping[ResourceKind, Callable[[], Resource]] = {\n",
         "def _map_survey_job() -> Resource:\n"
-        "    from tasks.storage.jobs.cancellation import cancel_watched_job\n\n"
+        "    from tasks.storage.jobs.cancellation import cancel_watched_job\n"
+        "    from tasks.storage.jobs.records import records\n\n"
         '    kind: JobKind = "map-survey-job"\n'
         "    return Resource(\n"
         "        lambda store, path: read(store, kind, path),\n"

@@ -84,4 +84,6 @@ def test_plan_imports_little_once_it_knows_the_robots(tmp_path: Path, monkeypatc
 def test_the_flows_do_not_import_what_only_some_documents_compute_with():
     code = "import json, sys, flows.pipeline; print(json.dumps(sorted(sys.modules)))"
     ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert sorted({"jax", "jaxlib", "mujoco", "scipy", "s3fs", "botocore"}.intersection(json.loads(ended.stdout))) == []
+    # Not botocore: where boto3 is installed, as for these tests, the library of signed metadata imports it.
+    heavy = {"jax", "jaxlib", "mujoco", "scipy", "s3fs", "aiobotocore"}
+    assert sorted(heavy.intersection(json.loads(ended.stdout))) == []

@@ -13,11 +13,14 @@ from specs.robomaker.failure_codes import (
     WorldGenerationJobErrorCode,
 )
 from specs.robomaker.simulation import SimulationJobBatchErrorCode
+from tasks.applications.registry import publish_bundle
 from tasks.export.job.describe import describe_export_job
+from tasks.simulate.batch.describe import describe_batch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance
 from tasks.worlds.job.describe import describe_generation_job
-from tests.flows.queue.queued_jobs import queue_export, queue_generation, queue_job
+from tests.flows.queue.queued_jobs import queue_batch, queue_export, queue_generation, queue_job, some_worlds
+from tests.repository import ROOT
 
 ROBOMAKERS: Mapping[JobKind, object] = {
     "world-generation-job": WorldGenerationJobErrorCode,
@@ -52,6 +55,17 @@ def test_a_deployment_that_failed_says_what_is_missing(file_store: Store):
     ended = fail_job(file_store, job, missing)
 
     assert (ended.status, ended.failure_code) == ("Failed", "ResourceNotFound")
+
+
+def test_the_jobs_of_a_batch_that_failed_before_it_began_say_why(file_store: Store):
+    publish_bundle(file_store, "robot-application", "courier", ROOT / "applications/courier")
+    publish_bundle(file_store, "simulation-application", "delivery", ROOT / "applications/delivery")
+    ended = fail_job(file_store, queue_batch(file_store, some_worlds(file_store), "bad"), DocumentError([]))
+
+    described = describe_batch(file_store, ended.id)
+
+    assert described.failureCode == "InternalServiceError"
+    assert {each.failureCode for each in described.failedRequests or ()} == {"InvalidInput"}
 
 
 def test_a_job_that_is_being_canceled_is_canceled(file_store: Store):

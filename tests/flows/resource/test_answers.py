@@ -69,6 +69,14 @@ def test_several_jobs_are_described_at_once_and_those_that_are_not_there_are_nam
     assert answer.unprocessedJobs == (asked[1],)
 
 
+def test_several_jobs_are_described_with_the_tags_of_now(file_store: Store):
+    batch = begun(file_store)
+    change_tags(file_store, Reference(kind="simulation-job", path=f"{batch.id}/0"), dict, with_tags({"shift": "night"}))
+    answer = describe_jobs(file_store, [batch.record().arn.replace("simulation-job-batch", "simulation-job") + "/0"])
+    assert isinstance(answer, BatchDescribeSimulationJobResponse)
+    assert [each.tags for each in answer.jobs or ()] == [{"shift": "night"}]
+
+
 @pytest.mark.parametrize("arns", [["arn:x"] * 101, ["arn:x", "job"]])
 def test_a_hundred_arns_are_described_at_once_at_most(file_store: Store, arns: list[str]):
     with pytest.raises(DocumentError, match="jobs"):
@@ -99,7 +107,8 @@ def test_a_world_that_somebody_added_is_listed_and_described_without_a_job(file_
 def test_a_world_of_a_job_that_goes_on_is_not_taken_for_an_added_one(file_store: Store):
     job = submit(file_store, "world-generation-job", {}, "one")
     put_worlds(file_store, {f"{job.id}/world-1-1": apartment()})
-    assert list(list_resources(file_store, "worlds")) == []
+    (world,) = list_resources(file_store, "worlds")
+    assert world.model_dump()["generationJob"] == job.arn
 
 
 def test_what_was_tagged_later_is_described(file_store: Store):

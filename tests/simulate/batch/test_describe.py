@@ -65,7 +65,7 @@ def test_while_it_runs_jobs_are_created_or_pending(running: OpenBatch):
     assert [job.status for job in answer.createdRequests or ()] == [
         *["Completed"] * 3, "Failed", *["Running"] * 4
     ]  # fmt: skip
-    assert answer.failedRequests is None
+    assert answer.failedRequests == ()
     pending = answer.pendingRequests or ()
     assert len(pending) == 4
     assert pending[0].robotApplications
@@ -173,7 +173,7 @@ def test_a_batch_that_is_complete_has_created_jobs_only(file_store: Store):
     complete(batch)
     close_batch(file_store, batch.id, "Completed", {})
     answer = describe_batch(file_store, batch.id)
-    assert (answer.status, answer.pendingRequests, answer.failedRequests) == ("Completed", None, None)
+    assert (answer.status, answer.pendingRequests, answer.failedRequests) == ("Completed", None, ())
     assert {job.status for job in answer.createdRequests or ()} == {"Completed"}
 
 

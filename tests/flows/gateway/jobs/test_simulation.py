@@ -9,6 +9,7 @@ from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceed
 from tasks.simulate.batch.chunk_store import begin_chunk
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.simulate.batch.job import load_batch
+from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.queue import is_queued, queued_jobs
 from tasks.storage.jobs.records import advance, read
 from tests.flows.gateway.jobs.asked import ROLE, Asked, path
@@ -42,13 +43,24 @@ def test_what_has_no_effect_is_kept_and_answered(asked: Asked):
     assert set(made) < set(described)
 
 
+def test_a_job_says_which_content_of_its_files_it_reads(asked: Asked):
+    bucket = open_bucket(asked.store, "maps")
+    bucket.put("one.yaml", b"walls: []\n")
+    source = {"name": "maps", "s3Bucket": "maps", "s3Keys": ["one.yaml"], "type": "File"}
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world(), dataSources=[source]))
+    described = asked.call("DescribeSimulationJob", job=made["arn"])
+    etag = bucket.etag("one.yaml").strip('"')
+    for answer in (made, described):
+        assert answer["dataSources"][0]["s3Keys"] == [{"s3Key": "one.yaml", "etag": etag}]
+
+
 def test_tags_are_those_that_the_job_has_now(asked: Asked):
     made = asked.call("CreateSimulationJob", **asked.job_request(asked.world(), tags={"team": "blue"}))
     asked.call("TagResource", resourceArn=made["arn"], tags={"shift": "night"})
     told = asked.call("BatchDescribeSimulationJob", jobs=[made["arn"]])["jobs"][0]["tags"]
     assert told == {"team": "blue", "shift": "night"}
     asked.call("UntagResource", resourceArn=made["arn"], tagKeys=["team", "shift"])
-    assert "tags" not in asked.call("DescribeSimulationJob", job=made["arn"])
+    assert asked.call("DescribeSimulationJob", job=made["arn"])["tags"] == {}
 
 
 def test_the_same_call_again_is_the_same_job_whatever_was_published_since(asked: Asked, tmp_path: Path):

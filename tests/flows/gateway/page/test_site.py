@@ -12,8 +12,10 @@ from pathlib import Path
 import pytest
 
 from flows.gateway.page.site import Site, answer_page
+from specs.arn import Reference
 from tasks.gateway.messages import HttpAnswer, HttpRequest
 from tasks.storage.store_url import open_store
+from tasks.storage.tags import change_tags, with_tags
 from tests.factories.gateway.shown_store import ATTACK, Shown, shown_store
 
 HOST = "127.0.0.1:8600"
@@ -357,3 +359,29 @@ def test_the_process_of_the_pages_loads_no_heavy_library():
     code = f"import flows.gateway.page.site, sys; print({heavy})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_page_has_the_tags_of_now(tmp_path: Path):
+    store = open_store(tmp_path.as_uri())
+    shown = shown_store(store)
+    world, job = f"{shown.generation}/world-1-1", f"{shown.batch}/0"
+    places = {
+        f"/batches/{shown.batch}": Reference(kind="simulation-job-batch", path=shown.batch),
+        f"/batches/{shown.batch}/jobs/0": Reference(kind="simulation-job", path=job),
+        f"/worlds/{world}": Reference(kind="world", path=world),
+        f"/generations/{shown.generation}": Reference(kind="world-generation-job", path=shown.generation),
+        f"/exports/{shown.export}": Reference(kind="world-export-job", path=shown.export),
+        f"/deployments/{shown.deployment}": Reference(kind="deployment-job", path=shown.deployment),
+    }
+    for reference in places.values():
+        change_tags(store, reference, dict, with_tags({"shift": "night"}))
+    site = Site(store, None)
+    assert [place for place in places if "tag shift" not in text(site, place)] == []
+
+
+def test_a_page_has_the_arn_of_the_api_beside_simyards_own(open_site: Site, shown: Shown):
+    number = shown.batch.removeprefix("simb-")
+    for page, end in ((shown.batch, f"simulation-job-batch/sjb-{number}"), (f"{shown.batch}/jobs/0", f"sim-{number}0")):
+        found = text(open_site, f"/batches/{page}")
+        assert re.search(rf"arn:aws:robomaker:us-west-2:[0-9]{{12}}:\S*{end}<", found)
+        assert "arn:simyard:simulation-job" in found
