@@ -174,6 +174,10 @@ class ObjectNotFound(StoreError):  # noqa: N818 - a state
     """There is no object under the key."""
 
 
+class ObjectStrange(StoreError):  # noqa: N818 - a state
+    """An object is not what this version of Simyard writes there."""
+
+
 class ObjectTooBig(StoreError):  # noqa: N818 - a state
     """An object has more bytes than whoever reads it reckons with; they were not read."""
 

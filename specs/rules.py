@@ -109,6 +109,21 @@ class Within:
         raise broken(f"from {self.low:,} to {self.high:,} {self.unit}")
 
 
+@dataclass(frozen=True)
+class JsonOf:
+    """Says of a text that it is a document as JSON, so that its faults are told with the keys of that document."""
+
+    model: type[Spec]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:  # noqa: ANN401
+        """Returns the schema of the text, which must hold the document."""
+        return no_info_after_validator_function(self._check, handler(source))
+
+    def _check(self, value: str) -> str:
+        self.model.model_validate(value)
+        return value
+
+
 def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """Returns the values, all different.
 

@@ -65,7 +65,7 @@ def serve(
     if model:
         _write_model(model)
     if model_only:
-        return
+        return _require_folder(model)
     from flows.gateway.client_environment import gateway_url
     from flows.gateway.entrances import open_entrance, signed_entrance
     from flows.gateway.serve import Listener
@@ -130,6 +130,14 @@ def _check_reach(host: str, *, is_unsigned: bool, is_encrypted: bool) -> None:
             "anybody on the way could read answers, and the secrets of those who sign in to the page"
         )
         raise DocumentError([Fault(path="--host", value=repr(host), allowed=allowed)])
+
+
+def _require_folder(model: Path | None) -> None:
+    from specs.base import Fault
+    from specs.errors import DocumentError
+
+    if model is None:
+        raise DocumentError([Fault(path="--model-only", value="alone", allowed="with --model ~/.aws/models")])
 
 
 def _write_model(folder: Path) -> None:

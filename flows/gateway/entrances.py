@@ -7,7 +7,8 @@ from flows.gateway.calls import Page
 from flows.gateway.fleet_ties import fleet_ties
 from flows.gateway.page.site import Site, answer_page
 from flows.gateway.serve import Entrance
-from specs.settings import actions_days
+from specs.arn import ArnForm
+from specs.settings import actions_days, region
 from tasks.gateway.access.action_log import ActionLog
 from tasks.gateway.access.call_record import record_call
 from tasks.gateway.access.guards import LoopbackGuard, SignedGuard
@@ -58,4 +59,5 @@ def _page(site: Site) -> Page:
 
 def _note(store: Store) -> Note:
     log = ActionLog(store, actions_days())
-    return lambda call: record_call(log, call)
+    form = ArnForm(store_id(store), region())
+    return lambda call: record_call(log, call, form.robomakers)

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
 from specs.base import Spec
 from specs.digest import canonical_json
@@ -24,6 +24,7 @@ from specs.field_types import (
     text,
 )
 from specs.robomaker.failure_codes import WorldExportJobErrorCode, WorldGenerationJobErrorCode
+from specs.rules import JsonOf
 from specs.template.body import TemplateBody
 
 WorldGenerationJobStatus = Literal[
@@ -37,14 +38,9 @@ def _as_json_text(body: object) -> object:
     return canonical_json(body).decode() if isinstance(body, dict) else body  # pyright: ignore[reportUnknownArgumentType]
 
 
-def _holds_a_body(body: str) -> str:
-    TemplateBody.model_validate(body)
-    return body
-
-
 TemplateName = Annotated[str, text(0, 255, GENERIC_PATTERN)]
 Json = Annotated[str, text(1, 262_144, r"[\S\s]+")]
-TemplateJson = Annotated[Json, BeforeValidator(_as_json_text), AfterValidator(_holds_a_body)]
+TemplateJson = Annotated[Json, BeforeValidator(_as_json_text), JsonOf(TemplateBody)]
 
 
 class WorldCount(Spec):

@@ -31,12 +31,18 @@ def bare_body(data: object) -> tuple[object, Location]:
         try:
             return json.loads(data), ("<json>",)
         except (json.JSONDecodeError, RecursionError) as exc:
-            raise broken("a template body: an object, or the same as JSON text") from exc
+            raise broken(f"a template body: an object, or the same as JSON text; {_why_no_json(exc)}") from exc
     for key in (_WRAPPER_KEY, "name"):
         inner = part(data, key)
         if isinstance(inner, dict) or (key == _WRAPPER_KEY and isinstance(inner, str)):
             return inner, (key,)
     return data, ()
+
+
+def _why_no_json(exc: json.JSONDecodeError | RecursionError) -> str:
+    if isinstance(exc, RecursionError):
+        return "this one is nested too deep"
+    return f"this one is no JSON at line {exc.lineno}, column {exc.colno}: {exc.msg}"
 
 
 def with_version_2_defaults(data: object) -> object:

@@ -16,7 +16,7 @@ from specs.robomaker.applications import (
 from specs.robomaker.bundle import Application, ApplicationKind
 from specs.robomaker.list_pages import Place, page_of, page_size, place_after, wanted_values
 from tasks.applications.describe import summarise_robot_application, summarise_simulation_application
-from tasks.applications.versions import read_application
+from tasks.applications.versions import listed_application
 from tasks.storage.base.keys import applications_prefix
 from tasks.storage.base.store import Store
 
@@ -78,7 +78,7 @@ def _found(store: Store, kind: ApplicationKind, request: ApplicationsPage) -> It
     for name in sorted(PurePosixPath(key).stem for key in store.keys(applications_prefix(kind))):
         if (after and name < str(after[0])) or (names is not None and name not in names):
             continue
-        application = read_application(store, kind, name)
+        application = listed_application(store, kind, name)
         for each in _versions(application, request) if application else ():
             place = (name, each.versions[-1].number if each.versions else 0)
             if after is None or place > after:

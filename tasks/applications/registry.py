@@ -15,6 +15,7 @@ from tasks.applications.versions import (
     application_name,
     change,
     known_version,
+    listed_application,
     not_found,
     read_application,
     require_revision,
@@ -216,7 +217,7 @@ def _choice(store: Store, kind: ApplicationKind, name: str) -> str:
 def applications(store: Store, kind: ApplicationKind) -> list[Application]:
     """Returns all applications of a kind, by name, for showing to people."""
     names = [Path(key).stem for key in store.keys(applications_prefix(kind))]
-    found = (read_application(store, kind, name) for name in sorted(names))
+    found = (listed_application(store, kind, name) for name in sorted(names))
     return [application for application in found if application]
 
 

@@ -1,6 +1,7 @@
 """An application's one object in the store: read, and changed by compare-and-swap."""
 
 import hashlib
+import logging
 import time
 from collections.abc import Callable, Sequence
 
@@ -9,7 +10,15 @@ from pydantic import JsonValue
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.digest import canonical_json
-from specs.errors import DocumentError, LimitExceeded, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from specs.errors import (
+    DocumentError,
+    LimitExceeded,
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ObjectStrange,
+    ResourceNotFound,
+)
 from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Build, Version
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import application_key
@@ -17,12 +26,22 @@ from tasks.storage.base.store import Store
 from tasks.storage.tags import Change
 
 _REVISION_CHARACTERS = 40
+_LOG = logging.getLogger(__name__)
 
 
 def read_application(store: Store, kind: ApplicationKind, name: str) -> Application | None:
     """Returns an application that somebody made and nobody deleted, or None."""
     found = _read(store, kind, name)[0]
     return None if found is None or found.deleted else found
+
+
+def listed_application(store: Store, kind: ApplicationKind, name: str) -> Application | None:
+    """Returns an application for a list; None also if its record is damaged, which the log says."""
+    try:
+        return read_application(store, kind, name)
+    except ObjectStrange as exc:
+        _LOG.warning("the %s %s is left out of lists: %s", kind, name, exc)
+        return None
 
 
 def known_application(store: Store, kind: ApplicationKind, reference: str) -> Application:
@@ -192,7 +211,10 @@ def _read(store: Store, kind: ApplicationKind, name: str) -> tuple[Application |
         stored = store.get(key)
     except ObjectNotFound:
         return None, ""
-    return decode_document(Application, stored, store, key), stored.etag
+    found = decode_document(Application, stored, store, key)
+    if found.name != name:
+        raise ObjectStrange(f"{store.url}: {key} is the record of {found.name!r}")
+    return found, stored.etag
 
 
 def _last_number(application: Application) -> int:

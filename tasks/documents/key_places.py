@@ -6,6 +6,8 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 
+from specs.rules import JsonOf
+
 Place = tuple[str | int, ...]
 """Keys, indices and tags from the top of a document, as pydantic's errors have them."""
 
@@ -49,8 +51,16 @@ def models_at(model: type[BaseModel], place: Place) -> list[type[BaseModel]]:
             models = [one for one in models if f"<{one.__name__}>" == step] or models
         else:
             fields = [one.model_fields[step] for one in models if step in one.model_fields]
-            models = [below for field in fields for below in models_in(field.annotation)] or models
+            below = [one for field in fields for one in models_in(field.annotation)]
+            models = below or [one for field in fields for one in _models_as_json(field.annotation)] or models
     return models
+
+
+def _models_as_json(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any type expression
+    """Returns the models whose documents a type takes as text."""
+    if isinstance(annotation, JsonOf):
+        return [annotation.model]
+    return [model for part in get_args(annotation) for model in _models_as_json(part)]
 
 
 def known_keys(model: type[BaseModel], place: Place) -> list[str]:

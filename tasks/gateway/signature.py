@@ -28,6 +28,7 @@ _SIGNATURE = re.compile(r"[0-9a-f]{64}", re.ASCII)
 _NEEDED = frozenset({"host", "x-amz-date"})
 _ONCE = ("authorization", "host", "x-amz-date", "x-amz-content-sha256")
 _NO_TIME = "x-amz-date is not a time such as 20260131T235959Z"
+_NOT_SIGNED = "the request is not signed: simyard access export NAME prints what boto3 and the AWS CLI need for it"
 _PARTS = frozenset({"Credential", "SignedHeaders", "Signature"})
 
 
@@ -116,7 +117,7 @@ def _authorization(request: HttpRequest, headers: Mapping[str, str]) -> Mapping[
     text = headers.get("authorization", "")
     if not text:
         signed = "X-Amz-Signature=" in request.query
-        why = "presigned addresses are not taken: sign in the header" if signed else "the request is not signed"
+        why = "presigned addresses are not taken: sign in the header" if signed else _NOT_SIGNED
         raise AccessRefused("MissingAuthenticationTokenException", why)
     algorithm, _, rest = text.partition(" ")
     pairs = [(name, value) for name, _, value in (part.strip().partition("=") for part in rest.split(","))]

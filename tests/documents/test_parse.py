@@ -1,3 +1,4 @@
+import json
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from specs.robomaker.simulation import BatchDescribeSimulationJobRequest
+from specs.robomaker.world_jobs import CreateWorldTemplateRequest
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
 from tests.factories.strategies import pipelines
@@ -187,6 +189,27 @@ def test_faults_in_a_wrapped_body_have_the_wrappers_path():
     assert faults(wrapped, TemplateBody) == {
         "templateBody.Buildings[0].Flors": ("unknown key", 'did you mean "Floors"? known keys are Floors')
     }
+
+
+def test_a_body_in_text_is_told_with_the_keys_of_a_body():
+    body = json.dumps(
+        {"Buildings": [{"Floors": [{"Floorplan": {"Rooms": [{"Type": "Living", "Name": "A", "DesiredShpae": {}}]}}]}]}
+    )
+
+    ((path, (value, allowed)),) = faults({"name": "Flat", "templateBody": body}, CreateWorldTemplateRequest).items()
+    assert path == "templateBody.Buildings[0].Floors[0].Floorplan.Rooms[0].DesiredShpae"
+    assert value == "unknown key"
+    assert allowed.startswith('did you mean "DesiredShape"? known keys are Type, Name')
+
+
+def test_text_that_is_no_json_is_told_with_its_place():
+    ((_, (_, allowed)),) = faults(
+        {"templateBody": '{"Version": "1",\n "Buildings": [}'}, CreateWorldTemplateRequest
+    ).items()
+    assert "no JSON at line 2, column 16: Expecting value" in allowed
+    deep = "[" * 20_000
+    ((_, (_, allowed)),) = faults({"templateBody": deep}, CreateWorldTemplateRequest).items()
+    assert "nested too deep" in allowed
 
 
 def test_long_values_are_shortened_and_control_characters_escaped():

@@ -112,7 +112,9 @@ def test_another_secret_is_refused() -> None:
 
 
 def test_a_request_without_a_signature_is_refused() -> None:
-    assert refusal(changed(signed_request(), authorization=None)).code == "MissingAuthenticationTokenException"
+    refused = refusal(changed(signed_request(), authorization=None))
+    assert refused.code == "MissingAuthenticationTokenException"
+    assert "simyard access export" in str(refused)
 
 
 def test_a_presigned_address_is_refused_with_its_name() -> None:

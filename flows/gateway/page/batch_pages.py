@@ -101,7 +101,11 @@ def job_page(visit: Visit, batch: str, index: str) -> Page:
             Facts("What came of it", _result_rows(row) if row and known else (("Result", Cell("none yet")),)),
             Facts(
                 "What was asked for",
-                (*_asked_rows(batch, asked), *tag_rows(visit, "simulation-job", path, described.tags)),
+                (
+                    *_asked_rows(batch, asked),
+                    ("ARN", visit.arn_cell(visit.arn("simulation-job", path))),
+                    *tag_rows(visit, "simulation-job", path, described.tags),
+                ),
             ),
         ),
         is_going=not is_terminal(record),
@@ -149,7 +153,7 @@ def _facts(visit: Visit, record: JobRecord, run: JobRecord | None) -> Facts:
         ("batch policy", Cell(f"at most {policy.maxConcurrency} at once"))
         if policy and policy.maxConcurrency
         else None,
-        ("ARN", Cell(record.arn, is_code=True)),
+        ("ARN", visit.arn_cell(record.arn)),
         *tag_rows(visit, KIND, record.id, tags),
     ]
     return Facts("The batch", tuple(row for row in rows if row))

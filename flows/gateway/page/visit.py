@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from urllib.parse import quote, urlsplit
 
-from specs.arn import Reference, ResourceKind, arn, parse_reference
+from specs.arn import ArnForm, Reference, ResourceKind, arn, parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
+from specs.settings import region
 from tasks.gateway.page.content import Cell
 from tasks.storage.base.store import Store
 from tasks.storage.tags import tags_of
@@ -63,6 +64,10 @@ class Visit:
     def arn(self, kind: ResourceKind, path: str) -> str:
         """Returns the ARN of a resource of the store."""
         return arn(kind, self.store_id, path)
+
+    def arn_cell(self, text: str) -> Cell:
+        """Returns an ARN as Simyard's commands print it, and below it as clients of RoboMaker's API get it."""
+        return Cell(text, small=ArnForm(self.store_id, region()).robomakers(text), is_code=True)
 
     def require(self, kind: ResourceKind, path: str) -> None:
         """Lets who may see a resource pass.

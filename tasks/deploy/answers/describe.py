@@ -2,8 +2,10 @@
 
 import time
 
+from pydantic import ValidationError
+
 from specs.arn import arn, store_id_of
-from specs.errors import ResourceNotFound
+from specs.errors import DocumentError, ObjectStrange
 from specs.robomaker.deployment import (
     CreateDeploymentJobRequest,
     DeploymentJob,
@@ -120,23 +122,25 @@ def _robot_deployment(name: str, progress: RobotProgress, job: str) -> RobotDepl
 
 
 def _fleet(store: Store, fleet: FleetRecord, identifier: str) -> Fleet:
+    own = {"name": fleet.name, "arn": arn("deployment-fleet", identifier, fleet.name), "createdAt": fleet.created_at_s}
     last = _last_job(store, fleet)
-    return Fleet.model_validate(
-        {
-            "name": fleet.name,
-            "arn": arn("deployment-fleet", identifier, fleet.name),
-            "createdAt": fleet.created_at_s,
-            "lastDeploymentStatus": last.status if last else None,
-            "lastDeploymentJob": last.arn if last else None,
-            "lastDeploymentTime": last.created_at_s if last else None,
-        }
-    )
+    if last is None:
+        return Fleet.model_validate(own)
+    said = {
+        "lastDeploymentStatus": last.status,
+        "lastDeploymentJob": last.arn,
+        "lastDeploymentTime": last.created_at_s,
+    }
+    try:
+        return Fleet.model_validate({**own, **said})
+    except ValidationError:  # a stranger's record of a job is no fault of the fleet, nor of the others in its list
+        return Fleet.model_validate(own)
 
 
 def _last_job(store: Store, fleet: FleetRecord) -> JobRecord | None:
     try:
         return read(store, _KIND, fleet.deployment) if fleet.deployment else None
-    except ResourceNotFound:
+    except (DocumentError, ObjectStrange):  # it was never recorded, or a stranger wrote the one or the other
         return None
 
 

@@ -1,7 +1,8 @@
 """Signatures that were used for a change: whoever saw such a request cannot send it a second time.
 
-A signature is good for as long as the clocks may differ, before and after. So long this process remembers it. Clients
-sign each attempt anew, with another time or another id of the attempt, so a retry is never taken for a replay.
+A signature is good for as long as the clocks may differ, before and after. So long this process remembers it. SDKs sign
+each attempt anew, but nothing that they sign differs between two equal requests of one second: the id of an attempt is
+not signed. Such a second one may be a retry. It is told to come later, which SDKs do by themselves, signed anew.
 """
 
 from collections import OrderedDict
@@ -12,6 +13,7 @@ from tasks.gateway.signature import SKEW_S
 
 _LIFETIME_S = 2 * SKEW_S
 _MOST = 1 << 18
+_SAME_SECOND_S = 2.0  # a second of the client, and one for the way here
 
 
 class UsedSignatures:
@@ -42,9 +44,16 @@ class UsedSignatures:
             while self._used and now_s - next(iter(self._used.values())) > _LIFETIME_S:
                 self._used.popitem(last=False)
             if mark in self._used:
-                why = "this request was sent before; sign it anew to send it again"
-                raise AccessRefused("InvalidSignatureException", why)
+                raise _sent_before(now_s - self._used[mark])
             if len(self._used) >= self._most:
                 why = f"more than {self._most} changes in {_LIFETIME_S // 60} minutes; wait"
                 raise AccessRefused("ThrottlingException", why, 400)
             self._used[mark] = now_s
+
+
+def _sent_before(age_s: float) -> AccessRefused:
+    """Returns the refusal of a signature that was used so many seconds ago."""
+    why = "this request was sent before; sign it anew to send it again"
+    if age_s < _SAME_SECOND_S:
+        return AccessRefused("ThrottlingException", f"{why}, in another second", 400)
+    return AccessRefused("InvalidSignatureException", why)

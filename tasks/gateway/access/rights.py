@@ -76,7 +76,7 @@ def check_right(key: AccessKey, operation: Operation, document: Spec, store_id: 
             raise _denied(key, operation, f"that needs all of {kind}/*, and its limits are narrower")
     for named in _named(operation, document):
         if not _covered(key, named, store_id, fleet_of):
-            raise _denied(key, operation, f"its limits do not cover {named.text[:300]!r}")
+            raise _denied(key, operation, f"its limits do not cover {_shown(named)!r}")
 
 
 def right_for(operation: Operation, document: Spec) -> KeyRight:
@@ -129,6 +129,11 @@ def _covered(key: AccessKey, named: _Named, store_id: str, fleet_of: FleetOf) ->
         if kind == "deployment-job" or fleet:
             kind, path = "deployment-fleet", fleet
     return bool(path) and any(scope.covers(kind, path, store_id) for scope in key.scopes)
+
+
+def _shown(named: _Named) -> str:
+    """Returns what ``simyard access add --on`` takes; of a text that is no ARN, the text."""
+    return (f"{named.kind}/{named.path}" if named.kind and named.path else named.text)[:300]
 
 
 def _denied(key: AccessKey, operation: Operation, why: str) -> AccessRefused:

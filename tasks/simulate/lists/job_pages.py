@@ -5,6 +5,7 @@ chunk was begun (docs/reference/robomaker.md, section 4).
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import cast
 
 from specs.errors import ResourceNotFound
@@ -32,6 +33,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.lines.job_lines import START, Found, JobLines, Wanted
 from tasks.storage.jobs.lines.line_page import all_lines, line_page
 from tasks.storage.jobs.lines.marks import Mark
+from tasks.storage.jobs.lines.strange import left_out_if_strange
 
 _MOST = 1000
 _ONLY_BATCHES: Wanted = {SHAPE: (BATCH,)}
@@ -97,12 +99,10 @@ def _jobs_of(
     store: Store, found: Found, first: int, wanted: dict[str, frozenset[str]]
 ) -> Iterator[tuple[int, Document]]:
     if found.line and has_jobs(found.line):
-        return jobs_of_line(found.line, first)
-    try:
-        jobs = Jobs(store, found.mark.id, found.record)
-    except ResourceNotFound:  # removed since it was found
-        return iter(())
-    return jobs.listed(first, wanted.get("status", ()))
+        yield from jobs_of_line(found.line, first)
+        return
+    with left_out_if_strange(store, KIND, found.mark.id), suppress(ResourceNotFound):  # removed since it was found
+        yield from Jobs(store, found.mark.id, found.record).listed(first, wanted.get("status", ()))
 
 
 def _is_wanted(job: Document, wanted: dict[str, frozenset[str]]) -> bool:

@@ -5,7 +5,7 @@ from typing import TypeVar
 from pydantic import ValidationError
 
 from specs.base import Spec
-from specs.errors import ObjectExists, StoreError
+from specs.errors import ObjectExists, ObjectStrange
 from tasks.storage.base.store import Store, StoredObject
 
 Document = TypeVar("Document", bound=Spec)
@@ -26,13 +26,13 @@ def decode_document(model: type[Document], stored: StoredObject, store: Store, k
         key: Its key, for the error.
 
     Raises:
-        StoreError: It holds something else.
+        ObjectStrange: It holds something else.
     """
     try:
         return model.model_validate_json(stored.body)
     except ValidationError as exc:
         reason = exc.errors(include_url=False)[0]["msg"]
-        raise StoreError(f"{store.url}: {key} was not written by this version of Simyard: {reason}") from exc
+        raise ObjectStrange(f"{store.url}: {key} was not written by this version of Simyard: {reason}") from exc
 
 
 def create_once(store: Store, key: str, body: bytes) -> None:

@@ -20,6 +20,8 @@ from tasks.storage.base.disk_space import OF_THE_DISK
 _HEADER_BYTES = 1 << 15
 _LONG_NUMBER = re.compile(rb"[0-9]{1024}")
 _REASON_CHARACTERS = 200
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"\x28\xb5\x2f\xfd": "zstd", b"PK\x03\x04": "zip"}
+"""How a file begins that is packed, and by what."""
 
 
 class BoundedTar:
@@ -57,11 +59,21 @@ def open_tar(path: Path) -> Generator[BoundedTar]:
         OSError: It cannot be read.
     """
     with path.open("rb") as file:
+        _refuse_packed(file)
         reader = _BoundedReader(file)
         with _explained(), reader.one_header():
             tar = tarfile.open(fileobj=cast("IO[bytes]", reader), mode="r:")  # noqa: SIM115 - closed below
         with tar:
             yield BoundedTar(tar, reader)
+
+
+def _refuse_packed(file: BinaryIO) -> None:
+    """Says of what people upload most often instead of a tar archive what to do with it."""
+    begin = file.read(max(map(len, _PACKED)))
+    file.seek(0)
+    for mark, name in _PACKED.items():
+        if begin.startswith(mark):
+            raise BundleRefused(f"the bundle is packed by {name}: make a plain tar archive, as tar -cf does without -z")
 
 
 class _BoundedReader:

@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,37 +86,58 @@ class Served:
 
 
 @contextmanager
-def served(folder: Path, *options: str) -> Generator[Served]:
-    """Yields a gateway of a new store."""
+def served(
+    folder: Path,
+    *options: str,
+    workers: int = 0,
+    beside: Served | None = None,
+    settings: Mapping[str, str] | None = None,
+) -> Generator[Served]:
+    """Yields a gateway.
+
+    Args:
+        folder: For its log, its cache and its files.
+        options: Of `simyard serve`, in place of the keys.
+        workers: How many batches it works on at once.
+        beside: One whose store and keys it has; else it has new ones.
+        settings: Variables of its environment.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    keys, port = folder / "keys", _free_port()
-    owner = first_key(keys)
-    assert owner is not None
+    port = free_port()
+    keys, owner, store = (beside.keys, beside.owner, beside.store) if beside else _new_yard(folder)
     environment = os.environ | {
         "SIMYARD_CACHE": str(folder / "cache"),
         "PREFECT_HOME": str(folder / "prefect"),
         "PYTHONPATH": str(ROOT),
+        **(settings or {}),
     }
-    command = [sys.executable, "-m", "simyard", "serve", "--workers", "0", "--port", str(port)]
-    how = [*(options or ("--access-keys", str(keys))), "--store", (folder / "store").as_uri()]
-    (folder / "store").mkdir()
+    command = [sys.executable, "-m", "simyard", "serve", "--workers", str(workers), "--port", str(port)]
+    how = [*(options or ("--access-keys", str(keys))), "--store", store.as_uri()]
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen([*command, *how], env=environment, stdout=log, stderr=log, cwd=folder)
     try:
-        _await_answer(port, process, folder / "log")
-        yield Served(port, process.pid, keys, owner, folder / "store")
+        await_answer(port, process, folder / "log")
+        yield Served(port, process.pid, keys, owner, store)
     finally:
         process.terminate()
         process.wait(30)
 
 
-def _free_port() -> int:
+def _new_yard(folder: Path) -> tuple[Path, AccessKey, Path]:
+    keys, store = folder / "keys", folder / "store"
+    owner = first_key(keys)
+    assert owner is not None
+    store.mkdir()
+    return keys, owner, store
+
+
+def free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return free.getsockname()[1]
 
 
-def _await_answer(port: int, process: "subprocess.Popen[bytes]", log: Path) -> None:
+def await_answer(port: int, process: "subprocess.Popen[bytes]", log: Path) -> None:
     until_s = time.monotonic() + _START_S
     while time.monotonic() < until_s and process.poll() is None:
         try:

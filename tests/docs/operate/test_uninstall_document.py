@@ -31,6 +31,9 @@ def test_its_commands_leave_nothing_in_a_home_folder_but_the_store(tmp_path: Pat
     ):
         (home / ".cache/simyard" / name).parent.mkdir(parents=True)
         (home / ".cache/simyard" / name).write_text("1")
+    for name in (".config/simyard/access-keys", ".aws/models/robomaker/2018-06-29/service-2.json"):
+        (home / name).parent.mkdir(parents=True)
+        (home / name).write_text("1")
     (home / "work/.simyard").mkdir(parents=True)
     (home / "work/.simyard/store.json").write_text("{}")
     environment = {

@@ -82,3 +82,9 @@ def test_a_file_of_keys_that_others_can_read_is_refused_at_the_start(keys: Path)
     keys.chmod(0o644)
     with pytest.raises(DocumentError, match="chmod 600"):
         typed("serve")
+
+
+@pytest.mark.usefixtures("keys")
+def test_a_model_without_a_folder_is_not_silently_nothing() -> None:
+    with pytest.raises(DocumentError, match="with --model"):
+        typed("serve", "--model-only")

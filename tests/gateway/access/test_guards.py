@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from specs.arn import ArnForm
 from specs.interface.operations import OPERATIONS
 from specs.interface.shapes import shapes
 from tasks.gateway.access.access_key import AccessKey
@@ -63,7 +64,7 @@ def test_a_change_is_admitted_once_and_a_look_as_often_as_it_is_asked(
 ) -> None:
     request = by(key)
     assert isinstance(guard.admit(request, OPERATIONS[name]), Caller)
-    assert code(guard.admit(request, OPERATIONS[name])) == "InvalidSignatureException"
+    assert code(guard.admit(request, OPERATIONS[name])) == "ThrottlingException"
     look = by(key)
     assert all(isinstance(guard.admit(look, DESCRIBE), Caller) for _ in range(2))
 
@@ -161,3 +162,15 @@ def test_the_line_has_what_was_made_and_what_it_was_about(folder_store: Store) -
     first, second = (json.loads(line) for line in actions(folder_store, 2, now_s()))
     assert (first["key"], first["name"], first["arns"]) == ("KEY", "ci", ["arn:made"])
     assert (second["key"], second["name"]) == ("SIMYARDTEST000000001", "")
+
+
+def test_all_arns_of_a_line_have_the_form_that_clients_see(folder_store: Store) -> None:
+    form = ArnForm("5f5eb623a2b4", "us-west-2")
+    fleet = "arn:simyard:deployment-fleet:5f5eb623a2b4:home"
+    document = shapes()["SyncDeploymentJobRequest"].model_validate({"fleet": fleet, "clientRequestToken": "t"})
+    made = form.robomakers("arn:simyard:deployment-job:5f5eb623a2b4:dep-1")
+    call = called("SyncDeploymentJob", HttpAnswer(200, json.dumps({"arn": made}).encode()))
+    record_call(ActionLog(folder_store, 90), replace(call, document=document), form.robomakers)
+    (line,) = (json.loads(each) for each in actions(folder_store, 2, now_s()))
+    assert line["arns"] == [form.robomakers(fleet), made]
+    assert all(each.startswith("arn:aws:robomaker:us-west-2:") for each in line["arns"])

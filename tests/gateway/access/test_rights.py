@@ -139,6 +139,13 @@ def test_every_arn_of_a_request_is_looked_at() -> None:
     assert "simb-b" in refusal("BatchDescribeSimulationJob", jobs, ["read"], "simulation-job/simb-a/*")
 
 
+def test_a_refusal_says_which_limit_would_let_the_call_in() -> None:
+    refused = refusal("CreateDeploymentJob", deployment("home"), ["deploy"], "deployment-fleet/home")
+    missing = refused.rpartition("do not cover ")[2].strip("'")
+    assert missing == "robot-application/nav"
+    assert not refusal("CreateDeploymentJob", deployment("home"), ["deploy"], "deployment-fleet/home", missing)
+
+
 def test_an_arn_of_no_kind_is_covered_by_nothing() -> None:
     assert refusal("DeleteRobot", {"robot": "arn:nonsense"}, ["deploy"], *(f"{kind}/*" for kind in KINDS))
 

@@ -1,6 +1,9 @@
 """Headers of archives that somebody made to hang, fill or end whoever unpacks them."""
 
+import bz2
+import gzip
 import io
+import lzma
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -41,6 +44,7 @@ def _record(key: bytes, value: bytes) -> bytes:
 
 
 _FILE = _header(b"a", b"%011o" % 1, b"0") + _padded(b"x")
+PACKED = {"gzip": gzip.compress(b"a"), "bzip2": bz2.compress(b"a"), "xz": lzma.compress(b"a"), "zip": b"PK\x03\x04"}
 _END = b"\0" * 2 * _BLOCK
 MALFORMED: dict[str, bytes] = {
     "a negative size in PAX": _pax(_record(b"size", b"-512")) + _FILE,
@@ -133,3 +137,11 @@ def _with_checksums(body: bytes) -> bytes:
 def _summed(block: bytes) -> bytes:
     head = block[:148] + b" " * 8 + block[156:]
     return head[:148] + b"%06o\0 " % sum(head) + head[156:]
+
+
+@pytest.mark.parametrize("packer", PACKED)
+def test_a_packed_archive_is_refused_with_what_to_do(tmp_path: Path, packer: str) -> None:
+    path = tmp_path / "bundle.tar.gz"
+    path.write_bytes(PACKED[packer])
+    with pytest.raises(BundleRefused, match=f"packed by {packer}: make a plain tar"), open_tar(path):
+        pass

@@ -33,6 +33,7 @@ from tasks.storage.jobs.lines.segments import (
     swap_root,
     with_lines,
 )
+from tasks.storage.jobs.lines.strange import left_out_if_strange
 from tasks.storage.jobs.records import JobRecord, is_terminal
 
 _LOG = logging.getLogger(__name__)
@@ -92,12 +93,12 @@ class JobLines:
                 continue
             return
 
-    def line(self, found: Found) -> Line:
-        """Returns the line of a job; of one that is under way, as it stands now."""
+    def line(self, found: Found) -> Line | None:
+        """Returns the line of a job; of one that is under way, as it stands now. None if its record cannot be read."""
         if found.line is None:
             if found.record is None:
                 raise AssertionError(f"{found.mark.id} has neither line nor record")
-            return self._line_of(self._store, found.record)
+            return self._line(found.record)
         return found.line
 
     def settle(self, at_least: int = _SETTLED_FROM) -> None:
@@ -166,16 +167,18 @@ class JobLines:
                 if mark != mark_of(record.created_at_s, record.id):  # of who was slower to make the same job
                     self._try(partial(unmark, self._store, self._kind, mark))
                     continue
-                yield Found(mark, self._note_ended(record), record)
+                line = self._line(record) if is_terminal(record) else None
+                if line:
+                    self._ended.append(line)
+                if line or not is_terminal(record):
+                    yield Found(mark, line, record)
             if len(self._ended) >= _SETTLED_AT_ONCE:
                 self.settle()
 
-    def _note_ended(self, record: JobRecord) -> Line | None:
-        if not is_terminal(record):
-            return None
-        line = self._line_of(self._store, record)
-        self._ended.append(line)
-        return line
+    def _line(self, record: JobRecord) -> Line | None:
+        with left_out_if_strange(self._store, self._kind, record.id):
+            return self._line_of(self._store, record)
+        return None
 
     def _records(self, jobs: Sequence[str]) -> list[JobRecord | None]:
         if len(jobs) < 2:
@@ -186,9 +189,12 @@ class JobLines:
     def _record(self, job: str) -> JobRecord | None:
         key = job_key(self._kind, job)
         try:
-            return decode_document(JobRecord, self._store.get(key), self._store, key)
+            stored = self._store.get(key)
         except ObjectNotFound:  # not made yet, or removed
             return None
+        with left_out_if_strange(self._store, self._kind, job):
+            return decode_document(JobRecord, stored, self._store, key)
+        return None
 
     def _settled(self, root: Root, etag: str, first: Mark, wanted: Wanted) -> Iterator[Found]:
         marked = {mark.id for mark in self._marks}
@@ -232,7 +238,7 @@ class JobLines:
                     mark = mark_of(record.created_at_s, record.id)
                     self._marks.add(mark)
                     self._try(partial(mark_open, self._store, self._kind, mark))
-            ended = [self._line_of(self._store, record) for record in records if is_terminal(record)]
+            ended = [line for record in records if is_terminal(record) and (line := self._line(record))]
             self._write(ended)
             unwritten += [] if self._base else ended
         self._write([], filled=True)

@@ -54,7 +54,7 @@ def all_lines(store: Store, kind: JobKind, line_of: LineOf, only: Wanted | None 
     lines = JobLines(store, kind, line_of)
     for found in lines.found(START, only):
         line = lines.line(found)
-        if fits(line, only or {}):
+        if line and fits(line, only or {}):
             yield line
     lines.settle()
 
@@ -68,7 +68,7 @@ def _summaries(lines: JobLines, after: Mark | None, wanted: Wanted) -> Iterator[
     for found in lines.found(after or START, wanted):
         if after is None or found.mark > after:
             line = lines.line(found)
-            if fits(line, wanted):
+            if line and fits(line, wanted):
                 yield line.mark, line.summary
 
 

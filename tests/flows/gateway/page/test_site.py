@@ -377,3 +377,11 @@ def test_a_page_has_the_tags_of_now(tmp_path: Path):
         change_tags(store, reference, dict, with_tags({"shift": "night"}))
     site = Site(store, None)
     assert [place for place in places if "tag shift" not in text(site, place)] == []
+
+
+def test_a_page_has_the_arn_of_the_api_beside_simyards_own(open_site: Site, shown: Shown):
+    number = shown.batch.removeprefix("simb-")
+    for page, end in ((shown.batch, f"simulation-job-batch/sjb-{number}"), (f"{shown.batch}/jobs/0", f"sim-{number}0")):
+        found = text(open_site, f"/batches/{page}")
+        assert re.search(rf"arn:aws:robomaker:us-west-2:[0-9]{{12}}:\S*{end}<", found)
+        assert "arn:simyard:simulation-job" in found
