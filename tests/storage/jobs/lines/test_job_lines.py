@@ -88,10 +88,12 @@ def test_only_segments_that_the_root_names_are_left(file_store: Store) -> None:
 
 
 def test_a_line_without_a_value_is_found_whatever_is_wanted(file_store: Store) -> None:
-    lines = [Line(Mark(number, f"j{number}"), {"team": ("arms",)} if number else {}, {}, {}) for number in (1, 0, 2)]
+    lines = [
+        Line(Mark(number, f"j{number}"), {} if number == 1 else {"team": ("arms",)}, {}, {}) for number in (1, 0, 2)
+    ]
     root = segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines).root
     assert [note.values for note in root.segments] == [{}]
-    of_team = segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], [lines[0], lines[2]]).root
+    of_team = segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines[1:]).root
     assert [note.values for note in of_team.segments] == [{"team": ("arms",)}]
 
 
