@@ -20,6 +20,8 @@ from caller import Caller, Refused
 from drive_work import GENERAL, PAGES, ROLE, SUITES, TEMPLATE, job_request
 
 _MOST_VERSIONS = 40
+# Others that make or delete something do not document that it is not there.
+_NAMES_OTHERS = {"CreateDeploymentJob", "CreateWorldExportJob", "CreateWorldGenerationJob", "DeleteWorldTemplate"}
 Made = dict[str, Any]
 
 
@@ -130,21 +132,9 @@ def absent(arn: str) -> str:
 
 def not_found(refused: Expected, made: Made) -> None:
     """What is not there, of every operation that documents the error."""
-    own = ("Deployment", "Job", "Tag", "Robot", "Application", "Template")
-    asked = {**by_name(made), **requests(made)}
-    undocumented = ("Delete", "Create")
-    for name, request in asked.items():
-        if name.startswith(undocumented) and name not in {
-            "CreateDeploymentJob",
-            "CreateWorldExportJob",
-            "CreateWorldGenerationJob",
-            "DeleteWorldTemplate",
-        }:
-            continue
-        if name in {"StartSimulationJobBatch"}:
-            continue
-        assert any(word in name for word in (*own, "Fleet", "World", "Resource")), name
-        refused("ResourceNotFound", name, **changed(request, absent))
+    for name, request in {**by_name(made), **requests(made)}.items():
+        if not name.startswith(("Create", "Delete", "Start")) or name in _NAMES_OTHERS:
+            refused("ResourceNotFound", name, **changed(request, absent))
     gone = copy.deepcopy(requests(made)["CreateSimulationJob"])
     gone["simulationApplications"][0]["worldConfigs"] = [{"world": absent(made["worlds"][0])}]
     refused("ResourceNotFound", "CreateSimulationJob", **gone)
