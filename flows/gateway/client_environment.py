@@ -8,7 +8,6 @@ from pathlib import Path
 from specs.settings import region
 from tasks.gateway.access.access_key import AccessKey
 
-DEFAULT_URL = "http://127.0.0.1:8600"
 _EVERYWHERE = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - to be told apart from names that clients can ask for
 
 

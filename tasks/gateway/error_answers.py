@@ -1,7 +1,6 @@
 """What went wrong as the error of RoboMaker's that is documented for the operation and comes closest."""
 
 import json
-import re
 import sys
 import tempfile
 from pathlib import Path
@@ -21,6 +20,7 @@ from specs.errors import (
 )
 from specs.interface.operations import STATUSES, ErrorName, Operation
 from tasks.gateway.messages import HttpAnswer
+from tasks.gateway.places import without_places
 
 _MOST_CHARACTERS = 4000
 _DEFECT = "this is a defect of Simyard; the log of simyard serve says more"
@@ -36,7 +36,6 @@ _NAMES: tuple[tuple[type[Exception], ErrorName], ...] = (
     (StoreThrottled, "Throttling"),
     (StoreAway, "ServiceUnavailable"),
 )
-_URL = re.compile(r"file://[^\s'\";,)]*")
 
 
 class ErrorAnswers:
@@ -49,9 +48,9 @@ class ErrorAnswers:
 
     def __init__(self, form: ArnForm, store_url: str) -> None:
         self._form = form
-        folder = store_url.removeprefix("file://")
+        self._store_url = store_url
         here = (str(Path.cwd()), str(Path.home()), tempfile.gettempdir(), sys.prefix, sys.base_prefix)
-        self._hidden = (f"the store {store_url}", store_url, *(each for each in (folder, *here) if len(each) > 1))
+        self._here = tuple(each for each in here if len(each) > 1)
 
     def answer(self, operation: Operation, exc: Exception) -> HttpAnswer:
         """Returns the answer of an operation that an exception ended."""
@@ -68,9 +67,10 @@ class ErrorAnswers:
         if not isinstance(exc, SimyardError):
             return _DEFECT
         text = "; ".join(map(str, exc.faults)) if isinstance(exc, DocumentError) else str(exc)
-        for place in self._hidden:
+        text = without_places(text, self._store_url)
+        for place in self._here:
             text = text.replace(place, "the store")
-        return self._form.in_prose(_URL.sub("the store", text))[:_MOST_CHARACTERS]
+        return self._form.in_prose(text)[:_MOST_CHARACTERS]
 
 
 def error_answer(status: int, code: str, message: str) -> HttpAnswer:

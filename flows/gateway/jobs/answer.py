@@ -1,6 +1,5 @@
 """Answers about jobs: the fields that a call's shape has, and no paths of this machine in them."""
 
-import re
 from collections.abc import Mapping
 from typing import TypeVar, cast
 
@@ -9,12 +8,12 @@ from pydantic import JsonValue
 from specs.arn import parse_reference
 from specs.base import Spec
 from specs.digest import canonical_document
+from tasks.gateway.places import without_places
 from tasks.storage.base.store import Store
 from tasks.storage.tags import tags_of
 
 T = TypeVar("T", bound=Spec)
 _REASON = "failureReason"
-_FOLDER_URL = re.compile(r"file://[^\s'\";,)]*")
 
 
 def answer_of(shape: type[T], described: Spec, store: Store) -> T:
@@ -45,11 +44,4 @@ def _placeless(value: JsonValue, store: Store, name: str) -> JsonValue:
         return placeless(value, store)
     if isinstance(value, list):
         return [_placeless(each, store, name) for each in value]
-    return said_of(store, value) if isinstance(value, str) and name == _REASON else value
-
-
-def said_of(store: Store, text: str) -> str:
-    """Returns a message that says "the store" where it has the place of the store, or of a bucket on this machine."""
-    for place in (store.url, store.url.removeprefix("file://")):
-        text = text.replace(f"the store {place}", "the store").replace(place, "the store")
-    return _FOLDER_URL.sub("the store", text)
+    return without_places(value, store.url) if isinstance(value, str) and name == _REASON else value

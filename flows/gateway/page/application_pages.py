@@ -46,7 +46,7 @@ def application_page(visit: Visit, kind: ApplicationKind, name: str) -> Page:
     sources = tuple(
         ("source", Cell(f"s3://{each.s3Bucket}/{each.s3Key}", small=str(each.architecture))) for each in found.sources
     )
-    facts = Facts("The application", (*sources, ("ARN", visit.arn_cell(visit.arn(kind, name)))))
+    facts = Facts("The application", (*sources, *visit.arn_rows(visit.arn(kind, name))))
     title = "Robot application" if kind == "robot-application" else "Simulation application"
     return Page(name, title, trail=(("Applications", "/applications"),), blocks=(table, facts))
 

@@ -103,7 +103,7 @@ def job_page(visit: Visit, batch: str, index: str) -> Page:
                 "What was asked for",
                 (
                     *_asked_rows(batch, asked),
-                    ("ARN", visit.arn_cell(visit.arn("simulation-job", path))),
+                    *visit.arn_rows(visit.arn("simulation-job", path)),
                     *tag_rows(visit, "simulation-job", path, described.tags),
                 ),
             ),
@@ -153,7 +153,7 @@ def _facts(visit: Visit, record: JobRecord, run: JobRecord | None) -> Facts:
         ("batch policy", Cell(f"at most {policy.maxConcurrency} at once"))
         if policy and policy.maxConcurrency
         else None,
-        ("ARN", visit.arn_cell(record.arn)),
+        *visit.arn_rows(record.arn),
         *tag_rows(visit, KIND, record.id, tags),
     ]
     return Facts("The batch", tuple(row for row in rows if row))

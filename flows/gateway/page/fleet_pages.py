@@ -74,7 +74,7 @@ def fleet_page(visit: Visit, name: str) -> Page:
             for found in last
             for each in found
         ),
-        ("ARN", visit.arn_cell(visit.arn("deployment-fleet", fleet.name))),
+        *visit.arn_rows(visit.arn("deployment-fleet", fleet.name)),
         *tag_rows(visit, "deployment-fleet", name, fleet.tags),
     )
     going = any(not is_terminal(each) for found in last for each in found)
@@ -111,7 +111,7 @@ def robot_page(visit: Visit, name: str) -> Page:
         else ("fleet", Cell("none")),
         ("architecture", Cell(record.architecture)),
         ("made", when(record.created_at_s)),
-        ("ARN", visit.arn_cell(visit.arn("robot", name))),
+        *visit.arn_rows(visit.arn("robot", name)),
         *tag_rows(visit, "robot", name, record.tags),
     )
     trail = (("Robots", "/robots"),)
@@ -176,7 +176,7 @@ def deployment_page(visit: Visit, name: str) -> Page:
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,
-        ("ARN", visit.arn_cell(record.arn)),
+        *visit.arn_rows(record.arn),
         *tag_rows(visit, _DEPLOYMENT, name, described.tags),
     ]
     blocks = (table, Facts("The deployment", tuple(row for row in facts if row)))

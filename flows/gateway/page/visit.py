@@ -65,9 +65,10 @@ class Visit:
         """Returns the ARN of a resource of the store."""
         return arn(kind, self.store_id, path)
 
-    def arn_cell(self, text: str) -> Cell:
-        """Returns an ARN as Simyard's commands print it, and below it as clients of RoboMaker's API get it."""
-        return Cell(text, small=ArnForm(self.store_id, region()).robomakers(text), is_code=True)
+    def arn_rows(self, text: str) -> tuple[tuple[str, Cell], ...]:
+        """Returns a row with an ARN as Simyard's commands print it, and one as clients of RoboMaker's API get it."""
+        wire = ArnForm(self.store_id, region()).robomakers(text)
+        return ("ARN", Cell(text, is_code=True)), ("ARN of the API", Cell(wire, is_code=True))
 
     def require(self, kind: ResourceKind, path: str) -> None:
         """Lets who may see a resource pass.

@@ -98,7 +98,7 @@ def generation_page(visit: Visit, name: str) -> Page:
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,
-        ("ARN", visit.arn_cell(record.arn)),
+        *visit.arn_rows(record.arn),
         *tag_rows(visit, _GENERATION, name, record.request.get("tags")),
     ]
     blocks: list[Block] = [Facts("The job", tuple(row for row in rows if row))]
@@ -150,7 +150,7 @@ def export_page(visit: Visit, name: str) -> Page:
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,
-        ("ARN", visit.arn_cell(record.arn)),
+        *visit.arn_rows(record.arn),
         *tag_rows(visit, _EXPORT, name, record.request.get("tags")),
     ]
     facts = Facts("The job", tuple(row for row in rows if row and (row[1].text or row[1].at_s)))
@@ -199,7 +199,7 @@ def template_page(visit: Visit, name: str) -> Page:
         text = body.decode(errors="replace")
     times = (("made", when(template.created_at_s)), ("changed", when(template.updated_at_s))) if template else ()
     rows = (
-        ("ARN", visit.arn_cell(visit.arn("world-template", name))),
+        *visit.arn_rows(visit.arn("world-template", name)),
         ("body", Cell(digest, is_code=True)),
         *times,
     )
@@ -249,7 +249,7 @@ def _origin(visit: Visit, world: World, record: JobRecord | None) -> Facts:
         ("made", when(record.created_at_s)) if record else None,
         ("seed", Cell(str(world.seed))),
         ("generator", Cell(world.generator)),
-        ("ARN", visit.arn_cell(visit.arn("world", path))),
+        *visit.arn_rows(visit.arn("world", path)),
         *tag_rows(visit, "world", path, record.request.get("worldTags") if record else None),
     ]
     return Facts("Where it is from", tuple(row for row in rows if row))

@@ -120,11 +120,6 @@ class KeyFile:
                 self._mark = mark
             return self._keys.get(key_id)
 
-    def secret_of(self, key_id: str) -> str | None:
-        """Returns the secret of the key of that id; None if there is no such key."""
-        key = self.key(key_id)
-        return key.secret if key else None
-
     def _state(self) -> tuple[int, ...]:
         try:
             found = self._path.stat()

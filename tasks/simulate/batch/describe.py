@@ -84,16 +84,6 @@ def describe_job(store: Store, path: str) -> DescribeSimulationJobResponse:
     return DescribeSimulationJobResponse.model_validate(Jobs(store, batch.id).described(index))
 
 
-def job_outcome_tags(store: Store, path: str) -> dict[str, str]:
-    """Returns the tags that say what came of a job; none before its end, and for one that was cancelled.
-
-    Raises:
-        ResourceNotFound: No such batch, or it has no such job.
-    """
-    batch, index = job_of(store, path)
-    return Jobs(store, batch.id).outcome_tags(index)
-
-
 def batch_describe_jobs(store: Store, jobs: Sequence[str]) -> BatchDescribeSimulationJobResponse:
     """Returns several jobs, and the ARNs of those that do not exist.
 

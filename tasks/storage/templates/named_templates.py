@@ -5,6 +5,7 @@ template's ARN has its id, which stays when the name changes; a name has one tem
 """
 
 import hashlib
+import logging
 import secrets
 import time
 from collections.abc import Callable, Mapping
@@ -20,6 +21,7 @@ from specs.errors import (
     ObjectConflict,
     ObjectExists,
     ObjectNotFound,
+    ObjectStrange,
     ResourceNotFound,
 )
 from specs.template.body import TemplateBody, template_digest
@@ -33,6 +35,7 @@ from tasks.storage.base.keys import (
 from tasks.storage.base.store import Store
 from tasks.storage.templates.template_names import confirm_name, leave_name, name_holder, name_taken, take_name
 
+_LOG = logging.getLogger(__name__)
 _EARLIER = 100
 
 
@@ -220,10 +223,19 @@ def find_template_name(store: Store, name: str) -> NamedTemplate | None:
 
 
 def named_templates(store: Store) -> list[NamedTemplate]:
-    """Returns all templates that somebody named, oldest first."""
+    """Returns all templates that somebody named, oldest first; one with a damaged record is left out, and logged."""
     ids = [PurePosixPath(key).stem for key in store.keys(named_templates_prefix())]
-    found = [each[0] for template in ids if (each := _found(store, template))]
+    found = [each for template in ids if (each := _listed(store, template))]
     return sorted(found, key=lambda each: (each.created_at_s, each.id))
+
+
+def _listed(store: Store, template: str) -> NamedTemplate | None:
+    try:
+        found = _found(store, template)
+    except ObjectStrange as exc:
+        _LOG.warning("the template %s is left out of lists: %s", template, exc)
+        return None
+    return found[0] if found else None
 
 
 def template_count(store: Store) -> int:

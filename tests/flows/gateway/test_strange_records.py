@@ -74,6 +74,17 @@ def test_a_fleet_with_a_strange_deployment_is_listed_without_it(asked: Asked, st
     assert "lastDeploymentStatus" not in listed
 
 
+def test_a_strange_template_is_left_out_of_lists(asked: Asked):
+    strange = asked.template()
+    body = (ROOT / "examples/templates/two-rooms.json").read_text()
+    ours = asked.call("CreateWorldTemplate", name="ours", templateBody=body)
+    asked.store.put(f"world-templates/{path({'arn': strange})}.json", b"{")
+
+    listed = asked.call("ListWorldTemplates")["templateSummaries"]
+
+    assert ours["arn"] in [each["arn"] for each in listed]
+
+
 def test_a_fleet_that_names_no_deployment_is_listed(asked: Asked):
     asked.fleet()
     _change(asked.store, "fleets/team.json", deployment="../../else")

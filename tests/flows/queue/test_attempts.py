@@ -51,6 +51,16 @@ def test_a_job_leaves_the_queue_when_it_has_ended(file_store: Store):
     assert not file_store.keys("claims")
 
 
+def test_a_job_that_ended_while_its_worker_died_is_finished_by_another(file_store: Store):
+    job, seen = waiting(file_store), list[str]()
+    change_entry(file_store, KIND, job.id, attempts=1)
+    advance(file_store, KIND, job.id, "Completed")
+
+    attempt(file_store, lambda at_turn: seen.append(at_turn.record.status))
+
+    assert (seen, queued_jobs(file_store)) == (["Completed"], [])
+
+
 def test_a_job_that_a_live_worker_has_is_passed_by_at_once(file_store: Store):
     job = waiting(file_store)
     began_s = time.monotonic()
@@ -92,6 +102,18 @@ def test_an_attempt_of_which_something_came_is_forgotten(file_store: Store):
     attempt(file_store, ends(file_store))
 
     assert read(file_store, job.kind, job.id).status == "Completed"
+
+
+def test_a_roll_out_that_went_on_for_long_did_not_kill_its_worker(file_store: Store):
+    job = waiting(file_store, "deployment-job")
+    long_ago_s = time.time() - 3600
+    change_entry(file_store, job.kind, job.id, attempts=3, begun_s=long_ago_s)
+
+    attempt(file_store, lambda _: None)
+
+    entry = find_entry(file_store, job.kind, job.id)
+    assert entry
+    assert entry.attempts == 1
 
 
 @pytest.mark.parametrize("away", [StoreAway("no answer"), ServerAway("503")])

@@ -58,10 +58,13 @@ def test_the_owner_of_a_key_gets_in(guard: SignedGuard, key: AccessKey) -> None:
     assert guard.admit(request, CREATE) == Caller(key.key_id, "ci")
 
 
-def test_a_change_is_admitted_once_and_a_look_as_often_as_it_is_asked(guard: SignedGuard, key: AccessKey) -> None:
+@pytest.mark.parametrize("name", ["CreateFleet", "CreateSimulationJob", "TagResource"])
+def test_a_change_is_admitted_once_and_a_look_as_often_as_it_is_asked(
+    guard: SignedGuard, key: AccessKey, name: str
+) -> None:
     request = by(key)
-    assert isinstance(guard.admit(request, CREATE), Caller)
-    assert code(guard.admit(request, CREATE)) == "ThrottlingException"
+    assert isinstance(guard.admit(request, OPERATIONS[name]), Caller)
+    assert code(guard.admit(request, OPERATIONS[name])) == "ThrottlingException"
     look = by(key)
     assert all(isinstance(guard.admit(look, DESCRIBE), Caller) for _ in range(2))
 

@@ -69,10 +69,10 @@ def test_a_key_that_is_none_is_refused_and_changes_nothing(
 def test_a_revoked_key_is_gone_at_once(path: Path) -> None:
     kept, gone = add_key(path, "kept", ["read"]), add_key(path, "gone", ["read"])
     keys = KeyFile(path)
-    assert keys.secret_of(gone.key_id) == gone.secret
+    assert keys.key(gone.key_id) == gone
     revoke_key(path, "gone")
-    assert keys.secret_of(gone.key_id) is None
-    assert keys.secret_of(kept.key_id) == kept.secret
+    assert keys.key(gone.key_id) is None
+    assert keys.key(kept.key_id) == kept
 
 
 def test_a_key_is_revoked_by_its_id(path: Path) -> None:

@@ -214,3 +214,9 @@ def test_arns_in_tags_and_roles_are_no_resources() -> None:
 def test_a_key_without_limits_does_what_its_rights_say() -> None:
     assert not refusal("CreateDeploymentJob", deployment("any"), ["deploy"])
     assert not refusal("ListFleets", {}, ["read"])
+
+
+def test_a_deployment_of_no_known_fleet_is_within_no_limit() -> None:
+    job = {"job": arn("deployment-job", "deployment-gone")}
+    assert not refusal("CancelDeploymentJob", job, ["deploy"])
+    assert "limits do not cover" in refusal("CancelDeploymentJob", job, ["deploy"], "deployment-fleet/*")

@@ -51,6 +51,13 @@ def test_a_network_of_ipv6_is_one_client() -> None:
     assert len(known) == 2
 
 
+def test_two_addresses_of_ipv4_that_are_written_as_ipv6_are_two_clients() -> None:
+    known = Connections(Bounds(open=10, of_client=1))
+    assert known.admit(Fake(), "::ffff:10.0.0.1")
+    assert known.admit(Fake(), "::ffff:10.0.0.2")
+    assert len(known) == 2
+
+
 def test_what_is_forgotten_leaves_nothing() -> None:
     known = Connections(Bounds())
     for _ in range(3):

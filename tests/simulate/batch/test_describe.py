@@ -27,9 +27,9 @@ from tasks.simulate.batch.describe import (
     batch_notes,
     describe_batch,
     describe_job,
-    job_outcome_tags,
 )
 from tasks.simulate.batch.job import KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
+from tasks.simulate.batch.job_states import Jobs
 from tasks.simulate.data.pins import pin_source
 from tasks.simulate.lists.job_pages import list_batches, list_batches_page, list_jobs, list_jobs_page
 from tasks.storage.base.store import Store
@@ -201,9 +201,9 @@ def test_a_job_says_when_it_began_how_long_it_took_and_what_was_asked(running: O
 
 def test_the_outcome_of_a_job_is_told_in_tags_once_it_has_ended(file_store: Store):
     batch = begun(file_store)
-    assert job_outcome_tags(file_store, f"{batch.id}/0") == {}
+    assert Jobs(file_store, batch.id).outcome_tags(0) == {}
     run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
-    found = [job_outcome_tags(file_store, f"{batch.id}/{index}") for index in range(5)]
+    found = [Jobs(file_store, batch.id).outcome_tags(index) for index in range(5)]
     assert found[0] == {OUTCOME: "Passed"}
     assert found[1] == {OUTCOME: "Failed", REASON: "collision"}
     assert found[3] == {OUTCOME: "Failed", REASON: "RobotApplicationCrash"}
@@ -216,8 +216,8 @@ def test_a_cancelled_job_has_no_outcome_and_one_that_could_not_begin_has_failed(
     stopped, failed = begun(file_store), begun(file_store, name="other")
     advance(file_store, KIND, stopped.id, "Canceled")
     advance(file_store, KIND, failed.id, "Failed", failure_code="InternalServiceError")
-    assert job_outcome_tags(file_store, f"{stopped.id}/0") == {}
-    assert job_outcome_tags(file_store, f"{failed.id}/0") == {OUTCOME: "Failed", REASON: "InternalServiceError"}
+    assert Jobs(file_store, stopped.id).outcome_tags(0) == {}
+    assert Jobs(file_store, failed.id).outcome_tags(0) == {OUTCOME: "Failed", REASON: "InternalServiceError"}
 
 
 def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):

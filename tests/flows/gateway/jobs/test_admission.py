@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
+from flows.gateway.jobs.quota import SINGLE, require_place
 from specs.errors import ConcurrentDeployment, DocumentError, LimitExceeded, SimyardError
+from specs.interface.quotas import SIMULATION_JOBS
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
@@ -35,6 +37,19 @@ def at_once(calls: list[Callable[[], dict[str, Any]]]) -> list[dict[str, Any] | 
     for thread in threads:
         thread.join()
     return answers
+
+
+def test_a_refused_call_whose_twin_has_recorded_the_job_leaves_it_queued(asked: Asked):
+    job = job_id(BATCH, "same")
+
+    def refused_late() -> None:
+        with require_place(asked.store, BATCH, job, SIMULATION_JOBS, {SINGLE: True}):
+            submit(asked.store, BATCH, {}, "same")
+            raise LimitExceeded([])
+
+    with pytest.raises(LimitExceeded):
+        refused_late()
+    assert [(entry.id, entry.options) for entry in queued_jobs(asked.store)] == [(job, {SINGLE: True})]
 
 
 def test_equal_calls_at_once_are_one_job(asked: Asked):

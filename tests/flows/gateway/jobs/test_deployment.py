@@ -86,6 +86,9 @@ def test_a_sync_is_a_job_of_its_own_and_its_entry_says_what_it_is(asked: Asked):
     (entry,) = queued_jobs(asked.store)
     assert (entry.id, entry.options) == (path(made), {"sync": True})
     assert asked.call("SyncDeploymentJob", clientRequestToken="s1", fleet=fleet) == made
+    leave_queue(asked.store, KIND, path(made))
+    asked.call("CancelDeploymentJob", job=made["arn"])
+    assert [entry.options for entry in queued_jobs(asked.store)] == [{"sync": True}]
 
 
 def test_a_token_of_a_sync_is_no_deployments_and_no_other_fleets(asked: Asked):

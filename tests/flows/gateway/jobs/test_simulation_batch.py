@@ -5,7 +5,7 @@ import pytest
 from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceeded, ResourceNotFound
 from tasks.simulate.batch.job import KIND as BATCH
 from tasks.simulate.batch.job import load_batch
-from tasks.storage.jobs.queue import is_queued, queued_jobs
+from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs
 from tasks.storage.jobs.records import advance
 from tests.flows.gateway.jobs.asked import Asked, path
 
@@ -56,8 +56,10 @@ def test_faults_stand_where_the_request_has_them(asked: Asked):
 
 def test_a_cancelled_batch_waits_for_a_worker_and_is_said_to_be_canceling(asked: Asked):
     made = asked.call("StartSimulationJobBatch", createSimulationJobRequests=[asked.job_request(asked.world())])
+    leave_queue(asked.store, BATCH, path(made))  # as a batch of a document's run that was killed
     for _ in range(2):
         assert asked.call("CancelSimulationJobBatch", batch=made["arn"]) == {}
+    assert [entry.id for entry in queued_jobs(asked.store)] == [path(made)]
     assert asked.call("DescribeSimulationJobBatch", batch=made["arn"])["status"] == "Canceling"
     advance(asked.store, BATCH, path(made), "Canceled")
     with pytest.raises(DocumentError):

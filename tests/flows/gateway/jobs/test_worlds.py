@@ -9,7 +9,7 @@ from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceed
 from specs.job_kinds import JobKind
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
-from tasks.storage.jobs.queue import is_queued
+from tasks.storage.jobs.queue import is_queued, leave_queue
 from tasks.storage.jobs.records import advance, read
 from tasks.storage.templates.named_templates import read_body
 from tasks.worlds.step import generate_worlds
@@ -82,7 +82,9 @@ def test_a_running_job_is_said_to_be_canceling_and_one_that_has_ended_is_not_can
     name, request = _asked_for(asked, kind)
     made = asked.call(f"Create{name}", **request)
     advance(asked.store, kind, path(made), "Running")
+    leave_queue(asked.store, kind, path(made))  # as a job of a document's run that was killed
     asked.call(f"Cancel{name}", job=made["arn"])
+    assert is_queued(asked.store, kind, path(made))  # a worker ends it
     assert asked.call(f"Describe{name}", job=made["arn"])["status"] == "Canceling"
     other = asked.call(f"Create{name}", **request)
     advance(asked.store, kind, path(other), "Completed")

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
 from specs.errors import StoreAccessDenied
+from specs.job_kinds import JobKind
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import job_key, line_root_key, line_segment_key, lines_prefix
 from tasks.storage.base.store import Store
@@ -59,6 +60,41 @@ def test_what_has_ended_is_read_from_its_line_the_next_time(store: Store, monkey
     assert open_marks(store, _KIND) == [mark_of(going.created_at_s, going.id)]
     monkeypatch.setattr(JobLines, "_record", lambda _, job: going if job == going.id else pytest.fail(job))
     assert list(listed(store)) == [*(job.id for job in jobs), going.id]
+
+
+def test_what_somebody_settles_while_a_list_begins_is_not_missed(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = ended(file_store, "t")
+    listed(file_store)
+    later = ended(file_store, "later")
+
+    def settled_before(store: Store, kind: JobKind) -> list[Mark]:
+        monkeypatch.undo()
+        listed(store)
+        return open_marks(store, kind)
+
+    monkeypatch.setattr(job_lines, "open_marks", settled_before)
+    assert list(listed(file_store)) == [job.id, later.id]
+
+
+def test_only_segments_that_the_root_names_are_left(file_store: Store) -> None:
+    for number in range(3):
+        ended(file_store, f"t{number}")
+        listed(file_store)
+    remove_lines(file_store, _KIND, frozenset({next(iter(recorded(file_store)))}))
+    named = {line_segment_key(_KIND, note.name) for note in read_root(file_store, _KIND)[0].segments}
+    assert set(file_store.keys(lines_prefix(_KIND))) - {line_root_key(_KIND)} == named
+
+
+def test_a_line_without_a_value_is_found_whatever_is_wanted(file_store: Store) -> None:
+    lines = [
+        Line(Mark(number, f"j{number}"), {} if number == 1 else {"team": ("arms",)}, {}, {}) for number in (1, 0, 2)
+    ]
+    root = segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines).root
+    assert [note.values for note in root.segments] == [{}]
+    of_team = segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines[1:]).root
+    assert [note.values for note in of_team.segments] == [{"team": ("arms",)}]
 
 
 def test_a_list_begins_at_any_place(file_store: Store) -> None:
