@@ -198,6 +198,14 @@ def tokens(call: Caller, refused: Expected, made: Made) -> None:
         refused("IdempotentParameterMismatch", name, **{**asked[name], **used})
 
 
+def cancels(call: Caller, made: Made) -> None:
+    """Jobs of worlds that are canceled before anybody began them."""
+    for kind in ("WorldExportJob", "WorldGenerationJob"):
+        job = call(f"Create{kind}", **requests(made)[f"Create{kind}"])["arn"]
+        call(f"Cancel{kind}", job=job)
+        assert call(f"Describe{kind}", job=job)["status"] == "Canceled"
+
+
 def concurrent(call: Caller, refused: Expected, made: Made) -> None:
     """A deployment that waits, and whose fleet takes no other."""
     asked = requests(made)
@@ -251,6 +259,7 @@ def main() -> None:
     invalid(refused, made)
     taken(refused, made)
     tokens(call, refused, made)
+    cancels(call, made)
     concurrent(call, refused, made)
     too_many(call, limited, made)
     versions(call, refused, made)
