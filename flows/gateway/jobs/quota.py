@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pydantic import JsonValue
 
 from specs.base import Fault
-from specs.errors import LimitExceeded, ObjectNotFound, ResourceNotFound
+from specs.errors import LimitExceeded, ObjectNotFound, ObjectStrange, ResourceNotFound
 from specs.interface.quotas import SIMULATION_JOBS, Quota
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import queue_prefix
@@ -64,7 +64,7 @@ def _waiting(store: Store, kind: JobKind, keys: Sequence[str], *, single: bool) 
 def _entry(store: Store, key: str) -> QueueEntry | None:
     try:
         return queued_entry(store, key)
-    except ObjectNotFound:  # a worker has removed it since it was listed
+    except (ObjectNotFound, ObjectStrange):  # a worker has removed it since it was listed, or a stranger wrote it
         return None
 
 

@@ -69,6 +69,15 @@ def test_calls_at_once_never_exceed_a_quota(asked: Asked, monkeypatch: pytest.Mo
     assert {entry.id for entry in queued_jobs(asked.store)} == {path(answer).partition("/")[0] for answer in made}
 
 
+def test_a_strange_entry_of_a_full_queue_takes_no_place(asked: Asked, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SIMYARD_MAX_SIMULATION_JOBS", "1")
+    asked.store.put(f"queue/{BATCH}/strange.json", b"[]")
+    request = asked.job_request(asked.world())
+    asked.call("CreateSimulationJob", **request)
+    with pytest.raises(LimitExceeded):
+        asked.call("CreateSimulationJob", **request)
+
+
 def test_of_deployments_to_one_fleet_at_once_one_is_made(asked: Asked):
     fleet = asked.fleet()
 
