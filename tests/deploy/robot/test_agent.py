@@ -25,6 +25,7 @@ from tasks.storage.base.store import Store
 from tests.deploy.one_robot import desired
 from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, marked_by, programs_of, wait_for_report
+from tests.repository import ROOT
 from tests.servers.faulty_proxy import faulty_proxy
 from tests.servers.seaweed import Seaweed
 
@@ -196,6 +197,16 @@ HEAVY = [
 ]
 
 
+@pytest.fixture
+def robots_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a robot has: no boto3, which these tests have, and which the library of signed metadata would import."""
+    packages = tmp_path / "packages"
+    packages.mkdir()
+    (packages / "boto3.py").write_text('raise ImportError("no robot has it")\n')
+    monkeypatch.setenv("PYTHONPATH", f"{packages}{os.pathsep}{ROOT}")
+
+
+@pytest.mark.usefixtures("robots_packages")
 @pytest.mark.parametrize(
     "module", ["tasks.deploy.robot.agent", "tasks.storage.backends.s3", "tasks.deploy.trust.verification"]
 )
@@ -207,6 +218,7 @@ def test_an_agent_needs_none_of_the_heavy_packages(module: str) -> None:
     assert loaded.strip() == "[]"
 
 
+@pytest.mark.usefixtures("robots_packages")
 def test_an_agent_that_verifies_takes_less_than_80_megabytes(
     store: Store, tmp_path: Path, agents: list[subprocess.Popen[bytes]]
 ) -> None:
