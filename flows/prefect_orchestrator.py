@@ -180,13 +180,14 @@ class PrefectOrchestrator:
 
 
 @contextmanager
-def under_prefect(stages: Steps | None = None) -> Generator[None, None, None]:
+def under_prefect(stages: Steps | None = None, *, is_queued: bool = False) -> Generator[None, None, None]:
     """Makes Prefect the orchestrator of the block, which is a flow's body.
 
     Args:
         stages: The flow of each stage, for a flow that has stages.
+        is_queued: Whether the flow run is of a queued job.
     """
-    label_process()
+    label_process(is_queued=is_queued)
     with orchestrated_by(PrefectOrchestrator(stages)), log_on_page():
         yield
 

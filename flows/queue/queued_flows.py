@@ -52,7 +52,7 @@ def queued_flow(kind: JobKind, work: Callable[[Store, str], JobRecord], descript
 
     def queued(job: str, store: StoreParameter = None) -> JobRecord:
         opened = open_store(store_at(store))
-        with under_prefect(), orchestrator().announce_changes(), work_for_document(JOB_KINDS[kind].flow):
+        with under_prefect(is_queued=True), orchestrator().announce_changes(), work_for_document(JOB_KINDS[kind].flow):
             return completed_job(flow_result(lambda: work(opened, job)))
 
     def cancel(flow: JobFlow, flow_run: FlowRun, state: State[Any]) -> None:  # noqa: ARG001 - Prefect's

@@ -29,14 +29,19 @@ def tag_flow_run(tag: str) -> None:
         logger.warning("this flow run is without the tag %s: %s", tag, exc)
 
 
-def label_process() -> None:
+def label_process(*, is_queued: bool = False) -> None:
     """Notes which process works on this flow run, so that reaping sees when it is dead.
 
-    The work does not wait for it: Prefect's SQLite may answer 503 at the start of a flow run, and its client then waits
-    for two seconds.
+    Prefect's SQLite may answer 503 at the start of a flow run, and its client then waits for two seconds. The work of a
+    queued job does not wait for that: its flow run is found by the job's tag when its worker is dead.
+
+    Args:
+        is_queued: Whether the flow run is of a queued job.
     """
     flow_run = _this_flow_run()
-    if flow_run is not None:
+    if flow_run is not None and not is_queued:
+        _label(flow_run)
+    elif flow_run is not None:
         context = contextvars.copy_context()  # so that it asks the same server
         threading.Thread(target=context.run, args=(_label, flow_run), name="label of the process", daemon=True).start()
 
