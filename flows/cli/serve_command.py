@@ -83,7 +83,6 @@ def serve(
     opened = open_store(store)
     if pool:
         require_lasting_server(pool)
-    log_to_stderr()
     url = gateway_url(host, port, is_encrypted=tls is not None)
     if unsigned:
         entrance = open_entrance(opened, port, pages_url)
@@ -92,6 +91,7 @@ def serve(
         _show_keys(keys, url, model)
         entrance = signed_entrance(opened, keys, pages_url, is_encrypted=tls is not None or without_tls)
     echo(f"RoboMaker: {url}  (store: {opened.url})")
+    log_to_stderr()
     try:
         with Crew(opened.url, workers, pool) as crew:
             serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
