@@ -10,7 +10,7 @@ from tests.repository import ROOT
 from tests.servers.tools import need_tool
 
 _CALL = re.compile(r'need_tool\("([\w-]+)"(?:, "([\w -]+)")?')
-_SOAK_ONLY = {"postgresql"}
+_SOAK_ONLY = {"postgresql", "uv"}
 
 
 def test_without_a_tool_a_test_is_skipped_and_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch):
