@@ -8,7 +8,7 @@ from collections.abc import Collection
 from specs.arn import KINDS, RUN_KIND, Reference, ResourceKind, absence, parse_reference
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.storage.base.keys import checked_name
+from tasks.storage.base.key_rules import checked_name
 from tasks.storage.base.store import Store
 
 ROBOMAKER_KINDS: tuple[ResourceKind, ...] = tuple(kind for kind in KINDS if kind != RUN_KIND)

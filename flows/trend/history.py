@@ -27,7 +27,8 @@ from tasks.results.trend.night import Night
 from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.batch.seal import is_sealed
 from tasks.simulate.plan.request import recorded_location
-from tasks.storage.base.keys import JOB, jobs_prefix, key_pattern
+from tasks.storage.base.key_rules import key_pattern
+from tasks.storage.base.keys import JOB, jobs_prefix
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import JobRecord, is_terminal, read

@@ -20,7 +20,8 @@ from specs.errors import (
 )
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.encoding import decode_document, encode_document
-from tasks.storage.base.keys import STORE, checked_bucket, checked_key
+from tasks.storage.base.key_rules import checked_bucket, checked_key
+from tasks.storage.base.keys import STORE
 from tasks.storage.base.store import Store
 
 _URL_RULE = "file:///absolute/folder or s3://bucket/prefix; credentials come from the usual AWS variables, never here"

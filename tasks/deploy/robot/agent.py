@@ -26,7 +26,8 @@ from tasks.deploy.robot.shutdown import Stop, StopRequested
 from tasks.deploy.robot.sweep import adopt_orphans
 from tasks.deploy.robot.update import Check, RobotUpdater
 from tasks.progress.log_lines import chosen_log_format, log_in_chosen_format
-from tasks.storage.base.keys import checked_name, robot_record_key
+from tasks.storage.base.key_rules import checked_name
+from tasks.storage.base.keys import robot_record_key
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect
 

@@ -24,7 +24,8 @@ from tasks.deploy.rollout.waves import Limits, limits
 from tasks.deploy.trust.trust_record import Signer
 from tasks.storage.archives import list_bundle_files, safe_parts
 from tasks.storage.base.encoding import decode_document
-from tasks.storage.base.keys import application_key, checked_name
+from tasks.storage.base.key_rules import checked_name
+from tasks.storage.base.keys import application_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import source_faults
 

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.gateway.access.scope import Scope, parse_scope
-from tasks.storage.base.keys import checked_name
+from tasks.storage.base.key_rules import checked_name
 
 KeyRight = Literal["read", "simulate", "deploy"]
 RIGHTS: tuple[KeyRight, ...] = get_args(KeyRight)

@@ -15,7 +15,8 @@ from tasks.results.report.places import Worlds
 from tasks.results.report.view import ReportView, report_view
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.results.tables.stored_rows import require_as_written
-from tasks.storage.base.keys import checked_name, output_key
+from tasks.storage.base.key_rules import checked_name
+from tasks.storage.base.keys import output_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.worlds import decode_world, pinned_world_bytes, world_bytes

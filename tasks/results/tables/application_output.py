@@ -1,7 +1,8 @@
 """Writes what a batch's applications printed, a file a chunk, beside its recordings."""
 
 from specs.field_types import OutputLocation
-from tasks.storage.base.keys import checked_name, output_key
+from tasks.storage.base.key_rules import checked_name
+from tasks.storage.base.keys import output_key
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
 

@@ -15,7 +15,8 @@ import pyarrow as pa
 from specs.field_types import OutputLocation
 from tasks.results.tables.parquet import ParquetFile
 from tasks.results.tables.tables import described_field
-from tasks.storage.base.keys import checked_name, output_key
+from tasks.storage.base.key_rules import checked_name
+from tasks.storage.base.keys import output_key
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
 

@@ -10,7 +10,8 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.statistics.summary import EpisodeTally
 from tasks.results.tables.parquet import ParquetFile
 from tasks.results.tables.tables import extended_schemas, failures_table, results_table, sweep_variables
-from tasks.storage.base.keys import checked_name, output_key
+from tasks.storage.base.key_rules import checked_name
+from tasks.storage.base.keys import output_key
 from tasks.storage.base.store import Store
 
 RESULTS_FILE = "results.parquet"

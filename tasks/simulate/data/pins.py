@@ -11,7 +11,7 @@ from tasks.simulate.data.content_cache import DataCache
 from tasks.simulate.data.sources import MOST_BYTES, MOST_FILES, DataFailure, PinnedFile, PinnedSource, unpinned
 from tasks.simulate.data.unpack import ENDINGS
 from tasks.storage.archives import safe_parts
-from tasks.storage.base.keys import checked_key
+from tasks.storage.base.key_rules import checked_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 

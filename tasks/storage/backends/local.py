@@ -40,7 +40,7 @@ from tasks.storage.backends.local_objects import (
 )
 from tasks.storage.base.atomic_file import HIDDEN, flush_to_disk, hidden_file, make_folder, settle_names, whole_file
 from tasks.storage.base.disk_space import room_in
-from tasks.storage.base.keys import checked_key
+from tasks.storage.base.key_rules import checked_key
 from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
 
 LOCKS = ".locks"

@@ -28,7 +28,7 @@ from tasks.storage.backends.s3_errors import FAULTS, s3_error
 from tasks.storage.backends.s3_objects import entry_of, list_objects, list_uploads, object_mark, server_now_s
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.disk_space import room_in
-from tasks.storage.base.keys import checked_key
+from tasks.storage.base.key_rules import checked_key
 from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
 
 _MARK = "simyard-write"

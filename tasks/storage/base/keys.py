@@ -1,16 +1,13 @@
-"""Every key of the store: its form, how it is filled, and the check of what goes into one.
+"""Every key of the store: its form, and how it is filled.
 
 The forms of what jobs keep stand with the kinds of jobs (specs.job_kinds); buckets/<bucket>/... is what documents call
 s3Bucket, by default.
 """
 
 import hashlib
-import re
-from string import Formatter
 
-from specs.base import Fault
-from specs.errors import DocumentError
 from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, TAGS, TAGS_WITHIN, WORLD
+from tasks.storage.base.key_rules import checked_key, fill, folder
 
 STORE = "store.json"
 """The store's id, written once its promises were probed."""
@@ -58,83 +55,6 @@ ACTIONS = "actions/{day}/{file}"
 """Who asked for which change over HTTP, a line each; a file is one gateway's, of an hour."""
 UNNAMED = "housekeeping/unnamed.json"
 """Since when each bundle has been without a name, for the next time that somebody asks."""
-NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
-KEY_RULE = "parts joined by /, none empty or beginning with a dot, at most 1024 bytes"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
-_DIGEST = re.compile(r"[0-9a-f]{64}")
-_FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
-_BUCKET = re.compile(r"(?!.*\.\.)[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
-_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
-_PARTS = {"digest": (_DIGEST, "64 lower-case hex digits"), "file": (_FILE, "a plain file name")}
-"""What may stand in a part of a form, and the rule in words; in every other part, a name."""
-_DIGITS = re.compile(r"[0-9]+")
-
-
-def fill(form: str, **parts: str | int) -> str:
-    """Returns the key of a form; the parts are text that is checked, or numbers.
-
-    Raises:
-        DocumentError: Text may not stand in its part.
-    """
-    return form.format(**{part: _part(part, text) for part, text in parts.items()})
-
-
-def key_pattern(form: str, **known: str) -> re.Pattern[str]:
-    """Returns what matches the keys of a form, with a group for each part.
-
-    Args:
-        form: The form.
-        known: Regular expressions of parts that are narrower than the form itself says.
-    """
-    expression = ""
-    for text, part, spec, _ in Formatter().parse(form):
-        expression += re.escape(text)
-        if part:
-            broad = _DIGITS.pattern if spec else _PARTS[part][0].pattern if part in _PARTS else "[^/]+"
-            expression += f"(?P<{part}>{known.get(part, broad)})"
-    return re.compile(expression)
-
-
-def _part(part: str, text: str | int) -> str | int:
-    if isinstance(text, int):
-        return text
-    pattern, rule = _PARTS.get(part, (_NAME, NAME_RULE))
-    return _match(pattern, text, part, rule)
-
-
-def _folder(form: str, **parts: str) -> str:
-    """Returns the folder that the first two parts of a form name."""
-    return fill("/".join(form.split("/")[:2]), **parts)
-
-
-def checked_key(key: str) -> str:
-    """Returns the key, if it is one.
-
-    Raises:
-        DocumentError: It could leave the store's folder, or collide with what the store hides there.
-    """
-    parts = key.split("/")
-    if len(key.encode()) > 1024 or _CONTROL.search(key) or any(not part or part.startswith(".") for part in parts):
-        raise _refused("key", key, KEY_RULE)
-    return key
-
-
-def checked_name(name: str, what: str = "name") -> str:
-    """Returns the name, if it may stand in a key; ``what`` names it in the error.
-
-    Raises:
-        DocumentError: It may not.
-    """
-    return _match(_NAME, name, what, NAME_RULE)
-
-
-def checked_bucket(bucket: str) -> str:
-    """Returns the bucket's name, if it is one by S3's rules.
-
-    Raises:
-        DocumentError: It is not.
-    """
-    return _match(_BUCKET, bucket, "s3Bucket", "3 to 63 of a-z 0-9 . -, ends in letters or digits, no two dots")
 
 
 def output_key(prefix: str | None, name: str) -> str:
@@ -150,7 +70,7 @@ def job_key(kind: str, job_id: str) -> str:
 
 def jobs_prefix(kind: str) -> str:
     """Returns the folder that holds the job records of a kind."""
-    return _folder(JOB, kind=kind)
+    return folder(JOB, kind=kind)
 
 
 def token_key(kind: str, token: str) -> str:
@@ -195,7 +115,7 @@ def line_segment_key(kind: str, segment: str) -> str:
 
 def lines_prefix(kind: str) -> str:
     """Returns the folder that holds all that lists keep of a kind of job."""
-    return _folder(LINE_ROOT, kind=kind)
+    return folder(LINE_ROOT, kind=kind)
 
 
 def template_key(name: str) -> str:
@@ -231,7 +151,7 @@ def world_key(generation: str, world: str) -> str:
 
 def worlds_prefix(generation: str) -> str:
     """Returns the folder that holds the worlds of a generation job."""
-    return _folder(WORLD, generation=generation)
+    return folder(WORLD, generation=generation)
 
 
 def contact_sheet_key(generation: str) -> str:
@@ -246,7 +166,7 @@ def export_part_key(export: str, generation: str, world: str) -> str:
 
 def export_parts_prefix(export: str) -> str:
     """Returns the folder that holds what workers made for an export job."""
-    return _folder(EXPORT_PART, export=export)
+    return folder(EXPORT_PART, export=export)
 
 
 def chunk_key(batch: str, number: int) -> str:
@@ -261,7 +181,7 @@ def chunk_start_key(batch: str, number: int) -> str:
 
 def chunks_prefix(batch: str) -> str:
     """Returns the folder that holds the chunks of a batch."""
-    return _folder(CHUNK, batch=batch)
+    return folder(CHUNK, batch=batch)
 
 
 def result_key(batch: str, name: str) -> str:
@@ -276,7 +196,7 @@ def actions_key(day: str, name: str) -> str:
 
 def actions_prefix(day: str = "") -> str:
     """Returns the folder that holds the actions of a day, or those of all days."""
-    return _folder(ACTIONS, day=day) if day else ACTIONS.partition("/")[0]
+    return folder(ACTIONS, day=day) if day else ACTIONS.partition("/")[0]
 
 
 def trend_key(document: str) -> str:
@@ -296,7 +216,7 @@ def application_key(kind: str, name: str) -> str:
 
 def applications_prefix(kind: str) -> str:
     """Returns the folder that holds the applications of a kind."""
-    return _folder(APPLICATION, kind=kind)
+    return folder(APPLICATION, kind=kind)
 
 
 def fleet_key(fleet: str) -> str:
@@ -322,13 +242,3 @@ def reported_key(robot: str) -> str:
 def trust_key(repository: str, name: str) -> str:
     """Returns the key of one of a repository's signed files, such as ``timestamp.json``."""
     return fill(TRUST, repository=repository, file=name)
-
-
-def _match(pattern: re.Pattern[str], text: str, what: str, rule: str) -> str:
-    if not pattern.fullmatch(text):
-        raise _refused(what, text, rule)
-    return text
-
-
-def _refused(what: str, text: str, rule: str) -> DocumentError:
-    return DocumentError([Fault(path=what, value=repr(text[:80]), allowed=rule)], source="store")

@@ -26,12 +26,7 @@ from specs.errors import (
 )
 from specs.template.body import TemplateBody, template_digest
 from tasks.storage.base.encoding import create_once, decode_document, encode_document
-from tasks.storage.base.keys import (
-    NAMED_TEMPLATE_PREFIX,
-    named_template_key,
-    named_templates_prefix,
-    template_key,
-)
+from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, named_template_key, named_templates_prefix, template_key
 from tasks.storage.base.store import Store
 from tasks.storage.templates.template_names import confirm_name, leave_name, name_holder, name_taken, take_name
 

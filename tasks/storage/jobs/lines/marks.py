@@ -8,7 +8,8 @@ believed and no line.
 from typing import NamedTuple
 
 from specs.job_kinds import JobKind
-from tasks.storage.base.keys import LINE_MARK, key_pattern, line_mark_key, line_marks_prefix
+from tasks.storage.base.key_rules import key_pattern
+from tasks.storage.base.keys import LINE_MARK, line_mark_key, line_marks_prefix
 from tasks.storage.base.store import Store
 
 _PATTERN = key_pattern(LINE_MARK)
