@@ -29,6 +29,7 @@ from specs.robomaker.failure_codes import JobFailureCode, require_code_of
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.job_token import JobToken, token_mismatch
 from tasks.storage.jobs.lines.marks import mark_of, mark_open, unmark
 from tasks.storage.jobs.request_changes import changes_text
 from tasks.storage.jobs.transitions import Transition, announce_transition
@@ -70,12 +71,6 @@ class JobRecord(Spec):
     detail: dict[str, JsonValue]
 
 
-class _Token(Spec):
-    token: str
-    request_digest: str
-    id: str
-
-
 def request_digest(request: Mapping[str, JsonValue]) -> str:
     """Returns the SHA-256, in hex, of the request as JSON with sorted keys and no spaces."""
     text = json.dumps(request, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -109,7 +104,7 @@ def submit(
             (docs/reference/robomaker.md, section 2).
     """
     digest = request_digest(request)
-    new = _Token(token=token, request_digest=digest, id=job_id(kind, token))
+    new = JobToken(token=token, request_digest=digest, id=job_id(kind, token))
     if not _record_token(store, kind, new, request):
         with suppress(ResourceNotFound):  # who recorded the token died before the record
             return _as_requested(store, read(store, kind, new.id), new, request)
@@ -246,7 +241,7 @@ def _one_line(reason: str) -> str:
 
 
 def _new_record(
-    store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue], detail: Mapping[str, JsonValue]
+    store: Store, kind: JobKind, new: JobToken, request: dict[str, JsonValue], detail: Mapping[str, JsonValue]
 ) -> JobRecord:
     now_s = time.time()
     return JobRecord(
@@ -265,36 +260,33 @@ def _new_record(
     )
 
 
-def _as_requested(store: Store, record: JobRecord, new: _Token, request: dict[str, JsonValue]) -> JobRecord:
+def _as_requested(store: Store, record: JobRecord, new: JobToken, request: dict[str, JsonValue]) -> JobRecord:
     """Returns the record of a job whose token was missing for a moment, if it was made for this very request."""
     if record.request_digest != new.request_digest:
-        old = _Token(token=record.token, request_digest=record.request_digest, id=record.id)
+        old = JobToken(token=record.token, request_digest=record.request_digest, id=record.id)
         raise _mismatch(store, record.kind, old, request)
     return record
 
 
-def _record_token(store: Store, kind: JobKind, new: _Token, request: dict[str, JsonValue]) -> bool:
+def _record_token(store: Store, kind: JobKind, new: JobToken, request: dict[str, JsonValue]) -> bool:
     """Returns whether the token was new."""
     key = token_key(kind, new.token)
     try:
         store.create(key, encode_document(new))
     except ObjectExists:
-        old = decode_document(_Token, store.get(key), store, key)
+        old = decode_document(JobToken, store.get(key), store, key)
         if old.request_digest != new.request_digest:
             raise _mismatch(store, kind, old, request) from None
         return False
     return True
 
 
-def _mismatch(store: Store, kind: JobKind, old: _Token, request: dict[str, JsonValue]) -> IdempotentParameterMismatch:
+def _mismatch(store: Store, kind: JobKind, old: JobToken, request: dict[str, JsonValue]) -> IdempotentParameterMismatch:
     try:
-        what = f": {changes_text(read(store, kind, old.id).request, request)}"
+        changes = changes_text(read(store, kind, old.id).request, request)
     except ResourceNotFound:  # who sent it died before the record
-        what = ""
-    digests = f"request {old.request_digest}, now {request_digest(request)}"
-    allowed = f"came before with another request ({old.id}){what}; send the same one, or another token ({digests})"
-    fault = Fault(path="clientRequestToken", value=repr(old.token), allowed=allowed)
-    return IdempotentParameterMismatch([fault], source=kind)
+        changes = ""
+    return token_mismatch(kind, old, request_digest(request), changes)
 
 
 def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
