@@ -9,6 +9,7 @@ SimyardError
 │   └── ResourceNotFound              a document names something that does not exist
 ├── AccessRefused                     a request over HTTP is not let in: who sent it, or what its key may do
 ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
+├── LaunchRefused                     a ROS launch file cannot be run here, or roslaunch refuses it
 ├── PipelineNotPassed                 the gate said FAIL, or the deployment failed: exit code 1; INCONCLUSIVE: 4
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
 ├── TrustRefused                      signed metadata or a desired state is not what the keys vouch for
@@ -88,6 +89,10 @@ class AccessRefused(SimyardError):  # noqa: N818 - a state
 
 class BundleRefused(SimyardError):  # noqa: N818 - a state
     """An archive is not what its digest says, or holds what no bundle may; nothing of it was unpacked."""
+
+
+class LaunchRefused(SimyardError):  # noqa: N818 - a state
+    """A ROS launch file cannot be run here: ROS is missing, or roslaunch or Simyard refuses the file."""
 
 
 class StageFailed(SimyardError):  # noqa: N818 - a state, as RoboMaker names it

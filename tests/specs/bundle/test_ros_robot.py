@@ -1,0 +1,31 @@
+"""What ros.yaml may say."""
+
+import pytest
+from pydantic import ValidationError
+
+from specs.bundle.ros_robot import OWN_TOPICS, RosTopics
+from tasks.ros.bag.track_log import track_channels
+from tests.ros.bag.tracks import with_twist
+
+FIELDS = ("command", "scan", "odometry", "joints", "imu", "bumper", "goal", "floor_map")
+
+
+@pytest.mark.parametrize("topic", sorted(OWN_TOPICS))
+def test_a_topic_of_every_robot_or_recording_is_nothing_else(topic: str):
+    with pytest.raises(ValidationError, match=f"odometry: {topic} is a topic of every robot"):
+        RosTopics(odometry=topic)
+
+
+def test_two_sensors_do_not_share_a_topic():
+    with pytest.raises(ValidationError, match="scan and goal are both /goal"):
+        RosTopics(scan="/goal", goal="/goal")
+
+
+def test_the_map_may_be_called_as_it_usually_is():
+    assert RosTopics(floor_map="/map").floor_map == "/map"
+
+
+def test_recordings_have_no_topics_besides_the_robots_and_their_own():
+    topics = RosTopics(**{field: f"/of/{field}" for field in FIELDS})
+    recorded = {channel.topic for channel in track_channels(with_twist()._replace(topics=topics))}
+    assert recorded <= OWN_TOPICS | set(topics.model_dump().values())
