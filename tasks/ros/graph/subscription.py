@@ -1,0 +1,224 @@
+"""The robot's commands: connections to the nodes that publish them, and what has come."""
+
+import asyncio
+import socket
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from tasks.ros.graph.publication import ROBOT, Topic
+from tasks.ros.graph.registrations import Registrations
+from tasks.ros.graph.wire import graph_limits as limits
+from tasks.ros.graph.wire.channel import Channel, Wire
+from tasks.ros.graph.wire.connection_header import HeaderError, take_header, write_header
+from tasks.ros.graph.wire.node_call import NodeAnswer, NodeCalls
+from tasks.ros.graph.wire.xml_rpc import Value
+from tasks.ros.message.definition import digest
+
+_LENGTH = struct.Struct("<I")
+_CHUNK_BYTES = 65536
+
+
+class Source(NamedTuple):
+    """A connection to a node that publishes commands; what came and is no whole message yet."""
+
+    topic: str
+    node: str
+    sock: socket.socket
+    buffer: bytearray
+
+
+class _Publisher(NamedTuple):
+    topic: str
+    node: str
+    uri: str
+
+
+class _Held(NamedTuple):
+    topics: frozenset[str]
+    send: Callable[[], None]
+    timer: asyncio.TimerHandle
+
+
+class Subscriptions:
+    """All topics that the robot subscribes to.
+
+    Attributes:
+        incoming: Connections, in the order of topics' and nodes' names: so that of commands that come at once the same
+            one is the last, whoever connected first.
+        faults: Why a publisher could not be connected, by topic and node.
+        changes: Grows with every connection that begins.
+    """
+
+    def __init__(self, wire: Wire, tables: Registrations, calls: NodeCalls, topics: Sequence[Topic]) -> None:
+        self._wire, self._tables, self._calls = wire, tables, calls
+        self.topics: Mapping[str, Topic] = {topic.name: topic for topic in topics}
+        self.incoming: list[Source] = []
+        self.faults: dict[tuple[str, str], str] = {}
+        self.changes = 0
+        self._known: set[_Publisher] = set()
+        self._pending: set[_Publisher] = set()
+        self._held: list[_Held] = []
+
+    def publishers_changed(self, topic: str) -> None:
+        """Connects to publishers that are new."""
+        now = {_Publisher(topic, *each) for each in self._tables.publishers.of(topic).items() if each[0] != ROBOT}
+        gone = {each for each in self._known if each.topic == topic} - now
+        # One that is gone closes its connection itself, after what it has sent.
+        self._known -= gone
+        for each in sorted(now - self._known):
+            self._known.add(each)
+            self._begin(each)
+
+    def hold(self, topics: frozenset[str], send: Callable[[], None]) -> None:
+        """Sends an answer when the publishers of these topics are connected, so that no first command is lost."""
+        if not any(each.topic in topics for each in self._pending):
+            send()
+            return
+        timer = self._wire.loop.call_later(limits.HOLD_S, self._release, topics)
+        self._held.append(_Held(topics, send, timer))
+        self._wire.busy += 1
+
+    def take(self) -> list[tuple[str, bytes]]:
+        """Returns the commands that have come since the last call: topic and message, a node's in their order."""
+        found: list[tuple[str, bytes]] = []
+        for source in tuple(self.incoming):
+            ended = self._receive(source)
+            found += [(source.topic, message) for message in self._messages(source)]
+            if ended:
+                self.incoming.remove(source)
+                source.sock.close()
+        return found
+
+    def close(self) -> None:
+        """Closes all connections."""
+        for source in self.incoming:
+            source.sock.close()
+        self.incoming.clear()
+        for held in self._held:
+            held.timer.cancel()
+        self._held.clear()
+
+    def _begin(self, publisher: _Publisher) -> None:
+        if len(self.incoming) + len(self._pending) >= limits.PUBLISHERS:
+            self._wire.fail(f"more than {limits.PUBLISHERS} nodes publish {', '.join(self.topics)}")
+            return
+        self._pending.add(publisher)
+        self._wire.busy += 1
+        protocols: Value = [["TCPROS"]]
+        asked = (ROBOT, publisher.topic, protocols)
+        self._calls.call(publisher.uri, "requestTopic", asked, lambda answer: self._connect(publisher, answer))
+
+    def _connect(self, publisher: _Publisher, answer: NodeAnswer) -> None:
+        match answer.value:
+            case ["TCPROS", str(), int(port), *_] if 0 < port < 65536:
+                self._shake_hands(publisher, port)
+            case _:
+                self._finish(publisher, answer.fault or f"it offers {answer.value!r:.200} for TCPROS")
+
+    def _shake_hands(self, publisher: _Publisher, port: int) -> None:
+        try:
+            _Handshake(self._wire, self.topics[publisher.topic], port, lambda each: self._finish(publisher, each))
+        except OSError as exc:
+            self._finish(publisher, str(exc))
+
+    def _finish(self, publisher: _Publisher, found: Channel | str) -> None:
+        self._pending.discard(publisher)
+        self._wire.busy -= 1
+        key = publisher.topic, publisher.node
+        if isinstance(found, str):
+            self.faults[key] = found
+            self._known.discard(publisher)
+        else:
+            self.faults.pop(key, None)
+            rest = bytearray(found.incoming)
+            self.incoming.append(Source(*key, found.detach(), rest))
+            self.incoming.sort(key=lambda each: (each.topic, each.node))
+            self.changes += 1
+        self._release(frozenset())
+
+    def _release(self, expired: frozenset[str]) -> None:
+        """Sends the answers that need not wait any longer."""
+        pending = {each.topic for each in self._pending}
+        ready = [each for each in self._held if each.topics is expired or not each.topics & pending]
+        self._held = [each for each in self._held if not any(each is other for other in ready)]
+        for each in ready:
+            each.timer.cancel()
+            self._wire.busy -= 1
+            each.send()
+
+    def _receive(self, source: Source) -> bool:
+        """Takes what has come; returns whether the connection has ended."""
+        before = len(source.buffer)
+        while True:
+            try:
+                data = source.sock.recv(_CHUNK_BYTES)
+            except (BlockingIOError, InterruptedError):
+                return False
+            except OSError:
+                return True
+            source.buffer.extend(data)
+            if not data:
+                return True
+            if len(source.buffer) - before > limits.COMMAND_BYTES:
+                self._wire.fail(f"{source.node} floods {source.topic}: more than {limits.COMMAND_BYTES} bytes at once")
+                return True
+            if len(data) < _CHUNK_BYTES:
+                return False
+
+    def _messages(self, source: Source) -> list[bytes]:
+        found: list[bytes] = []
+        buffer, at = source.buffer, 0
+        while len(buffer) - at >= 4:
+            (length,) = _LENGTH.unpack_from(buffer, at)
+            if length > limits.COMMAND_MESSAGE_BYTES:
+                self._wire.fail(
+                    f"{source.node} announces a message of {length} bytes on {source.topic}: "
+                    f"at most {limits.COMMAND_MESSAGE_BYTES} are taken"
+                )
+                buffer.clear()
+                return found
+            if len(buffer) - at < 4 + length:
+                break
+            found.append(bytes(buffer[at + 4 : at + 4 + length]))
+            at += 4 + length
+        del buffer[:at]
+        return found
+
+
+class _Handshake:
+    """The headers of a connection to a publisher."""
+
+    def __init__(self, wire: Wire, topic: Topic, port: int, done: Callable[[Channel | str], None]) -> None:
+        self._wire, self._topic, self._done = wire, topic, done
+        self._channel: Channel = wire.connect(port, self._take, lambda: done("it closed the connection"))
+        self._channel.limit_time(limits.CALL_S)
+        # Without tcp_nodelay a node's second command within 40 ms would wait for an acknowledgement that is delayed.
+        fields = {
+            "callerid": ROBOT,
+            "md5sum": digest(topic.kind),
+            "tcp_nodelay": "1",
+            "topic": topic.name,
+            "type": topic.kind,
+        }
+        self._channel.send(write_header(fields))
+
+    def _take(self) -> None:
+        try:
+            fields = take_header(self._channel.incoming)
+        except HeaderError as exc:
+            fields = {"error": str(exc)}
+        if fields is None:
+            return
+        self._channel.limit_time(None)
+        fault = fields.get("error", "")
+        if not fault and fields.get("md5sum") != digest(self._topic.kind):
+            fault = f"it has {fields.get('type', 'no type')[:200]} with md5sum {fields.get('md5sum', '')[:40]!r}"
+        if not fault:
+            self._done(self._channel)
+            return
+        caller = fields.get("callerid", "a node")[:200]
+        takes = f"the robot takes {self._topic.kind} with md5sum {digest(self._topic.kind)}"
+        self._wire.fail(f"{caller} cannot command the robot on {self._topic.name}: {takes}; {fault[:500]}")
+        self._channel.drop()
+        self._done(fault)

@@ -1,0 +1,148 @@
+"""What a bundle's packages need of ROS and is not there."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+from xml.etree import ElementTree
+
+from specs.errors import LaunchRefused
+from tasks.ros.launch.installation import RosInstallation, ros_installation
+
+_NEEDS = ("exec_depend", "run_depend", "depend")
+_DEBIAN_INFO = Path("/var/lib/dpkg/info")
+_DEPTH = 6
+_MOST_BYTES = 1 << 20
+# Of packages of ROS and of the system (REP 127, Debian policy 5.6.1): no pattern of files, and no way to a folder.
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
+# Debian splits what ROS has in one package; for others a rule gives the name.
+_DEBIAN = {
+    "roscpp": "libroscpp-dev",
+    "topic_tools": "libtopic-tools-dev",
+    "tf": "python3-tf",
+    "roslaunch": "python3-roslaunch",
+    "rospy": "python3-rospy",
+    "rosbag": "python3-rosbag",
+    "dynamic_reconfigure": "python3-dynamic-reconfigure",
+    "actionlib": "python3-actionlib",
+    "tf2_ros": "python3-tf2-ros",
+    "cv_bridge": "python3-cv-bridge",
+}
+
+
+class MissingPackage(NamedTuple):
+    """A package that another one needs.
+
+    Attributes:
+        name: As package.xml has it.
+        needed_by: The package that needs it.
+        debian: What probably brings it.
+    """
+
+    name: str
+    needed_by: str
+    debian: str
+
+    @property
+    def sentence(self) -> str:
+        """Returns the same for a person."""
+        return (
+            f"the ROS package {self.name}, which {self.needed_by} needs, is missing: try apt-get install {self.debian}"
+        )
+
+
+def missing_packages(bundle: Path, package: str) -> list[MissingPackage]:
+    """Returns what a package of a bundle needs when it runs, itself or through others of the bundle, and is not here.
+
+    Args:
+        bundle: Folder that holds the ROS packages.
+        package: The one that is launched.
+
+    Raises:
+        LaunchRefused: The bundle does not have the package, or a package.xml cannot be read.
+    """
+    installation, own = ros_installation(), bundle_packages(bundle)
+    if package not in own and not _installed(installation, package):
+        have = ", ".join(sorted(own)) or "no package at all"
+        raise LaunchRefused(f"there is no ROS package {package!r} in the bundle, which has {have}")
+    todo, seen, missing = [package], {package}, list[MissingPackage]()
+    while todo:
+        needer = todo.pop()
+        for name in _needs(own[needer]) if needer in own else ():
+            if name in seen:
+                continue
+            seen.add(name)
+            todo.append(name)
+            if name not in own and not _installed(installation, name):
+                missing.append(MissingPackage(name, needer, _debian_name(installation, name)))
+    return sorted(missing)
+
+
+def bundle_packages(bundle: Path) -> dict[str, Path]:
+    """Returns the folders of a bundle's ROS packages by name."""
+    return {read_manifest(path).findtext("name", path.parent.name).strip(): path.parent for path in _manifests(bundle)}
+
+
+def read_manifest(path: Path) -> ElementTree.Element:
+    """Returns what a package.xml says.
+
+    Args:
+        path: The file, which a stranger may have written.
+
+    Raises:
+        LaunchRefused: It is no XML, larger than any package.xml, or has a document type, which entities need.
+    """
+    with path.open("rb") as file:
+        data = file.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
+        raise LaunchRefused(f"{path}: more than {_MOST_BYTES} bytes")
+    try:
+        return ElementTree.fromstring(data, ElementTree.XMLParser(target=_Tree()))  # noqa: S314 - without entities
+    except (ElementTree.ParseError, LookupError, ValueError) as exc:
+        raise LaunchRefused(f"{path}: not a package.xml: {exc}") from exc
+    except LaunchRefused as exc:
+        raise LaunchRefused(f"{path}: {exc}") from None
+
+
+class _Tree(ElementTree.TreeBuilder):
+    """Builds a document's tree, and none of one that could have entities, in whatever encoding."""
+
+    def doctype(self, *_: object) -> NoReturn:
+        raise LaunchRefused("a package.xml has no document type, and no entities")
+
+
+def _manifests(bundle: Path) -> Iterator[Path]:
+    """Yields the package.xml of each package; none lies inside another one."""
+    todo = [(bundle, 0)]
+    while todo:
+        folder, depth = todo.pop()
+        if (folder / "package.xml").is_file():
+            yield folder / "package.xml"
+        elif depth < _DEPTH:
+            todo += [(each, depth + 1) for each in sorted(folder.iterdir()) if each.is_dir() and not each.is_symlink()]
+
+
+def _needs(folder: Path) -> list[str]:
+    path = folder / "package.xml"
+    root = read_manifest(path)
+    found = [element.text.strip() for kind in _NEEDS for element in root.findall(kind) if element.text]
+    for name in found:
+        if not _NAME.fullmatch(name):
+            raise LaunchRefused(f"{path}: {name[:80]!r} is no name of a package")
+    return list(dict.fromkeys(found))
+
+
+def _installed(installation: RosInstallation, name: str) -> bool:
+    """Returns whether ROS, or the system for a name that is none of ROS's, has a package."""
+    if (installation.prefix / "share" / name / "package.xml").is_file():
+        return True
+    return any(_DEBIAN_INFO.glob(f"{name}.list")) or any(_DEBIAN_INFO.glob(f"{name}:*.list"))
+
+
+def _debian_name(installation: RosInstallation, name: str) -> str:
+    dashed = name.replace("_", "-")
+    if installation.prefix != Path("/usr"):
+        return f"ros-{installation.distribution}-{dashed}"
+    if name.endswith(("_msgs", "_srvs")):
+        return _DEBIAN.get(name, f"python3-{dashed}")
+    return _DEBIAN.get(name, dashed if dashed.startswith(("python3-", "lib")) else f"ros-{dashed}")

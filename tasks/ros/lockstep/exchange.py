@@ -1,0 +1,144 @@
+"""What episodes and their ROS applications hand each other at a control step; the same for ROS 1 and ROS 2."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from specs.bundle.ros_robot import RosRobot
+
+
+class Joints(NamedTuple):
+    """Of a robot that is more than a planar base: what ``/joint_states`` says."""
+
+    names: tuple[str, ...]
+    position: Float[np.ndarray, "joints"]
+    speed: Float[np.ndarray, "joints"]
+
+
+class FloorPlan(NamedTuple):
+    """The map of a lane's world, as an occupancy grid has it: 0 free, 100 not free, rows from the origin along y."""
+
+    cells: np.ndarray
+    origin_m: tuple[float, float]
+    cell_m: float
+
+
+class Sensed(NamedTuple):
+    """What a lane's robot senses before a control step.
+
+    Attributes:
+        pose: Where it believes to be: (x m, y m, yaw rad).
+        velocity: In its own frame: (m/s ahead, m/s to the left, rad/s).
+        acceleration: In its own frame: (m/s2 ahead, m/s2 to the left).
+        ranges_m: The lidar's, counter-clockwise from ``Base.first_ray_rad``; its range where nothing is seen.
+        bumper: Which sectors touched.
+        goal: The goal to go to now, (x m, y m), in the frame that the pose is in.
+        joints: None for a planar base.
+    """
+
+    pose: Float[np.ndarray, "3"]
+    velocity: Float[np.ndarray, "3"]
+    acceleration: Float[np.ndarray, "2"]
+    ranges_m: Float[np.ndarray, "rays"]
+    bumper: Bool[np.ndarray, "sectors"]
+    goal: Float[np.ndarray, "2"]
+    joints: Joints | None = None
+
+
+class Command(NamedTuple):
+    """The last Twist that came: in the robot's own frame."""
+
+    ahead_m_s: float = 0.0
+    left_m_s: float = 0.0
+    turn_rad_s: float = 0.0
+
+
+class Base(NamedTuple):
+    """A robot's base: what its nodes are told of it beyond ``ros.yaml``.
+
+    Attributes:
+        robot: The declaration, its defaults filled in.
+        rays: How many rays the lidar has; 0 for none.
+        first_ray_rad, ray_step_rad: Direction of the first ray in the lidar's frame, and from one to the next.
+        range_m: The lidar's.
+    """
+
+    robot: RosRobot
+    rays: int
+    first_ray_rad: float
+    ray_step_rad: float
+    range_m: float
+
+
+class Launch(NamedTuple):
+    """What is launched for each lane.
+
+    Attributes:
+        bundle: Folder that holds the ROS packages.
+        package: The launch configuration's packageName.
+        launch_file: Its launchFile, with ``.launch`` or ``.launch.py``.
+        home: An empty folder to write to, for logs and temporary files; gone after ``close``.
+        environment: Of each lane: its environment variables.
+    """
+
+    bundle: Path
+    package: str
+    launch_file: str
+    home: Path
+    environment: Sequence[Mapping[str, str]]
+
+
+class Tally(NamedTuple):
+    """How the exchange of one lane went; lock-step held if ``late`` and ``stray`` are 0.
+
+    Attributes:
+        commands: Twists that came.
+        late: Stages in which the lane did not come to rest in time.
+        stray: Commands that came after the lane was taken for quiet.
+    """
+
+    commands: int = 0
+    late: int = 0
+    stray: int = 0
+
+
+class Lockstep(Protocol):
+    """Applications of all lanes of a chunk, a graph and processes of its own for each lane."""
+
+    @property
+    def failures(self) -> Mapping[int, str]:
+        """Returns why applications failed, by lane, for a person; such a lane is asked nothing more."""
+        ...
+
+    @property
+    def cancelled(self) -> frozenset[int]:
+        """Returns the lanes whose application called ``/robomaker/job/cancel``."""
+        ...
+
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+        """Waits until every application is ready, and lets it warm up with its robot at rest.
+
+        Args:
+            sensed: What each lane's robot senses at its start; None for a lane that is not driven.
+            floors: The maps, if ``topics.floor_map`` is declared.
+        """
+        ...
+
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+        """Returns each lane's command for the control step to come; None marks lanes that are done."""
+        ...
+
+    def tally(self, lane: int) -> Tally:
+        """Returns how the exchange of a lane went so far."""
+        ...
+
+    def tags(self, lane: int) -> Mapping[str, str]:
+        """Returns what a lane's application gave to ``/robomaker/job/add_tags``."""
+        ...
+
+    def close(self) -> None:
+        """Ends every process, closes every port, removes every file; nothing happens a second time."""
+        ...

@@ -1,0 +1,252 @@
+"""ROS 1 applications in lock-step with their episodes: a master, a robot, a network and processes for each lane."""
+
+import functools
+import shutil
+from collections.abc import Mapping, Sequence
+from typing import Self
+
+from specs.errors import LaunchRefused
+from tasks.ros.graph.graph import Graph
+from tasks.ros.launch.installation import ros_installation
+from tasks.ros.launch.launch_plan import LaunchPlan
+from tasks.ros.launch.node_environment import make_home, node_environment
+from tasks.ros.launch.resolve import LaunchSource, resolve
+from tasks.ros.lockstep.event_pump import EventPump
+from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Launch, Sensed, Tally
+from tasks.ros.lockstep.poll_audit import PollAudit
+from tasks.ros.lockstep.quiet import QuietJudge
+from tasks.ros.lockstep.readiness import Readiness
+from tasks.ros.lockstep.ros_lane import RosLane, Writer
+from tasks.ros.lockstep.sensor_message import CLOCK, Moment, SensorMessages
+from tasks.ros.lockstep.settle import Patience, Settling
+from tasks.ros.message.motion_message import clock
+from tasks.ros.message.stamp import stamp
+from tasks.ros.process.application import Application, end_all, end_strays
+from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
+from tasks.ros.process.lineage import Lineage
+from tasks.ros.process.network import Networks
+from tasks.ros.process.thread_watch import allow_files, counts_runs
+
+# Time 0 means "not known yet" to ROS 1.
+_BEGINS_NS = 1_000_000_000
+_WARM_UP_STEPS = 10
+
+
+class Ros1Lockstep:
+    """The applications of all lanes of a chunk; see ``Lockstep``.
+
+    Its thread must outlive it: the kernel ends nodes with the thread that started them.
+
+    Args:
+        launch: What is launched.
+        base: The robot's base.
+        control_s: Simulated time of a control step.
+        clock_s: Simulated time between two ticks of ``/clock``; 0 for one tick a control step.
+        patience: With an application.
+        limits: Of each application.
+    """
+
+    def __init__(
+        self,
+        launch: Launch,
+        base: Base,
+        control_s: float,
+        *,
+        clock_s: float = 0.0,
+        patience: Patience | None = None,
+        limits: LaneLimits | None = None,
+    ) -> None:
+        allow_files()
+        self._launch, self._base = launch, base
+        self._control_ns = round(control_s * 1e9)
+        self._clock_ns = round(clock_s * 1e9) or self._control_ns
+        self._limits = limits or LaneLimits()
+        self._messages = SensorMessages(base, control_s)
+        self._pump, self._networks = EventPump(), Networks(launch.home)
+        self._lineage = Lineage()
+        self._patience = patience or Patience()
+        self._settling = Settling(self._pump, self._patience, self._end)
+        self._audit = PollAudit(self._pump)
+        self._lanes: dict[int, RosLane] = {}
+        self._failures: dict[int, str] = {}
+        self._now_ns, self._step, self._closed = _BEGINS_NS, 0, False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def failures(self) -> Mapping[int, str]:
+        """Returns why applications failed, by lane."""
+        return {**self._failures, **{number: lane.failure for number, lane in self._lanes.items() if lane.failure}}
+
+    @property
+    def cancelled(self) -> frozenset[int]:
+        """Returns the lanes whose application called ``/robomaker/job/cancel``."""
+        return frozenset(number for number, lane in self._lanes.items() if lane.graph.cancelled)
+
+    @property
+    def shared_network(self) -> str:
+        """Returns why lanes share one network, so that no two nodes can take one port; empty where they do not."""
+        return self._networks.shared
+
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+        """Waits until every application is ready, and lets it warm up with its robot at rest.
+
+        Raises:
+            LaunchRefused: Nobody can tell here when an application is at rest.
+            OSError: The machine has no room for so many.
+        """
+        if not counts_runs():
+            raise LaunchRefused("this kernel does not tell how often threads are run (/proc/<pid>/schedstat)")
+        driven = [number for number, own in enumerate(sensed) if own is not None]
+        plans = self._plans([self._launch.environment[number] for number in driven])
+        for number, plan in zip(driven, plans, strict=True):
+            if isinstance(plan, LaunchRefused):
+                self._failures[number] = str(plan)
+                continue
+            own, lane = sensed[number], self._lane(number, plan)
+            if lane.failure:
+                self._end(lane)
+            elif own is not None:
+                self._publish_fixed(lane, own, floors[number])
+        lanes = list(self._lanes.values())
+        Readiness(self._pump, self._messages.commands.name, self._base.robot.ready_s, self._end).wait(lanes)
+        for _ in range(_WARM_UP_STEPS):
+            self.exchange(sensed)
+        for lane in lanes:
+            lane.command, lane.commands, lane.late, lane.stray = Command(), 0, 0, 0
+            if not lane.failure and not lane.graph.publishers(self._messages.commands.name):
+                lane.failure = f"no node publishes {self._messages.commands.name}"
+                self._end(lane)
+
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+        """Returns each lane's command for the control step to come; None marks lanes that are done."""
+        moving = {n: lane for n, lane in self._lanes.items() if sensed[n] is not None and not lane.failure}
+        self._pump.turn()
+        for number, lane in moving.items():
+            lane.collect(self._now_ns, stray=True)
+            own = sensed[number]
+            if own is not None and not lane.failure:
+                lane.plan(self._planned(lane, Moment(self._step, self._now_ns, own)))
+        lanes = [lane for lane in moving.values() if not lane.failure]
+        self._settling.run(lanes, self._now_ns)
+        self._audit.run(lanes, self._step)
+        self._check(moving)
+        self._stop_idle(lanes)
+        self._now_ns, self._step = self._now_ns + self._control_ns, self._step + 1
+        return [self._lanes[n].command if n in moving else Command() for n in range(len(sensed))]
+
+    def tally(self, lane: int) -> Tally:
+        """Returns how the exchange of a lane went so far."""
+        return self._lanes[lane].tally() if lane in self._lanes else Tally()
+
+    def tags(self, lane: int) -> Mapping[str, str]:
+        """Returns what a lane's application gave to ``/robomaker/job/add_tags``."""
+        return dict(self._lanes[lane].graph.tags) if lane in self._lanes else {}
+
+    def processes(self, lane: int) -> list[int]:
+        """Returns the processes of a lane's application, as of the last control step."""
+        return self._lanes[lane].application.processes() if lane in self._lanes else []
+
+    def close(self) -> None:
+        """Ends every process, closes every port, removes every file; nothing happens a second time."""
+        if self._closed:
+            return
+        self._closed = True
+        end_all([lane.application for lane in self._lanes.values()], self._lineage)
+        end_strays(self._lineage)
+        for lane in self._lanes.values():
+            lane.graph.close()
+            lane.network.close()
+        self._networks.close()
+        self._lineage.close()
+        self._pump.close()
+        shutil.rmtree(self._launch.home, ignore_errors=True)
+
+    def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
+        """Returns what is started with each environment, or why nothing can be."""
+        source = LaunchSource(self._launch.bundle, self._launch.package, self._launch.launch_file)
+        return resolve(source, environments)
+
+    def _lane(self, number: int, plan: LaunchPlan) -> RosLane:
+        """Returns a lane with its nodes started, or with why they cannot be."""
+        installation, network = ros_installation(), self._networks.new()
+        home = make_home(self._launch.home / f"lane-{number}", installation)
+        try:
+            graph = Graph(self._pump.loop, self._messages.topics, [self._messages.commands], network.new_socket)
+        except OSError:
+            network.close()
+            raise
+        latched = frozenset(topic.name for topic in self._messages.topics if topic.latched)
+        judge = QuietJudge(Application(home, self._lineage, self._limits), graph, self._patience.nap_s)
+        lane = self._lanes[number] = RosLane(judge, network, self._pump, latched)
+        variables = self._launch.environment[number]
+        environment = node_environment(installation, self._launch.bundle, graph.uri, home, variables)
+        try:
+            for name, value in {**plan.parameters, "/use_sim_time": True}.items():
+                graph.set_parameter(name, value)
+        except ValueError as exc:
+            lane.failure = f"a parameter of its launch file: {exc}"
+            return lane
+        self._start(lane, plan, environment, network.prefix)
+        return lane
+
+    def _start(
+        self, lane: RosLane, plan: LaunchPlan, environment: Mapping[str, str], prefix: Sequence[str] = ()
+    ) -> None:
+        """Starts a lane's nodes; notes why if one cannot be.
+
+        Raises:
+            OSError: The machine has no room for so many.
+        """
+        try:
+            lane.application.start(plan.nodes, environment, prefix)
+        except (OSError, ValueError) as exc:
+            if isinstance(exc, OSError) and exc.errno in NO_ROOM:
+                raise
+            lane.failure = f"a node cannot be started: {exc}"
+
+    def _publish_fixed(self, lane: RosLane, sensed: Sensed, floor: FloorPlan | None) -> None:
+        moment = Moment(0, self._now_ns, sensed)
+        lane.graph.publish(CLOCK, self._messages.write(CLOCK, moment))
+        for topic, data in self._messages.fixed(moment, floor).items():
+            lane.graph.publish(topic, data)
+
+    def _planned(self, lane: RosLane, moment: Moment) -> list[tuple[str, Writer]]:
+        """Returns what a lane is sent in a control step: ticks, a goal that is new, then all its sensors."""
+        planned: list[tuple[str, Writer]] = []
+        if self._now_ns > _BEGINS_NS:
+            ticks = range(self._now_ns - self._control_ns + self._clock_ns, self._now_ns, self._clock_ns)
+            planned += [(CLOCK, functools.partial(clock, stamp(tick_ns))) for tick_ns in ticks]
+        planned += [(topic, functools.partial(self._messages.write, topic, moment)) for topic in self._messages.order]
+        x, y = map(float, moment.sensed.goal)
+        found = self._messages.goal(moment) if lane.goal != (x, y) else None
+        if found is not None:
+            lane.goal, (topic, data) = (x, y), found
+            planned.insert(len(planned) - len(self._messages.order) + 1, (topic, lambda: data))
+        return planned
+
+    def _check(self, moving: Mapping[int, RosLane]) -> None:
+        """Fails lanes whose nodes ended, and of one lane a step looks how much it uses."""
+        for number, lane in moving.items():
+            lane.check()
+            if not lane.failure and self._step % len(self._launch.environment) == number:
+                lane.failure = lane.application.excess()
+            if lane.failure:
+                self._end(lane)
+
+    def _stop_idle(self, lanes: Sequence[RosLane]) -> None:
+        hold_ns = round(self._base.robot.command_timeout_s * 1e9)
+        for lane in lanes:
+            if hold_ns and self._now_ns - lane.commanded_ns > hold_ns:
+                lane.command = Command()
+
+    def _end(self, lane: RosLane) -> None:
+        """Ends what belongs to a lane that failed; its neighbours need the machine."""
+        lane.command = Command()
+        end_all([lane.application], self._lineage)
+        lane.graph.close()
+        lane.network.close()

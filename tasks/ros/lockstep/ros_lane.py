@@ -1,0 +1,152 @@
+"""One episode in lock-step: its graph, its application, what is still to be sent to it, and what came of it."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+from tasks.ros.graph.graph_side import Listener
+from tasks.ros.lockstep.event_pump import EventPump
+from tasks.ros.lockstep.exchange import Command, Tally
+from tasks.ros.lockstep.quiet import QuietJudge
+from tasks.ros.lockstep.sensor_message import CLOCK
+from tasks.ros.message.motion_message import read_twist
+from tasks.ros.message.stamp import frame_message
+from tasks.ros.process.network import Network
+
+# A node that sends more in one control step does not answer what it senses.
+_COMMANDS_A_STEP = 1000
+# One that goes by the wall's clock is not in lock-step: some such commands are counted, many are no episode.
+_STRAY_COMMANDS = 200
+# The first look comes a little before the end that is to be expected, and never late because others took the cores.
+_REMEMBERED = 0.5
+_SHARE = 0.6
+_LONGEST_GUESS_S = 0.0015
+_LAST_WORDS_S = 3.0
+
+Writer = Callable[[], bytes]
+
+
+class RosLane:
+    """One episode.
+
+    Args:
+        judge: Says when its application is quiet.
+        network: Its own.
+        pump: Serves its graph.
+        latched: Topics whose last message is kept for those who come.
+
+    Attributes:
+        graph: Its own.
+        application: Its processes.
+        failure: Why it cannot go on, for a person; empty while it can.
+        command: The last one that came.
+        commanded_ns: Simulated time when it came.
+        goal: The goal that its nodes know.
+        commands, late, stray: See ``Tally``.
+        begun_s: When it was sent something last.
+        look_s: When to look at it next.
+        nap_s: How long to wait after a look that found it awake.
+    """
+
+    def __init__(self, judge: QuietJudge, network: Network, pump: EventPump, latched: frozenset[str]) -> None:
+        self.judge, self.network = judge, network
+        self.graph, self.application = judge.graph, judge.application
+        self.failure, self.command, self.commanded_ns = "", Command(), -math.inf
+        self.goal: tuple[float, float] | None = None
+        self.commands = self.late = self.stray = 0
+        self.begun_s = self.look_s = self.nap_s = 0.0
+        self._pump, self._latched = pump, latched
+        self._changes, self._had_source = -1, False
+        self._topics: deque[tuple[str, Writer]] = deque()
+        self._frame, self._to = b"", deque[Listener]()
+        self._topic = ""
+        self._usual_s: dict[str, float] = {}
+        self._step_commands = 0
+
+    def plan(self, topics: list[tuple[str, Writer]]) -> None:
+        """Notes what is to be sent in a control step, in this order."""
+        self._topics, self._to = deque(topics), deque()
+        self._step_commands = 0
+
+    def send(self, now_s: float, *, fresh: bool) -> bool:
+        """Sends the next message to one node; returns False if all has been sent.
+
+        A node at a time and a topic at a time: what nodes send each other then has one order.
+
+        Args:
+            now_s: By a clock that only grows.
+            fresh: Whether the lane was looked at a moment ago.
+        """
+        while not self._to:
+            if not self._topics:
+                return False
+            self._topic, write = self._topics.popleft()
+            subscribers, latched = self.graph.outgoing[self._topic], self._topic in self._latched
+            if subscribers or latched:
+                data = write()
+                self._frame = frame_message(data)
+                if latched:
+                    self.graph.keep(self._topic, data)
+                self._to = deque(sorted(subscribers, key=lambda each: each.node))
+        self.judge.begin(now_s, fresh=fresh, ticked=self._topic == CLOCK)
+        self._to.popleft().channel.send(self._frame)
+        self.begun_s, self.nap_s = now_s, 0.0
+        self.look_s = now_s + min(_SHARE * self._usual_s.get(self._topic, 0.0), _LONGEST_GUESS_S)
+        return True
+
+    def settle(self) -> None:
+        """Notes how long the application took to deal with what was sent last."""
+        took_s = self.judge.rest_s - self.begun_s
+        usual_s = self._usual_s.get(self._topic, took_s)
+        self._usual_s[self._topic] = _REMEMBERED * usual_s + (1.0 - _REMEMBERED) * took_s
+
+    def collect(self, time_ns: int, *, stray: bool = False) -> None:
+        """Takes the commands that have come.
+
+        Args:
+            time_ns: Simulated time.
+            stray: Whether the lane was taken for quiet before they came.
+        """
+        if self.failure:
+            return
+        if self.graph.changes != self._changes:
+            self._changes = self.graph.changes
+            for source in self.graph.incoming:
+                self._had_source = True
+                self._pump.watch(source.sock)
+        for topic, data in self.graph.take():
+            try:
+                twist = read_twist(data)
+            except ValueError as exc:
+                self.failure = f"{topic}: {exc}"
+                return
+            if not all(map(math.isfinite, twist)):
+                self.failure = f"{topic}: a command is not a number: {tuple(twist)}"
+                return
+            self.command, self.commanded_ns = Command(*twist), time_ns
+            self.commands += 1
+            self.stray += stray
+            self._step_commands += 1
+        if self._step_commands > _COMMANDS_A_STEP:
+            self.failure = f"more than {_COMMANDS_A_STEP} commands came in one control step"
+        if self.stray > _STRAY_COMMANDS:
+            self.failure = f"{self.stray} commands came by the wall's clock, while nothing was sent to its nodes"
+
+    def drain(self) -> None:
+        """Throws away the commands that came before the episode begins."""
+        self._step_commands = 0
+        self.collect(0)
+        self.command, self._step_commands = Command(), 0
+
+    def check(self) -> None:
+        """Looks whether a node ended, or the graph gave up."""
+        self.failure = self.failure or self.application.failure() or self.graph.failure
+        if not self.failure and self._had_source and not self.graph.incoming:
+            # A node that ends unregisters first, and says a moment later with which status.
+            self.failure = self.application.last_failure(_LAST_WORDS_S)
+            done = [f"node {name} ended with status 0, and " for name in sorted(self.application.done)]
+            self.failure = self.failure or "".join(done[-1:]) + "no node is connected to the command topic any more"
+
+    def tally(self) -> Tally:
+        """Returns how the exchange went."""
+        return Tally(self.commands, self.late, self.stray)

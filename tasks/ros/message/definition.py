@@ -1,0 +1,132 @@
+"""Definitions of the ROS 1 messages and services that the robot speaks: their fields, digests and full text.
+
+The digest of a type is the MD5 of its definition without comments, in which each field of another message type is
+replaced by that type's digest (wiki.ros.org/ROS/Technical%20Overview, "Message serialization and msg MD5
+sums"). Two nodes exchange messages only if their digests are equal.
+"""
+
+import hashlib
+import re
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+
+ANY = "*"
+_PRIMITIVE = re.compile(r"(bool|u?int(8|16|32|64)|float(32|64)|string|time|duration|byte|char)$")
+_RULE = "=" * 80
+
+MESSAGES: Mapping[str, str] = MappingProxyType(
+    {
+        "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+        "geometry_msgs/Pose": "Point position\nQuaternion orientation",
+        "geometry_msgs/PoseStamped": "Header header\nPose pose",
+        "geometry_msgs/PoseWithCovariance": "Pose pose\nfloat64[36] covariance",
+        "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+        "geometry_msgs/Transform": "Vector3 translation\nQuaternion rotation",
+        "geometry_msgs/TransformStamped": "Header header\nstring child_frame_id\nTransform transform",
+        "geometry_msgs/Twist": "Vector3 linear\nVector3 angular",
+        "geometry_msgs/TwistWithCovariance": "Twist twist\nfloat64[36] covariance",
+        "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+        "nav_msgs/MapMetaData": (
+            "time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\ngeometry_msgs/Pose origin"
+        ),
+        "nav_msgs/OccupancyGrid": "Header header\nMapMetaData info\nint8[] data",
+        "nav_msgs/Odometry": (
+            "Header header\nstring child_frame_id\n"
+            "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist"
+        ),
+        "robomaker_simulation_msgs/Tag": "string key\nstring value",
+        "rosgraph_msgs/Clock": "time clock",
+        "sensor_msgs/Imu": (
+            "Header header\n"
+            "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
+            "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
+            "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance"
+        ),
+        "sensor_msgs/JointState": (
+            "Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+        ),
+        "sensor_msgs/LaserScan": (
+            "Header header\nfloat32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\nfloat32 time_increment\n"
+            "float32 scan_time\nfloat32 range_min\nfloat32 range_max\nfloat32[] ranges\nfloat32[] intensities"
+        ),
+        "std_msgs/Header": "uint32 seq\ntime stamp\nstring frame_id",
+        "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
+        "std_msgs/MultiArrayLayout": "MultiArrayDimension[] dim\nuint32 data_offset",
+        "std_msgs/UInt8MultiArray": "MultiArrayLayout layout\nuint8[] data",
+        "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    }
+)
+
+# Request and response.
+SERVICES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "robomaker_simulation_msgs/AddTags": ("Tag[] tags", "bool success\nstring message"),
+        "robomaker_simulation_msgs/Cancel": ("", "bool success\nstring message"),
+        "robomaker_simulation_msgs/ListTags": ("", "bool success\nstring message\nTag[] tags"),
+        "robomaker_simulation_msgs/RemoveTags": ("string[] keys", "bool success\nstring message"),
+    }
+)
+
+
+@cache
+def digest(kind: str) -> str:
+    """Returns the MD5 digest of a message's or service's type.
+
+    Args:
+        kind: Such as ``sensor_msgs/LaserScan``.
+
+    Raises:
+        KeyError: If the robot does not speak that type.
+    """
+    if kind in SERVICES:
+        parts = (_digest_text(_package(kind), text) for text in SERVICES[kind])
+        return hashlib.md5("".join(parts).encode(), usedforsecurity=False).hexdigest()
+    text = _digest_text(_package(kind), MESSAGES[kind])
+    return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()
+
+
+@cache
+def definition(kind: str) -> str:
+    """Returns the definition of a message with those of all types in it, as connection headers and bags hold it.
+
+    Args:
+        kind: Such as ``sensor_msgs/LaserScan``.
+
+    Raises:
+        KeyError: If the robot does not speak that type.
+    """
+    found: list[str] = []
+    _collect_types(kind, found)
+    parts = [MESSAGES[kind] + "\n"]
+    parts += [f"{_RULE}\nMSG: {each}\n{MESSAGES[each]}\n" for each in found if each != kind]
+    return "".join(parts)
+
+
+def _digest_text(package: str, text: str) -> str:
+    lines: list[str] = []
+    for line in filter(None, text.split("\n")):
+        field, name = line.split()
+        base = field.partition("[")[0]
+        lines.append(line if _PRIMITIVE.match(base) else f"{digest(_full_name(package, base))} {name}")
+    return "\n".join(lines)
+
+
+def _collect_types(kind: str, found: list[str]) -> None:
+    if kind in found:
+        return
+    found.append(kind)
+    for line in MESSAGES[kind].split("\n"):
+        base = line.split()[0].partition("[")[0]
+        if not _PRIMITIVE.match(base):
+            _collect_types(_full_name(_package(kind), base), found)
+
+
+def _full_name(package: str, base: str) -> str:
+    if base == "Header":
+        return "std_msgs/Header"
+    return base if "/" in base else f"{package}/{base}"
+
+
+def _package(kind: str) -> str:
+    return kind.partition("/")[0]

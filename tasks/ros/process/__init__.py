@@ -1,0 +1,1 @@
+"""An application's processes: started, watched, ended. Lockstep may import it."""

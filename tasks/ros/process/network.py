@@ -1,0 +1,124 @@
+"""A network for each episode: its ports are its own, and nothing but its own loopback device can be reached.
+
+A small process, the keeper, lives in a user namespace of its own, so that it may make networks (user_namespaces(7)).
+It makes sockets in them for this process, and nodes are started in them by nsenter(1). Where the kernel refuses user
+namespaces, all episodes share one network. Should this process be killed, the keeper ends what is left of its
+episodes.
+"""
+
+import array
+import errno
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self
+
+from tasks.ros.process.keeper_program import KEEPER
+
+_ANSWER_S = 20.0
+
+
+class Network:
+    """One episode's network.
+
+    Attributes:
+        new_socket: Makes a TCP socket in it.
+        prefix: What stands before the command of a program that is to run in it.
+    """
+
+    def __init__(self, new_socket: Callable[[], socket.socket], prefix: tuple[str, ...], handle: int = -1) -> None:
+        self.new_socket, self.prefix = new_socket, prefix
+        self._handle = handle
+
+    def close(self) -> None:
+        """Gives the network up; it is gone with the last process in it."""
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1
+
+
+class Networks:
+    """Makes networks, or hands out the one that is there.
+
+    Args:
+        root: Folder that holds the folders of all episodes.
+
+    Attributes:
+        shared: Why all episodes share one network; empty where each has its own.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.shared = ""
+        self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._ours.settimeout(_ANSWER_S)
+        command = [sys.executable, "-I", "-S", "-c", KEEPER, str(theirs.fileno()), str(root)]
+        self._keeper = subprocess.Popen(  # noqa: S603 - its own program
+            command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, start_new_session=True
+        )
+        theirs.close()
+        self._count = 0
+        self._say(self._received()[0])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def new(self) -> Network:
+        """Returns a network of its own, or the shared one.
+
+        Raises:
+            OSError: The first episodes have networks of their own, and there is no other one.
+        """
+        if self.shared:
+            return Network(socket.socket, ())
+        answer, handle = self._ask("new")
+        if handle < 0 and self._count:  # its neighbours have networks of their own: fewer of them may fit
+            raise OSError(errno.EMFILE, f"no network for another episode: {answer}")
+        self._say(answer)
+        if handle < 0:
+            return Network(socket.socket, ())
+        number, self._count = self._count, self._count + 1
+        return Network(lambda: self._socket(number), self._prefix(handle), handle)
+
+    def close(self) -> None:
+        """Ends the keeper; what it ends before is what the episodes left."""
+        self._ours.close()
+        self._keeper.wait()
+
+    def _prefix(self, handle: int) -> tuple[str, ...]:
+        keeper, own = self._keeper.pid, os.getpid()
+        user, network = f"--user=/proc/{keeper}/ns/user", f"--net=/proc/{own}/fd/{handle}"
+        return ("nsenter", user, network, "--preserve-credentials", "--")
+
+    def _socket(self, number: int) -> socket.socket:
+        answer, handle = self._ask(f"socket {number}")
+        if handle < 0:
+            raise OSError(errno.EMFILE, f"no socket in an episode's network: {answer}")
+        return socket.socket(fileno=handle)
+
+    def _ask(self, question: str) -> tuple[str, int]:
+        try:
+            self._ours.send(question.encode())
+        except OSError as exc:
+            return f"refused {exc}", -1
+        return self._received()
+
+    def _received(self) -> tuple[str, int]:
+        try:
+            text, more, _, _ = self._ours.recvmsg(1024, socket.CMSG_SPACE(4), socket.MSG_CMSG_CLOEXEC)
+        except OSError as exc:
+            return f"refused {exc}", -1
+        handles = array.array("i")
+        for _, _, data in more:
+            handles.frombytes(data[: handles.itemsize])
+        return text.decode() or "refused its keeper ended", handles[0] if handles else -1
+
+    def _say(self, answer: str) -> None:
+        if answer.startswith("refused"):
+            why = answer.removeprefix("refused").strip()
+            self.shared = f"all episodes share one network: this kernel gives them none of their own ({why})"

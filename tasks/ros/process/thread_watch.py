@@ -1,0 +1,241 @@
+"""Whether the threads of some processes are all asleep, by what the kernel tells of them (proc_pid_stat(5)).
+
+One look reads each thread's state, then how long and how often it was run so far. All are asleep at one and the same
+moment if a look finds each asleep and run no more than at the look before: such a thread slept from its first reading
+to its second, and these stretches overlap. A thread that is woken but waits for a core reads as running.
+"""
+
+import contextlib
+import os
+import resource
+from collections.abc import Generator, Iterable, Set
+from enum import Enum
+from pathlib import Path
+from typing import NamedTuple
+
+from tasks.ros.process.lane_limits import NO_ROOM
+
+_STATE_BYTES = 64
+_RUNS_BYTES = 64
+_AWAKE = b"RD"
+_STOPPED = b"Tt"
+_NAP = b"nanosleep"
+_NONE: frozenset[int] = frozenset()
+
+
+class Rest(Enum):
+    """What a look found: all asleep since the last look, or why not."""
+
+    ASLEEP = "asleep"
+    MOVED = "moved"
+    AWAKE = "awake"
+    STOPPED = "stopped"
+
+
+class _Thread(NamedTuple):
+    pid: int
+    tid: int
+    state: int
+    runs: int
+    waits: int
+
+    def close(self) -> None:
+        for file in (self.state, self.runs, self.waits):
+            os.close(file)
+
+
+class ThreadWatch:
+    """The threads of an application's processes; files of ``/proc`` stay open from look to look.
+
+    Attributes:
+        looks: How often it looked.
+        runs: What was noted last of each thread: how long and how often it was run.
+        changed: Threads that were run between the last two notes.
+    """
+
+    def __init__(self) -> None:
+        self.looks = 0
+        self.runs: dict[int, bytes] = {}
+        self.changed: frozenset[int] = frozenset()
+        self._threads: dict[int, _Thread] = {}
+        self._marked: dict[int, bytes] = {}
+        # The thread that was found awake last is asked first: as long as it is, the others need not be asked.
+        self._hot: _Thread | None = None
+
+    def refresh(self, pids: Iterable[int]) -> None:
+        """Looks again which threads these processes have.
+
+        Raises:
+            OSError: There is no room for so many open files.
+        """
+        there: dict[int, int] = {}
+        for pid in pids:
+            with _gone():
+                there.update((int(tid), pid) for tid in os.listdir(f"/proc/{pid}/task"))  # noqa: PTH208 - much quicker
+        for tid in self._threads.keys() - there.keys():
+            self._forget(tid)
+        for tid in there.keys() - self._threads.keys():
+            with _gone():
+                self._threads[tid] = _opened(there[tid], tid)
+
+    def put_first(self, tids: Set[int]) -> None:
+        """Lets looks begin with these threads, if they are there: whom they wake is then asked after them."""
+        self._threads = dict(sorted(self._threads.items(), key=lambda each: each[0] not in tids))
+
+    def look(self) -> Rest:
+        """Returns whether all threads slept since the last look; one without a look before it never says so."""
+        self.looks += 1
+        hot, stopped = self._hot, False
+        if hot is not None and self._state(hot) in _AWAKE:
+            return Rest.AWAKE
+        for thread in list(self._threads.values()):
+            state = self._state(thread)
+            if state in _AWAKE:
+                self._hot = thread
+                return Rest.AWAKE
+            stopped = stopped or state in _STOPPED
+        self.snapshot()
+        if self.changed:
+            return Rest.MOVED
+        return Rest.STOPPED if stopped else Rest.ASLEEP
+
+    def snapshot(self) -> None:
+        """Notes how often each thread was run so far."""
+        runs: dict[int, bytes] = {}
+        for tid, thread in list(self._threads.items()):
+            try:
+                runs[tid] = os.pread(thread.runs, _RUNS_BYTES, 0)
+            except OSError:
+                self._forget(tid)
+        self.changed = _differ(runs, self.runs) if runs != self.runs else _NONE
+        self.runs = runs
+
+    def mark(self) -> None:
+        """Notes that what comes now has a cause: something was sent."""
+        self._marked = self.runs
+
+    def moved(self, besides: Set[int] = _NONE) -> bool:
+        """Returns whether any thread, besides some, was run between the mark and the last look."""
+        return self.runs != self._marked and bool(_differ(self.runs, self._marked) - besides)
+
+    def ran(self, tid: int, noted: bytes | None) -> bool:
+        """Returns whether a thread was run since that was noted of it, or is gone."""
+        thread = self._threads.get(tid)
+        try:
+            return thread is None or os.pread(thread.runs, _RUNS_BYTES, 0) != noted
+        except OSError:
+            return True
+
+    def process(self, tid: int) -> int:
+        """Returns the process of a thread; 0 for one that is not known."""
+        thread = self._threads.get(tid)
+        return thread.pid if thread is not None else 0
+
+    def counts(self) -> dict[int, int]:
+        """Returns how often each thread was run, as of the last look."""
+        return {tid: int(runs.split()[2]) for tid, runs in self.runs.items() if runs}
+
+    def counts_since_mark(self) -> dict[int, int]:
+        """Returns how often threads were run between the mark and the last look; of those that were there then."""
+        there = {tid: noted for tid, noted in self._marked.items() if noted}
+        return {tid: count - int(there[tid].split()[2]) for tid, count in self.counts().items() if tid in there}
+
+    def napping(self, exempt: Set[int] = _NONE) -> frozenset[int] | None:
+        """Returns the threads that were run since the mark and sleep by the wall's clock, as ``time.sleep`` does.
+
+        None says that one of them woke up meanwhile.
+
+        Args:
+            exempt: Threads that may, as the first one of a Python node in ``rospy.spin``.
+        """
+        if self.runs == self._marked:
+            return _NONE
+        ran = [tid for tid in _differ(self.runs, self._marked) - exempt if tid in self._threads]
+        naps = frozenset(tid for tid in ran if _naps(self._threads[tid]))
+        woken = any(self._woken(tid) for tid in ran if tid not in naps)
+        return None if woken else naps
+
+    def sleepers(self) -> frozenset[int]:
+        """Returns the threads that sleep by the wall's clock now."""
+        return frozenset(tid for tid, thread in self._threads.items() if _naps(thread))
+
+    def awake(self) -> int:
+        """Returns the thread that the last look found awake; 0 for none."""
+        return self._hot.tid if self._hot is not None else 0
+
+    def _woken(self, tid: int) -> bool:
+        """Returns whether a thread was run since the last look, or waits for a core after its nap."""
+        thread = self._threads.get(tid)
+        if thread is not None and self._state(thread) in _AWAKE:
+            return True
+        return self.ran(tid, self.runs.get(tid))
+
+    def close(self) -> None:
+        """Closes the files."""
+        for tid in list(self._threads):
+            self._forget(tid)
+
+    def _state(self, thread: _Thread) -> bytes:
+        """Returns the letter of a thread's state; that of a sleeper for one that is gone."""
+        try:
+            text = os.pread(thread.state, _STATE_BYTES, 0)
+        except OSError:
+            self._forget(thread.tid)
+            return b"S"
+        at = text.rfind(b")") + 2
+        return text[at : at + 1] or b"S"
+
+    def _forget(self, tid: int) -> None:
+        thread = self._threads.pop(tid, None)
+        if thread is not None:
+            thread.close()
+            if self._hot is thread:
+                self._hot = None
+
+
+@contextlib.contextmanager
+def _gone() -> Generator[None]:
+    """Suppresses what is said of a thread that is gone; one that nobody watches would be taken for one that sleeps."""
+    try:
+        yield
+    except OSError as exc:
+        if exc.errno in NO_ROOM:
+            raise
+
+
+def _opened(pid: int, tid: int) -> _Thread:
+    files: list[int] = []
+    try:
+        for name in ("stat", "schedstat", "wchan"):
+            files.append(os.open(f"/proc/{pid}/task/{tid}/{name}", os.O_RDONLY))  # noqa: PERF401 - those before it are closed
+    except OSError:
+        for file in files:
+            os.close(file)
+        raise
+    return _Thread(pid, tid, *files)
+
+
+def _differ(after: dict[int, bytes], before: dict[int, bytes]) -> frozenset[int]:
+    """Returns the threads that were run in between, that came, or that are gone."""
+    gone = before.keys() - after.keys()
+    return frozenset(tid for tid, runs in after.items() if before.get(tid) != runs) | gone
+
+
+def _naps(thread: _Thread) -> bool:
+    with contextlib.suppress(OSError):
+        return _NAP in os.pread(thread.waits, _STATE_BYTES, 0)
+    return False
+
+
+def allow_files() -> None:
+    """Lets this process open as many files as it may: each thread that is watched takes three."""
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
+def counts_runs() -> bool:
+    """Returns whether this kernel counts how often threads are run; without that nobody can tell who is quiet."""
+    try:
+        return len(Path("/proc/self/schedstat").read_bytes().split()) == 3
+    except OSError:
+        return False

@@ -1,0 +1,186 @@
+"""What a node may do to a graph: the graph still answers others, and nothing grows."""
+
+import socket
+import xmlrpc.client
+from collections.abc import Generator
+from contextlib import contextmanager
+
+import pytest
+
+from tasks.ros.graph.wire import graph_limits
+from tests.ros.graph.episode import Episode, PlayedNode, read_exactly, read_header
+from tests.ros.graph.wire.test_codecs import BOMB
+
+
+@contextmanager
+def connected(port: int) -> Generator[socket.socket]:
+    with socket.create_connection(("127.0.0.1", port), 20.0) as sock:
+        yield sock
+
+
+def post(body: bytes, *, length: int | None = None) -> bytes:
+    return f"POST /RPC2 HTTP/1.1\r\nContent-Length: {len(body) if length is None else length}\r\n\r\n".encode() + body
+
+
+def _answer(sock: socket.socket) -> tuple[str, bytes]:
+    """Returns the first line and the body of an answer."""
+    data = b""
+    while b"\r\n\r\n" not in data:
+        part = sock.recv(65536)
+        if not part:
+            return "", b""
+        data += part
+    head, _, body = data.partition(b"\r\n\r\n")
+    length = next(int(line[15:]) for line in head.split(b"\r\n") if line.startswith(b"Content-Length:"))
+    return head.split(b"\r\n")[0].decode(), body + read_exactly(sock, length - len(body))
+
+
+def _send(episode: Episode, data: bytes) -> tuple[str, bytes]:
+    with connected(episode.port) as sock:
+        episode.during(sock.sendall, data)
+        return episode.during(_answer, sock)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [BOMB, b"garbage", b"<methodCall>", b"\x00" * 100, xmlrpc.client.dumps((1,), methodresponse=True).encode()],
+)
+def test_garbage_is_answered_with_a_fault(episode: Episode, body: bytes):
+    line, answer = _send(episode, post(body))
+    assert line == "HTTP/1.1 200 OK"
+    assert b"faultString" in answer or b"no method" in answer
+    assert episode.call("getUri")[2] == episode.graph.uri
+
+
+@pytest.mark.parametrize(
+    ("data", "line"),
+    [
+        (b"GET / HTTP/1.1\r\n\r\n", "HTTP/1.1 405 Method Not Allowed"),
+        (b"POST / HTTP/1.1\r\n\r\n", "HTTP/1.1 411 Length Required"),
+        (post(b"", length=10**12), "HTTP/1.1 413 Content Too Large"),
+        (b"POST / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n", "HTTP/1.1 501 Not Implemented"),
+        (b"a" * 100_000, "HTTP/1.1 431 Request Header Fields Too Large"),
+        (b"\r\n\r\n", "HTTP/1.1 405 Method Not Allowed"),
+    ],
+)
+def test_what_is_no_call_over_http_is_refused(episode: Episode, data: bytes, line: str):
+    assert _send(episode, data)[0] == line
+    assert episode.call("getUri")[0] == 1
+
+
+@pytest.mark.parametrize("data", [b"", b"POST", post(b"", length=100) + b"half"])
+def test_a_request_that_never_ends_is_dropped(episode: Episode, monkeypatch: pytest.MonkeyPatch, data: bytes):
+    monkeypatch.setattr(graph_limits, "REQUEST_S", 0.05)
+    with connected(episode.port) as sock:
+        sock.sendall(data)
+        assert episode.call("getUri")[0] == 1
+        assert episode.graph.busy == 0
+        if data:
+            assert episode.during(sock.recv, 1) == b""
+
+
+def test_a_connection_that_says_nothing_to_the_robot_is_dropped(episode: Episode, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(graph_limits, "REQUEST_S", 0.05)
+    with connected(episode.topic_port()) as sock:
+        assert episode.during(sock.recv, 1) == b""
+
+
+def test_a_call_in_single_bytes_is_answered(episode: Episode):
+    def dribble() -> tuple[str, bytes]:
+        with connected(episode.port) as sock:
+            for byte in post(xmlrpc.client.dumps(("/a",), "getUri").encode()):
+                sock.sendall(bytes([byte]))
+            return _answer(sock)
+
+    assert episode.graph.uri.encode() in episode.during(dribble)[1]
+
+
+def test_calls_sent_without_waiting_are_answered_in_their_order(episode: Episode):
+    with PlayedNode() as node, connected(episode.port) as sock:
+        # The first answer is held until the robot is connected.
+        first = xmlrpc.client.dumps(("/node", "/cmd_vel", "geometry_msgs/Twist", node.uri), "registerPublisher")
+        calls = [first, xmlrpc.client.dumps(("/node", "/a", 1), "setParam")]
+        calls += [xmlrpc.client.dumps(("/node", "/a"), "getParam")]
+        episode.during(sock.sendall, b"".join(post(each.encode()) for each in calls))
+        data = b""
+        while data.count(b"</methodResponse>") < 3:
+            data += episode.during(sock.recv, 65536)
+        assert b"publishes /cmd_vel" in data.split(b"</methodResponse>")[0]
+        assert b"parameter /a set" in data.split(b"</methodResponse>")[1]
+
+
+def test_a_multicall_of_too_many_calls_is_refused(episode: Episode):
+    calls = [{"methodName": "getPid", "params": ["/a"]}] * (graph_limits.CALLS + 1)
+    with pytest.raises(xmlrpc.client.Fault, match="at most 1000 calls"):
+        episode.during(getattr(episode.master, "system.multicall"), calls)
+
+
+@pytest.mark.parametrize("calls", [[1], [{"methodName": 3}], [{"methodName": "system.multicall", "params": []}], 7])
+def test_a_multicall_that_is_none_is_refused(episode: Episode, calls: object):
+    with pytest.raises(xmlrpc.client.Fault, match=r"system\.multicall"):
+        episode.during(getattr(episode.master, "system.multicall"), calls)
+
+
+def test_a_header_that_is_none_is_answered_with_the_reason(episode: Episode):
+    with connected(episode.topic_port()) as sock:
+        episode.during(sock.sendall, b"GET / HTTP/1.1\r\n\r\n")
+        assert "a header of 542393671 bytes" in episode.during(read_header, sock)["error"]
+
+
+def test_a_node_that_answers_nothing_is_not_waited_for(episode: Episode, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(graph_limits, "CALL_S", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        uri = f"http://127.0.0.1:{silent.getsockname()[1]}/"
+        assert episode.call("registerPublisher", "/cmd_vel", "geometry_msgs/Twist", uri)[0] == 1
+        assert "no answer" in episode.graph.unconnected()[0]
+        assert episode.graph.busy == 0
+
+
+def test_a_publishers_answer_is_not_held_for_ever(episode: Episode, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(graph_limits, "HOLD_S", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        uri = f"http://127.0.0.1:{silent.getsockname()[1]}/"
+        assert episode.call("registerPublisher", "/cmd_vel", "geometry_msgs/Twist", uri)[0] == 1
+        assert episode.graph.busy > 0
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"nonsense\r\n\r\n",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 99999999999\r\n\r\n",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 3\r\n\r\nabc",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n",
+    ],
+)
+def test_a_node_that_answers_garbage_is_not_connected(episode: Episode, answer: bytes):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def reply() -> None:
+            sock, _ = server.accept()
+            with sock:
+                sock.recv(65536)
+                sock.sendall(answer)
+
+        uri = f"http://127.0.0.1:{server.getsockname()[1]}/"
+        body = xmlrpc.client.dumps(("/node", "/cmd_vel", "geometry_msgs/Twist", uri), "registerPublisher").encode()
+        with connected(episode.port) as sock:
+            sock.sendall(post(body))
+            episode.during(reply)
+            assert b"publishes /cmd_vel" in episode.during(_answer, sock)[1]
+        assert len(episode.graph.unconnected()) == 1
+
+
+def test_a_node_that_names_no_port_for_its_topic_is_not_connected(episode: Episode):
+    with PlayedNode() as node:
+        node._server.register_function(lambda *_: [1, "", ["UDPROS", "h", 7]], "requestTopic")
+        assert episode.call("registerPublisher", "/cmd_vel", "geometry_msgs/Twist", node.uri)[0] == 1
+        assert "it offers ['UDPROS', 'h', 7] for TCPROS" in episode.graph.unconnected()[0]
+
+
+def test_the_graph_ends_while_nodes_wait_for_it(episode: Episode):
+    with PlayedNode() as node, connected(episode.port) as sock:
+        body = xmlrpc.client.dumps(("/node", "/cmd_vel", "geometry_msgs/Twist", node.uri), "registerPublisher").encode()
+        sock.sendall(post(body) + b"POST")
+        episode.graph.close()
+        episode.graph.close()

@@ -1,0 +1,102 @@
+"""RoboMaker's services over TCPROS: tags and the end of a job."""
+
+import socket
+import struct
+
+import pytest
+
+from tasks.ros.message.definition import digest
+from tasks.ros.message.service_message import write_tags
+from tasks.ros.message.stamp import frame_message, text
+from tests.ros.graph.episode import Episode, read_exactly, read_message
+
+ADD, CANCEL = "/robomaker/job/add_tags", "/robomaker/job/cancel"
+
+
+def _open(episode: Episode, service: str, **more: str) -> tuple[socket.socket, dict[str, str]]:
+    uri = episode.call("lookupService", service)[2]
+    assert uri == f"rosrpc://127.0.0.1:{episode.topic_port()}"
+    return episode.connect({"callerid": "/node", "service": service, "md5sum": "*"} | more)
+
+
+def _ask(episode: Episode, service: str, request: bytes) -> tuple[int, bytes]:
+    sock, _ = _open(episode, service)
+    with sock:
+        episode.during(sock.sendall, frame_message(request))
+        good = episode.during(read_exactly, sock, 1)[0]
+        answer = episode.during(read_message, sock)
+        assert episode.during(sock.recv, 1) == b""
+        return good, answer
+
+
+def test_tags_are_added_listed_and_removed(episode: Episode):
+    assert _ask(episode, ADD, write_tags({"kind": "patrol", "site": "north"})) == (1, b"\1" + text(""))
+    assert episode.graph.tags == {"kind": "patrol", "site": "north"}
+    _ask(episode, "/robomaker/job/remove_tags", struct.pack("<I", 1) + text("kind"))
+    assert _ask(episode, "/robomaker/job/list_tags", b"") == (1, b"\1" + text("") + write_tags({"site": "north"}))
+
+
+@pytest.mark.parametrize(
+    ("tags", "fault"),
+    [
+        ({"": "x"}, "at least 1 character"),
+        ({"aws:x": "x"}, "aws"),
+        ({str(number): "" for number in range(51)}, "at most 50"),
+    ],
+)
+def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(
+    episode: Episode, tags: dict[str, str], fault: str
+):
+    good, answer = _ask(episode, ADD, write_tags(tags))
+    assert (good, answer[0]) == (1, 0)
+    assert fault in answer[5:].decode()
+    assert episode.graph.tags == {}
+
+
+def test_a_job_is_cancelled_once_the_application_says_so(episode: Episode):
+    assert not episode.graph.cancelled
+    assert _ask(episode, CANCEL, b"") == (1, b"\1" + text(""))
+    assert episode.graph.cancelled
+
+
+def test_a_request_that_is_none_is_answered_with_the_reason(episode: Episode):
+    good, answer = _ask(episode, ADD, b"\xff\xff\xff\xff")
+    assert good == 0
+    assert b"a list of 4294967295 that ends after 0" in answer
+
+
+def test_a_persistent_connection_takes_one_request_after_the_other(episode: Episode):
+    sock, answer = _open(episode, ADD, persistent="1")
+    with sock:
+        assert answer["md5sum"] == digest("robomaker_simulation_msgs/AddTags")
+        assert answer["request_type"] == "robomaker_simulation_msgs/AddTagsRequest"
+        for key in ("a", "b"):
+            episode.during(sock.sendall, frame_message(write_tags({key: key})))
+            assert episode.during(read_exactly, sock, 1) == b"\1"
+            episode.during(read_message, sock)
+    assert episode.graph.tags == {"a": "a", "b": "b"}
+
+
+def test_a_probe_gets_the_header_alone(episode: Episode):
+    sock, answer = _open(episode, CANCEL, probe="1")
+    with sock:
+        assert answer["type"] == "robomaker_simulation_msgs/Cancel"
+        assert episode.during(sock.recv, 1) == b""
+
+
+@pytest.mark.parametrize(
+    ("service", "md5sum", "fault"),
+    [("/none", "*", "has no service '/none'"), (ADD, "1", "is robomaker_simulation_msgs/AddTags with md5sum 6377")],
+)
+def test_a_header_that_does_not_fit_is_refused(episode: Episode, service: str, md5sum: str, fault: str):
+    sock, answer = episode.connect({"callerid": "/node", "service": service, "md5sum": md5sum})
+    with sock:
+        assert fault in answer["error"]
+
+
+def test_a_request_of_gigabytes_is_refused_at_once(episode: Episode):
+    sock, _ = _open(episode, ADD)
+    with sock:
+        episode.during(sock.sendall, struct.pack("<I", 2**32 - 1))
+        assert episode.during(read_exactly, sock, 1) == b"\0"
+        assert b"a request of 4294967295 bytes" in episode.during(read_message, sock)

@@ -1,0 +1,124 @@
+"""The robot's commands: nodes that publish them are connected before they hear of it, and bounded."""
+
+import struct
+
+import pytest
+
+from tasks.ros.graph.wire import graph_limits
+from tasks.ros.message.motion_message import PlanarTwist, twist
+from tasks.ros.message.stamp import frame_message
+from tests.ros.graph.episode import Episode, PlayedNode
+
+FORWARD, BACK = (twist(PlanarTwist(speed, 0.0, 0.0)) for speed in (1.0, -1.0))
+
+
+def _register(episode: Episode, node: PlayedNode) -> None:
+    answer = episode.call("registerPublisher", "/cmd_vel", node.kind, node.uri, caller=node.name)
+    assert answer[0] == 1
+
+
+def _commands(episode: Episode, count: int) -> list[bytes]:
+    found: list[tuple[str, bytes]] = []
+
+    def take() -> bool:
+        found.extend(episode.graph.take())
+        return len(found) >= count
+
+    episode.serve_until(take)
+    assert {topic for topic, _ in found} == {"/cmd_vel"}
+    return [data for _, data in found]
+
+
+def test_the_robot_is_connected_when_a_publisher_gets_its_answer(episode: Episode):
+    with PlayedNode() as node:
+        _register(episode, node)
+        assert [each.node for each in episode.graph.incoming] == ["/node"]
+        assert episode.graph.connected()
+        node.connections[0].sendall(frame_message(FORWARD) + frame_message(BACK))
+        assert _commands(episode, 2) == [FORWARD, BACK]
+        assert episode.call("getBusInfo")[2] == [[0, "/node", "i", "TCPROS", "/cmd_vel", True]]
+
+
+def test_a_command_that_comes_with_the_header_is_not_lost(episode: Episode):
+    with PlayedNode(first=frame_message(FORWARD)) as node:
+        _register(episode, node)
+        assert _commands(episode, 1) == [FORWARD]
+
+
+def test_commands_that_come_in_pieces_are_put_together(episode: Episode):
+    with PlayedNode() as node:
+        _register(episode, node)
+        data = frame_message(FORWARD)
+        node.connections[0].sendall(data[:3])
+        assert episode.graph.take() == []
+        node.connections[0].sendall(data[3:] + data[:10])
+        assert _commands(episode, 1) == [FORWARD]
+        node.connections[0].sendall(data[10:])
+        assert _commands(episode, 1) == [FORWARD]
+
+
+def test_of_two_nodes_the_one_whose_name_is_last_has_the_last_word(episode: Episode):
+    with PlayedNode("/b") as late, PlayedNode("/a") as early:
+        _register(episode, late)
+        _register(episode, early)
+        late.connections[0].sendall(frame_message(BACK))
+        early.connections[0].sendall(frame_message(FORWARD))
+        assert _commands(episode, 2) == [FORWARD, BACK]
+
+
+def test_a_node_that_ends_is_forgotten_after_its_last_command(episode: Episode):
+    with PlayedNode() as node:
+        _register(episode, node)
+        node.connections[0].sendall(frame_message(FORWARD))
+        node.connections[0].close()
+        assert _commands(episode, 1) == [FORWARD]
+        episode.serve_until(lambda: not episode.graph.take() and not episode.graph.incoming)
+
+
+def test_a_node_that_publishes_again_is_connected_again(episode: Episode):
+    with PlayedNode() as node:
+        _register(episode, node)
+        episode.call("unregisterPublisher", "/cmd_vel", node.uri)
+        _register(episode, node)
+        assert len(node.connections) == 2
+
+
+def test_a_publisher_of_another_type_fails_the_episode(episode: Episode):
+    with PlayedNode(kind="sensor_msgs/Imu") as node:
+        _register(episode, node)
+        assert "cannot command the robot on /cmd_vel: the robot takes geometry_msgs/Twist" in episode.graph.failure
+        assert "I have sensor_msgs/Imu" in episode.graph.unconnected()[0]
+        assert not episode.graph.connected()
+
+
+def test_a_publisher_that_nobody_reaches_gets_its_answer(episode: Episode):
+    assert episode.call("registerPublisher", "/cmd_vel", "geometry_msgs/Twist", "http://127.0.0.1:1/")[0] == 1
+    assert episode.graph.unconnected() == ["/node publishes /cmd_vel: port 1: no answer"]
+    assert episode.graph.busy == 0
+
+
+@pytest.mark.parametrize("length", [2**32 - 1, graph_limits.COMMAND_MESSAGE_BYTES + 1])
+def test_a_message_that_would_be_too_long_fails_the_episode(episode: Episode, length: int):
+    with PlayedNode() as node:
+        _register(episode, node)
+        node.connections[0].sendall(frame_message(FORWARD) + struct.pack("<I", length))
+        assert _commands(episode, 1) == [FORWARD]
+        episode.serve_until(lambda: not episode.graph.take() and bool(episode.graph.failure))
+        assert episode.graph.failure.startswith(f"/node announces a message of {length} bytes on /cmd_vel")
+
+
+def test_a_flood_of_commands_fails_the_episode(episode: Episode, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(graph_limits, "COMMAND_BYTES", 10_000)
+    with PlayedNode() as node:
+        _register(episode, node)
+        episode.during(node.connections[0].sendall, frame_message(FORWARD) * 2000)
+        episode.serve_until(lambda: bool(episode.graph.take() and episode.graph.failure))
+        assert episode.graph.failure.startswith("/node floods /cmd_vel")
+
+
+def test_more_publishers_than_there_may_be_fail_the_episode(episode: Episode, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(graph_limits, "PUBLISHERS", 1)
+    with PlayedNode("/a") as one, PlayedNode("/b") as other:
+        _register(episode, one)
+        _register(episode, other)
+        assert episode.graph.failure == "more than 1 nodes publish /cmd_vel"

@@ -1,0 +1,53 @@
+"""Lanes that cannot begin, each with its own reason; no ROS is needed for nodes that are never started."""
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from specs.errors import LaunchRefused
+from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
+from tasks.ros.lockstep import ros1_lockstep
+from tasks.ros.lockstep.exchange import Launch
+from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
+from tasks.ros.process.application import Application
+from tests.ros.lockstep.room import BASE, CONTROL_S, Room, nothing_left
+
+NODE = NodePlan("/node", "x", "x", ("sleep", "600"))
+
+
+def begin(monkeypatch: pytest.MonkeyPatch, home: Path, *plans: LaunchPlan) -> dict[int, str]:
+    monkeypatch.setattr(ros1_lockstep, "resolve", lambda _source, _environments: list(plans))
+    launch = Launch(home.parent, "x", "x.launch", home, [{}] * len(plans))
+    with Ros1Lockstep(launch, BASE, CONTROL_S) as lockstep:
+        lockstep.begin([Room(0).sense()] * len(plans), [None] * len(plans))
+        found = dict(lockstep.failures)
+    assert nothing_left(home)
+    return found
+
+
+def test_what_cannot_be_set_or_started_fails_its_own_lane(monkeypatch: pytest.MonkeyPatch, home: Path) -> None:
+    number = LaunchPlan("x", (NODE,), {"/size": 2**40})
+    nothing = LaunchPlan("x", (NODE,), {"/none": None})
+    variable = LaunchPlan("x", (NODE._replace(environment=(("A=B", "1"),)),), {})
+    text = LaunchPlan("x", (NODE._replace(command=("echo", "a\0b")),), {})
+    found = begin(monkeypatch, home, number, nothing, variable, text)
+    assert "a parameter of its launch file: /size: 1099511627776" in found[0]
+    assert "a parameter of its launch file: /none: NoneType" in found[1]
+    assert found[2] == "a node cannot be started: illegal environment variable name"
+    assert found[3] == "a node cannot be started: embedded null byte"
+
+
+def test_a_machine_without_room_is_no_fault_of_the_application(monkeypatch: pytest.MonkeyPatch, home: Path) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.EAGAIN, "no more processes")
+
+    monkeypatch.setattr(Application, "start", full)
+    with pytest.raises(OSError, match="no more processes"):
+        begin(monkeypatch, home, LaunchPlan("x", (NODE,), {}))
+
+
+def test_a_kernel_that_does_not_count_runs_is_refused(monkeypatch: pytest.MonkeyPatch, home: Path) -> None:
+    monkeypatch.setattr(ros1_lockstep, "counts_runs", lambda: False)
+    with pytest.raises(LaunchRefused, match="schedstat"):
+        begin(monkeypatch, home, LaunchPlan("x", (NODE,), {}))

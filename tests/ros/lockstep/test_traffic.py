@@ -1,0 +1,94 @@
+"""A lock-step's traffic is what a lane's robot told its nodes, and what they commanded."""
+
+import struct
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from specs.bundle.ros_robot import RosRobot
+from tasks.ros.bag.message_log import Entry, MessageLog, with_other_topics
+from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Sensed, Tally
+from tasks.ros.lockstep.traffic import Traffic
+from tests.ros.bag.tracks import log, of_topic
+
+BASE = Base(RosRobot(), 3, -0.5, 0.5, 6.0)
+
+
+class Answers:
+    """Applications that command 0.1 m/s more in every second step."""
+
+    failures: Mapping[int, str] = {}
+    cancelled = frozenset[int]()
+
+    def __init__(self) -> None:
+        self.steps, self.closed = 0, False
+
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+        assert len(floors) == len(sensed)
+        self.exchange(sensed)  # warms up
+        self.steps = 0
+
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+        self.steps += 1
+        return [Command(0.1 * (self.steps // 2))] * len(sensed)
+
+    def tally(self, lane: int) -> Tally:
+        return Tally(commands=self.steps // 2 + lane)
+
+    def tags(self, lane: int) -> Mapping[str, str]:
+        return {"lane": str(lane)}
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def sensed(x_m: float) -> Sensed:
+    still = np.zeros(3)
+    return Sensed(np.array([x_m, 0.0, 0.0]), still, np.zeros(2), np.ones(3), np.zeros(0, bool), np.array([2.0, 0.0]))
+
+
+@pytest.fixture(scope="module")
+def kept() -> MessageLog:
+    traffic = Traffic(Answers(), BASE, 0.05)
+    traffic.begin([sensed(0.0)], [None])
+    for step in range(4):
+        traffic.exchange([sensed(0.1 * step)])
+    traffic.exchange([None])  # it is done, and others are not
+    traffic.close()
+    return traffic.log()
+
+
+def test_each_step_has_what_the_robot_senses_and_the_goal_is_said_once(kept: MessageLog):
+    counts = {channel.topic: len(of_topic(kept, channel.topic)) for channel in kept.channels}
+    assert counts["/odom"] == counts["/scan"] == counts["/clock"] == counts["/imu"] == 4
+    assert (counts["/move_base_simple/goal"], counts["/tf_static"]) == (1, 1)
+
+
+def test_commands_are_kept_when_they_came(kept: MessageLog):
+    found = [(entry.time_ns, struct.unpack("<6d", entry.body)[0]) for entry in of_topic(kept, "/cmd_vel")]
+    assert found == [(1_050_000_000, pytest.approx(0.1)), (1_150_000_000, pytest.approx(0.2))]
+
+
+def test_times_begin_at_a_second_and_never_go_back(kept: MessageLog):
+    times = [entry.time_ns for entry in kept.entries]
+    assert times == sorted(times)
+    assert times[0] == 1_000_000_000
+
+
+def test_it_is_a_lock_step_like_the_one_behind_it():
+    answers = Answers()
+    traffic = Traffic(answers, BASE, 0.05)
+    assert (traffic.failures, traffic.cancelled, traffic.tags(3)) == ({}, frozenset(), {"lane": "3"})
+    traffic.close()
+    assert answers.closed
+
+
+def test_a_log_gets_the_topics_of_another_that_it_lacks(kept: MessageLog):
+    both = with_other_topics(kept, log())
+    assert of_topic(both, "/odom") == of_topic(kept, "/odom")
+    assert of_topic(both, "/simyard/control") == of_topic(log(), "/simyard/control")
+    times = [entry.time_ns for entry in both.entries]
+    assert times == sorted(times)
+    assert len({channel.topic for channel in both.channels}) == len(both.channels)
+    assert isinstance(next(iter(both.entries)), Entry)

@@ -1,0 +1,49 @@
+"""Digests of the robot's types are those that ROS publishes; definitions hold all types within a type."""
+
+import pytest
+
+from tasks.ros.message.definition import MESSAGES, SERVICES, definition, digest
+
+# As ROS's own packages have them (docs.ros.org/en/noetic/api); of RoboMaker's, as its generated code has them.
+PUBLISHED = {
+    "geometry_msgs/PoseStamped": "d3812c3cbc69362b77dc0b19b345f8f5",
+    "geometry_msgs/Twist": "9f195f881246fdfa2798d1d3eebca84a",
+    "nav_msgs/OccupancyGrid": "3381f2d731d4076ec5c71b0759edbe4e",
+    "nav_msgs/Odometry": "cd5e73d190d741a2f92e81eda573aca7",
+    "robomaker_simulation_msgs/AddTags": "637781bbb7edf1a52e9fe238f1ba7d6b",
+    "robomaker_simulation_msgs/Cancel": "937c9679a518e3a18d831e57125ea522",
+    "robomaker_simulation_msgs/RemoveTags": "cae332c01603844d352ed026669010ee",
+    "rosgraph_msgs/Clock": "a9c97c1d230cfc112e270351a944ee47",
+    "sensor_msgs/Imu": "6a62c6daae103f4ff57a132d6f95cec2",
+    "sensor_msgs/JointState": "3066dcd76a6cfaef579bd0f34173e9fd",
+    "sensor_msgs/LaserScan": "90c7ef2dc6895d81024acba2ac42f369",
+    "std_msgs/Header": "2176decaecbce78abc3b96ef049fabed",
+    "std_msgs/UInt8MultiArray": "82373f1612381bb6ee473b5cd6f5d89c",
+    "tf2_msgs/TFMessage": "94810edda583a504dfda3829e70d7eec",
+}
+
+
+@pytest.mark.parametrize("kind", PUBLISHED)
+def test_the_digest_is_the_published_one(kind: str):
+    assert digest(kind) == PUBLISHED[kind]
+
+
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_a_definition_parses_and_has_the_digest_of_its_type(kind: str):
+    stores = pytest.importorskip("rosbags.typesys")
+    package, name = kind.split("/")
+    full = f"{package}/msg/{name}"
+    store = stores.get_typestore(stores.Stores.EMPTY)
+    store.register(stores.get_types_from_msg(definition(kind), full))
+    assert store.generate_msgdef(full, ros_version=1)[1] == digest(kind)
+
+
+@pytest.mark.parametrize("kind", SERVICES)
+def test_a_service_is_no_message(kind: str):
+    with pytest.raises(KeyError):
+        definition(kind)
+
+
+def test_a_type_that_the_robot_does_not_speak_has_no_digest():
+    with pytest.raises(KeyError):
+        digest("sensor_msgs/PointCloud2")

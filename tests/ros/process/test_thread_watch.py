@@ -1,0 +1,137 @@
+"""Who sleeps and who does not, by processes of plain Python."""
+
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tasks.ros.process.thread_watch import Rest, ThreadWatch, allow_files, counts_runs
+
+pytestmark = pytest.mark.skipif(not counts_runs(), reason="this kernel does not count how often threads are run")
+Start = Callable[[str], "subprocess.Popen[bytes]"]
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Starts programs that write a byte when they are where the test wants them."""
+    running: list[subprocess.Popen[bytes]] = []
+
+    def begin(program: str) -> "subprocess.Popen[bytes]":
+        command = [sys.executable, "-I", "-S", "-c", program]
+        running.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
+        assert running[-1].stdout is not None
+        assert running[-1].stdout.read(1) == b"."
+        return running[-1]
+
+    yield begin
+    for each in running:
+        each.kill()
+        each.communicate()
+
+
+def watch(process: "subprocess.Popen[bytes]") -> ThreadWatch:
+    found = ThreadWatch()
+    found.refresh([process.pid])
+    return found
+
+
+def until(watched: ThreadWatch, rest: Rest) -> None:
+    """Looks until it finds that; the test's own limit of time ends it otherwise."""
+    while watched.look() is not rest:
+        time.sleep(0.001)
+
+
+READS = "import os; os.write(1, b'.'); os.read(0, 1); os.write(1, b'!'); os.read(0, 1)"
+
+
+def test_one_that_waits_for_input_sleeps_and_the_first_look_never_says_so(start: Start) -> None:
+    watched = watch(start(READS))
+    assert watched.look() in (Rest.MOVED, Rest.AWAKE)
+    until(watched, Rest.ASLEEP)
+    watched.close()
+
+
+def test_one_that_computes_is_awake(start: Start) -> None:
+    watched = watch(start("import os; os.write(1, b'.')\nwhile True: pass"))
+    assert [watched.look() for _ in range(20)] == [Rest.AWAKE] * 20
+    watched.close()
+
+
+def test_a_thread_counts_like_a_process(start: Start) -> None:
+    program = (
+        "import os, _thread\ndef spin():\n while True: pass\n_thread.start_new_thread(spin, ())\nos.write(1, b'.')\n"
+    )
+    watched = watch(start(program + "os.read(0, 1)"))
+    until(watched, Rest.AWAKE)
+    watched.close()
+
+
+def test_what_was_sent_is_noticed_by_the_thread_that_reads_it(start: Start) -> None:
+    process = start(READS)
+    watched = watch(process)
+    until(watched, Rest.ASLEEP)
+    watched.mark()
+    assert not watched.moved()
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(b"x")
+    process.stdin.flush()
+    assert process.stdout.read(1) == b"!"
+    until(watched, Rest.ASLEEP)
+    assert watched.moved()
+    assert not watched.moved({process.pid})
+    watched.close()
+
+
+def test_one_that_sleeps_by_the_walls_clock_naps(start: Start) -> None:
+    process = start("import os, time; os.write(1, b'.'); time.sleep(600)")
+    watched = watch(process)
+    until(watched, Rest.ASLEEP)
+    assert watched.sleepers() == watched.napping() == {process.pid}
+    assert watched.napping({process.pid}) == frozenset()
+    watched.close()
+
+
+def test_one_that_was_stopped_is_said_to_be(start: Start) -> None:
+    process = start("import os, time; os.write(1, b'.'); time.sleep(600)")
+    watched = watch(process)
+    until(watched, Rest.ASLEEP)
+    process.send_signal(signal.SIGSTOP)
+    until(watched, Rest.STOPPED)
+    watched.close()
+
+
+def test_one_that_ends_is_forgotten_with_its_files(start: Start) -> None:
+    before = sum(1 for _ in Path("/proc/self/fd").iterdir())
+    process = start("import os; os.write(1, b'.'); os.read(0, 1)")
+    watched = watch(process)
+    process.communicate(b"x")
+    until(watched, Rest.ASLEEP)
+    assert watched.counts() == {}
+    assert sum(1 for _ in Path("/proc/self/fd").iterdir()) < before + 2
+    watched.close()
+
+
+def test_a_thread_that_cannot_be_watched_for_want_of_files_is_no_sleeper(start: Start) -> None:
+    process, (soft, hard) = start(READS), resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        with pytest.raises(OSError, match="Too many open files"):
+            watch(process)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_this_process_may_open_as_many_files_as_any() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(1024, hard), hard))
+    try:
+        allow_files()
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (hard, hard)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

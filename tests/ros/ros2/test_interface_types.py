@@ -1,0 +1,73 @@
+"""Names, hashes and what endpoints say of their types, held against what ROS 2 publishes."""
+
+import pytest
+
+from tasks.ros.ros2.interface_types import (
+    ADD_TAGS,
+    CANCEL,
+    DISTRIBUTIONS,
+    dds_type_name,
+    reply_name,
+    request_name,
+    topic_name,
+    type_hash,
+    type_store,
+    user_data,
+)
+
+# As ROS 2 Jazzy and Iron show them: rmw_zenoh's design document (String), `ros2 topic info --verbose` in tutorials
+# (Twist, JointState, OccupancyGrid), rosidl's generated sources (Gid, ParticipantEntitiesInfo), and type_hashes of
+# share/*/msg/*.json (the rest).
+PUBLISHED = {
+    "std_msgs/msg/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    "std_msgs/msg/Header": "f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01",
+    "rosgraph_msgs/msg/Clock": "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
+    "geometry_msgs/msg/Twist": "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
+    "geometry_msgs/msg/PoseStamped": "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+    "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+    "nav_msgs/msg/OccupancyGrid": "8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7",
+    "sensor_msgs/msg/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    "sensor_msgs/msg/JointState": "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
+    "sensor_msgs/msg/LaserScan": "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
+    "std_msgs/msg/UInt8MultiArray": "5687e861b8d307a5e48b7515467ae7a5fc2daf805bd0ce6d8e9e604bade9f385",
+    "tf2_msgs/msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "rmw_dds_common/msg/Gid": "ab6f21cfbb0a6dbb837161e1110c2051a2850ed9f9c53944d7115d9bcebedf71",
+    "rmw_dds_common/msg/ParticipantEntitiesInfo": "91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e",
+}
+
+
+@pytest.mark.parametrize("kind", PUBLISHED)
+def test_a_type_has_the_hash_that_ros_2_publishes(kind: str) -> None:
+    assert type_hash(kind) == f"RIHS01_{PUBLISHED[kind]}"
+
+
+@pytest.mark.parametrize("kind", [kind for kind in PUBLISHED if not kind.startswith("rmw")])
+@pytest.mark.parametrize("distribution", DISTRIBUTIONS)
+def test_the_robots_types_are_the_same_in_all_distributions(kind: str, distribution: str) -> None:
+    assert type_hash(kind, distribution) == f"RIHS01_{PUBLISHED[kind]}"
+
+
+def test_names_on_dds_are_those_of_ros_2() -> None:
+    assert topic_name("/scan") == "rt/scan"
+    assert request_name("/robomaker/job/cancel") == "rq/robomaker/job/cancelRequest"
+    assert reply_name("/robomaker/job/cancel") == "rr/robomaker/job/cancelReply"
+    assert dds_type_name("sensor_msgs/msg/LaserScan") == "sensor_msgs::msg::dds_::LaserScan_"
+    assert dds_type_name(f"{ADD_TAGS}_Request") == "robomaker_simulation_msgs::srv::dds_::AddTags_Request_"
+
+
+def test_user_data_holds_the_hash_since_iron() -> None:
+    said = f"typehash=RIHS01_{PUBLISHED['geometry_msgs/msg/Twist']};".encode()
+    assert user_data("geometry_msgs/msg/Twist", "jazzy") == said
+    assert user_data("geometry_msgs/msg/Twist", "jazzy", "serviceid=1.2;") == b"serviceid=1.2;" + said
+    assert user_data("geometry_msgs/msg/Twist", "humble") == b""
+
+
+def test_a_gid_has_24_bytes_in_humble_and_16_since_iron() -> None:
+    sizes = {each: type_store(each).fielddefs["rmw_dds_common/msg/Gid"][1][0][1][1][1] for each in DISTRIBUTIONS}
+    assert sizes == {"humble": 24, "iron": 16, "jazzy": 16, "kilted": 16}
+
+
+def test_a_request_without_fields_is_a_byte_on_the_wire() -> None:
+    store = type_store()
+    kind = f"{CANCEL}_Request"
+    assert bytes(store.serialize_cdr(store.types[kind](), kind)) == b"\x00\x01\x00\x00\x00"

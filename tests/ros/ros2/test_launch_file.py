@@ -1,0 +1,229 @@
+"""Launch files of ROS 2 where ROS 2 is not: what they start, and what is refused by its name."""
+
+import stat
+from pathlib import Path
+
+import pytest
+import yaml
+
+from specs.errors import LaunchRefused
+from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
+from tasks.ros.launch.resolve import LaunchSource
+from tasks.ros.ros2.launch_file.resolve_description import is_ros2_launch_file, resolve_description
+
+_IMPORTS = """
+import launch, launch_ros.actions, launch_ros.substitutions, launch.substitutions as s, launch.actions as a
+from launch import LaunchDescription
+from launch.conditions import IfCondition, UnlessCondition
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch_ros.actions import Node, PushRosNamespace, SetParameter, SetRemap
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+"""
+
+
+class Bundle:
+    """A bundle with one package, ``robot``, that has the programs ``driver`` and ``mapper``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.package = folder / "bundle", folder / "bundle/src/robot"
+        (self.package / "launch").mkdir(parents=True)
+        (self.package / "scripts").mkdir()
+        (self.package / "package.xml").write_text("<package><name>robot</name></package>")
+        for name in ("driver", "mapper"):
+            program = self.package / "scripts" / name
+            program.write_text("#!/bin/sh\n")
+            program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        self.parameters = folder / "parameters"
+
+    def write(self, entities: str, name: str = "robot.launch.py") -> None:
+        """Writes a launch file of these entities."""
+        body = f"def generate_launch_description():\n    return LaunchDescription([{entities}])\n"
+        (self.package / "launch" / name).write_text(_IMPORTS + body)
+
+    def resolve(self, name: str = "robot.launch.py", **variables: str) -> LaunchPlan:
+        """Returns what a launch file starts."""
+        return resolve_description(LaunchSource(self.folder, "robot", name), variables, self.parameters)
+
+    def node(self, entities: str, **variables: str) -> NodePlan:
+        """Returns the one node that a launch file of these entities starts."""
+        self.write(entities)
+        (node,) = self.resolve(**variables).nodes
+        return node
+
+
+@pytest.fixture
+def bundle(tmp_path: Path) -> Bundle:
+    return Bundle(tmp_path)
+
+
+def test_a_node_gets_its_name_arguments_and_simulated_time(bundle: Bundle) -> None:
+    node = bundle.node(
+        "Node(package='robot', executable='driver', name='wheels', namespace='left', output='screen', "
+        "arguments=['--fast'], remappings=[('cmd_vel', '/cmd_vel')], ros_arguments=['--log-level', 'info'])"
+    )
+    program = str(bundle.package / "scripts/driver")
+    begin = (program, "--fast", "--ros-args", "--log-level", "info", "-r", "__node:=wheels", "-r", "__ns:=/left")
+    assert node.command == (*begin, "-r", "cmd_vel:=/cmd_vel", "-p", "use_sim_time:=true")
+    assert (node.name, node.package, node.kind) == ("/left/wheels", "robot", "driver")
+
+
+def test_parameters_become_a_file_of_the_nodes_own(bundle: Bundle) -> None:
+    node = bundle.node(
+        "a.DeclareLaunchArgument('speed', default_value='0.5'), Node(package='robot', executable='driver', name='d', "
+        "parameters=[{'speed': s.LaunchConfiguration('speed'), 'frames': {'base': 'base_link'}, 'ids': [1, 2], "
+        "'text': ParameterValue(s.LaunchConfiguration('speed'), value_type=str)}])"
+    )
+    path = node.command[node.command.index("--params-file") + 1]
+    values = {"speed": 0.5, "frames.base": "base_link", "ids": [1, 2], "text": "0.5"}
+    assert yaml.safe_load(Path(path).read_text()) == {"/**": {"ros__parameters": values}}
+    assert Path(path).parent == bundle.parameters
+
+
+def test_groups_scope_namespaces_remappings_parameters_and_the_environment(bundle: Bundle) -> None:
+    bundle.write(
+        "a.GroupAction([PushRosNamespace('/arm'), SetRemap('in', 'out'), SetParameter('gain', 2), "
+        "a.SetEnvironmentVariable('MODE', 'inner'), Node(package='robot', executable='driver', name='one')]), "
+        "Node(package='robot', executable='mapper', name='two')"
+    )
+    one, two = bundle.resolve().nodes
+    assert one.command[1:] == (
+        *("--ros-args", "-r", "__node:=one", "-r", "__ns:=/arm", "-p", "gain:=2", "-r", "in:=out"),
+        *("-p", "use_sim_time:=true"),
+    )
+    assert dict(one.environment) == {"MODE": "inner"}
+    assert two.command[1:] == ("--ros-args", "-r", "__node:=two", "-p", "use_sim_time:=true")
+    assert two.environment == ()
+
+
+def test_conditions_and_expressions_choose_nodes_by_the_environment(bundle: Bundle) -> None:
+    bundle.write(
+        "a.DeclareLaunchArgument('map', default_value=s.EnvironmentVariable('MAP', default_value='false')), "
+        "Node(package='robot', executable='mapper', condition=IfCondition(s.LaunchConfiguration('map'))), "
+        "Node(package='robot', executable='driver', condition=UnlessCondition(s.PythonExpression("
+        "['\"', s.LaunchConfiguration('map'), '\" == \"true\"'])))"
+    )
+    assert [node.kind for node in bundle.resolve().nodes] == ["driver"]
+    assert [node.kind for node in bundle.resolve(MAP="true").nodes] == ["mapper"]
+
+
+def test_an_included_launch_file_takes_arguments_and_paths_in_packages(bundle: Bundle) -> None:
+    bundle.write(
+        "a.DeclareLaunchArgument('who'), Node(package='robot', executable='driver', name=s.LaunchConfiguration('who'), "
+        "arguments=[s.PathJoinSubstitution([FindPackageShare('robot'), 'maps', 'a.yaml'])])",
+        "inner.launch.py",
+    )
+    node = bundle.node(
+        "a.IncludeLaunchDescription(PythonLaunchDescriptionSource([s.ThisLaunchFileDir(), '/inner.launch.py']), "
+        "launch_arguments={'who': 'guest'}.items())"
+    )
+    assert node.name == "/guest"
+    assert node.command[1] == str(bundle.package / "maps/a.yaml")
+
+
+def test_a_function_of_the_launch_file_and_a_process_are_done(bundle: Bundle) -> None:
+    (bundle.package / "launch/robot.launch.py").write_text(
+        _IMPORTS + "def more(context):\n"
+        "    text = s.LaunchConfiguration('n').perform(context)\n"
+        "    return [a.ExecuteProcess(cmd=['sleep', text], additional_env={'A': 'b'}, on_exit=a.Shutdown())]\n"
+        "def generate_launch_description():\n"
+        "    found = LaunchDescription()\n"
+        "    found.add_action(a.DeclareLaunchArgument('n', default_value='3'))\n"
+        "    found.add_action(a.OpaqueFunction(function=more))\n"
+        "    return found\n"
+    )
+    (node,) = bundle.resolve().nodes
+    assert node.command == ("sleep", "3"), "what is no node of ROS 2 is told nothing of simulated time"
+    assert (dict(node.environment), node.required) == ({"A": "b"}, True)
+
+
+def test_an_executable_of_a_python_package_that_is_not_built_is_its_function(bundle: Bundle) -> None:
+    (bundle.package / "src/robot").mkdir(parents=True)
+    (bundle.package / "src/robot/__init__.py").touch()
+    (bundle.package / "setup.py").write_text(
+        "from setuptools import setup\nsetup(entry_points={'console_scripts': ['turn = robot.turn:main']})\n"
+    )
+    node = bundle.node("Node(package='robot', node_executable='turn', node_name='rotate')")
+    assert node.command[1] == "-c"
+    assert "from robot.turn import main" in node.command[2]
+    assert dict(node.environment) == {"PYTHONPATH": str(bundle.package / "src")}
+
+
+def test_an_install_space_has_its_programs_below_lib(tmp_path: Path) -> None:
+    prefix = tmp_path / "install"
+    for folder in ("share/ament_index/resource_index/packages", "share/robot/launch", "lib/robot"):
+        (prefix / folder).mkdir(parents=True)
+    (prefix / "share/ament_index/resource_index/packages/robot").touch()
+    (prefix / "lib/robot/driver").write_text("#!/bin/sh\n")
+    (prefix / "lib/robot/driver").chmod(0o755)
+    body = (
+        "def generate_launch_description():\n return LaunchDescription([Node(package='robot', executable='driver')])\n"
+    )
+    (prefix / "share/robot/launch/robot.launch.py").write_text(_IMPORTS + body)
+    plan = resolve_description(LaunchSource(tmp_path, "robot", "robot.launch.py"), {}, tmp_path / "parameters")
+    assert plan.nodes[0].command[0] == str(prefix / "lib/robot/driver")
+
+
+@pytest.mark.parametrize(
+    ("entities", "why"),
+    [
+        ("a.TimerAction(period=1.0, actions=[])", r"line \d+: launch.actions.TimerAction is not done"),
+        ("a.RegisterEventHandler(None)", "launch.actions.RegisterEventHandler is not done"),
+        ("s.Command(['xacro'])", "launch.substitutions.Command is not done"),
+        ("launch_ros.actions.LifecycleNode(name='a')", "launch_ros.actions.LifecycleNode is not done"),
+        ("Node(package='nav2', executable='a')", "no package 'nav2' in the bundle or in ROS 2"),
+        ("Node(package='robot', executable='a')", "no executable 'a'; it has driver, mapper"),
+        ("Node(package='robot', executable='driver', name=s.LaunchConfiguration('n'))", "'n' has no value"),
+        ("Node(package='robot', executable='driver', exit_at=3)", "Node: exit_at is not done"),
+        ("", "it starts no node"),
+        ("1 / 0", "ZeroDivisionError"),
+        ("__import__('nav2_common')", "it imports nav2_common, which is not here"),
+        ("a.IncludeLaunchDescription(s.TextSubstitution(text='/a.launch.xml'))", "/a.launch.xml is not there"),
+    ],
+)
+def test_what_is_not_done_or_wrong_is_refused_by_name(bundle: Bundle, entities: str, why: str) -> None:
+    bundle.write(entities)
+    with pytest.raises(LaunchRefused, match=f"^robot robot.launch.py: .*{why}"):
+        bundle.resolve()
+
+
+@pytest.mark.parametrize(
+    ("code", "why"),
+    [
+        ("import atexit; atexit.register(print, 'bye')", "answers what is no list of processes"),
+        ("import atexit; atexit.register(print, '{\"processes\": [{}]}')", "answers what is no list of processes"),
+        ("import os; os._exit(0)", "it ends without an answer"),
+    ],
+)
+def test_a_launch_file_that_answers_by_itself_is_refused(bundle: Bundle, code: str, why: str) -> None:
+    bundle.write("Node(package='robot', executable='driver')")
+    path = bundle.package / "launch/robot.launch.py"
+    path.write_text(f"{path.read_text()}\n{code}\n")
+    with pytest.raises(LaunchRefused, match=why):
+        bundle.resolve()
+
+
+@pytest.mark.parametrize(("name", "text"), [("setup.py", "def ("), ("setup.cfg", "no section"), ("setup.py", "\0")])
+def test_a_setup_file_that_cannot_be_read_is_refused(bundle: Bundle, name: str, text: str) -> None:
+    (bundle.package / name).write_text(text)
+    with pytest.raises(LaunchRefused, match=r"robot: its setup\.py or setup\.cfg cannot be read"):
+        bundle.resolve()
+
+
+def test_launch_files_in_xml_and_yaml_are_refused(bundle: Bundle) -> None:
+    (bundle.package / "launch/robot.launch.xml").write_text("<launch/>")
+    with pytest.raises(LaunchRefused, match="XML and YAML are not done without ROS 2"):
+        bundle.resolve("robot.launch.xml")
+
+
+def test_packages_and_launch_files_that_are_not_there_are_named(bundle: Bundle) -> None:
+    with pytest.raises(LaunchRefused, match="no launch file of that name"):
+        bundle.resolve("other.launch.py")
+    with pytest.raises(LaunchRefused, match="no ROS 2 package 'ro' in the bundle, which has robot"):
+        resolve_description(LaunchSource(bundle.folder, "ro", "robot.launch.py"), {}, bundle.parameters)
+
+
+def test_a_launch_file_tells_by_its_name_whose_it_is() -> None:
+    assert is_ros2_launch_file("rotate.launch.py")
+    assert is_ros2_launch_file("navigation.launch.xml")
+    assert not is_ros2_launch_file("rotate.launch")

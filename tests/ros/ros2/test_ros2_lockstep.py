@@ -1,0 +1,92 @@
+"""Nodes that play ROS 2's, in lock-step with their episodes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from tasks.ros.lockstep.exchange import Command
+from tasks.ros.lockstep.sensor_message import Moment, SensorMessages
+from tests.data.ros2.avoidance import steer
+from tests.ros.ros2.players import CONTROL_S, ToyWorld, drive, make_base
+
+_BURN = "while True: pass"
+
+
+def test_a_scan_is_answered_in_its_own_control_step_as_ros_1s_bytes_would_be(tmp_path: Path) -> None:
+    """The same steering, given what a node of ROS 1 reads, says the same to the last bit."""
+    run = drive(tmp_path, "avoider", steps=20)
+    assert run.failures == {}
+    assert (run.tallies[0].commands, run.tallies[0].late, run.tallies[0].stray) == (20, 0, 0)
+    store, messages, world = get_typestore(Stores.ROS1_NOETIC), SensorMessages(make_base(), CONTROL_S), ToyWorld(0)
+    for step, command in enumerate(run.commands[0]):
+        ros1 = messages.write("/scan", Moment(step, 1_000_000_000, world.sense()))
+        scan = store.deserialize_ros1(ros1, "sensor_msgs/msg/LaserScan")
+        ranges = [float(each) for each in scan.ranges]  # type: ignore[attr-defined]
+        ahead, turn = steer(float(scan.angle_min), float(scan.angle_increment), ranges)  # type: ignore[attr-defined]
+        assert command == Command(ahead, 0.0, turn)
+        world.drive(command)
+
+
+def test_nothing_is_left_of_an_episode(tmp_path: Path) -> None:
+    threads = len(list(Path("/proc/self/task").iterdir()))
+    drive(tmp_path, "avoider", steps=1)
+    assert not (tmp_path / "home").exists()
+    assert len(list(Path("/proc/self/task").iterdir())) == threads
+    marked = f"ROS_HOME={tmp_path}".encode()
+    assert not [each for each in Path("/proc").glob("[0-9]*/environ") if marked in _read(each)]
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
+
+
+def test_a_launch_file_that_is_refused_fails_its_lane_and_says_why(tmp_path: Path) -> None:
+    run = drive(tmp_path, "pilot", steps=1)
+    assert "play play.launch.py: the package play has no executable 'pilot'" in run.failures[0]
+    assert run.commands[0] == [Command()]
+
+
+@pytest.mark.long
+def test_a_job_is_tagged_and_cancelled_by_its_application(tmp_path: Path) -> None:
+    run = drive(tmp_path, "service_caller", steps=20)
+    assert run.failures == {}
+    assert run.tags == {"room": "kitchen"}
+    assert run.cancelled == {0}
+
+
+@pytest.mark.long
+def test_a_node_that_ends_fails_its_lane_and_leaves_its_neighbour_alone(tmp_path: Path) -> None:
+    alone = drive(tmp_path / "alone", "avoider", lanes=2, steps=30)
+    run = drive(tmp_path / "both", ["faulty", "avoider"], lanes=2, steps=30)
+    assert "node /player ended with status 1" in run.failures[0]
+    assert "the lidar is on fire" in run.failures[0]
+    assert run.digests[1] == alone.digests[1]
+    assert (run.tallies[1].late, run.tallies[1].stray) == (0, 0)
+
+
+@pytest.mark.long
+def test_ten_repeats_alone_and_among_eight_and_with_burners_are_the_same(tmp_path: Path) -> None:
+    programs = ["avoider", "timed"]
+    burners = [subprocess.Popen([sys.executable, "-c", _BURN]) for _ in range(os.cpu_count() or 1)]
+    try:
+        busy = drive(tmp_path / "busy", programs, lanes=2, steps=20)
+    finally:
+        for each in burners:
+            each.kill()
+            each.wait()
+    among = [drive(tmp_path / f"among-{k}", 4 * programs, lanes=8, steps=20) for k in range(3)]
+    again = [drive(tmp_path / f"again-{k}", programs, lanes=2, steps=20) for k in range(3)]
+    alone = [drive(tmp_path / f"alone-{k}", "avoider", steps=20) for k in range(3)]
+    assert {tuple(run.digests[:2]) for run in (busy, *among, *again)} == {tuple(busy.digests)}
+    assert {run.digests[0] for run in alone} == {busy.digests[0]}
+    assert {tuple(run.digests) for run in among} == {tuple(among[0].digests)}
+    assert len(set(among[0].digests)) == 8
+    assert not any(each.late or each.stray for run in (busy, *among, *again, *alone) for each in run.tallies)
+    assert all(each.ahead_m_s or each.turn_rad_s for each in among[0].commands[0])
