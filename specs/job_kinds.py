@@ -7,6 +7,8 @@ and housekeeping recognises what was written by them.
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
+from specs.data.bag_format import BAG_ENDINGS
+
 JobKind = Literal["world-generation-job", "world-export-job", "simulation-job-batch", "deployment-job", "pipeline-run"]
 
 WORLD = "worlds/{generation}/{world}.json"
@@ -21,6 +23,10 @@ BATCH_FILES = tuple(
     f"{{batch}}/{name}" for name in ("results.parquet", "failures.parquet", "report.html", "audit.json")
 )
 RECORDING = "recordings/{batch}/{number:06d}.parquet"
+BAGS = tuple(
+    f"bags/{{batch}}/{{number:06d}}{ending}{'' if '.' in ending else '/{file}'}" for ending in BAG_ENDINGS.values()
+)
+"""What ROS's tools read, by the number of the episode: a file, or a folder of files."""
 TAGS = "tags/{kind}/{name}.json"
 """Tags that a resource was given after it was made."""
 TAGS_WITHIN = "tags/{kind}/{parent}/{name}.json"
@@ -118,6 +124,7 @@ _DECLARATIONS = (
             JobObjects("chunks", (CHUNK, CHUNK_START)),
             JobObjects("audit notes", (AUDIT_NOTE,)),
             JobObjects("recordings", (RECORDING,), in_bucket=True, from_elsewhere=True),
+            JobObjects("bags", BAGS, in_bucket=True, from_elsewhere=True),
             JobObjects("results", BATCH_FILES, in_bucket=True, from_elsewhere=True),
             _tags("simulation-job-batch", "batch", _JOB_TAGS),
         ),

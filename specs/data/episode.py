@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from specs.base import Spec
+from specs.bundle.launched_file import module_name
 from specs.data.outcome_reasons import OutcomeReason
 from specs.field_types import Architecture
 from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
@@ -14,6 +15,8 @@ from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 CONTROL_HZ, PHYSICS_HZ = 20, 200
 CONTROL_S = 1 / CONTROL_HZ
 CANCELED = "Canceled"
+# Why a job is Canceled whose own application called /robomaker/job/cancel.
+WITHDRAWN = "its own application asked for the end of its job"
 Outcome = Literal["Passed", "Failed"]
 FailureCode = SimulationJobErrorCode | Literal[""]
 
@@ -42,7 +45,7 @@ class ApplicationLaunch(Spec):
         version: The version asked for: a number, or ``$LATEST``.
         digest: SHA-256 of the bundle, lower-case hex.
         package: The launch configuration's packageName.
-        launch_file: The launch configuration's launchFile, without ``.py``.
+        launch_file: The launch configuration's launchFile, without ``.py`` if it is a Python module.
         architecture: Which of the version's builds that bundle is; None where one is for all of them.
     """
 
@@ -52,6 +55,11 @@ class ApplicationLaunch(Spec):
     package: str
     launch_file: str
     architecture: Architecture | None = None
+
+    @property
+    def module(self) -> str:
+        """Returns the name of the Python module that is meant, if one is."""
+        return module_name(self.launch_file)
 
 
 class EpisodeRequest(Spec):
@@ -99,6 +107,8 @@ class EpisodeResult(Spec):
         energy_j: Integral of |actuator force x velocity|.
         final_x_m: Final pose.
         odometry_error_m: How far the robot's believed place was from its final one; None for one without odometry.
+        late: Stages of control steps at which a ROS application did not come to rest in time; None for other robots.
+        stray: Commands that a ROS application gave after it was taken for quiet; None likewise.
         metrics: What the scenario measures by itself, by name.
         rooms_entered: Names of the rooms that the robot's position was in, in the order in which it came to them.
         rooms_unreachable: Names of the rooms that a disc of the hull's radius cannot get to from the start, with doors
@@ -133,6 +143,8 @@ class EpisodeResult(Spec):
     final_y_m: float
     final_yaw_rad: float
     odometry_error_m: float | None = None
+    late: int | None = None
+    stray: int | None = None
     metrics: dict[str, float] = Field(default_factory=dict[str, float])
     rooms_entered: tuple[str, ...] = ()
     rooms_unreachable: tuple[str, ...] = ()

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.outcome_reasons import OUTCOME_REASONS
 
-SCHEMA_VERSION = "4"
+SCHEMA_VERSION = "5"
 """Of names, types and meanings: they change only together with it."""
 
 ColumnType = Literal[
@@ -177,6 +177,8 @@ _UNREACHABLE = (
 )
 _REACHABLE = "How many of the goals such a disc can get to; null where goals are no destinations."
 _ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
+_LATE = "Stages of control steps at which a ROS application did not come to rest in time; null for other robots."
+_STRAY = "Commands that a ROS application gave after it was taken for quiet; null for other robots."
 _CLEARANCE = "Smallest distance, seen from above, from the hull to a solid at its heights; below 0 only in contact."
 MEASURED = (
     _measured("simulated_s", "double", "s", "Simulated time until the episode ended."),
@@ -195,6 +197,8 @@ MEASURED = (
     _measured("final_y_m", "double", "m", "Final position, y."),
     _measured("final_yaw_rad", "double", "rad", "Final heading, counter-clockwise from +x."),
     _measured("odometry_error_m", "double", "m", _ODOMETRY, nullable=True),
+    _measured("late", "int32", "", _LATE, nullable=True),
+    _measured("stray", "int32", "", _STRAY, nullable=True),
     _answered("rooms_entered", "list<string>", "", _ENTERED),
     _answered("rooms_unreachable", "list<string>", "", _UNREACHABLE),
     _answered("rooms_total", "int32", "", "How many rooms the world has; 0 if the episode did not start."),

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from specs.base import Spec
+from specs.data.bag_format import BagFormat
 from specs.data.episode import CONTROL_HZ
 from specs.field_types import (
     Architecture,
@@ -88,7 +89,12 @@ class Matrix(Spec):
 
 
 class Recordings(Spec):
-    """Which episodes leave a recording of what the robot did, saw and touched."""
+    """Which episodes leave a recording of what the robot did, saw and touched.
+
+    Attributes:
+        bags: What ROS's tools read, besides: a file of each format for each recorded episode; none by default, but for
+            requests with loggingConfig.recordAllRosTopics, whose episodes leave a rosbag unless this is an empty list.
+    """
 
     episodes: Literal["failed", "all", "none"] = Field(
         default="failed",
@@ -100,6 +106,8 @@ class Recordings(Spec):
         title="Rate (Hz)",
         description="Samples a simulated second; the nearest of 20, 10, 6.7, 5, ... (20 / n) is kept, of 15 it is 20.",
     )
+    # None, not empty: documents without them keep the digest that they had before there were such fields.
+    bags: Annotated[tuple[BagFormat, ...], AfterValidator(distinct)] | None = Field(default=None, title="Bags")
 
 
 class Audit(Spec):

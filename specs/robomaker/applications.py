@@ -21,9 +21,12 @@ from specs.field_types import (
 )
 
 RobotSoftwareSuiteType = Literal["ROS", "ROS2", "General"]
-RobotSoftwareSuiteVersionType = Literal["Kinetic", "Melodic", "Dashing", "Foxy"]
+# The last three are Simyard's own (docs/reference/deviations.md): RoboMaker ended before them.
+RobotSoftwareSuiteVersionType = Literal["Kinetic", "Melodic", "Dashing", "Foxy", "Noetic", "Humble", "Jazzy"]
 SimulationSoftwareSuiteType = Literal["Gazebo", "RosbagPlay", "SimulationRuntime"]
-SimulationSoftwareSuiteVersionType = Annotated[str, text(0, 1024, "7|9|11|Kinetic|Melodic|Dashing|Foxy")]
+SimulationSoftwareSuiteVersionType = Annotated[
+    str, text(0, 1024, "7|9|11|Kinetic|Melodic|Dashing|Foxy|Noetic|Humble|Jazzy")
+]
 RenderingEngineType = Literal["OGRE"]
 RenderingEngineVersionType = Annotated[str, text(1, 4, "1.x")]
 RepositoryUrl = Annotated[str, text(1, 1024, ".+")]

@@ -68,7 +68,7 @@ class LaunchConfig(Spec):
         default=None, title="Package", description="Folder in the application's bundle."
     )
     launchFile: Command | None = Field(
-        default=None, title="Launch file", description="Module in that folder, without .py."
+        default=None, title="Launch file", description="ROS launch file of that package, or module, without .py."
     )
     environmentVariables: EnvironmentVariableMap | None = Field(default=None, title="Environment variables")
     portForwardingConfig: PortForwardingConfig | None = None

@@ -41,7 +41,9 @@ _CACHE: Mapping[str, str] = {
 }
 _HOME = re.compile(r"prefect(-[0-9a-f]{8})?")
 _KEYS = ("keys", "owner")
-_TEMP = re.compile(r"simyard-(report|gate|gc|export|verify|recordings|results|recount|evidence|source)-[a-z0-9_]{8}")
+_TEMP = re.compile(
+    r"simyard-(report|gate|gc|export|verify|recordings|bags|results|recount|evidence|source)-[a-z0-9_]{8}"
+)
 STAYS_KEYS = "stays: keys, which cannot be made again"
 
 

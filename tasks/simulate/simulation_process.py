@@ -28,9 +28,11 @@ from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.call_clock import CLOCK_BYTES, CallClock, use_clock
 from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.chunk.job_tags import collect_tags
 from tasks.simulate.chunk.timings import hand_over_timings
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.samples import Ends, Steps, sample_stride, slice_samples
+from tasks.simulate.process.sent_log import log_parts
 from tasks.simulate.process.wire import receive, send
 from tasks.simulate.process.work import (
     WORK,
@@ -125,7 +127,7 @@ class Service:
     def _lanes(self, work: LanesWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.chunk.runner import simulate_lanes  # noqa: PLC0415 - after JAX's settings
 
-        with hand_over_timings() as timings:
+        with hand_over_timings() as timings, collect_tags() as tags:
             rows = simulate_lanes(
                 work.chunk,
                 self._worlds,
@@ -137,7 +139,7 @@ class Service:
                 recorder=None if work.rate_hz is None else _Forward(self.say, work.rate_hz),
                 timed_as=work.timed_as,
             )
-        self.say(Rows(rows=tuple(rows), timings=_remembered(timings)))
+        self.say(Rows(rows=tuple(rows), timings=_remembered(timings), tags=tags))
 
     def _audit(self, work: AuditWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415
@@ -204,6 +206,7 @@ def _told(again: "DrivenAgain") -> tuple[Again, list[np.ndarray]]:
     if setting is None or steps is None or samples is None:
         return Again(row=again.row, started=False), []
     names = tuple(steps)
+    topics, log = (None, []) if again.traffic is None else log_parts(again.traffic)
     said = Again(
         row=again.row,
         started=True,
@@ -214,9 +217,10 @@ def _told(again: "DrivenAgain") -> tuple[Again, list[np.ndarray]]:
         lidar_height_m=setting.lidar_height_m,
         range_m=setting.range_m,
         columns=names,
+        topics=topics,
     )
     columns = [np.asarray(each[name]) for each in (steps, samples) for name in names]
-    return said, [setting.goals_m, setting.angles_rad, *columns]
+    return said, [setting.goals_m, setting.angles_rad, *columns, *log]
 
 
 def _end_with_parent(connection: socket.socket) -> None:

@@ -56,17 +56,6 @@ def digest_of(path: Path) -> str:
         return hashlib.file_digest(source, "sha256").hexdigest()
 
 
-def missing_files(store: Store, digest: str, names: Iterable[str]) -> list[str]:
-    """Returns those of the names that are no regular file in a bundle, such as ``courier/launch.sh``.
-
-    Raises:
-        ObjectNotFound: The store has no such bundle.
-        BundleRefused: It is not a plain tar.
-    """
-    found = list_bundle_files(store, digest)
-    return [name for name in names if name not in found]
-
-
 def list_bundle_files(store: Store, digest: str) -> dict[str, bool]:
     """Returns the regular files of a bundle, and whether each can be executed; unpacks nothing.
 

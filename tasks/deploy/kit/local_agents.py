@@ -4,6 +4,7 @@ import contextlib
 import logging
 import os
 import platform
+import socket
 import subprocess
 import sys
 from collections.abc import Generator, Mapping
@@ -104,7 +105,7 @@ def _start(store: Store, name: str, root: Path, grace_s: float, trust: Path | No
     with (root / "agent.log").open("ab") as log:
         return subprocess.Popen(  # noqa: S603 - this very package, with arguments made here
             [sys.executable, "-m", "tasks.deploy.robot.agent", *argv],
-            env={**_agent_environment(), "PYTHONPATH": path},
+            env={**_agent_environment(), **_own_ros(name), "PYTHONPATH": path},
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
@@ -115,6 +116,19 @@ def _start(store: Store, name: str, root: Path, grace_s: float, trust: Path | No
 def _agent_environment() -> dict[str, str]:
     """Returns what an agent needs of this process's environment: not the keys, and no way to Prefect's server."""
     return {name: value for name, value in os.environ.items() if not name.startswith(_NOT_FOR_AGENTS)}
+
+
+def _own_ros(name: str) -> dict[str, str]:
+    """Returns where a robot's own ROS is: two robots of one machine must not talk to each other's nodes."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    number = int(name.rpartition("-")[2])
+    # Of DDS, domains up to 101 keep clear of other programs' ports (Linux).
+    return {
+        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
+        "ROS_IP": "127.0.0.1",
+        "ROS_DOMAIN_ID": str(1 + number % 101),
+    }
 
 
 def _sweep(root: Path) -> None:

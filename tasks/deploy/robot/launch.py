@@ -2,10 +2,13 @@
 
 import os
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from specs.errors import BundleRefused
+from specs.bundle.launched_file import names_ros_launch
+from specs.errors import BundleRefused, LaunchRefused
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, variable_faults
 from tasks.deploy.fleet.states import Desired
@@ -14,11 +17,14 @@ from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import StepFailed
 from tasks.deploy.robot.processes import RunningProgram, start, wait
 from tasks.deploy.robot.shutdown import Stop
+from tasks.ros.launch.robot_command import RobotRos, launch_command, make_python, own_variables, robot_ros
 from tasks.storage.archives import safe_parts
 
 _FIRST_PAUSE_S = 0.5
 _LONGEST_PAUSE_S = 30.0
 _CRASHES = 5
+# roslaunch reads its file and starts a master before the first node, and ends a while after the last one.
+_ROS_START_S = 5.0
 
 
 class CrashLoop(Exception):  # noqa: N818 - a state
@@ -50,7 +56,8 @@ def check_launch(desired: Desired) -> None:
     """Does nothing for a launch configuration that may run here.
 
     Raises:
-        StepFailed: It names files outside the bundle, or variables that no application may set.
+        StepFailed: It names files outside the bundle, variables that no application may set, or a launch file of a ROS
+            that this robot does not have.
     """
     refused = [fault.value for fault in variable_faults(desired.environment, "environmentVariables")]
     if refused:
@@ -59,6 +66,8 @@ def check_launch(desired: Desired) -> None:
     for name in (launch.preLaunchFile, launch.launchFile, launch.postLaunchFile):
         if name is not None:
             _parts(desired, name)
+    if names_ros_launch(launch.launchFile):
+        _ros(desired)
 
 
 def run_script(place: LaunchPlace, desired: Desired, name: str, step: str, code: DeploymentJobErrorCode) -> None:
@@ -128,10 +137,12 @@ class RunningApplication:
             StepFailed: The application ended within it.
             StopRequested: The agent has to end.
         """
-        code = wait(self._running, self._place.grace_s, self._place.stop)
+        name = self.desired.launch.launchFile
+        grace_s = self._place.grace_s + (_ROS_START_S if names_ros_launch(name) else 0.0)
+        code = wait(self._running, grace_s, self._place.stop)
         if code is not None:
             log = _log(self._place, self.desired, "launch")
-            reason = f"{self.desired.launch.launchFile} {_exit(code)} within {self._place.grace_s:g} s of its launch"
+            reason = f"{name} {_exit(code)} within {grace_s:g} s of its launch"
             raise StepFailed("EnvironmentSetupError", f"{reason}, and has to stay up; its output is in {log}")
 
     def supervise(self) -> None:
@@ -169,24 +180,58 @@ class RunningApplication:
 
     def _launch(self) -> RunningProgram:
         name = self.desired.launch.launchFile
+        if names_ros_launch(name):
+            self._started_s = time.monotonic()
+            return _start_ros(self._place, self.desired)
         program = _program(self._place.disk, self.desired, name, "MissingRobotDeploymentResource")
         self._started_s = time.monotonic()
         return _start(self._place, self.desired, program, "launch")
 
 
-def _start(place: LaunchPlace, desired: Desired, program: Path, step: str) -> RunningProgram:
+def _ros(desired: Desired) -> RobotRos:
+    """Returns this robot's ROS that launches what is desired."""
+    asked = {**own_variables(os.environ), **desired.environment}
+    try:
+        return robot_ros(desired.launch.launchFile, asked.get("ROS_DISTRO", ""))
+    except LaunchRefused as exc:
+        raise StepFailed("EnvironmentSetupError", str(exc)) from exc
+
+
+def _start_ros(place: LaunchPlace, desired: Desired) -> RunningProgram:
+    ros, bundle, launch = _ros(desired), place.disk.version(desired.digest), desired.launch
+    try:
+        command = launch_command(ros, bundle, launch.packageName, launch.launchFile)
+    except LaunchRefused as exc:
+        raise StepFailed("MissingRobotDeploymentResource", str(exc)) from exc
+    path = f"{BASE_VARIABLES['PATH']}:{make_python(place.disk.root / 'bin')}"
+    # What nodes print shows in the log as they print it, and not when they end.
+    variables = {**own_variables(os.environ), "PATH": path, "PYTHONUNBUFFERED": "1"}
+    return _start(place, desired, ros.program, "launch", Command(command, variables))
+
+
+class Command(NamedTuple):
+    """What is run in place of a program: its arguments, and variables that it needs and a document may set."""
+
+    arguments: Sequence[str]
+    variables: Mapping[str, str]
+
+
+def _start(
+    place: LaunchPlace, desired: Desired, program: Path, step: str, command: Command | None = None
+) -> RunningProgram:
+    arguments, more = command or Command([str(program)], {})
     own = {
         "SIMYARD_ROBOT": place.robot,
         "SIMYARD_DEPLOYMENT": desired.deployment,
         "HOME": str(place.home or place.disk.root),
     }
-    variables = {**BASE_VARIABLES, **desired.environment, **own}
+    variables = {**BASE_VARIABLES, **more, **desired.environment, **own}
     folder = place.disk.version(desired.digest)
     cwd = folder if folder.is_dir() else place.home or place.disk.root  # a condition runs before there is a bundle
     try:
         if place.account and cwd == folder:
             let_add_files(place.account, folder)
-        return start([str(program)], cwd, variables, place.disk.root, _log(place, desired, step), account=place.account)
+        return start(arguments, cwd, variables, place.disk.root, _log(place, desired, step), account=place.account)
     except (OSError, ValueError) as exc:
         raise StepFailed("BadPermissionError", f"{program.name} cannot be started: {exc}") from exc
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from specs.arn import parse_reference
 from specs.base import Fault
+from specs.bundle.launched_file import ros_launch_file
 from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceNotFound, TrustRefused
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
@@ -191,9 +192,10 @@ def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path
     except (ObjectNotFound, BundleRefused) as exc:
         yield Fault(path=f"{_SECTION_PATH}.application", value=digest, allowed=f"a bundle that is whole: {exc}")
         return
+    of_ros = ros_launch_file(found, launch.packageName, launch.launchFile) is not None  # which need not be executable
     for field, name in launch_files(launch).items():
         place = f"{path}.{field}"
-        if found.get(name) or place in outside:
+        if found.get(name) or place in outside or (field, of_ros) == ("launchFile", True):
             continue
         wrong = "is not executable: chmod +x it and publish again" if name in found else "is not in the bundle"
         yield Fault(path=place, value=repr(getattr(launch, field)), allowed=f"an executable file; {name} {wrong}")

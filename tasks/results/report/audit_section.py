@@ -58,10 +58,11 @@ def audit_view(audit: Mapping[str, JsonValue]) -> AuditView:
 def _episodes(audit: Mapping[str, JsonValue]) -> list[tuple[str, list[str]]]:
     """Returns the episodes that the audit names, with what it names them for."""
     flips = cast("Sequence[Mapping[str, JsonValue]]", audit.get("flips") or ())
-    not_again = cast("Sequence[JsonValue]", audit.get("unreproduced") or ())
+    not_again, unlocked = (cast("Sequence[JsonValue]", audit.get(name) or ()) for name in ("unreproduced", "unlocked"))
     return [
         ("Came to another end", [f"job {each['index']}: {each['row']}, not {each['reference']}" for each in flips]),
         ("Could not be made again", [f"job {index}" for index in not_again]),
+        ("Lock-step did not hold", [f"job {index}" for index in unlocked]),
     ]
 
 

@@ -25,6 +25,8 @@ _LISTED = (
     *("index", "world", "seed", "reason", "failure_reason", "simulated_s", "environment"),
     *("goals_reached", "goals_total", "final_x_m", "final_y_m"),
 )
+# Of robots with ROS; files from before have none.
+_LOCK_STEP = ("late", "stray")
 # Of episodes of an hour these are some 60 MB.
 _ROWS_AT_ONCE = 512
 _WAY = ("trajectory_x_m", "trajectory_y_m")
@@ -77,6 +79,8 @@ class FailedEpisode:
     goals_total: int
     final_m: tuple[float, float]
     environment: Mapping[str, str]
+    late: int | None = None
+    stray: int | None = None
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,8 @@ def read_coverage(path: Path) -> RoomCoverage | None:
 
 def read_failures(path: Path) -> Failures:
     """Returns what is counted of ``failures.parquet``."""
-    table = pq.read_table(path, columns=list(_LISTED))
+    there = [name for name in _LOCK_STEP if name in pq.read_schema(path).names]
+    table = pq.read_table(path, columns=[*_LISTED, *there])
     return Failures(
         table=table,
         world=_labels(table.column("world")),

@@ -203,6 +203,8 @@ def _listed(facts: BatchFacts, failure: FailedEpisode, number: str) -> ListedFai
         if len(values) > 1
     ]
     said += [f"{failure.goals_reached} of {failure.goals_total} goals"] * bool(failure.goals_total)
+    if failure.late or failure.stray:
+        said.append(f"lock-step did not hold: {failure.late} stages late, {failure.stray} stray commands")
     return ListedFailure(
         number=number,
         job=failure.index,

@@ -12,8 +12,8 @@ from mmap import mmap
 from typing import Literal, NamedTuple
 
 CLOCK_BYTES = 4096
-CallKind = Literal["import", "call", "slice", "compile"]
-_KINDS: tuple[CallKind, ...] = ("import", "call", "slice", "compile")
+CallKind = Literal["import", "call", "slice", "compile", "nodes"]
+_KINDS: tuple[CallKind, ...] = ("import", "call", "slice", "compile", "nodes")
 _CODES = ("", "RobotApplicationCrash", "SimulationApplicationCrash")
 # A number that is odd while the rest is written, the beginning in seconds, kind, code, and how long the text is.
 _HEAD = struct.Struct("<QdBBH")
@@ -51,17 +51,24 @@ class CallClock:
 
     @contextmanager
     def call(self, kind: CallKind, code: str, what: str) -> Generator[None, None, None]:
-        """Notes a call for as long as the ``with`` block takes."""
+        """Notes a call for as long as the ``with`` block takes.
+
+        While nodes of ROS work, the clock of the call that waits for them stands still: they have limits of their own.
+        """
         if self._memory is None:
             yield
             return
         text = what.encode("utf-8", "replace")[:_TEXT_BYTES]
-        self._stack.append((time.monotonic(), _KINDS.index(kind), _CODES.index(code), text))
+        began_s = time.monotonic()
+        self._stack.append((began_s, _KINDS.index(kind), _CODES.index(code), text))
         self._write(self._memory)
         try:
             yield
         finally:
             self._stack.pop()
+            if kind == "nodes":
+                waited_s = time.monotonic() - began_s
+                self._stack = [(since_s + waited_s, outer, by, said) for since_s, outer, by, said in self._stack]
             self._write(self._memory)
 
     def _write(self, memory: mmap) -> None:

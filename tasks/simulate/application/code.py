@@ -67,7 +67,7 @@ class BundleCrash(SimyardError):  # noqa: N818 - RoboMaker's name
 
 
 def load_factory(
-    folder: Path, launch: ApplicationLaunch, factory: Literal["controller", "scenario"], code: CrashCode
+    folder: Path, launch: ApplicationLaunch, factory: Literal["controller", "controllers", "scenario"], code: CrashCode
 ) -> Callable[..., object]:
     """Returns the function of that name in a bundle's ``<package>/<launch file>.py``.
 
@@ -80,12 +80,12 @@ def load_factory(
     Raises:
         BundleCrash: The module does not import, or has no such function.
     """
-    doing = f"{launch.name}: importing {launch.package}/{launch.launch_file}.py"
+    doing = f"{launch.name}: importing {launch.package}/{launch.module}.py"
     module = _called("import", code, doing, lambda: _import(folder, launch))
     found = getattr(module, factory, None)
     if not callable(found):
         raise BundleCrash(
-            code, f"{launch.name}: {launch.package}/{launch.launch_file}.py defines no function {factory}(environment)"
+            code, f"{launch.name}: {launch.package}/{launch.module}.py defines no function {factory}(environment)"
         )
     return found
 
@@ -243,4 +243,4 @@ def _import(folder: Path, launch: ApplicationLaunch) -> ModuleType:
         sys.meta_path.insert(0, _FINDER)
     sys.dont_write_bytecode = True
     importlib.invalidate_caches()
-    return importlib.import_module(f"{root}.{launch.package}.{launch.launch_file}")
+    return importlib.import_module(f"{root}.{launch.package}.{launch.module}")

@@ -18,10 +18,11 @@ from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit.audit_report import AuditFlipRate, AuditReport, Flip, apart_quantiles, with_verdict
 from tasks.simulate.audit.audit_sample import SampledEpisode, row_failed
-from tasks.simulate.chunk.episodes import keep_timing, ready_chunk, with_engine
+from tasks.simulate.chunk.episodes import keep_timing, ready_chunk
+from tasks.simulate.chunk.run_rows import lane_row, open_run
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.engines import REFERENCE
-from tasks.simulate.lane.result_rows import finished_row
+from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 
 
@@ -53,6 +54,7 @@ def drive_sample(
     Raises:
         BundleCrash: An application does not import, or raises when it is traced.
     """
+    lanes = min(lanes, most_lanes(requests, bundles) or lanes)
     return {
         each.row.index: each
         for chunk in plan_chunks(requests, lanes)
@@ -71,25 +73,27 @@ def _driven_chunk(
     chunk = ready_chunk(requests, worlds, bundles, lanes=lanes, engine=engine)
     if chunk.run is None:
         return []
-    state, poses = chunk.run.begin(), list[Float32[np.ndarray, "lanes steps 3"]]()
-    while not np.all(state.done):
-        state, record = chunk.run.advance(state)
-        poses.append(np.asarray(record.pose))
-        chunk.watch.mark()
+    poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
+    with open_run(chunk.run) as run:
+        state = run.begin()
+        while not np.all(state.done):
+            state, record = run.advance(state)
+            poses.append(np.asarray(record.pose))
+            chunk.watch.mark()
     keep_timing(chunk)
     end, path = jax.device_get(state._replace(controller=None, scenario=None)), np.concatenate(poses, axis=1)
     return [
         DrivenEpisode(
             engine=chunk.program.engine,
-            row=with_engine(chunk.program.engine, finished_row(lane, position, end, poses)),
+            row=lane_row(chunk.program, chunk.run, lane, position, end, poses),
             places_m=path[position, : int(end.step[position]), :2],
         )
         for position, lane in enumerate(chunk.lanes)
     ]
 
 
-# What a row holds besides what the simulation gave it.
-_BESIDES = {"recording", "failure_reason"}
+# What a row holds besides what the simulation gave it; how lock-step held is judged by itself.
+_BESIDES = {"recording", "failure_reason", "late", "stray"}
 # All that is promised of a GPU, where the order of additions is not fixed.
 _ENDS = {"status", "failure_code", "outcome", "outcome_reason"}
 
@@ -163,8 +167,16 @@ def _report(
             if row.index in flipped
         ),
         unreproduced=tuple(row.index for row in here if not _reproduced(row, ours)),
+        ros=sum(each.row.late is not None for each in sample),
+        unlocked=tuple(each.row.index for each in sample if _unlocked(each.row, ours.get(each.row.index))),
         elsewhere=tuple(each.row.index for each in sample if each.row.device != device_kind()),
     )
+
+
+def _unlocked(row: EpisodeResult, again: DrivenEpisode | None) -> bool:
+    """Returns whether lock-step did not hold in an episode, when its row was made or when it was driven again."""
+    rows = [row, again.row] if again else [row]
+    return any(each.late or each.stray for each in rows)
 
 
 def _rate(indices: Sequence[int], flipped: set[int]) -> AuditFlipRate:

@@ -75,6 +75,9 @@ class AuditReport(Spec):
         failed: Of those episodes of the sample that failed.
         flips: Episodes with another outcome.
         unreproduced: Episodes whose row is not what the engine makes of their request.
+        ros: Episodes that a ROS application drove.
+        unlocked: Those of them in which lock-step did not hold, when their rows were made or when they were driven
+            again: that their rows are the same is then no promise.
         elsewhere: Episodes that another kind of device had driven, whose bits cannot be had again here.
     """
 
@@ -92,6 +95,8 @@ class AuditReport(Spec):
     failed: AuditFlipRate = AuditFlipRate(lanes=0, flips=0)
     flips: tuple[Flip, ...] = ()
     unreproduced: tuple[int, ...] = ()
+    ros: int = 0
+    unlocked: tuple[int, ...] = ()
     elsewhere: tuple[int, ...] = ()
 
 
@@ -119,7 +124,7 @@ def with_verdict(found: AuditReport, why_not_compared: str = "") -> AuditReport:
     if found.compared and not enough:
         said += f"; no more than {found.compared} of the {max(found.sampled, found.lanes)} drawn could be compared"
     verdict: AuditVerdict = "SUSPECT" if alarms else "SOUND" if enough else "NOT COMPARED"
-    sentence = "; ".join(part for part in (*alarms, said) if part)
+    sentence = "; ".join(part for part in (*alarms, *_warnings(found), said) if part)
     return found.model_copy(update={"verdict": verdict, "sentence": sentence})
 
 
@@ -131,12 +136,24 @@ def apart_quantiles(apart_m: Sequence[float]) -> ApartQuantiles | None:
     return ApartQuantiles(median_m=float(median), p90_m=float(p90), max_m=float(most))
 
 
+def _warnings(found: AuditReport) -> list[str]:
+    """Returns what a person should know of rows that are the same: luck may have had a part in it."""
+    if not found.unlocked:
+        return []
+    unlocked = f"lock-step did not hold in {len(found.unlocked)} of {found.ros} episodes ({_few(found.unlocked)})"
+    return [f"{unlocked}: they may differ another time"]
+
+
+def _few(indices: Sequence[int]) -> str:
+    return ", ".join(map(str, indices[:5]))
+
+
 def _alarms(found: AuditReport) -> list[str]:
     alarms: list[str] = []
     if found.unreproduced:
-        few = ", ".join(map(str, found.unreproduced[:5]))
         alarms.append(
-            f"{len(found.unreproduced)} of {found.lanes} rows are not what their engine makes of them ({few})"
+            f"{len(found.unreproduced)} of {found.lanes} rows are not what their engine makes of them "
+            f"({_few(found.unreproduced)})"
         )
     if found.spread.exceeds(FLIP_LIMIT) or found.failed.exceeds(FAILED_FLIP_LIMIT):
         alarms.append("outcomes differ from C MuJoCo's more often than chance explains")

@@ -5,11 +5,18 @@ import itertools
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from specs.arn import ArnForm
-from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
+from specs.data.episode import (
+    WITHDRAWN,
+    EpisodeRequest,
+    EpisodeResult,
+    Failure,
+    failed_result,
+    unfinished_result,
+)
 from specs.data.world import World
 from specs.errors import ObjectNotFound, WorldChanged
 from specs.settings import region
@@ -123,11 +130,15 @@ def run_chunk(
     return ChunkEnd(len(rows), lanes, took)
 
 
-def _tell_failures(number: int, rows: Iterable[EpisodeResult]) -> None:
-    """Tells the log why jobs of a chunk failed, each reason once; the rows hold them all."""
+def _tell_failures(number: int, rows: Sequence[EpisodeResult]) -> None:
+    """Tells the log why jobs of a chunk failed, each reason once, and which may differ another time; rows hold all."""
     reasons = Counter(f"{row.failure_code}: {row.failure_reason}" for row in rows if row.status == "Failed")
     for reason, count in reasons.most_common(_REASONS_TOLD):
         logger.warning("chunk %d: %d failed: %s", number, count, terminal_line(reason))
+    unlocked = [row.index for row in rows if row.late or row.stray]
+    if unlocked:
+        few = ", ".join(map(str, unlocked[:5]))
+        logger.warning("chunk %d: lock-step did not hold in %d of %d jobs (%s)", number, len(unlocked), len(rows), few)
 
 
 def _simulated(work: "_Work", lanes: int) -> tuple[dict[int, EpisodeResult], int]:
@@ -232,7 +243,7 @@ def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
     """Returns a row as it stands after what was cancelled: the batch, or this job alone."""
     if row.index in watch.canceled:
         return unfinished_result(row.index, "Canceled", failure_code="", failure_reason="the job was canceled")
-    if row.status == "Canceled":
+    if row.status == "Canceled" and row.failure_reason != WITHDRAWN:
         return canceled_row(row.index, watch.code)
     return row
 

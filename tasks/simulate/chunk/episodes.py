@@ -15,20 +15,24 @@ from specs.data.world import World
 from tasks.simulate.application.call_clock import CallKind, timed_call
 from tasks.simulate.application.code import BundleCrash, CrashCode, crash_of, load_factory
 from tasks.simulate.application.contract import Placement
+from tasks.simulate.chunk.run_rows import lane_ends, lane_row, open_run
 from tasks.simulate.chunk.timings import ChunkWatch, remember_timing
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.engine.engines import ENGINES
 from tasks.simulate.engine.program import Program, Run
+from tasks.simulate.host.controller_kind import controller_kind
+from tasks.simulate.host.controllers import HostBundle
+from tasks.simulate.host.kinds import HOST_KINDS
 from tasks.simulate.lane.calls import Applications, check_robot, check_scenario
-from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
+from tasks.simulate.lane.lane_state import LaneState
 from tasks.simulate.lane.recording import LaneRecorder
-from tasks.simulate.lane.result_rows import finished_row, stopped_row
-from tasks.simulate.lane.samples import Ends
+from tasks.simulate.lane.result_rows import stopped_row
 from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
 from tasks.simulate.plan.job_variables import without_job_variables
 from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.sensor.lidar import Lidar
 from tasks.simulate.sensor.sensors import read_sensors
 
 _PROGRAMS_KEPT = 8
@@ -154,35 +158,19 @@ def run_ready(
     """
     if chunk.run is None:
         return chunk.rows
-    state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
+    with open_run(chunk.run):
+        state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
     if np.all(state.done):
         keep_timing(chunk)
     rows = [
-        _explained(chunk, chunk.run, position, finished_row(lane, position, state, poses))
+        lane_row(chunk.program, chunk.run, lane, position, state, poses)
         if state.done[position]
         else stopped_row(lane.request)
         for position, lane in enumerate(chunk.lanes)
     ]
     if recorder is not None:
-        recorder.end(_ends(chunk.lanes, state), rows)
+        recorder.end(lane_ends(chunk.lanes, state), rows)
     return chunk.rows + rows
-
-
-def _ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
-    return Ends(
-        steps=np.asarray(state.step),
-        crashed=np.asarray(state.crash) != NO_CRASH,
-        start=np.stack([lane.placement.start for lane in lanes]),
-        pose=np.asarray(state.body.qpos),
-        velocity=np.asarray(state.body.qvel),
-        goal_index=np.asarray(state.goal_index),
-    )
-
-
-def _explained(chunk: ReadyChunk, run: Run, position: int, row: EpisodeResult) -> EpisodeResult:
-    """Returns a row with what drove it, and the reason of a crash where the run knows more than the lane's state."""
-    known = {"failure_reason": run.crashes[position]} if position in run.crashes else {}
-    return with_engine(chunk.program.engine, row).model_copy(update=known)
 
 
 def keep_timing(chunk: ReadyChunk) -> None:
@@ -194,14 +182,10 @@ def keep_timing(chunk: ReadyChunk) -> None:
         lanes=chunk.program.lanes,
         episodes=len(requests),
         most_slices=-(-max(last_step(request) for request in requests) // SLICE_STEPS) - 1,
+        host=chunk.run is not None and chunk.run.host is not None,
     )
     if timing is not None:
         remember_timing(chunk.timed_as or program_key(requests[0]), timing)
-
-
-def with_engine(engine: str, row: EpisodeResult) -> EpisodeResult:
-    """Returns a row that says what drove its robot."""
-    return row.model_copy(update={"engine": engine, "device": device_kind()})
 
 
 def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
@@ -225,14 +209,16 @@ def _program(
         BundleCrash: An application does not import, or its robot is refused.
     """
     (robot, scenario), (names, texts) = launches, environment
-    make_controller = load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
+    bundle = HostBundle(folders[0], robot)
+    kind = controller_kind(*bundle)
+    host = HOST_KINDS[kind](bundle) if kind in HOST_KINDS else None
+    make_controller = host.declare if host else load_factory(*bundle, "controller", "RobotApplicationCrash")
     make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
     sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
     applications = Applications(make_controller, make_scenario, dict(texts), names, sensors)
-    module = folders[0] / robot.package / f"{robot.launch_file}.py"
     try:
-        choice = choose_engine(engine, folders[0] / "robot.xml", module, device_kind())
-        return ENGINES[choice.engine].load(folders[0] / "robot.xml", applications, lanes, plain=choice.plain)
+        choice = choose_engine(engine, bundle.robot, kind, device_kind())
+        return ENGINES[choice.engine].load(bundle.robot, applications, lanes, host)
     except RobotRefused as refused:
         raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
 
@@ -243,11 +229,12 @@ def _place_all(
     """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
     placed: list[tuple[EpisodeRequest, Stage, Placement]] = []
     rows: list[EpisodeResult] = []
+    lidars: dict[int, Lidar] = {}
     for request in requests:
         numbers, texts = split_environment(request.environment)
         environment = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
         try:
-            program.applications.require_sensors(environment)
+            lidars[request.index] = program.applications.episode_sensors(environment).lidar
             scenario = program.applications.placing_scenario(environment)
             stage = stages[request.world]
             placement = place(scenario, request, worlds[request.world], stage, program.hull)
@@ -256,7 +243,8 @@ def _place_all(
             rows.append(failed_result(request.index, crash.failure))
         else:
             placed.append((request, stage, placement))
-    return with_shortest_paths(placed, program.hull), rows
+    lanes = with_shortest_paths(placed, program.hull)
+    return [lane._replace(lidar=lidars[lane.request.index]) for lane in lanes], rows
 
 
 def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:

@@ -9,12 +9,30 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
+from tasks.simulate.host.host_lanes import FEWEST_LANES
 from tasks.simulate.plan.chunks import Chunk
 
 logger = logging.getLogger(__name__)
-# A program's lanes are whole vectors of eight on each device: with fewer it takes no less memory.
-FEWEST_LANES = 8
 SimulatePart = Callable[[Chunk, int], list[EpisodeResult]]
+
+
+class TooManyLanes(MemoryError):  # noqa: N818 - a state
+    """So many lanes would not fit, which is known before they are tried.
+
+    Attributes:
+        most: How many do.
+    """
+
+    def __init__(self, why: str, most: int) -> None:
+        self.most = most
+        super().__init__(why)
+
+
+class _Lack(NamedTuple):
+    """Why lanes did not fit, and how many do where that is known; 0 where it is not."""
+
+    why: str
+    most: int = 0
 
 
 class Fitted(NamedTuple):
@@ -44,14 +62,14 @@ def simulate_fitting(chunk: Chunk, lanes: int, simulate: SimulatePart, stopped: 
                 unfinished_result(request.index, "Canceled", failure_code="", failure_reason="") for request in part
             ]
             continue
-        done, lack = _tried(chunk.model_copy(update={"requests": part}), lanes, simulate)
-        if done is not None:
+        done = _tried(chunk.model_copy(update={"requests": part}), lanes, simulate)
+        if not isinstance(done, _Lack):
             rows += done
         elif lanes > FEWEST_LANES:
-            lanes = max(FEWEST_LANES, lanes // 2)
-            logger.warning("chunk %d: out of memory, going on with %d lanes: %s", chunk.number, lanes, lack)
+            lanes = max(FEWEST_LANES, done.most or lanes // 2)
+            logger.warning("chunk %d: going on with %d lanes at a time: %s", chunk.number, lanes, done.why)
         else:
-            rows += _lacking(part, lack)
+            rows += _lacking(part, done.why)
     return Fitted(rows, lanes)
 
 
@@ -63,18 +81,21 @@ def after_deaths(lanes: int, attempts: int) -> int:
     return max(min(lanes, FEWEST_LANES), lanes >> max(0, attempts - 2))
 
 
-def _tried(chunk: Chunk, lanes: int, simulate: SimulatePart) -> tuple[list[EpisodeResult] | None, str]:
-    """Returns rows, or None and what the lack of memory was called; what it held is free again then."""
+def _tried(chunk: Chunk, lanes: int, simulate: SimulatePart) -> "list[EpisodeResult] | _Lack":
+    """Returns rows, or what the lack of memory was called; what it held is free again then."""
     try:
-        return simulate(chunk, lanes), ""
+        return simulate(chunk, lanes)
+    except TooManyLanes as exc:
+        return _Lack(str(exc), exc.most)
     except MemoryError as exc:
-        return None, str(exc)
+        return _Lack(f"out of memory: {exc}")
     except RuntimeError as exc:
         if "RESOURCE_EXHAUSTED" not in str(exc):  # XLA's status for an allocation that failed
             raise
-        return None, str(exc)
+        return _Lack(f"out of memory: {exc}")
 
 
 def _lacking(requests: Sequence[EpisodeRequest], lack: str) -> list[EpisodeResult]:
-    reason = f"out of memory even with {FEWEST_LANES} lanes: {' '.join(lack.split())[:500]}"
+    why = " ".join(lack.removeprefix("out of memory: ").split())[:500]
+    reason = f"out of memory even with {FEWEST_LANES} lanes: {why}"
     return [failed_result(request.index, Failure("InternalServiceError", reason)) for request in requests]

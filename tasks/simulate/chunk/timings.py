@@ -40,6 +40,7 @@ class ChunkTiming(Spec):
         slices_s: What those took.
         most_slices: How many would have followed if an episode had taken its full duration.
         peak_bytes: The most memory that the process held until then.
+        host: Whether controllers ran on the host, which says little of programs without.
     """
 
     engine: EngineName
@@ -52,6 +53,7 @@ class ChunkTiming(Spec):
     slices_s: float
     most_slices: int
     peak_bytes: int
+    host: bool = False
 
 
 _TIMINGS = TypeAdapter(list[ChunkTiming])
@@ -71,7 +73,7 @@ class ChunkWatch:
         self._marks_s.append(time.monotonic())
 
     def timing(
-        self, engine: EngineName, device: str, *, lanes: int, episodes: int, most_slices: int
+        self, engine: EngineName, device: str, *, lanes: int, episodes: int, most_slices: int, host: bool = False
     ) -> ChunkTiming | None:
         """Returns what the chunk took; None of one that was not driven.
 
@@ -81,6 +83,7 @@ class ChunkWatch:
             lanes: Of the program, idle ones included.
             episodes: How many of them held episodes.
             most_slices: How many would have followed the first if an episode had taken its full duration.
+            host: Whether controllers ran on the host.
         """
         if len(self._marks_s) <= 2:
             return None
@@ -96,6 +99,7 @@ class ChunkWatch:
             slices_s=self._marks_s[-1] - first_s,
             most_slices=most_slices,
             peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _PEAK_UNIT,
+            host=host,
         )
 
 
@@ -145,10 +149,10 @@ def recall_timings(program: ProgramKey) -> list[ChunkTiming]:
     return _read(_path(program))
 
 
-def recall_engine_timings(engine: str, device: str) -> list[ChunkTiming]:
-    """Returns the last timings of all programs that an engine ran on this machine."""
+def recall_engine_timings(engine: str, device: str, *, host: bool = False) -> list[ChunkTiming]:
+    """Returns the last timings of all programs that an engine ran on this machine, with or without the host."""
     found = (timing for path in sorted(_folder().glob("*.json")) for timing in _read(path))
-    return [timing for timing in found if (timing.engine, timing.device) == (engine, device)]
+    return [timing for timing in found if (timing.engine, timing.device, timing.host) == (engine, device, host)]
 
 
 def _read(path: Path) -> list[ChunkTiming]:

@@ -4,7 +4,6 @@ A robot's episodes all run on one engine, chosen from its ``robot.xml``, its con
 every chunk of a batch, and a batch that is resumed, gets the same one.
 """
 
-import ast
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,9 +13,9 @@ from specs.base import Spec
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.devices import DeviceKind
 from tasks.simulate.engine.engines import ENGINES, fastest_first
+from tasks.simulate.host.controller_kind import ControllerKind
 from tasks.simulate.refusal import RobotRefused
 
-_PLAIN = "jax"
 _CULPRIT = re.compile(r"robot\.xml: ([^:]*):")
 _SHOWN = 3
 
@@ -28,29 +27,28 @@ class EngineChoice(Spec):
         engine: Its name.
         device: What its controller, sensors and scenario run on, and its physics unless the engine runs on the host.
         why: For a person; names what stands in the way of faster engines.
-        plain: Whether its controller is plain Python.
+        controller: How its controller is driven.
     """
 
     engine: EngineName
     device: DeviceKind
     why: str
-    plain: bool
+    controller: ControllerKind = "jax"
 
 
-def choose_engine(asked: str, robot: Path, module: Path, device: DeviceKind) -> EngineChoice:
+def choose_engine(asked: str, robot: Path, controller: ControllerKind, device: DeviceKind) -> EngineChoice:
     """Returns the engine that runs a robot application.
 
     Args:
         asked: ``auto``, or the engine that it must be.
         robot: The application's ``robot.xml``.
-        module: The module of its controller.
+        controller: How the application is driven.
         device: What JAX will run on.
 
     Raises:
         RobotRefused: The engine that it must be cannot run it, or none can; says what is in the way, and the remedy.
     """
-    plain = is_plain_python(module)
-    order = _order(asked, device, plain=plain)
+    order = fastest_first(device) if asked == "auto" else (cast("EngineName", asked),)
     refusals: dict[EngineName, str] = {}
     for engine in order:
         try:
@@ -58,46 +56,13 @@ def choose_engine(asked: str, robot: Path, module: Path, device: DeviceKind) -> 
         except RobotRefused as refused:
             refusals[engine] = str(refused)
         else:
-            return EngineChoice(engine=engine, device=device, why=_why(asked, refusals, plain=plain), plain=plain)
+            return EngineChoice(engine=engine, device=device, why=_why(asked, refusals), controller=controller)
     raise RobotRefused("\n".join(dict.fromkeys(refusals.values())))
 
 
-def is_plain_python(module: Path) -> bool:
-    """Returns whether a controller's module says ``jax = False``: it is called as plain Python, lane by lane.
-
-    It is read and not imported, so that planning runs no application's code.
-    """
-    try:
-        statements = ast.parse(module.read_bytes()).body
-    except (OSError, SyntaxError, ValueError):
-        return False  # what is wrong with it is told when it is imported
-    return any(
-        isinstance(each, ast.Assign)
-        and [target.id for target in each.targets if isinstance(target, ast.Name)] == [_PLAIN]
-        and isinstance(each.value, ast.Constant)
-        and each.value.value is False
-        for each in statements
-    )
-
-
-def _order(asked: str, device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
-    if asked != "auto":
-        engine = cast("EngineName", asked)
-        if plain and not ENGINES[engine].plain:
-            able = " or ".join(fastest_first(device, plain=True))
-            raise RobotRefused(
-                f"engine {engine}: the controller's module says jax = False, and plain Python runs on engine {able} "
-                "only: set engine: auto, or make its step a JAX function"
-            )
-        return (engine,)
-    return fastest_first(device, plain=plain)
-
-
-def _why(asked: str, refusals: Mapping[EngineName, str], *, plain: bool) -> str:
+def _why(asked: str, refusals: Mapping[EngineName, str]) -> str:
     if asked != "auto":
         return "asked for"
-    if plain:
-        return "its controller is plain Python"
     if not refusals:
         return "the fastest of all"
     hindered = (f"{engine} cannot represent {_culprits(refusal)}" for engine, refusal in refusals.items())

@@ -1,8 +1,13 @@
-"""The compiled program of a chunk: all lanes, split over the host's devices, a slice of control steps at a time."""
+"""The compiled program of a chunk: all lanes, split over the host's devices, a slice of control steps at a time.
+
+Where controllers run on the host, it is a control step at a time: one call drives what was decided, settles, and senses
+for the next step; then the host decides. Both ways give the same bits for the same controls
+(docs/decisions/0025-controllers-on-the-host.md).
+"""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +17,20 @@ from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
-from tasks.simulate.engine.program import lane_mesh, padded_lanes, put_lanes, split_over, strong_types
+from tasks.simulate.engine.packed_lanes import pack_lane, unpack_lane
+from tasks.simulate.engine.program import (
+    lane_mesh,
+    padded_lanes,
+    put_lanes,
+    split_over,
+    strong_types,
+    with_stand_in,
+)
+from tasks.simulate.engine.stepwise_run import StepwiseCalls, StepwiseRun, sense_lane, step_lane
+from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord, begin_lane
+from tasks.simulate.lane.sense import observe
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.step import Mechanics, advance_lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
@@ -28,6 +44,8 @@ class CompiledProgram:
         begin: Returns the state before the first control step.
         advance: Returns the state a slice later, and the records of the slice, (lanes, steps) first; the state that
             was given is used up.
+        stepwise: The functions for a robot application that runs on the host.
+        host: The robot application, if it runs on the host.
     """
 
     mechanics: Mechanics
@@ -36,6 +54,8 @@ class CompiledProgram:
     mesh: Mesh
     begin: Callable[[LaneInputs], LaneState]
     advance: Callable[[LaneInputs, LaneState], tuple[LaneState, StepRecord]]
+    stepwise: StepwiseCalls
+    host: HostApplication | None = None
 
     @property
     def engine(self) -> EngineName:
@@ -56,9 +76,18 @@ class CompiledProgram:
         """Returns a robot at rest, to check applications with."""
         return self.mechanics.first_body(jnp.zeros(3))
 
-    def ready(self, inputs: LaneInputs, lanes: Sequence[Lane], worlds: Mapping[str, World]) -> "CompiledRun":  # noqa: ARG002 - all that is needed of them is in the inputs
+    def ready(
+        self,
+        inputs: LaneInputs,
+        lanes: Sequence[Lane],
+        worlds: Mapping[str, World],  # noqa: ARG002 - all that is needed of them is in the inputs
+    ) -> "CompiledRun | StepwiseRun":
         """Returns episodes ready to run."""
-        return CompiledRun(self, put_lanes(self.mesh, inputs))
+        put = put_lanes(self.mesh, inputs)
+        if self.host is None:
+            return CompiledRun(self, put)
+        start = HostStart(lanes, self.lanes, self.actuators, self.applications.sensors)
+        return StepwiseRun(self.stepwise, self.mesh, put, self.host.start(start), self.actuators)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +96,7 @@ class CompiledRun:
 
     program: CompiledProgram
     inputs: LaneInputs
-    crashes: Mapping[int, str] = field(default_factory=dict[int, str])
+    host: HostControllers | None = None
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
@@ -78,18 +107,45 @@ class CompiledRun:
         return self.program.advance(self.inputs, state)
 
 
-def compiled_program(mechanics: Mechanics, applications: Applications, lanes: int) -> CompiledProgram:
-    """Returns the program of a robot and its applications; compiles nothing yet."""
+def compiled_program(
+    mechanics: Mechanics, applications: Applications, lanes: int, host: HostApplication | None = None
+) -> CompiledProgram:
+    """Returns the program of a robot and its applications; compiles nothing yet.
+
+    Args:
+        mechanics: The robot on an engine.
+        applications: The robot application and the scenario.
+        lanes: At least so many.
+        host: The robot application, if it runs on the host.
+    """
     mesh = lane_mesh()
-    begin = split_over(mesh, jax.vmap(functools.partial(_begin_lane, mechanics, applications)), 1)
-    advance = split_over(mesh, functools.partial(_advance_slice, mechanics, applications), 2)
+    seen = with_stand_in(applications, mechanics.actuators, host=host is not None)
+    begin = jax.jit(split_over(mesh, jax.vmap(functools.partial(_begin_lane, mechanics, seen)), 1))
     return CompiledProgram(
         mechanics=mechanics,
-        applications=applications,
+        applications=seen,
         lanes=padded_lanes(lanes, mesh.size),
         mesh=mesh,
-        begin=jax.jit(begin),
-        advance=jax.jit(advance, donate_argnums=1),
+        begin=begin,
+        advance=jax.jit(split_over(mesh, functools.partial(_advance_slice, mechanics, seen), 2), donate_argnums=1),
+        stepwise=_stepwise_calls(mechanics, seen, mesh, begin),
+        host=host,
+    )
+
+
+def _stepwise_calls(
+    mechanics: Mechanics, applications: Applications, mesh: Mesh, begin: Callable[[LaneInputs], LaneState]
+) -> StepwiseCalls:
+    step = jax.vmap(functools.partial(step_lane, mechanics, applications))
+    pack = jax.jit(split_over(mesh, jax.vmap(pack_lane), 1))
+    return StepwiseCalls(
+        begin=begin,
+        observe=jax.vmap(functools.partial(observe, applications)),
+        sense=jax.jit(split_over(mesh, jax.vmap(functools.partial(sense_lane, applications)), 2)),
+        pack_inputs=pack,
+        pack=pack,
+        step=jax.jit(split_over(mesh, step, 3), donate_argnums=1),
+        unpack=jax.jit(split_over(mesh, jax.vmap(unpack_lane), 1)),
     )
 
 

@@ -13,6 +13,7 @@ from tasks.simulate.devices import DeviceKind
 
 if TYPE_CHECKING:
     from tasks.simulate.engine.program import Program
+    from tasks.simulate.host.controllers import HostApplication
     from tasks.simulate.lane.calls import Applications
 
 _MIB = 1 << 20
@@ -43,14 +44,16 @@ class EngineCost(NamedTuple):
 class ProgramLoader(Protocol):
     """Makes the program of a robot and its applications; compiles nothing yet."""
 
-    def __call__(self, robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":
+    def __call__(
+        self, robot: Path, applications: "Applications", lanes: int, host: "HostApplication | None"
+    ) -> "Program":
         """Returns the program.
 
         Args:
             robot: The ``robot.xml``.
             applications: The robot application and the scenario.
             lanes: At least so many.
-            plain: Whether the controller is plain Python.
+            host: Of a controller that runs on the host; None for one that is JAX.
 
         Raises:
             RobotRefused: The engine cannot represent the robot.
@@ -64,7 +67,6 @@ class Engine(NamedTuple):
     Attributes:
         rank: Its place among the engines by measured speed, 1 for the fastest, on each kind of device
             (docs/reference/engines.md).
-        plain: Whether it runs controllers that are plain Python.
         read: Reads a ``robot.xml``; raises RobotRefused, with the remedy, if the engine cannot represent the robot.
         load: Makes the program.
         cost: Measured on two cores of a Xeon at 2.x GHz, courier and delivery, 2026-11
@@ -72,7 +74,6 @@ class Engine(NamedTuple):
     """
 
     rank: Mapping[DeviceKind, int]
-    plain: bool
     read: Callable[[Path], object]
     load: ProgramLoader
     cost: EngineCost
@@ -84,11 +85,11 @@ def _read_planar(robot: Path) -> object:
     return planar_robot(robot)
 
 
-def _load_planar(robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":  # noqa: ARG001 - it runs none
+def _load_planar(robot: Path, applications: "Applications", lanes: int, host: "HostApplication | None") -> "Program":
     from tasks.simulate.engine.compiled_program import compiled_program
     from tasks.simulate.engine.planar.engine import planar_mechanics
 
-    return compiled_program(planar_mechanics(robot), applications, lanes)
+    return compiled_program(planar_mechanics(robot), applications, lanes, host)
 
 
 def _read_mjx(robot: Path) -> object:
@@ -97,11 +98,11 @@ def _read_mjx(robot: Path) -> object:
     return load_robot(robot)
 
 
-def _load_mjx(robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":  # noqa: ARG001 - it runs none
+def _load_mjx(robot: Path, applications: "Applications", lanes: int, host: "HostApplication | None") -> "Program":
     from tasks.simulate.engine.compiled_program import compiled_program
     from tasks.simulate.engine.mjx.engine import mjx_mechanics
 
-    return compiled_program(mjx_mechanics(robot), applications, lanes)
+    return compiled_program(mjx_mechanics(robot), applications, lanes, host)
 
 
 def _read_mujoco(robot: Path) -> object:
@@ -110,30 +111,27 @@ def _read_mujoco(robot: Path) -> object:
     return host_robot(robot)
 
 
-def _load_mujoco(robot: Path, applications: "Applications", lanes: int, *, plain: bool) -> "Program":
+def _load_mujoco(robot: Path, applications: "Applications", lanes: int, host: "HostApplication | None") -> "Program":
     from tasks.simulate.engine.mujoco.engine import host_program
 
-    return host_program(robot, applications, lanes, plain=plain)
+    return host_program(robot, applications, lanes, host)
 
 
 ENGINES: Mapping[EngineName, Engine] = {
     "planar": Engine(
         rank={"cpu": 1, "gpu": 1},
-        plain=False,
         read=_read_planar,
         load=_load_planar,
         cost=EngineCost(6.5, 1.5, 90e-6, 4.5e-6, 4e-3, 900 * _MIB, _MIB),
     ),
     "mjx": Engine(
         rank={"cpu": 3, "gpu": 2},
-        plain=False,
         read=_read_mjx,
         load=_load_mjx,
         cost=EngineCost(11.0, 2.0, 90e-6, 42e-6, 4e-3, 1350 * _MIB, _MIB),
     ),
     "mujoco": Engine(
         rank={"cpu": 2, "gpu": 3},
-        plain=True,
         read=_read_mujoco,
         load=_load_mujoco,
         cost=EngineCost(4.5, 1.5, 2.2e-3, 80e-6, 4e-3, 750 * _MIB, _MIB),
@@ -143,13 +141,10 @@ ENGINES: Mapping[EngineName, Engine] = {
 REFERENCE: EngineName = "mujoco"
 
 
-def fastest_first(device: DeviceKind, *, plain: bool) -> tuple[EngineName, ...]:
-    """Returns the engines that can run a controller, fastest first.
+def fastest_first(device: DeviceKind) -> tuple[EngineName, ...]:
+    """Returns the engines, fastest first.
 
     Args:
         device: What JAX will run on.
-        plain: Whether the controller is plain Python.
     """
-    able: list[EngineName] = [name for name, engine in ENGINES.items() if engine.plain or not plain]
-    able.sort(key=lambda name: ENGINES[name].rank[device])
-    return tuple(able)
+    return tuple(sorted(ENGINES, key=lambda name: ENGINES[name].rank[device]))

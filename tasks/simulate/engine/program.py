@@ -5,16 +5,19 @@ Engines that are JAX functions run in a compiled program (``compiled_program``),
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.host.controllers import HostControllers, StandIn
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.staging import Lane
@@ -30,8 +33,8 @@ class Run(Protocol):
     """The episodes of one chunk on their way."""
 
     @property
-    def crashes(self) -> Mapping[int, str]:
-        """Returns why a controller crashed, by lane, where more is known than the lane's state says."""
+    def host(self) -> HostControllers | None:
+        """Returns the controllers, where they run on the host: they know more than a lane's state says."""
         ...
 
     def begin(self) -> LaneState:
@@ -113,4 +116,22 @@ def split_over(mesh: Mesh, kernel: Callable[..., Any], arguments: int) -> Callab
 
 def put_lanes(mesh: Mesh, inputs: LaneInputs) -> LaneInputs:
     """Returns the inputs, lanes first, split over the devices."""
-    return jax.device_put(inputs, NamedSharding(mesh, PartitionSpec(_AXIS)))
+    return jax.device_put(inputs, lane_sharding(mesh))
+
+
+def lane_sharding(mesh: Mesh) -> NamedSharding:
+    """Returns how arrays with lanes first are split over the devices."""
+    return NamedSharding(mesh, PartitionSpec(_AXIS))
+
+
+def with_stand_in(applications: Applications, actuators: int, *, host: bool) -> Applications:
+    """Returns applications as compiled functions see them: with a stand-in for a controller on the host."""
+    if not host:
+        return applications
+    stand_in = StandIn(applications.sensors, actuators)
+    return replace(applications, make_controller=lambda _: stand_in)
+
+
+def stacked_records(records: Sequence[StepRecord]) -> StepRecord:
+    """Returns the records of control steps as one, (lanes, steps) first."""
+    return jax.tree.map(lambda *each: np.stack(each, axis=1), *records)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 from specs.base import Spec
-from specs.data.episode import PHYSICS_HZ, ApplicationLaunch, EpisodeRequest
+from specs.bundle.launched_file import policy_file
+from specs.data.episode import CONTROL_HZ, PHYSICS_HZ, ApplicationLaunch, EpisodeRequest
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import recall_engine_timings, recall_timings
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
@@ -21,16 +22,21 @@ from tasks.simulate.forecast.cost import (
     probed_speed,
     remembered_speed,
 )
+from tasks.simulate.forecast.node_cost import nodes_s
 from tasks.simulate.forecast.remembered_engine import recall_choice
+from tasks.simulate.host.controller_kind import ControllerKind, controller_kind
+from tasks.simulate.host.policy.policy_check import check_policy
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.chunks import program_key
 from tasks.simulate.plan.layout import Layout
+from tasks.simulate.refusal import RobotRefused
 from tasks.storage.base.cache_folder import cache_folder
 
 Basis = Literal["this very program", "other programs", "nothing"]
 # From what is known best.
 _BASES: Sequence[Basis] = ("this very program", "other programs", "nothing")
 # Importing JAX and Prefect, the server's start, and for each episode its row in chunk and tables.
+_NODES = ("ros", "ros2")
 _START_S = Span(low=4.0, high=20.0)
 _ROW_S = Span(low=0.2e-3, high=1e-3)
 
@@ -90,9 +96,12 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
     """
     layout, kind = Layout(plan), device_kind()
     launches = _robots(plan)
+    controllers: dict[ApplicationLaunch, ControllerKind] = {
+        launch: controller_kind(folders[launch.digest], launch) for launch in launches
+    }
     choices = {launch: _robot(plan.engine, launch, folders, kind, _label(launch, launches)) for launch in launches}
     programs = [
-        _Program(request, episodes, choice.engine, kind, plan.lanes)
+        _Program(request, episodes, choice.engine, kind, plan.lanes, controller=controllers[request.robot])
         for request, episodes in layout.programs()
         if (choice := choices[request.robot].choice)
     ]
@@ -118,38 +127,50 @@ class _Program:
     """A program of a batch, and what is known of its speed."""
 
     def __init__(
-        self, request: EpisodeRequest, episodes: int, engine: EngineName, device: DeviceKind, lanes: int
+        self,
+        request: EpisodeRequest,
+        episodes: int,
+        engine: EngineName,
+        device: DeviceKind,
+        lanes: int,
+        *,
+        controller: ControllerKind,
     ) -> None:
         self.device: DeviceKind = device
         self.engine: EngineName = engine
         self.request, self.episodes = request, episodes
+        self.controller: ControllerKind = controller
         self.speed: Speed
         self.basis: Basis
-        self.speed, self.basis = _speed(request, engine, device, lanes)
+        self.speed, self.basis = _speed(request, engine, device, lanes, host=controller != "jax")
 
     def reference(self, lanes: int) -> "_Program":
         """Returns the program that audits it."""
-        return _Program(self.request, self.episodes, REFERENCE, self.device, lanes)
+        return _Program(self.request, self.episodes, REFERENCE, self.device, lanes, controller=self.controller)
 
     def wall_s(self, episodes: int, lanes: int, longest_s: float) -> Span:
         """Returns what some of its episodes take, with so many lanes."""
         chunks = -(-episodes // lanes)
         drive = driving_s(self.engine, self.speed, episodes=episodes, lanes=lanes, chunks=chunks, duration_s=longest_s)
+        if self.basis == "nothing" and self.controller in _NODES:
+            drive = drive.plus(nodes_s(episodes, lanes, round(longest_s * CONTROL_HZ)))
         return drive.plus(compiling_s(self.engine, self.speed))
 
 
-def _speed(request: EpisodeRequest, engine: EngineName, device: DeviceKind, lanes: int) -> tuple[Speed, Basis]:
+def _speed(
+    request: EpisodeRequest, engine: EngineName, device: DeviceKind, lanes: int, *, host: bool
+) -> tuple[Speed, Basis]:
     own = [each for each in recall_timings(program_key(request)) if (each.engine, each.device) == (engine, device)]
     if (speed := remembered_speed(own, lanes, same_program=True)) is not None:
         return speed, "this very program"
-    speed = _speed_of_engine(engine, device, lanes, cache_folder())
+    speed = _speed_of_engine(engine, device, lanes, cache_folder(), host=host)
     return (speed, "other programs") if speed is not None else (probed_speed(device_count()), "nothing")
 
 
 @functools.cache
-def _speed_of_engine(engine: EngineName, device: DeviceKind, lanes: int, _cache: Path) -> Speed | None:
+def _speed_of_engine(engine: EngineName, device: DeviceKind, lanes: int, _cache: Path, *, host: bool) -> Speed | None:
     """Returns what programs of an engine took; read once for each cache folder, however many programs a batch has."""
-    return remembered_speed(recall_engine_timings(engine, device), lanes, same_program=False)
+    return remembered_speed(recall_engine_timings(engine, device, host=host), lanes, same_program=False)
 
 
 def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
@@ -175,9 +196,25 @@ def _robot(
     asked: str, launch: ApplicationLaunch, folders: Mapping[str, Path], kind: DeviceKind, label: str
 ) -> RobotPlan:
     folder = folders[launch.digest]
-    module = folder / launch.package / f"{launch.launch_file}.py"
-    answer = recall_choice(asked, launch.digest, folder / "robot.xml", module, kind)
+    controller = controller_kind(folder, launch)
+    if controller == "onnx" and (refusal := _policy_refusal(folder, launch)):
+        return RobotPlan(robot=label, choice=None, refusal=refusal)
+    answer = recall_choice(asked, launch.digest, folder / "robot.xml", controller, kind)
     return RobotPlan(robot=label, choice=answer.choice, refusal=answer.refusal)
+
+
+def _policy_refusal(folder: Path, launch: ApplicationLaunch) -> str:
+    """Returns why a policy cannot drive its robot; empty if it can."""
+    from tasks.simulate.host.policy.control_range import control_range  # noqa: PLC0415 - it imports MuJoCo
+    from tasks.simulate.host.policy.lane_network import require_onnxruntime  # noqa: PLC0415 - likewise NumPy
+
+    try:
+        require_onnxruntime()
+        name = policy_file(launch.package, launch.launch_file)
+        check_policy(folder, name, control_range(folder / "robot.xml").numbers)
+    except RobotRefused as refused:
+        return str(refused)
+    return ""
 
 
 def _lane_steps(plan: BatchPlan) -> int:

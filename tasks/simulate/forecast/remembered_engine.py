@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from tasks.simulate.devices import DeviceKind
 from tasks.simulate.engine.choice import EngineChoice, choose_engine
+from tasks.simulate.host.controller_kind import ControllerKind
 from tasks.simulate.refusal import RobotRefused
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.cache_folder import cache_folder
@@ -35,21 +36,21 @@ class EngineAnswer(Spec):
     refusal: str = ""
 
 
-def recall_choice(asked: str, digest: str, robot: Path, module: Path, device: DeviceKind) -> EngineAnswer:
+def recall_choice(asked: str, digest: str, robot: Path, controller: ControllerKind, device: DeviceKind) -> EngineAnswer:
     """Returns which engine runs a robot application.
 
     Args:
         asked: ``auto``, or the engine that it must be.
         digest: Of its bundle, which holds all that ``robot.xml`` refers to.
         robot: Its ``robot.xml``.
-        module: The module of its controller.
+        controller: How it is driven.
         device: What JAX will run on.
     """
-    path = _path([asked, digest, device, *_contents((robot, module)), *_code()])
+    path = _path([asked, digest, device, controller, *_contents((robot,)), *_code()])
     try:
         return EngineAnswer.model_validate_json(path.read_bytes())
     except (OSError, ValidationError):
-        answer = _chosen(asked, robot, module, device)
+        answer = _chosen(asked, robot, controller, device)
     try:
         with whole_file(path) as file:
             file.write(answer.model_dump_json().encode())
@@ -58,9 +59,9 @@ def recall_choice(asked: str, digest: str, robot: Path, module: Path, device: De
     return answer
 
 
-def _chosen(asked: str, robot: Path, module: Path, device: DeviceKind) -> EngineAnswer:
+def _chosen(asked: str, robot: Path, controller: ControllerKind, device: DeviceKind) -> EngineAnswer:
     try:
-        return EngineAnswer(choice=choose_engine(asked, robot, module, device))
+        return EngineAnswer(choice=choose_engine(asked, robot, controller, device))
     except RobotRefused as refused:
         return EngineAnswer(choice=None, refusal=str(refused))
 

@@ -54,13 +54,15 @@ class Applications:
         """Returns the sensors for one lane's numeric variables; their numbers may be traced."""
         return sensors_of(self.controller(numbers))
 
-    def require_sensors(self, environment: Mapping[str, object]) -> None:
-        """Checks the sensors of one episode.
+    def episode_sensors(self, environment: Mapping[str, object]) -> Sensors:
+        """Returns the sensors of one episode in plain numbers.
 
         Raises:
             BundleCrash: They cannot be, or differ from its program's in what must be shared.
         """
-        require_shared(self.sensors, read_sensors(self.make_controller, environment))
+        sensors = read_sensors(self.make_controller, environment)
+        require_shared(self.sensors, sensors)
+        return sensors
 
     def controller(self, numbers: Numbers) -> Controller:
         """Returns the controller for one lane's numeric variables, which may be traced."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from specs.data.episode import EpisodeResult
 from tasks.simulate.lane.overflow import Kept, Overflow
@@ -121,7 +121,8 @@ class Recorder:
         """Yields the samples of the kept episodes, some episodes at a time, as columns of equal length.
 
         Those of the indices ``unwanted`` are left out. The columns are ``index``, ``t_s``, ``pose``, ``velocity``,
-        ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``.
+        ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``; and
+        ``goal_m``, where the goal is, and ``lidar``, as ``Ends.lidars`` has it.
         """
         wanted = [(lane, index) for lane, index in self._kept if index not in unwanted]
         if not wanted or self._ends is None:
@@ -168,6 +169,8 @@ class Recorder:
             "acted": acted,
             **actions,
             "impulse_ns": self._impulses(lanes, steps, len(slots), stride),
+            "goal_m": _chosen(ends.goals_m[lanes], states["goal_index"]),
+            "lidar": np.broadcast_to(ends.lidars[lanes][:, None], (*there.shape, ends.lidars.shape[1])),
         }
         return {name: values[there] for name, values in columns.items()}
 
@@ -192,8 +195,15 @@ class Recorder:
         return every.reshape(len(lanes), slots, stride).sum(2, dtype=np.float32)
 
 
+def _chosen(goals_m: Float[np.ndarray, "lanes goals 2"], index: Int[np.ndarray, "lanes slots"]) -> np.ndarray:
+    """Returns the goal of each slot; after the last goal that one."""
+    chosen = np.minimum(index, goals_m.shape[1] - 1).astype(np.intp)
+    return np.take_along_axis(goals_m, chosen[:, :, None], axis=1)
+
+
 def _fitted(blocks: Sequence[np.ndarray], slots: int) -> np.ndarray:
     """Returns blocks side by side in the second axis, cut or filled up with zeros to so many slots."""
     together = np.concatenate(blocks, axis=1)[:, :slots]
     missing = slots - together.shape[1]
-    return np.pad(together, [(0, 0), (0, missing), *[(0, 0)] * (together.ndim - 2)]) if missing else together
+    filling = np.zeros((together.shape[0], max(missing, 0), *together.shape[2:]), together.dtype)
+    return np.concatenate([together, filling], axis=1)

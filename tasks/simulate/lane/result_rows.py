@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float32
 
-from specs.data.episode import CONTROL_HZ, CONTROL_S, EpisodeRequest, EpisodeResult, unfinished_result
+from specs.data.episode import CONTROL_HZ, CONTROL_S, WITHDRAWN, EpisodeRequest, EpisodeResult, unfinished_result
 from tasks.simulate.application.code import CrashCode
 from tasks.simulate.application.contract import REASONS
 from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
@@ -26,6 +26,11 @@ _CRASHES: dict[int, tuple[CrashCode | Literal[""], str]] = {
 def stopped_row(request: EpisodeRequest) -> EpisodeResult:
     """Returns the row of an episode that was stopped before its end; what it had done by then is not kept."""
     return unfinished_result(request.index, "Canceled", failure_code="", failure_reason="stopped before its end")
+
+
+def withdrawn_row(request: EpisodeRequest) -> EpisodeResult:
+    """Returns the row of an episode whose own application asked for the end of its job."""
+    return unfinished_result(request.index, "Canceled", failure_code="", failure_reason=WITHDRAWN)
 
 
 def finished_row(

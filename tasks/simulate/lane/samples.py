@@ -49,6 +49,9 @@ class Ends(NamedTuple):
     Attributes:
         steps: Control steps that were done.
         crashed: Whether a step after those was begun, and went wrong.
+        goals_m: Where each lane's robot should go, in order; its last goal again where other lanes have more.
+        lidars: Each robot's lidar: where it is mounted (x m, y m, yaw rad), the height of its plane and its range (m),
+            the direction of its first ray and the turn from one to the next (rad).
     """
 
     steps: Int[np.ndarray, "lanes"]
@@ -57,6 +60,8 @@ class Ends(NamedTuple):
     pose: Float[np.ndarray, "lanes 3"]
     velocity: Float[np.ndarray, "lanes 3"]
     goal_index: Int[np.ndarray, "lanes"]
+    goals_m: Float[np.ndarray, "lanes goals 2"]
+    lidars: Float[np.ndarray, "lanes 7"]
 
 
 class SliceSamples(NamedTuple):

@@ -38,11 +38,9 @@ def settle(
         decided: By the controller.
         motion: What the engine made of it.
     """
-    body, work, apart_m = motion
-    # Seen from above a hull may lean over an edge that it does not touch: only what pushes it is below 0.
-    clearance_m = jnp.where(work.impulse_ns > 0.0, apart_m, jnp.maximum(apart_m, 0.0))
+    body, work, _ = motion
     step = state.step + 1
-    truth = _truth(inputs, body, work, clearance_m, step)
+    truth = truth_after(inputs, motion, step)
     scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
     crash = _crash(decided, body)
     timeout = ~verdict.done & (step >= inputs.last_step)
@@ -53,7 +51,7 @@ def settle(
         controller=decided.controller,
         scenario=scenario_state,
         metrics=applications.metrics(inputs.numbers, scenario_state),
-        tally=_tally(state, body, work, clearance_m),
+        tally=_tally(state, body, work, truth.clearance_m),
         step=step,
         goal_index=verdict.goal_index,
         goal_steps=_goal_steps(state, verdict.goal_index, step),
@@ -65,6 +63,22 @@ def settle(
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
     final = _select(state.done, state, _select(crash > 0, crashed, moved))
     return final, _record(final, decided, work)
+
+
+def truth_after(inputs: LaneInputs, motion: Motion, step: Int[jax.Array, ""]) -> Truth:
+    """Returns what really happened in a control step.
+
+    Args:
+        inputs: The lane's.
+        motion: What the engine made of the step.
+        step: How many control steps there were with it.
+    """
+    body, work, apart_m = motion
+    # Seen from above a hull may lean over an edge that it does not touch: only what pushes it is below 0.
+    clearance_m = jnp.where(work.impulse_ns > 0.0, apart_m, jnp.maximum(apart_m, 0.0))
+    bounds, place = inputs.floor.bounds_m, body.qpos[:2]
+    inside = jnp.all((place >= bounds[:2]) & (place <= bounds[2:]))
+    return Truth(step * CONTROL_S, body.qpos, body.qvel, clearance_m, work.impulse_ns, inside)
 
 
 def _crash(decided: Decision, body: Body) -> Int[jax.Array, ""]:
@@ -83,14 +97,6 @@ def _record(final: LaneState, decided: Decision, work: Work) -> StepRecord:
         ranges_m=decided.ranges_m,
         impulse_ns=work.impulse_ns,
     )
-
-
-def _truth(
-    inputs: LaneInputs, body: Body, work: Work, clearance_m: Float[jax.Array, ""], step: Int[jax.Array, ""]
-) -> Truth:
-    bounds, place = inputs.floor.bounds_m, body.qpos[:2]
-    inside = jnp.all((place >= bounds[:2]) & (place <= bounds[2:]))
-    return Truth(step * CONTROL_S, body.qpos, body.qvel, clearance_m, work.impulse_ns, inside)
 
 
 def _tally(state: LaneState, body: Body, work: Work, clearance_m: Float[jax.Array, ""]) -> Tally:

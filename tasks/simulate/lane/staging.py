@@ -15,7 +15,7 @@ from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Sc
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.plan.chunks import split_environment
-from tasks.simulate.sensor.lidar import Lidar
+from tasks.simulate.sensor.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensor.noise import seed_words
 from tasks.simulate.surroundings.floor_map import floor_maps
 from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
@@ -36,12 +36,18 @@ class Stage(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """An episode that can run."""
+    """An episode that can run.
+
+    Attributes:
+        shortest_path_m: None where there is none.
+        lidar: The robot's in this episode.
+    """
 
     request: EpisodeRequest
     stage: Stage
     placement: Placement
     shortest_path_m: float | None
+    lidar: Lidar = NO_LIDAR
 
 
 def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[str, Stage]:
@@ -125,7 +131,7 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         ),
         floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
         start=_stacked([lane.placement.start for lane in filled]),
-        goals_m=_stacked([_filled_up(lane.placement.goals_m, most_goals) for lane in filled]),
+        goals_m=_stacked([filled_up(lane.placement.goals_m, most_goals) for lane in filled]),
         given=tuple(
             jnp.asarray(np.stack(arrays)) for arrays in zip(*(lane.placement.given for lane in filled), strict=True)
         ),
@@ -145,7 +151,7 @@ def _stacked(arrays: Sequence[np.ndarray]) -> Float32[jnp.ndarray, "lanes ..."]:
     return jnp.asarray(np.stack(arrays), jnp.float32)
 
 
-def _filled_up(goals_m: Float64[np.ndarray, "goals 2"], count: int) -> Float64[np.ndarray, "count 2"]:
+def filled_up(goals_m: Float64[np.ndarray, "goals 2"], count: int) -> Float64[np.ndarray, "count 2"]:
     """Returns the goals, the last one repeated until there are as many as in the lane that has most."""
     return np.concatenate([goals_m, np.repeat(goals_m[-1:], count - len(goals_m), axis=0)])
 

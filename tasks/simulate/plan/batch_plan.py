@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pydantic import Field
 
 from specs.base import Spec
+from specs.data.bag_format import BagFormat
 from specs.data.episode import ApplicationLaunch
 from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
 from specs.robomaker.bundle import ApplicationKind
@@ -88,6 +89,16 @@ class BatchPlan(Spec):
     def records(self) -> bool:
         """Returns whether any of its episodes may be recorded."""
         return self.recordings.episodes != "none" or any(template.record for template in self.templates)
+
+    def bags_of(self, template: JobTemplate) -> tuple[BagFormat, ...]:
+        """Returns the formats in which recorded episodes of a request are written for ROS's tools."""
+        if self.recordings.bags is None:
+            return ("rosbag",) if template.record else ()
+        return self.recordings.bags
+
+    def makes_bags(self) -> bool:
+        """Returns whether any recorded episode is written for ROS's tools."""
+        return self.records() and any(map(self.bags_of, self.templates))
 
     def worlds_of(self, template: JobTemplate) -> tuple[str, ...]:
         """Returns the worlds that a request is multiplied by."""

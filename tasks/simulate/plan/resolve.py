@@ -1,9 +1,11 @@
 """Makes a batch's plan of a document's simulation section, with all references resolved."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import NamedTuple
 
 from specs.arn import parse_reference
 from specs.base import Fault
+from specs.bundle.launched_file import module_file, module_name, names_ros_launch, simulated_file
 from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.field_types import Architecture, OutputLocation
@@ -18,6 +20,8 @@ from tasks.simulate.plan.layout import Layout
 
 FindVersion = Callable[[ApplicationKind, str, str | None], Version]
 FindData = Callable[[DataSourceConfig], PinnedSource]
+FindFiles = Callable[[str], Collection[str]]
+"""Gives the names of the files of a bundle, by its digest."""
 DEFAULT_TIMEOUT_S = 86_400.0
 DEFAULT_OUTPUT = OutputLocation(s3Bucket="results")
 
@@ -28,6 +32,8 @@ def plan_batch(
     world_digests: Mapping[str, str],
     find_version: FindVersion,
     find_data: FindData = unpinned,
+    *,
+    find_files: FindFiles | None = None,
 ) -> BatchPlan:
     """Returns the plan of a batch.
 
@@ -37,6 +43,8 @@ def plan_batch(
         world_digests: SHA-256 of each world's document, for all worlds that the batch uses.
         find_version: Gives the version that an application reference means.
         find_data: Gives a data source with the content that it has now.
+        find_files: Asked for the bundles of robots that name a launch file as those of ROS are; None where modules
+            alone are launched.
 
     Raises:
         DocumentError: A request lacks an application or a launch configuration; tells of all requests at once.
@@ -46,8 +54,9 @@ def plan_batch(
     if faults := [*undriven_faults(section), *named]:
         raise DocumentError(faults)
     data = [within_limits(tuple(map(find_data, request.dataSources or ()))) for request in requests]
+    launches = _Launches(find_version, find_files)
     plan = BatchPlan(
-        templates=_templates(requests, find_version, data),
+        templates=tuple(_template(number, request, launches, data[number]) for number, request in enumerate(requests)),
         worlds=tuple(worlds),
         seeds=seed_list(section),
         sweep={name: tuple(values) for name, values in section.matrix.environmentVariables.items()},
@@ -99,23 +108,15 @@ def output_location(section: SimulationBatch) -> OutputLocation:
     return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
-def _templates(
-    requests: Sequence[PipelineJobRequest], find_version: FindVersion, data: Sequence[Sequence[PinnedSource]]
-) -> tuple[JobTemplate, ...]:
-    return tuple(
-        _template(f"{REQUESTS}[{number}]", request, find_version, data[number])
-        for number, request in enumerate(requests)
-    )
-
-
 def _template(
-    where: str, request: PipelineJobRequest, find_version: FindVersion, data: Sequence[PinnedSource]
+    number: int, request: PipelineJobRequest, launches: "_Launches", data: Sequence[PinnedSource]
 ) -> JobTemplate:
+    where = f"{REQUESTS}[{number}]"
     robot = next(iter(request.robotApplications or ()))
     scenario = next(iter(request.simulationApplications or ()))
     return JobTemplate(
-        robot=_launch(f"{where}.robotApplications[0]", "robot-application", robot, find_version),
-        scenario=_launch(f"{where}.simulationApplications[0]", "simulation-application", scenario, find_version),
+        robot=launches.resolved(f"{where}.robotApplications[0]", "robot-application", robot),
+        scenario=launches.resolved(f"{where}.simulationApplications[0]", "simulation-application", scenario),
         environment={
             **(scenario.launchConfig.environmentVariables or {}),
             **(robot.launchConfig.environmentVariables or {}),
@@ -128,24 +129,39 @@ def _template(
     )
 
 
-def _launch(
-    where: str, kind: ApplicationKind, use: PipelineRobotApplication | ScenarioUse, find_version: FindVersion
-) -> ApplicationLaunch:
-    try:
-        version = find_version(kind, use.application, use.applicationVersion)
-        asked = use.architecture if isinstance(use, PipelineRobotApplication) else None
-        architecture = _simulated_architecture(version, asked)
-    except DocumentError as exc:
-        placed = [fault.model_copy(update={"path": f"{where}.{fault.path}"}) for fault in exc.faults]
-        raise type(exc)(placed, exc.source) from exc
-    return ApplicationLaunch(
-        name=version.name,
-        version=str(version.number),
-        digest=version.digests[architecture] if architecture else version.digest,
-        package=use.launchConfig.packageName or "",
-        launch_file=(use.launchConfig.launchFile or "").removesuffix(".py").removesuffix(".launch"),
-        architecture=architecture,
-    )
+class _Launches(NamedTuple):
+    """Launch configurations, resolved with what finds versions and the files of their bundles."""
+
+    find_version: FindVersion
+    find_files: FindFiles | None
+
+    def resolved(
+        self, where: str, kind: ApplicationKind, use: PipelineRobotApplication | ScenarioUse
+    ) -> ApplicationLaunch:
+        """Returns what is launched; ``where`` is where the document says it."""
+        try:
+            version = self.find_version(kind, use.application, use.applicationVersion)
+            asked = use.architecture if isinstance(use, PipelineRobotApplication) else None
+            architecture = _simulated_architecture(version, asked)
+        except DocumentError as exc:
+            placed = [fault.model_copy(update={"path": f"{where}.{fault.path}"}) for fault in exc.faults]
+            raise type(exc)(placed, exc.source) from exc
+        digest = version.digests[architecture] if architecture else version.digest
+        package, named = use.launchConfig.packageName or "", use.launchConfig.launchFile or ""
+        return ApplicationLaunch(
+            name=version.name,
+            version=str(version.number),
+            digest=digest,
+            package=package,
+            launch_file=module_name(named) if self._is_module(kind, digest, package, named) else named,
+            architecture=architecture,
+        )
+
+    def _is_module(self, kind: ApplicationKind, digest: str, package: str, named: str) -> bool:
+        """Returns whether a module is launched, which loses its ending; other files keep it."""
+        if kind != "robot-application" or not names_ros_launch(named) or self.find_files is None:
+            return True
+        return simulated_file(self.find_files(digest), package, named) == module_file(package, named)
 
 
 def _simulated_architecture(version: Version, asked: Architecture | None) -> Architecture | None:

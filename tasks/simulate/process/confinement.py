@@ -28,13 +28,18 @@ _PROBE_S = 20.0
 # What a program needs of a system, and nothing that tells of its users.
 _SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/opt", "/sys")
 _ETC = (
-    "alternatives ld.so.cache ld.so.conf ld.so.conf.d localtime timezone passwd group nsswitch.conf mime.types OpenCL"
+    "alternatives ld.so.cache ld.so.conf ld.so.conf.d localtime timezone passwd group nsswitch.conf mime.types OpenCL "
+    "ros"
 )
 _GPU_DEVICES = ("nvidia*", "kfd", "dri")
 # What decides how a simulation runs, and what finds programs, libraries and this machine's language.
 _KEPT = frozenset({"PATH", "LANG", "LANGUAGE", "TZ", "VIRTUAL_ENV", "LD_LIBRARY_PATH", "PYTHONHASHSEED", "PYTHONUTF8"})
 _KEPT_BEGINNINGS = ("LC_", "JAX_", "XLA_", "MUJOCO_", "CUDA_", "NVIDIA_", "TF_", "OMP_", "OPENBLAS_", "MKL_", "ROCR_")
-_OWN_SETTINGS = ("SIMYARD_IMPORT_LIMIT_S", "SIMYARD_STEP_LIMIT_S")
+# Where ROS is, where that is not where it usually is: its Python, and the folder share/ros within its own.
+_ROS_PYTHON, _ROS_ROOT = "SIMYARD_ROS_PYTHON", "ROS_ROOT"
+_OWN_SETTINGS = ("SIMYARD_IMPORT_LIMIT_S", "SIMYARD_STEP_LIMIT_S", _ROS_PYTHON, _ROS_ROOT)
+# Of memory, what /tmp may take: nodes of ROS have their home folders there.
+_TMP_SHARE = 0.25
 
 
 class Confinement(NamedTuple):
@@ -122,7 +127,7 @@ def programs_folder(digests: Iterable[str]) -> Path:
 
 
 def _shut_in(programs: Path | None = None, folders: Iterable[Path] = ()) -> list[str]:
-    found = ["--unshare-all", "--die-with-parent", "--cap-drop", "ALL", "--tmpfs", "/tmp"]  # noqa: S108 - a new one
+    found = ["--unshare-all", "--die-with-parent", "--cap-drop", "ALL", *_tmp_size(), "--tmpfs", "/tmp"]  # noqa: S108 - a new one
     found += ["--dev", "/dev", "--proc", "/proc", "--chdir", "/tmp"]  # noqa: S108
     for path in (*_readable(), *folders):
         found += ["--ro-bind-try", str(path), str(path)]
@@ -132,11 +137,27 @@ def _shut_in(programs: Path | None = None, folders: Iterable[Path] = ()) -> list
     return [*found, "--bind", str(programs), str(programs)] if programs else found
 
 
+@functools.cache
+def _tmp_size() -> tuple[str, ...]:
+    """Returns what bounds the /tmp that follows; nothing for a bubblewrap that is too old to."""
+    program = shutil.which("bwrap") or "bwrap"
+    told = subprocess.run([program, "--help"], capture_output=True, text=True, timeout=_PROBE_S, check=False)  # noqa: S603 - found on PATH
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return ("--size", str(int(_TMP_SHARE * memory))) if "--size" in told.stdout + told.stderr else ()
+
+
+def _ros_folders() -> Iterator[Path]:
+    """Yields where ROS lies if somebody has said so; never a folder that holds a person's home."""
+    told = (Path(os.environ[name]).parent.parent for name in (_ROS_PYTHON, _ROS_ROOT) if os.environ.get(name))
+    yield from (folder for folder in told if folder.is_absolute() and not Path.home().is_relative_to(folder))
+
+
 def _readable() -> Iterator[Path]:
     """Yields what the process may read, folders before what lies in them."""
     home = cache_folder()
     yield from map(Path, _SYSTEM)
     yield from (Path("/etc") / name for name in _ETC.split())
+    yield from _ros_folders()
     yield from dict.fromkeys(map(Path, (sys.base_prefix, sys.prefix, *_library_folders())))
     yield from (home / name for name in ("bundles", "data", "engines"))
 

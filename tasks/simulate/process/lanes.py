@@ -21,6 +21,9 @@ from specs.data.episode import (
 )
 from specs.data.world import World
 from tasks.simulate.application.code import crash_code
+from tasks.simulate.chunk.job_tags import JobTags
+from tasks.simulate.chunk.memory_fit import TooManyLanes
+from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.lane.samples import Ends, SliceSamples
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
@@ -56,6 +59,7 @@ class ConfinedLanes:
         recorder: Given what the lanes do, unless a process ended over it.
         timed_as: Program to remember the time for.
         printed: Given what applications print.
+        tagged: Given the tags that applications gave to their jobs, by the index of the episode.
     """
 
     bundles: Mapping[str, Path]
@@ -67,6 +71,7 @@ class ConfinedLanes:
     recorder: Recorder | None = None
     timed_as: ProgramKey | None = None
     printed: Callable[[str], None] = lambda _: None
+    tagged: Callable[[JobTags], None] = lambda _: None
     _endings: int = field(default=0, init=False)
 
     def simulate(self, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
@@ -76,6 +81,11 @@ class ConfinedLanes:
             MemoryError: There is not enough memory for so many lanes.
             SimulatorDefect: The process met a defect of Simyard's.
         """
+        most, asked = most_lanes(chunk.requests, self.bundles), len(chunk.requests)
+        if most is not None and asked > most:
+            raise TooManyLanes(
+                f"{asked} ROS applications at once are too many for this machine's memory and cores", most
+            )
         try:
             return self._rows(chunk, worlds, self.recorder)
         except SimulatorEnded as ended:
@@ -123,7 +133,11 @@ class ConfinedLanes:
                 last, _ = process.ask(work, on_answer=hear, should_stop=self.should_stop)
             finally:
                 self.printed(process.output.take())
-        return _checked(chunk.requests, last)
+        rows = _checked(chunk.requests, last)
+        if isinstance(last, Rows) and last.tags:
+            known = {request.index for request in chunk.requests}
+            self.tagged({index: tags for index, tags in last.tags.items() if index in known})
+        return rows
 
 
 class _Listener:

@@ -7,6 +7,8 @@ from tasks.simulate.application.call_clock import CallKind, RunningCall
 
 # Compiling the largest program takes minutes on a slow machine; nobody waits for it an hour.
 _COMPILE_LIMIT_S = 3600.0
+# Lock-step ends an application that hangs by itself, after seconds; starting those of many lanes takes minutes.
+_NODES_LIMIT_S = 900.0
 
 
 def overdue(call: RunningCall) -> str:
@@ -16,6 +18,7 @@ def overdue(call: RunningCall) -> str:
         "call": (step_limit_s(), "SIMYARD_STEP_LIMIT_S"),
         "slice": (step_limit_s(), "SIMYARD_STEP_LIMIT_S"),
         "compile": (max(_COMPILE_LIMIT_S, step_limit_s()), "SIMYARD_STEP_LIMIT_S"),
+        "nodes": (max(_NODES_LIMIT_S, step_limit_s()), "SIMYARD_STEP_LIMIT_S"),
     }
     limit_s, name = limits[call.kind]
     return f"{call.what} took longer than {limit_s:g} s ({name})" if call.seconds > limit_s else ""

@@ -6,9 +6,11 @@ from pydantic import Field, TypeAdapter
 
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.field_types import TagMap
 from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.simulate.chunk.timings import ChunkTiming
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
+from tasks.simulate.process.sent_log import SentTopic
 
 
 class SentWorlds(Spec):
@@ -121,11 +123,16 @@ class RecordingEnds(Spec):
 
 
 class Rows(Spec):
-    """The rows that were asked for, in request order."""
+    """The rows that were asked for, in request order.
+
+    Attributes:
+        tags: What applications gave to their jobs, by the index of the episode.
+    """
 
     kind: Literal["rows"] = "rows"
     rows: tuple[EpisodeResult, ...]
     timings: tuple[RememberedTiming, ...] = ()
+    tags: dict[int, TagMap] = Field(default_factory=dict[int, TagMap])
 
 
 class Audited(Spec):
@@ -143,6 +150,7 @@ class Again(Spec):
         arrived_m, radius_m, heights_m, mount, lidar_height_m, range_m: Its setting, whose arrays follow; None for an
             episode that could not start.
         columns: Names of the samples' arrays, which follow: those of each step, then those of the recording.
+        topics: Of what its ROS nodes heard and said, whose arrays follow at the end; None where there were none.
     """
 
     kind: Literal["again"] = "again"
@@ -155,6 +163,7 @@ class Again(Spec):
     lidar_height_m: float = 0.0
     range_m: float = 0.0
     columns: tuple[str, ...] = ()
+    topics: tuple[SentTopic, ...] | None = None
 
 
 class Crashed(Spec):

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from specs.data.episode import EpisodeResult
+from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.lane.recording import Columns
 
 
@@ -41,9 +42,11 @@ class DrivenAgain(NamedTuple):
         setting: None for an episode that could not start.
         steps: A sample for each control step, as ``tasks.simulate.lane.recording`` has them; none without a setting.
         samples: The same at the rate of its batch's recordings.
+        traffic: What its robot and its ROS nodes said to each other; None where there were none.
     """
 
     row: EpisodeResult
     setting: Setting | None = None
     steps: Columns | None = None
     samples: Columns | None = None
+    traffic: MessageLog | None = None

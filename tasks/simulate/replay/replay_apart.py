@@ -8,6 +8,7 @@ import numpy as np
 from specs.data.episode import EpisodeRequest, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.application.code import crash_code
+from tasks.simulate.process.sent_log import LOG_ARRAYS, log_of
 from tasks.simulate.process.simulator import SimulatorEnded
 from tasks.simulate.process.simulators import simulator
 from tasks.simulate.process.work import Again, AgainWork, Crashed, NoMemory
@@ -58,6 +59,10 @@ def drive_apart(
 def _driven(again: Again, arrays: tuple[np.ndarray, ...]) -> DrivenAgain:
     if not again.started:
         return DrivenAgain(again.row)
+    traffic = None
+    if again.topics is not None:
+        arrays, log = arrays[:-LOG_ARRAYS], arrays[-LOG_ARRAYS:]
+        traffic = log_of(again.topics, log)
     goals_m, angles_rad, *columns = arrays
     count = len(again.columns)
     setting = Setting(
@@ -71,4 +76,4 @@ def _driven(again: Again, arrays: tuple[np.ndarray, ...]) -> DrivenAgain:
         angles_rad=angles_rad,
     )
     steps, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
-    return DrivenAgain(again.row, setting, steps, samples)
+    return DrivenAgain(again.row, setting, steps, samples, traffic)

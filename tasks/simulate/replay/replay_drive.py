@@ -2,22 +2,32 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
 
 from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult, failed_result
 from specs.data.world import World
+from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.lane.recording import Columns, Recorder
 from tasks.simulate.lane.samples import Ends, Steps
-from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.replay.driven_again import DrivenAgain, Setting
 from tasks.simulate.sensor.lidar import ray_angles
-from tasks.simulate.sensor.sensors import read_sensors
 
 _EVERY_STEP_HZ = 1.0 / CONTROL_S
+
+
+@runtime_checkable
+class _Talks(Protocol):
+    """Controllers whose nodes send messages."""
+
+    def keep_traffic(self) -> None: ...
+
+    @property
+    def traffic(self) -> MessageLog | None: ...
 
 
 class _AlsoAt(Recorder):
@@ -63,12 +73,16 @@ def drive_again(
         ready = ready_chunk([request], worlds, bundles, lanes=lanes, engine=engine)
     except BundleCrash as crash:
         return DrivenAgain(failed_result(request.index, crash.failure))
+    host = ready.run.host if ready.run else None
+    if isinstance(host, _Talks):
+        host.keep_traffic()
     samples = Recorder(rate_hz, lambda _: True)
     steps = _AlsoAt(_EVERY_STEP_HZ, samples)
     (row,) = run_ready(ready, lambda: False, lambda _: None, steps)
     if not ready.lanes:
         return DrivenAgain(row)
-    return DrivenAgain(row, _setting(ready), _only(steps), _only(samples))
+    traffic = host.traffic if isinstance(host, _Talks) else None
+    return DrivenAgain(row, _setting(ready), _only(steps), _only(samples), traffic)
 
 
 def _only(recorder: Recorder) -> Columns:
@@ -78,9 +92,7 @@ def _only(recorder: Recorder) -> Columns:
 
 def _setting(ready: ReadyChunk) -> Setting:
     (lane,) = ready.lanes
-    numbers, texts = split_environment(lane.request.environment)
-    lidar = read_sensors(ready.program.applications.make_controller, {**texts, **numbers}).lidar
-    hull = ready.program.hull
+    lidar, hull = lane.lidar, ready.program.hull
     return Setting(
         goals_m=lane.placement.goals_m,
         arrived_m=lane.placement.arrived_m,

@@ -8,6 +8,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.batch.commit import batch_mounts
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.process.lanes import ConfinedLanes
 
@@ -27,7 +28,7 @@ def simulate_trials(
     Args:
         batch: The episode's; its lanes are those of its program.
         request: The episode.
-        trials: Simulated together, as many at a time as the batch has lanes.
+        trials: Simulated together, as many at a time as the batch has lanes, and as this machine holds.
         bundles: Unpacked folders of the batch's applications, by digest.
         engine: What drove it, where that is known; else what the batch asked for.
 
@@ -43,4 +44,5 @@ def simulate_trials(
     lanes = ConfinedLanes(
         bundles=bundles, lanes=batch.plan.lanes, engine=engine or batch.plan.engine, should_stop=lambda: False
     )
-    return [row for chunk in plan_chunks(requests, batch.plan.lanes) for row in lanes.simulate(chunk, worlds)]
+    most = min(batch.plan.lanes, most_lanes(requests, bundles) or batch.plan.lanes)
+    return [row for chunk in plan_chunks(requests, most) for row in lanes.simulate(chunk, worlds)]

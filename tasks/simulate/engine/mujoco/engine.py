@@ -6,7 +6,7 @@ two halves of a control step C MuJoCo drives those lanes that are not done.
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import jax
@@ -22,9 +22,17 @@ from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.devices import device_count
 from tasks.simulate.engine.mujoco.model import HostRobot, host_robot, world_models
-from tasks.simulate.engine.mujoco.plain_python import PlainControllers, StandIn
 from tasks.simulate.engine.mujoco.stepper import HostBody, Stepper
-from tasks.simulate.engine.program import lane_mesh, padded_lanes, put_lanes, split_over, strong_types
+from tasks.simulate.engine.program import (
+    lane_mesh,
+    padded_lanes,
+    put_lanes,
+    split_over,
+    stacked_records,
+    strong_types,
+    with_stand_in,
+)
+from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, StepRecord, begin_lane
 from tasks.simulate.lane.sense import decide, observe
@@ -49,7 +57,7 @@ class HostProgram:
         sense: Returns what the robots sense, for controllers that are plain Python.
         decide: Returns what the controllers change of their states, their controls, and what they saw.
         settle: Returns the lanes after a control step that was decided and driven; the state given is used up.
-        plain: Makes a plain Python controller; None for one that is JAX.
+        host: The robot application, if it runs on the host.
     """
 
     robot: HostRobot
@@ -61,7 +69,7 @@ class HostProgram:
     sense: Callable[[LaneInputs, LaneState], Observation]
     decide: Callable[[LaneInputs, LaneState], Decided]
     settle: Callable[[LaneInputs, LaneState, Decided, Body, Work], tuple[LaneState, StepRecord]]
-    plain: Callable[..., object] | None
+    host: HostApplication | None
     engine: EngineName = "mujoco"
 
     @property
@@ -86,8 +94,8 @@ class HostProgram:
         each = [models[lane.request.world] for lane in filled]
         stepper = Stepper(self.robot, each, np.asarray(inputs.start), self.threads)
         controllers = None
-        if self.plain is not None:
-            controllers = PlainControllers(self.plain, self.applications.sensors, self.actuators, lanes)
+        if self.host is not None:
+            controllers = self.host.start(HostStart(lanes, self.lanes, self.actuators, self.applications.sensors))
         return HostRun(self, put_lanes(self.mesh, inputs), stepper, controllers)
 
 
@@ -98,12 +106,7 @@ class HostRun:
     program: HostProgram
     inputs: LaneInputs
     stepper: Stepper
-    controllers: PlainControllers | None
-
-    @property
-    def crashes(self) -> Mapping[int, str]:
-        """Returns why plain Python controllers crashed, by lane."""
-        return {} if self.controllers is None else self.controllers.crashes
+    host: HostControllers | None
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
@@ -120,21 +123,21 @@ class HostRun:
             body, work = self.stepper.drive(np.asarray(decided[1]), moving)
             state, record = self.program.settle(self.inputs, state, decided, _body(body), Work(*_arrays(work)))
             records.append(jax.tree.map(np.asarray, record))
-        return state, jax.tree.map(lambda *each: np.stack(each, axis=1), *records)
+        return state, stacked_records(records)
 
     def _decided(self, state: LaneState, moving: Bool[np.ndarray, "lanes"]) -> Decided:
-        if self.controllers is None:
+        if self.host is None:
             return self.program.decide(self.inputs, state)
         observed = jax.tree.map(np.asarray, self.program.sense(self.inputs, state))
-        return {}, jnp.asarray(self.controllers.controls(observed, moving)), jnp.asarray(observed.ranges_m)
+        return {}, jnp.asarray(self.host.controls(observed, moving)), jnp.asarray(observed.ranges_m)
 
 
 def host_program(
     path: Path,
     applications: Applications,
     lanes: int,
+    host: HostApplication | None = None,
     *,
-    plain: bool = False,
     threads: int | None = None,
 ) -> HostProgram:
     """Returns the program of a robot and its applications; compiles nothing yet.
@@ -143,15 +146,14 @@ def host_program(
         path: The ``robot.xml``.
         applications: The robot application and the scenario.
         lanes: At least so many.
-        plain: Whether the controller is plain Python.
+        host: The robot application, if it runs on the host.
         threads: To step robots on; one for each core if None.
 
     Raises:
         RobotRefused: It does not load, or cannot be driven about.
     """
     robot, mesh = host_robot(path), lane_mesh()
-    stand_in = StandIn(applications.sensors, robot.actuators)
-    seen = replace(applications, make_controller=lambda _: stand_in) if plain else applications
+    seen = with_stand_in(applications, robot.actuators, host=host is not None)
 
     def split(kernel: Callable[..., object], arguments: int) -> Callable[..., object]:
         return split_over(mesh, jax.vmap(functools.partial(kernel, seen)), arguments)
@@ -166,7 +168,7 @@ def host_program(
         sense=jax.jit(split(observe, 2)),
         decide=jax.jit(split(_decide_lane, 2)),
         settle=jax.jit(split(functools.partial(_settle_lane, robot.parts), 5), donate_argnums=1),
-        plain=applications.make_controller if plain else None,
+        host=host,
     )
 
 

@@ -1,43 +1,34 @@
 """Runs controllers that are plain Python: on the host, lane by lane, each lane with an object of its own.
 
-A module that says ``jax = False`` may do in its controller whatever Python can: branch, keep lists, run an ONNX file.
-In the compiled functions around it a stand-in has its place.
+A module that says ``jax = False`` may do in its controller whatever Python can: branch, keep lists, look things up.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float32
 
-from tasks.simulate.application.code import BundleCrash, CrashCode, call_bundle
+from tasks.simulate.application.code import BundleCrash, CrashCode, call_bundle, load_factory
 from tasks.simulate.application.contract import Observation
+from tasks.simulate.host.controllers import HostApplication, HostBundle, HostStart
+from tasks.simulate.host.host_control import real_control
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import split_environment
-from tasks.simulate.sensor.sensors import SENSORS, Sensors, read_sensors
+from tasks.simulate.sensor.sensors import Sensors, read_sensors
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
-# Floats and integers: what a person writes in Python for a number.
-_REAL_KINDS = "fiu"
 
 
-class StandIn:
-    """What compiled functions see of a plain controller: its sensors, no state, and a control that nobody uses."""
+def plain_application(bundle: HostBundle) -> HostApplication:
+    """Returns the application of a module that says ``jax = False``.
 
-    def __init__(self, sensors: Sensors, actuators: int) -> None:
-        for sensor, declared in zip(SENSORS, sensors, strict=True):
-            setattr(self, sensor.name, None if declared == sensor.absent else declared)
-        self._actuators = actuators
-
-    def init(self, floor: object, goals_m: object) -> tuple[()]:  # noqa: ARG002 - as every controller is called
-        """Returns no state."""
-        return ()
-
-    def step(self, state: tuple[()], observation: object) -> tuple[tuple[()], Float[jax.Array, "actuators"]]:  # noqa: ARG002 - as every controller is called
-        """Returns no state, and no control to speak of."""
-        return state, jnp.zeros(self._actuators)
+    Raises:
+        BundleCrash: The module does not import, or has no ``controller``.
+    """
+    make = load_factory(bundle.folder, bundle.launch, "controller", _ROBOT)
+    return HostApplication("plain", make, lambda start: PlainControllers(make, start))
 
 
 class PlainControllers:
@@ -47,12 +38,12 @@ class PlainControllers:
         crashes: Why, by lane.
     """
 
-    def __init__(
-        self, make_controller: Callable[..., object], sensors: Sensors, actuators: int, lanes: Sequence[Lane]
-    ) -> None:
+    cancelled: frozenset[int] = frozenset()
+
+    def __init__(self, make_controller: Callable[..., object], start: HostStart) -> None:
         self.crashes: dict[int, str] = {}
-        self._make, self._sensors, self._actuators = make_controller, sensors, actuators
-        self._controllers = [self._begun(number, lane) for number, lane in enumerate(lanes)]
+        self._make, self._sensors, self._actuators = make_controller, start.sensors, start.actuators
+        self._controllers = [self._begun(number, lane) for number, lane in enumerate(start.lanes)]
 
     def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
         """Returns each moving lane's control; not a number for a lane whose controller crashed, now or before.
@@ -66,6 +57,13 @@ class PlainControllers:
             own = cast("Observation", jax.tree.map(lambda array, lane=lane: array[lane], observed))
             controls[lane] = self._control(lane, own)
         return controls
+
+    def measures(self, lane: int) -> Mapping[str, int]:  # noqa: ARG002 - as of all controllers on the host
+        """Returns nothing: a row has all that there is."""
+        return {}
+
+    def close(self) -> None:
+        """Does nothing: the controllers hold nothing."""
 
     def _begun(self, number: int, lane: Lane) -> Any:  # noqa: ANN401 - whatever a bundle makes
         numbers, texts = split_environment(lane.request.environment)
@@ -85,8 +83,7 @@ class PlainControllers:
             return nothing
         try:
             control = call_bundle(_ROBOT, "controller.step", lambda: self._controllers[lane].step(observation))
-            control = _real(call_bundle(_ROBOT, "controller.step", np.asarray, control))
-            _require_shape(control, self._actuators)
+            control = real_control("controller.step", control, (self._actuators,))
         except BundleCrash as crash:
             self.crashes[lane] = crash.reason
             return nothing
@@ -96,14 +93,3 @@ class PlainControllers:
 def _require_same(program: Sensors, episode: Sensors) -> None:
     if program != episode:
         raise BundleCrash(_ROBOT, "the sensors of a plain Python controller must not follow from a numeric variable")
-
-
-def _real(control: np.ndarray) -> Float32[np.ndarray, "*shape"]:
-    if control.dtype.kind not in _REAL_KINDS:
-        raise BundleCrash(_ROBOT, f"controller.step: control of {control.dtype}, not of real numbers")
-    return control.astype(np.float32)
-
-
-def _require_shape(control: Float32[np.ndarray, "*shape"], actuators: int) -> None:
-    if control.shape != (actuators,):
-        raise BundleCrash(_ROBOT, f"controller.step: control of shape {control.shape}, not ({actuators},)")

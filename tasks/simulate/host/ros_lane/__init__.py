@@ -1,0 +1,1 @@
+"""Lanes of a chunk as ROS applications drive them: what goes out, what comes back. Host alone imports it."""
