@@ -6,10 +6,11 @@ TEST_PROCESSES ?= 2
 PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all explore check format lint types layers bench soak lock
+.PHONY: help run ros test test-all explore check format lint types layers bench soak lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
+	@echo "make ros    set up, then carry a public ROS package from its launch file to a robot"
 	@echo "make test   set up, then run the tests that a person waits for"
 	@echo "make test-all  run the long ones as well: kills, faults, whole documents, browsers"
 	@echo "make explore  run the tests with new random examples, many more of them"
@@ -28,6 +29,10 @@ $(READY): pyproject.toml constraints.txt
 
 run: $(READY)
 	$(BIN)/simyard run examples/quickstart.yaml
+
+# Installs Debian's ROS as root alone; else it prints the command.
+ros: $(READY)
+	examples/ros/make_ros.sh
 
 # A process is a core's worth of tests; `tests/conftest.py` says which tests stay together in one.
 test: $(READY)

@@ -9,6 +9,7 @@ from typing import NamedTuple, cast
 from pydantic import JsonValue
 
 from flows.batch.batch_report import MissingReport, WrittenReport, report_fields, write_last_report
+from flows.batch.recorded_episodes import bags_url, bags_written
 from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import recordings_url
 from tasks.results.tables.table_record import write_batch_tables
@@ -79,6 +80,8 @@ def end_batch(
     detail = {**write_tables(batch, location, record.status), **(more or {})}
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
+    if bags_written(batch):
+        detail["bags_url"] = bags_url(batch, location)
     status, why = terminal_state(record, cast("int", detail["failed_inside"]))
     if status == "Completed":
         detail = with_audit(detail, audit())

@@ -13,6 +13,7 @@ from typing import cast
 
 from pydantic import JsonValue
 
+from flows.batch.recorded_episodes import BAGS_FOLDER
 from specs.data.run_report import PipelineReport
 from specs.errors import ResourceNotFound, SimyardError
 from tasks.results.report.facts import BatchFacts, Link, StageTime
@@ -185,6 +186,9 @@ def _links(record: JobRecord, *, beside_tables: bool) -> tuple[Link, ...]:
     if "recordings_url" in detail:
         near = f"../{RECORDINGS_FOLDER}/{record.id}/"
         links.append(Link(label="recordings", href=near if beside_tables else str(detail["recordings_url"])))
+    if "bags_url" in detail:
+        near = f"../{BAGS_FOLDER}/{record.id}/"
+        links.append(Link(label="bags", href=near if beside_tables else str(detail["bags_url"])))
     return tuple(links)
 
 

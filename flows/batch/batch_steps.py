@@ -4,6 +4,7 @@ They join what simulates to what keeps results, so that they belong to no single
 store it reads there; what it makes is in the store when it returns.
 """
 
+import functools
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
+from flows.batch.recorded_episodes import RecordedEpisodes
 from specs.data.episode import Failure
 from specs.errors import BucketNotFound, BundleRefused, StageFailed, StoreAccessDenied, StoreError
 from specs.field_types import OutputLocation
@@ -19,10 +21,9 @@ from tasks.applications.step import unpack_application
 from tasks.progress.listener import report_progress, stage_progress
 from tasks.results.statistics.summary import summary_rows
 from tasks.results.tables.application_output import write_output
-from tasks.results.tables.recordings import write_recordings
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.audit.audit_run import write_audit
-from tasks.simulate.batch.chunk_runner import ChunkRunner
+from tasks.simulate.batch.chunk_runner import ChunkRunner, tag_jobs
 from tasks.simulate.batch.commit import ChunkEnd, run_chunk
 from tasks.simulate.batch.job import OpenBatch, load_batch
 from tasks.simulate.batch.provenance import batch_metadata
@@ -72,16 +73,18 @@ def simulate_chunk(
         voucher: Vouches for the results on a worker; None on a machine of the owner.
     """
     work = load_batch(open_store(store_url), batch, voucher)
+    bundles = _bundles(work)
+    episodes = RecordedEpisodes(work, location, bundles.folders)
 
     def record(chunk: int, parts: Iterable[Columns]) -> str:
         with _output_to(location):
-            return write_recordings(store_url, location, batch, chunk, parts)
+            return episodes.write(chunk, parts)
 
     def progress(finished: int) -> None:
         report_progress(EPISODES, done + finished, work.layout.episodes)
 
-    bundles = _bundles(work)
-    runner = ChunkRunner(bundles.folders, work.plan.engine, work.plan.recordings.rateHz, progress)
+    tagged = functools.partial(tag_jobs, work)
+    runner = ChunkRunner(bundles.folders, work.plan.engine, work.plan.recordings.rateHz, progress, tagged)
     ended = run_chunk(
         work,
         number,

@@ -18,6 +18,7 @@ from tasks.results.playback.playback import Playback, Sight
 from tasks.results.tables.recordings import recording_table
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.results.tables.stored_rows import recorded_samples, stored_rows
+from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.batch.job import OpenBatch, job_of
 from tasks.simulate.batch.provenance import batch_metadata, recorded_machines, this_machine
 from tasks.simulate.plan.request import recorded_location
@@ -38,6 +39,8 @@ class JobReplay(NamedTuple):
         deviations: Each column that was recorded, beside the replay's.
         causes: What is not as it was when it was recorded, and may have changed a number.
         playback: What the robot did; None for an episode that could not start.
+        robot: Folder of the robot's bundle on this machine.
+        traffic: What its robot and its ROS nodes said to each other; None where there were none.
     """
 
     job: str
@@ -46,6 +49,8 @@ class JobReplay(NamedTuple):
     deviations: tuple[ColumnDeviation, ...]
     causes: tuple[str, ...]
     playback: Playback | None
+    robot: Path
+    traffic: MessageLog | None
 
     @property
     def same(self) -> bool:
@@ -64,7 +69,8 @@ def replay_job(store: Store, text: str) -> JobReplay:
     record = batch.record()
     location = recorded_location(record)
     recorded = _recorded_row(batch, record, location, index)
-    again = replay(batch, index, bundles(batch), engine=str(recorded.column("engine")[0]))
+    folders = bundles(batch)
+    again = replay(batch, index, folders, engine=str(recorded.column("engine")[0]))
     return JobReplay(
         job=f"{batch.id}/{index}",
         world=again.world,
@@ -75,6 +81,8 @@ def replay_job(store: Store, text: str) -> JobReplay:
         ),
         causes=tuple(_causes(record, recorded, again)),
         playback=playback(batch.id, again),
+        robot=folders[again.request.robot.digest],
+        traffic=again.driven.traffic,
     )
 
 

@@ -35,6 +35,7 @@ from tasks.deploy.trust.trust_record import Signer
 from tasks.documents.template_source import find_template
 from tasks.export.format.formats import require_writable
 from tasks.results.gate.shipped_builds import Shipment, shipment_of
+from tasks.results.playback.replay_formats import require_bag_writers
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion, output_location
 from tasks.storage.base.store import Store
@@ -175,6 +176,7 @@ def _publish(source: ApplicationSource, store: Store, base: Path, spec: Pipeline
 def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:
     """Returns the plan of a batch whose output bucket is there, and whose bundles have what is launched."""
     open_bucket(store, output_location(section).s3Bucket or "")
+    require_bag_writers(section.recordings.bags)
     plan = batch_plan(section, (), store, find)
     if faults := launch_faults(plan, store):
         raise DocumentError(faults)

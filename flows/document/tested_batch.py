@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from functools import cache
 
+from flows.document.launch_files import simulated_fault
 from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
@@ -17,8 +18,8 @@ from tasks.simulate.data.pins import pin_source
 from tasks.simulate.data.sources import PinnedSource
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
-from tasks.simulate.plan.resolve import FindVersion, matrix_worlds, plan_batch, requested_worlds
-from tasks.storage.archives import missing_files
+from tasks.simulate.plan.resolve import FindFiles, FindVersion, matrix_worlds, plan_batch, requested_worlds
+from tasks.storage.archives import list_bundle_files
 from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import world_bytes
@@ -49,8 +50,22 @@ def batch_plan(
     def pin(source: str) -> PinnedSource:
         return pin_source(store, cache_folder() / "data", DataSourceConfig.model_validate_json(source))
 
-    plan = plan_batch(section, matrix, digests, find, lambda source: pin(source.model_dump_json()))
+    files = bundle_files_in(store)
+    plan = plan_batch(section, matrix, digests, find, lambda source: pin(source.model_dump_json()), find_files=files)
     return shuffle_if_endable(plan, gate)
+
+
+def bundle_files_in(store: Store) -> FindFiles:
+    """Returns what names the files of a store's bundles; none of one that cannot be used, which is told elsewhere."""
+
+    @cache
+    def names(digest: str) -> frozenset[str]:
+        try:
+            return frozenset(list_bundle_files(store, digest))
+        except BUNDLE_ERRORS:
+            return frozenset()
+
+    return names
 
 
 def shuffle_if_endable(plan: BatchPlan, gate: Gate | None) -> BatchPlan:
@@ -81,15 +96,15 @@ def launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
 def _launch_faults(store: Store, kind: ApplicationKind, launch: ApplicationLaunch) -> Iterator[Fault]:
     version = f"{launch.name} version {launch.version}"
     try:
-        found = missing_files(store, launch.digest, [f"{launch.package}/{launch.launch_file}.py"])
+        files = list_bundle_files(store, launch.digest)
     except BUNDLE_ERRORS as exc:
         failure = bundle_failure(store, kind, version, launch.digest, exc)
         field = "robotApplications" if kind == "robot-application" else "simulationApplications"
         yield Fault(path=f"{_REQUESTS}.{field}", value=version, allowed=f"a version whose bundle is whole; {failure}")
         return
-    for missing in found:
-        allowed = f"a module in {launch.name}'s bundle; it has no {missing}"
-        yield Fault(path=f"{_REQUESTS}.launchConfig.launchFile", value=repr(launch.launch_file), allowed=allowed)
+    launched = (launch.package, launch.launch_file)
+    if fault := simulated_fault(f"{_REQUESTS}.launchConfig", kind, launch.name, launched, files):
+        yield fault
 
 
 def world_digests(references: Sequence[str], store: Store) -> dict[str, str]:

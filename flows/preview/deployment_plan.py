@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterator
 from math import ceil
 
 from flows.document.shipped_parts import unjudged_parts
+from specs.bundle.launched_file import names_ros_launch
 from specs.pipeline.section_requests import deployment_request, fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet
 from tasks.deploy.fleet import launch_environment
@@ -11,6 +12,7 @@ from tasks.deploy.fleet.fleets import fleet_name
 from tasks.deploy.fleet.robots import members
 from tasks.deploy.rollout.resolved_request import bounds_for, timeout_s
 from tasks.results.gate.shipped_builds import Shipment, shipment_lines, unjudged_lines
+from tasks.ros.launch.robot_command import launch_sentence
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import FindVersion
 from tasks.storage.base.store import Store
@@ -18,7 +20,14 @@ from tasks.storage.store_url import store_id
 
 
 def deployment_lines(
-    section: Deployment, store: Store, find: FindVersion, ships: Shipment, batch: BatchPlan | None, *, judged: bool
+    section: Deployment,
+    store: Store,
+    find: FindVersion,
+    ships: Shipment,
+    batch: BatchPlan | None,
+    *,
+    judged: bool,
+    simulated_clock: Collection[str] = (),
 ) -> Iterator[str]:
     """Yields what a deployment does, without the name of its section.
 
@@ -29,6 +38,7 @@ def deployment_lines(
         ships: What robots get.
         batch: The batch of the same document, which decides which version is deployed; None if there is none.
         judged: Whether a gate asks what the batch drove.
+        simulated_clock: Launch files that make their nodes wait for a simulation's clock.
     """
     use, fleet = section.deploymentApplicationConfigs[0], section.fleet
     number = find("robot-application", use.application, use.applicationVersion).number
@@ -38,7 +48,7 @@ def deployment_lines(
     local = f" with {agents} agents on this machine" if isinstance(fleet, LocalFleet) else ""
     yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {ships.digest[:12]}"
     yield from _shipped_lines(section, ships, batch, judged=judged)
-    yield from _launch_lines(section, batch)
+    yield from _launch_lines(section, batch, simulated_clock)
     robots = [] if agents else members(store, fleet_name(fleet_reference(section)))
     yield from _tag_lines({*(section.tags or {}), *(key for robot in robots for key in robot.tags)})
     yield from _rules(section, store, str(number), agents or len(robots))
@@ -53,11 +63,20 @@ def _shipped_lines(section: Deployment, ships: Shipment, batch: BatchPlan | None
         yield from unjudged_lines(ships, ())
 
 
-def _launch_lines(section: Deployment, batch: BatchPlan | None) -> Iterator[str]:
+def _launch_lines(section: Deployment, batch: BatchPlan | None, simulated_clock: Collection[str]) -> Iterator[str]:
     launch = section.deploymentApplicationConfigs[0].launchConfig
-    if batch:
-        driven = dict.fromkeys(f"{each.robot.package}/{each.robot.launch_file}" for each in batch.templates)
-        yield f"robots launch {launch.packageName}/{launch.launchFile}; episodes drive {', '.join(driven)}"
+    package, name = launch.packageName, launch.launchFile
+    driven = [(each.robot.package, each.robot.launch_file) for each in batch.templates] if batch else []
+    if driven:
+        shown = ", ".join(dict.fromkeys("/".join(each) for each in driven))
+        yield f"robots launch {package}/{name}; episodes drive {shown}"
+    if not names_ros_launch(name):
+        return
+    yield f"robots run {launch_sentence(package, name)}"
+    if other := [file for _, file in dict.fromkeys(driven) if names_ros_launch(file) and file != name]:
+        yield f"robots launch another launch file than episodes: {', '.join(other)} was tested, {name} was not"
+    if name in simulated_clock:
+        yield f"{name} sets use_sim_time: on a robot, where nothing sends /clock, its nodes wait for ever"
 
 
 def _tag_lines(keys: Collection[str]) -> Iterator[str]:

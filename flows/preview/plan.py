@@ -1,15 +1,16 @@
 """`simyard plan`: what a run would do, without doing it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import finder, pinned_shipment, pins
-from flows.document.tested_batch import compared_digest, failing_sources
+from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources
 from flows.document.version_room import version_lines
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines
+from flows.preview.host_plan import HostPlan, host_failures, host_faults, host_lines, host_plan
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
@@ -20,6 +21,7 @@ from tasks.applications.registry import unpack
 from tasks.documents.parse import parse
 from tasks.documents.pipeline_file import names_a_file
 from tasks.documents.source_text import read_document
+from tasks.results.playback.replay_formats import is_installed
 from tasks.simulate.forecast.cost import Span
 from tasks.simulate.forecast.forecast import Basis, EnginePlan, engine_plan
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -47,7 +49,8 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     """
     trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
     found, own = pins(spec, trial, base)
-    batch, plan = _planned(spec, trial, finder(trial, own))
+    digests = {digest for each in own.values() for digest in (each.digest, *each.digests.values())}
+    batch, plan, beside = _planned(spec, trial, finder(trial, own), digests)
     yield f"{spec.name}, on {store.url}"
     yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
     if spec.worldGeneration:
@@ -57,20 +60,24 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
     judged, audited, programs = GateBasis(0, 0), 0, 1
-    if spec.simulationBatch and batch and plan:
+    if spec.simulationBatch and batch and plan and beside:
         section, find = spec.simulationBatch, finder(trial, own)
         audited, programs = plan.audited, plan.compilations
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
         yield from _batch_lines(plan, batch, section)
-        for reason in failing_sources(section, trial, find):
+        yield from (f"                  {line}" for line in host_lines(beside, min(plan.lanes, plan.episodes)))
+        for reason in (*failing_sources(section, trial, find), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
         yield from gate_lines(spec.gate, judged, audited, programs)
     ships = pinned_shipment(found)
     if spec.deployment and ships:
         find = finder(trial, own)
-        lines = deployment_lines(spec.deployment, trial, find, ships, batch, judged=spec.gate is not None)
+        clocks = beside.simulated_clock if beside else frozenset[str]()
+        lines = deployment_lines(
+            spec.deployment, trial, find, ships, batch, judged=spec.gate is not None, simulated_clock=clocks
+        )
         yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(lines))
     for field in (*inert_fields(spec), *_unused_in_template(spec.worldGeneration, base)):
         yield f"no effect         {field}"
@@ -96,27 +103,31 @@ def _generation_line(section: WorldGeneration) -> str:
     return f"worldGeneration   {worlds} ({product}), {seeded}"
 
 
-def _planned(spec: PipelineSpec, store: Store, find: FindVersion) -> tuple[BatchPlan, EnginePlan] | tuple[None, None]:
-    """Returns the batch, over stand-ins for worlds that are not made yet, and how it would be simulated.
+def _planned(
+    spec: PipelineSpec, store: Store, find: FindVersion, own: Collection[str]
+) -> tuple[BatchPlan, EnginePlan, HostPlan] | tuple[None, None, None]:
+    """Returns the batch, over stand-ins for worlds that are not made yet, how it would be simulated, and what beside.
 
     Raises:
-        DocumentError: No engine takes a robot; carries each refusal of each robot.
+        DocumentError: No engine takes a robot, or roslaunch refuses a launch file; carries each refusal of each robot.
     """
     if spec.simulationBatch is None:
-        return None, None
+        return None, None, None
     count = spec.worldGeneration.worldCount if spec.worldGeneration else None
     worlds = count.floorplanCount * count.interiorCountPerFloorplan if count else 0
     names = [f"planned/world-{number}" for number in range(worlds)]
-    batch = plan_batch(spec.simulationBatch, matrix_worlds(spec.simulationBatch, names), {}, find)
-    plan = engine_plan(batch, _folders(batch, store))
+    worlds_used = matrix_worlds(spec.simulationBatch, names)
+    batch = plan_batch(spec.simulationBatch, worlds_used, {}, find, find_files=bundle_files_in(store))
+    folders = _folders(batch, store)
+    plan, beside = engine_plan(batch, folders), host_plan(batch, folders, own)
     faults = [
         Fault(path=_ROBOTS, value=robot.robot, allowed=f"a robot that an engine takes, and not this one: {fault}")
         for robot in plan.robots
         for fault in _faults_of(robot.refusal)
     ]
-    if faults:
+    if faults := [*faults, *host_faults(beside)]:
         raise DocumentError(list(dict.fromkeys(faults)))
-    return batch, plan
+    return batch, plan, beside
 
 
 def _faults_of(refusal: str) -> list[str]:
@@ -139,7 +150,7 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -
     steps = f"at most {plan.lane_steps_at_most:,} physics steps"
     yield f"                  {chunks} on {devices}, {_count(plan.compilations, 'compiled program')}, {steps}"
     yield f"                  about {_time(plan.wall_s)} and {_gigabytes(plan.memory_bytes)}; {_BASES[plan.known_from]}"
-    yield f"                  {_recordings(section)}; {_audit(plan)}"
+    yield f"                  {_recordings(section)}{_bags(batch)}; {_audit(plan)}"
     yield f"                  applications run {confinement().sentence}"
 
 
@@ -166,6 +177,16 @@ def _recordings(section: SimulationBatch) -> str:
         return f"recordings of {also} at {asked.rateHz:g} Hz" if also else "no recordings"
     more = f", and {also}" if also else ""
     return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz{more}"
+
+
+def _bags(batch: BatchPlan) -> str:
+    """Returns in which formats recorded episodes are written for ROS's tools, and why not."""
+    formats = dict.fromkeys(each for template in batch.templates for each in batch.bags_of(template))
+    if not formats or not batch.makes_bags():
+        return ""
+    if not is_installed("ros"):
+        return ", no bags: simyard[ros] is not installed"
+    return f", bags as {' and '.join(formats)}"
 
 
 def _audit(plan: EnginePlan) -> str:

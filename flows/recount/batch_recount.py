@@ -6,7 +6,6 @@ the one that the document gives now, and what the record says is only compared (
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -14,11 +13,11 @@ from pydantic import JsonValue
 
 from flows.batch.batch_end import with_audit
 from flows.batch.early_end import EarlyEnd
+from flows.batch.recorded_episodes import RecordedEpisodes
 from flows.batch.replay_episode import bundles
 from specs.errors import StageFailed
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate, stops_early
-from tasks.results.tables.recordings import write_recordings
 from tasks.results.tables.table_record import recounted_facts
 from tasks.simulate.audit.audit_run import AUDIT_FILE, audit_again
 from tasks.simulate.batch.chunk_runner import ChunkRunner
@@ -118,7 +117,7 @@ def _commit_vouched(
     batch: OpenBatch, folders: Mapping[str, Path], gate: Gate, location: OutputLocation
 ) -> dict[str, JsonValue]:
     """Lets each chunk be one that is vouched for; returns why the batch ended early, if its gate is sure of it."""
-    recordings = partial(write_recordings, batch.store.url, location, batch.id)
+    recordings = RecordedEpisodes(batch, location, folders).write
     runner = ChunkRunner(folders, batch.plan.engine, batch.plan.recordings.rateHz, lambda _: None)
     early, lanes = EarlyEnd(batch, gate if stops_early(gate) else None), batch.plan.lanes
     for number in range(batch.layout.chunks):

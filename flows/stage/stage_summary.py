@@ -104,7 +104,7 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
         summary += f"; {cast('dict[str, JsonValue]', detail['stopped_early'])['sentence']}"
     artefacts = tuple(
         Artefact(label=label, url=str(detail[f"{label}_url"]))
-        for label in ("report", "results", "failures", "recordings", "audit")
+        for label in ("report", "results", "failures", "recordings", "bags", "audit")
         if f"{label}_url" in detail
     )
     stage = _stage("simulationBatch", record, summary, seconds, artefacts)

@@ -1,6 +1,9 @@
 """What `simyard.replay` returns."""
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from flows.batch.replay_episode import JobReplay
 from simyard.answer.html import Html, badge, block, heading, paragraph, picture, table, text
@@ -33,6 +36,24 @@ class Replay:
     def deviations(self) -> tuple[ColumnDeviation, ...]:
         """The columns that deviate, each beside the recorded one."""
         return tuple(each for each in self.episode.deviations if not each.same)
+
+    def save(
+        self, folder: str | os.PathLike[str], *, mcap: bool | None = None, video: bool = False, bags: Sequence[str] = ()
+    ) -> list[Path]:
+        """Writes what `simyard replay` writes into a folder, and returns the files; none if it could not start.
+
+        Args:
+            folder: Made if it is not there.
+            mcap: Whether to write `replay.mcap` for Foxglove; None means if `simyard[mcap]` is installed.
+            video: Whether to write `replay.mp4`.
+            bags: What to write for ROS's tools: `rosbag`, `mcap-ros1`, `rosbag2`.
+
+        Raises:
+            DocumentError: There is no such format, or what writes it is not installed.
+        """
+        from flows.batch.replay_files import wanted_files, write_files  # noqa: PLC0415 - only where it is written
+
+        return write_files(self.episode, Path(folder), wanted_files(mcap=mcap, video=video, bags=bags))
 
     def __repr__(self) -> str:
         """Returns its job, how it ended, and whether it is the same."""

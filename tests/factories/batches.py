@@ -11,12 +11,12 @@ from functools import partial
 from pathlib import Path
 
 from flows.batch.batch_end import close_with_tables
+from flows.batch.recorded_episodes import RecordedEpisodes
 from flows.batch.replay_episode import bundles
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.data.world import World
 from specs.pipeline.simulation_section import Recordings
 from tasks.applications.registry import publish_bundle
-from tasks.results.tables.recordings import write_recordings
 from tasks.simulate.audit.audit_run import write_audit
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import OpenBatch, complete, load_batch, open_batch
@@ -92,9 +92,9 @@ def closed_batch(store: Store, plan: BatchPlan, name: str = "tok") -> OpenBatch:
     batch = load_batch(store, open_batch(store, plan, request(plan), name).id)
     note_machine(batch)
     folders = bundles(batch)
-    recordings = partial(write_recordings, store.url, recorded_location(batch.record()), batch.id)
+    episodes = RecordedEpisodes(batch, recorded_location(batch.record()), folders)
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, partial(_simulate, batch, folders), recordings, lanes=plan.lanes, left_s=99.0)
+        run_chunk(batch, number, partial(_simulate, batch, folders), episodes.write, lanes=plan.lanes, left_s=99.0)
     record = complete(batch)
     audit = partial(write_audit, batch, folders, recorded_location(record)) if plan.audit else dict
     close_with_tables(batch, audit)

@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from specs.job_kinds import BATCH_FILES, RECORDING
+from flows.batch.recorded_episodes import BAGS_FOLDER
+from specs.job_kinds import BAGS, BATCH_FILES, RECORDING
 from tasks.housekeeping.object_kinds import ObjectKind, digests_in, ids_in, is_record, job_of_id, kind_of_key
 from tasks.results.report.report_job import REPORT_FILE
 from tasks.results.tables.recordings import RECORDINGS_FOLDER
@@ -57,6 +58,9 @@ DEPLOYMENT = "dep-0123456789abcdef"
         (f"buckets/out/a/b/{BATCH}/results.parquet", "results", BATCH),
         (f"buckets/out/{BATCH}/report.html", "results", BATCH),
         (f"buckets/out/recordings/{BATCH}/000001.parquet", "recordings", BATCH),
+        (f"buckets/out/bags/{BATCH}/000001.bag", "bags", BATCH),
+        (f"buckets/out/bags/{BATCH}/000001-ros1.mcap", "bags", BATCH),
+        (f"buckets/out/bags/{BATCH}/000001-rosbag2/metadata.yaml", "bags", BATCH),
     ],
 )
 def test_what_a_job_made_is_known_by_its_key(key: str, what: str, job: str) -> None:
@@ -150,3 +154,4 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
 def test_the_names_of_a_batchs_files_are_those_that_are_written() -> None:
     assert tuple(f"{{batch}}/{name}" for name in (RESULTS_FILE, FAILURES_FILE, REPORT_FILE, AUDIT_FILE)) == BATCH_FILES
     assert RECORDING.split("/")[0] == RECORDINGS_FOLDER
+    assert {form.split("/")[0] for form in BAGS} == {BAGS_FOLDER}

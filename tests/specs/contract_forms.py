@@ -8,7 +8,7 @@ from typing import Any
 
 from specs.base import Spec
 from tests.repository import ROOT
-from tests.specs.own_words import robomakers_words
+from tests.specs.own_words import robomakers_pattern, robomakers_words
 
 DATA = ROOT / "tests" / "data"
 MODULES = (
@@ -194,7 +194,7 @@ def _modelled_scalar(schema: Form) -> Form:
     if pattern is not None:
         assert pattern.startswith("^(?:")
         assert pattern.endswith(")$")
-        pattern = pattern[4:-2]
+        pattern = robomakers_pattern(pattern[4:-2])
     if schema["type"] == "string":
         size = {"min": schema.get("minLength") or None, "max": schema.get("maxLength")}
     else:

@@ -25,6 +25,14 @@ def replay(
         ),
     ] = None,
     video: Annotated[bool, typer.Option("--video", help="Write replay.mp4; needs simyard\\[video].")] = False,
+    bag: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="rosbag|mcap-ros1|rosbag2",
+            help="Write a bag for ROS's tools; may be given several times; needs simyard\\[ros].",
+            show_default=False,
+        ),
+    ] = None,
     store: Annotated[
         str | None,
         typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
@@ -36,7 +44,7 @@ def replay(
     from flows.cli.batch.batch_text import show_replay
     from tasks.storage.store_url import open_existing_store
 
-    wanted = wanted_files(mcap=mcap, video=video)
+    wanted = wanted_files(mcap=mcap, video=video, bags=bag or ())
     again = replay_job(open_existing_store(store), job)
     show_replay(again, TerminalConsole())
     folder = output or Path(f"replay-{again.job.replace('/', '-')}")

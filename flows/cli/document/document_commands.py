@@ -115,8 +115,10 @@ def validate(file: Document) -> None:
         return
     spec = read_pipeline(file)
     with _name_file(file):
-        check_own_bundles(spec, file.resolve().parent)
+        notes = check_own_bundles(spec, file.resolve().parent)
     echo(f"{file}: {spec.name}: valid")
+    for note in notes:
+        echo(note)
     if left := unchecked_references(spec):
         echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does")
 

@@ -23,7 +23,7 @@ WHEEL_M, HALF_TRACK_M, TURN_RAD_S = 0.065, 0.13, 1.0
 def test_the_script_makes_a_robot_of_the_urdf(tmp_path: Path):
     (tmp_path / "robot.urdf").write_text(URDF)
     subprocess.run([sys.executable, "-c", SCRIPT], cwd=tmp_path, check=True)
-    choice = choose_engine("auto", tmp_path / "robot.xml", tmp_path / "absent.py", "cpu")
+    choice = choose_engine("auto", tmp_path / "robot.xml", "jax", "cpu")
     assert choice.engine == "mujoco"
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml")).body("chassis").mass == pytest.approx(4.0)
 

@@ -26,16 +26,24 @@ def test_every_block_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     shutil.copytree(ROOT / "applications", tmp_path / "applications", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.chdir(tmp_path)
     told = [_output(language, text) for language, text in BLOCKS]
-    assert [language for language, _ in BLOCKS] == ["yaml", "sh", "sql", "sh", "python", "sh", "sh", "sh"]
+    assert [language for language, _ in BLOCKS] == ["yaml", "sh", "sql", "sh", "python", "python", "sh", "sh", "sh"]
     (job, reason) = Path("job").read_text().split()[0], Path("reason").read_text()
     (columns,) = re.findall(r"deviation 0 in all \d+ columns, \d+ of its request not shown", TEXT)
     assert f"{job}: {reason}; {columns}" in told[3]
-    assert sorted(path.name for path in Path("replayed").iterdir()) == ["replay.mcap", "replay.svg"]
+    assert sorted(path.name for path in Path("replayed").iterdir()) == [
+        "replay-rosbag2",
+        "replay.bag",
+        "replay.mcap",
+        "replay.svg",
+    ]
     assert told[4].startswith("0.0 {")
-    assert "of 8 pairs; difference" in told[5]
-    assert f"{job}: {reason}, in " in told[6]
-    assert told[7].startswith("shrunk/")
-    assert "1 episode of at most" in told[7]
+    assert told[5].startswith("/odom 1.0 ")
+    batch, _, index = job.partition("/")
+    assert next(Path(".simyard/buckets/results").glob(f"**/bags/{batch}/{int(index):06d}.bag")).is_file()
+    assert "of 8 pairs; difference" in told[6]
+    assert f"{job}: {reason}, in " in told[7]
+    assert told[8].startswith("shrunk/")
+    assert "1 episode of at most" in told[8]
 
 
 def test_every_topic_is_explained_with_its_schema():

@@ -351,15 +351,15 @@ def test_an_engine_is_a_folder_and_a_record(tree: TreeCopy):
     tree.add_before(
         engines,
         "ENGINES: Mapping[EngineName, Engine] = {\n",
-        "def _load_tin(robot, applications, lanes, *, plain):\n"
+        "def _load_tin(robot, applications, lanes, host):\n"
         "    from tasks.simulate.engine.compiled_program import compiled_program\n"
         "    from tasks.simulate.engine.tin.engine import tin_mechanics\n\n"
-        "    return compiled_program(tin_mechanics(robot), applications, lanes)\n\n\n",
+        "    return compiled_program(tin_mechanics(robot), applications, lanes, host)\n\n\n",
     )
     tree.add_before(
         engines,
         '    "mjx": Engine(\n',
-        '    "tin": Engine({"cpu": 4, "gpu": 4}, False, _read_planar, _load_tin, '
+        '    "tin": Engine({"cpu": 4, "gpu": 4}, _read_planar, _load_tin, '
         "EngineCost(1.0, 1.0, 1e-6, 1e-6, 1e-3, _MIB, _MIB)),\n",
     )
     shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")

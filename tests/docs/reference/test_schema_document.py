@@ -8,13 +8,17 @@ import duckdb
 import numpy as np
 import pyarrow as pa
 import pytest
+import yaml
 
+from specs.data.bag_format import BAG_ENDINGS
 from specs.data.result_columns import SCHEMA_VERSION
+from specs.pipeline.simulation_section import Recordings
 from tasks.results.tables.parquet import write_parquet
 from tasks.results.tables.recordings import recording_table
 from tasks.results.tables.tables import FAILURES, RESULTS, failures_table, results_table
 from tests.factories.episodes import batch, request
 from tests.repository import ROOT
+from tests.ros.bag.tracks import log, with_twist
 
 DOCUMENT = (ROOT / "docs/reference/results-schema.md").read_text()
 QUERIES = re.findall(r"```sql\n(.*?)```", DOCUMENT, re.DOTALL)
@@ -26,6 +30,21 @@ def documented(heading: str, document: str = DOCUMENT) -> list[list[str]]:
     section = document.split(f"\n## {heading}\n")[1].split("\n## ", maxsplit=1)[0]
     rows = [line for line in section.split("\n") if line.startswith("| `")]
     return [[html.unescape(cell.strip()) for cell in row.strip("|").split("|")] for row in rows]
+
+
+def test_every_topic_and_format_of_bags_is_documented():
+    rows = documented("Bags", RECORDINGS)
+    track = log(with_twist())
+    assert [(row[0].strip("`"), row[1].strip("`")) for row in rows if row[0].startswith("`/")] == [
+        (channel.topic, channel.kind) for channel in track.channels
+    ]
+    assert [row[0].strip("`") for row in rows if not row[0].startswith("`/")] == list(BAG_ENDINGS)
+
+
+def test_the_document_of_bags_is_one_that_simyard_takes():
+    (text,) = re.findall(r"```yaml\n(simulationBatch:\n  recordings: .*bags.*\n)```", RECORDINGS)
+    asked = yaml.safe_load(text)["simulationBatch"]["recordings"]
+    assert Recordings.model_validate(asked).bags == tuple(BAG_ENDINGS)
 
 
 def described(field: pa.Field) -> list[str]:

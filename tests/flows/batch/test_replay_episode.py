@@ -3,6 +3,7 @@
 import io
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -10,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
+from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
 from flows.batch import replay_episode
@@ -17,10 +19,13 @@ from flows.batch.replay_episode import JobReplay, replay_job
 from flows.batch.replay_files import Wanted, wanted_files, write_files
 from flows.cli.batch.batch_text import replay_answer, show_replay
 from flows.cli.shell import app
+from simyard.answer.replay import Replay
 from specs.data.result_columns import REQUESTED
 from specs.errors import DocumentError, ResourceNotFound
+from specs.pipeline.simulation_section import Recordings
+from tasks.housekeeping.object_kinds import kind_of_key
 from tasks.results.playback import replay_formats
-from tasks.results.tables.stored_rows import stored_rows
+from tasks.results.tables.stored_rows import recorded_samples, stored_rows
 from tasks.simulate.batch import commit
 from tasks.simulate.batch.job import KIND, OpenBatch
 from tasks.simulate.plan.request import recorded_location
@@ -35,9 +40,10 @@ from tests.factories.simulations import pen
 
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory: pytest.TempPathFactory) -> OpenBatch:
-    """A batch of 32 episodes in two chunks, all recorded."""
+    """A batch of 32 episodes in two chunks, all recorded, in Parquet and as bags."""
     store = open_store((tmp_path_factory.mktemp("replay") / "store").as_uri())
-    return closed_batch(store, pushing_plan(store))
+    recordings = Recordings(episodes="all", rateHz=4, bags=("rosbag", "rosbag2"))
+    return closed_batch(store, pushing_plan(store, recordings=recordings))
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +86,7 @@ def test_columns_that_are_not_shown_are_those_left_out_of_the_table(again: JobRe
 
 def test_extras_are_named_in_the_help():
     told = CliRunner().invoke(app, ["replay", "--help"]).output
-    assert ("simyard[mcap]" in told, "simyard[video]" in told) == (True, True)
+    assert [f"simyard[{extra}]" in told for extra in ("mcap", "video", "ros")] == [True] * 3
 
 
 Tamper = Callable[[str, str, object], None]
@@ -184,6 +190,11 @@ def test_drawing_and_mcap_are_written(again: JobReplay, tmp_path: Path):
     assert all(path.stat().st_size > 1000 for path in files)
 
 
+def test_a_replay_in_python_writes_the_same_files(again: JobReplay, tmp_path: Path):
+    files = Replay(again).save(tmp_path, mcap=False, bags=["mcap-ros1"])
+    assert [path.name for path in files] == ["replay.svg", "replay-ros1.mcap"]
+
+
 def test_without_a_gl_the_film_is_from_above(again: JobReplay, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     assert again.playback
@@ -199,3 +210,59 @@ def test_what_is_not_installed_is_left_out_or_refused_with_the_remedy(monkeypatc
         wanted_files(mcap=True, video=False)
     with pytest.raises(DocumentError, match=r"--video: .*pip install 'simyard\[video\]'"):
         wanted_files(mcap=None, video=True)
+    with pytest.raises(DocumentError, match=r"--bag: rosbag: .*pip install 'simyard\[ros\]'"):
+        wanted_files(mcap=None, video=False, bags=["rosbag"])
+
+
+def test_a_bag_of_no_format_is_refused_with_those_that_there_are():
+    with pytest.raises(DocumentError, match="--bag: 'ros3': one of rosbag, mcap-ros1, rosbag2"):
+        wanted_files(mcap=False, video=False, bags=["ros3"])
+
+
+def test_a_replays_bag_has_each_step_and_the_twists_of_the_controls(again: JobReplay, tmp_path: Path):
+    *_, bag = write_files(again, tmp_path, Wanted(mcap=False, video=False, bags=("rosbag",)))
+    played = again.playback
+    assert (bag.name, played is not None) == ("replay.bag", True)
+    assert played
+    scans, twists = (read_bag(bag, topic) for topic in ("/scan", "/cmd_vel"))
+    assert np.array_equal([scan.ranges for scan in scans], seen(played.ranges_m[played.acted], played.sight.range_m))
+    assert [twist.linear.x for twist in twists] == pytest.approx(played.control[played.acted, 0].tolist())
+    assert len(read_bag(bag, "/clock")) == len(played.t_s)
+
+
+def test_a_batchs_bags_are_its_recordings_to_the_last_bit(batch: OpenBatch, again: JobReplay, tmp_path: Path):
+    assert again.playback
+    location = recorded_location(batch.record())
+    bucket = open_bucket(batch.store, location.s3Bucket or "")
+    for index in (4, 21):
+        (name,) = stored_rows(batch.store, location, batch.id, "results.parquet", index=index).column("recording")
+        rows = recorded_samples(batch.store, location, batch.id, str(name), index).to_pydict()
+        folder = output_key(location.s3Prefix, f"bags/{batch.id}")
+        bucket.download(f"{folder}/{index:06d}.bag", tmp_path / f"{index}.bag")
+        poses = [message.pose.pose.position for message in read_bag(tmp_path / f"{index}.bag", "/ground_truth/odom")]
+        assert [(at.x, at.y) for at in poses] == list(zip(rows["x_m"], rows["y_m"], strict=True))
+        scans = [message.ranges for message in read_bag(tmp_path / f"{index}.bag", "/scan")]
+        acted = np.array([ranges for ranges in rows["ranges_m"] if ranges], np.float32)
+        assert np.array_equal(scans, seen(acted, again.playback.sight.range_m))
+        controls = [message.data.tolist() for message in read_bag(tmp_path / f"{index}.bag", "/simyard/control")]
+        assert controls == [control for control in rows["control"] if control]
+
+
+def test_a_batchs_record_says_where_its_bags_are(batch: OpenBatch):
+    url = str(batch.record().detail["bags_url"])
+    assert url.endswith(f"/bags/{batch.id}")
+    keys = batch.store.keys(url.removeprefix(f"{batch.store.url}/"))
+    assert len([key for key in keys if key.endswith(".bag")]) == batch.layout.episodes
+    assert len([key for key in keys if key.endswith("-rosbag2/metadata.yaml")]) == batch.layout.episodes
+    assert {kind_of_key(key).what for key in keys} == {"bags"}
+
+
+def read_bag(path: Path, topic: str) -> list[Any]:
+    with AnyReader([path]) as reader:
+        chosen = [each for each in reader.connections if each.topic == topic]
+        return [reader.deserialize(body, each.msgtype) for each, _, body in reader.messages(chosen)]
+
+
+def seen(ranges_m: np.ndarray, range_m: float) -> np.ndarray:
+    """Returns ranges as ROS has them: infinite where nothing is near enough."""
+    return np.where(ranges_m >= np.float32(range_m), np.inf, ranges_m)

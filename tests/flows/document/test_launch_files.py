@@ -32,7 +32,7 @@ def _spec(folder: Path, robot: dict[str, Any], **sections: object) -> PipelineSp
 
 
 def test_a_launch_file_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
-    with pytest.raises(DocumentError, match=r"launchFile: 'go_to_gaol.py': a module in mine's bundle"):
+    with pytest.raises(DocumentError, match=r"launchFile: 'go_to_gaol': a module in mine's bundle"):
         check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_gaol")), tmp_path)
 
 
@@ -80,3 +80,62 @@ def test_what_only_the_store_knows_is_listed_once(tmp_path: Path):
     deployment = {"fleet": "team", "deploymentApplicationConfigs": [_use("tuger", "courier", "run.sh")]}
     spec = _spec(tmp_path, _use("tuger", "courier", "x"), deployment=deployment)
     assert unchecked_references(spec) == ["robot application tuger", "fleet team"]
+
+
+def _ros_package(folder: Path, *files: str) -> None:
+    """Makes a bundle called mine that has a ROS package patrol with these files, all empty."""
+    for name in ("patrol/package.xml", *files):
+        path = folder / "mine" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+
+
+@pytest.mark.parametrize(
+    ("package", "place"),
+    [
+        ("patrol", "patrol/launch/go.launch"),
+        ("patrol", "patrol/go.launch"),
+        ("scout", "ws/src/scout/launch/more/go.launch"),
+    ],
+)
+def test_a_launch_file_of_ros_may_lie_where_roslaunch_finds_it(tmp_path: Path, package: str, place: str):
+    _ros_package(tmp_path, place, "robot.xml", "ws/src/scout/package.xml")
+    check_launch_files(_spec(tmp_path, _use("mine", package, "go.launch")), tmp_path)
+
+
+def test_a_launch_file_that_a_ros_package_does_not_have_is_refused_with_the_places_where_it_was_looked_for(
+    tmp_path: Path,
+):
+    _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
+    looked = r"it has no patrol/launch/went.launch or patrol/went.launch, nor went.launch elsewhere in patrol"
+    with pytest.raises(DocumentError, match=looked):
+        check_launch_files(_spec(tmp_path, _use("mine", "patrol", "went.launch")), tmp_path)
+
+
+def test_a_ros_package_without_a_robot_is_refused_with_the_robot_that_may_be_copied(tmp_path: Path):
+    _ros_package(tmp_path, "patrol/launch/go.launch")
+    with pytest.raises(DocumentError, match=r"packageName: 'patrol': .*examples/ros/turtlebot3/robot.xml") as refused:
+        check_launch_files(_spec(tmp_path, _use("mine", "patrol", "go.launch")), tmp_path)
+    assert len(refused.value.faults) == 1
+
+
+def test_a_document_from_before_that_says_launch_for_a_module_is_not_refused(tmp_path: Path):
+    check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_goal.launch")), tmp_path)
+
+
+def test_a_deployment_may_launch_what_episodes_are_driven_with(tmp_path: Path):
+    _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
+    use = _use("mine", "patrol", "go.launch")
+    deployment = {"fleet": "team", "deploymentApplicationConfigs": [use]}
+    check_launch_files(_spec(tmp_path, use, deployment=deployment), tmp_path)
+
+
+def test_a_launch_file_of_ros_is_no_scenario(tmp_path: Path):
+    _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
+    spec = _spec(tmp_path, _use("mine", "patrol", "go.launch"))
+    document = spec.model_dump(mode="json", exclude_none=True)
+    document["applications"].append({"name": "mine", "kind": "simulation", "source": "mine"})
+    request = document["simulationBatch"]["createSimulationJobRequests"][0]
+    request["simulationApplications"] = [_use("mine", "patrol", "go.launch")]
+    with pytest.raises(DocumentError, match=r"'go.launch': a module in mine's bundle; it has no patrol/go.py"):
+        check_launch_files(PipelineSpec.model_validate(document), tmp_path)

@@ -14,6 +14,7 @@ from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.documents.pipeline_file import read_pipeline
+from tasks.results.playback import replay_formats
 from tasks.storage.base.store import Store
 from tests.deploy.puppets import PuppetRobots
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
@@ -59,7 +60,15 @@ def test_requests_that_record_everything_are_told(lines: Tell):
     (request,) = spec.simulationBatch.createSimulationJobRequests
     asked = {**request.model_dump(mode="json", exclude_none=True), "loggingConfig": {"recordAllRosTopics": True}}
     told = lines(createSimulationJobRequests=[asked])
-    assert "recordings of failed episodes at 10 Hz, and all of 1 request with recordAllRosTopics;" in told
+    assert "at 10 Hz, and all of 1 request with recordAllRosTopics, bags as rosbag;" in told
+
+
+def test_the_formats_of_bags_are_told_or_what_is_missing(lines: Tell, monkeypatch: pytest.MonkeyPatch):
+    asked = {"episodes": "failed", "bags": ["rosbag", "rosbag2"]}
+    assert "recordings of failed episodes at 10 Hz, bags as rosbag and rosbag2;" in lines(recordings=asked)
+    monkeypatch.setattr(replay_formats, "find_spec", lambda _: None)
+    with pytest.raises(DocumentError, match=r"simulationBatch.recordings.bags: rosbag: .*simyard\[ros\]"):
+        lines(recordings=asked)
 
 
 UNDRIVEN = """

@@ -9,7 +9,7 @@ import pytest
 
 from tasks.gateway.sdk.service_model import paginators, service_model, write_model
 from tests.specs.contract_forms import FIELD_RULINGS, RULINGS, contract
-from tests.specs.own_words import robomakers_words
+from tests.specs.own_words import robomakers_pattern, robomakers_words
 
 MODEL = service_model()
 STATED = contract()
@@ -42,11 +42,11 @@ def modelled(name: str) -> Any:  # noqa: ANN401 - same
 def bounds(shape: dict[str, Any]) -> dict[str, Any]:
     # Nothing is shorter than empty: a minimum of 0 and none are the same; of numbers, zero counts.
     low = shape.get("min")
-    words = shape.get("enum")
+    words, pattern = shape.get("enum"), shape.get("pattern")
     return {
         "min": low if shape["type"] in {"integer", "long", "float"} else low or None,
         "max": shape.get("max"),
-        "pattern": shape.get("pattern"),
+        "pattern": pattern and robomakers_pattern(pattern),
         "enum": words and robomakers_words(words),
     }
 

@@ -17,6 +17,7 @@ AUDIT: dict[str, JsonValue] = {
     "spread": cast("JsonValue", AuditFlipRate(lanes=8, flips=2).model_dump()),
     "flips": [Flip(index=index, row="Passed", reference="collision").model_dump() for index in range(10)],
     "unreproduced": [3],
+    "unlocked": [3, 4],
 }
 
 
@@ -26,6 +27,7 @@ def test_every_figure_is_told():
     assert lines["Apart at the end"] == "median 1.2e-05 m, p90 0.25 m, max 1.5 m"
     assert lines["Spread over the batch"] == "2 of 8 came to another end"
     assert lines["Could not be made again"] == "job 3"
+    assert lines["Lock-step did not hold"] == "job 3; job 4"
 
 
 def test_the_first_episodes_that_flipped_are_named_and_the_others_counted():

@@ -40,6 +40,8 @@ def report(**changes: object) -> AuditReport:
         ({"failed": AuditFlipRate(lanes=8, flips=2)}, "SOUND"),
         ({"failed": AuditFlipRate(lanes=8, flips=3)}, "SUSPECT"),
         ({"unreproduced": (7,)}, "SUSPECT"),
+        ({"ros": 16, "unlocked": (3,)}, "SOUND"),
+        ({"ros": 16, "unlocked": (3,), "unreproduced": (3,)}, "SUSPECT"),
         ({"compared": 0}, "NOT COMPARED"),
         ({"compared": 0, "unreproduced": (7,)}, "SUSPECT"),
     ],
@@ -58,6 +60,14 @@ def test_the_sentence_has_the_numbers():
     apart = report(unflipped=ApartQuantiles(median_m=0.1, p90_m=0.25, max_m=0.3))
     assert apart.sentence.startswith("robots with the same outcome are apart from C MuJoCo's by 0.25 m (p90); ")
     assert report(compared=4).sentence.endswith("; no more than 4 of the 16 drawn could be compared")
+
+
+def test_episodes_without_lock_step_are_named_even_if_their_rows_are_the_same():
+    sentence = report(compared=0, ros=6, unlocked=(3, 9)).sentence
+    assert sentence == (
+        "lock-step did not hold in 2 of 6 episodes (3, 9): they may differ another time; "
+        "16 of 16 rows were the same when driven again; not compared"
+    )
 
 
 def test_a_comparison_of_an_engine_with_itself_is_none():

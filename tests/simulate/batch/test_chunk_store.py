@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from specs.data.episode import EpisodeResult
+from specs.data.episode import EpisodeResult, Failure, failed_result
 from specs.errors import StageFailed
 from tasks.simulate.batch.chunk_store import commit, commit_missing, committed_chunk, counted_chunk, stored_chunk
 from tasks.simulate.batch.commit import run_chunk
@@ -17,6 +17,9 @@ from tasks.storage.jobs.voucher import Voucher
 from tests.factories.episodes import collided, passed
 from tests.factories.planned_batches import all_pass, begun
 
+CRASHED, SAID_OTHERWISE = (
+    Failure("RobotApplicationCrash", f"node /wander ended with status 7: pid {pid}") for pid in (17, 18)
+)
 ROWS = [passed(index) for index in range(4)]
 
 
@@ -141,3 +144,18 @@ def test_a_batch_whose_record_says_another_plan_is_named(batch: OpenBatch):
     shorter = batch.plan.model_copy(update={"seeds": (0,)})
     with pytest.raises(StageFailed, match=job_key("simulation-job-batch", batch.id)):
         require_plan(batch.store, batch.id, shorter)
+
+
+def test_how_ros_nodes_kept_up_and_what_they_printed_last_may_differ_another_time(batch: OpenBatch):
+    found = [failed_result(index, CRASHED).model_copy(update={"late": 2, "stray": 1}) for index in range(4)]
+    ours = [failed_result(row.index, SAID_OTHERWISE).model_copy(update={"late": 0, "stray": 0}) for row in found]
+    put(batch, found)
+    assert commit(batch.store, batch.id, 0, ours, batch.voucher) == ours
+    assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ours
+
+
+def test_what_ros_nodes_did_may_not_differ(batch: OpenBatch):
+    put(batch, [row.model_copy(update={"late": 1, "stray": 0, "path_length_m": 9.0}) for row in ROWS])
+    ours = [row.model_copy(update={"late": 0, "stray": 0}) for row in ROWS]
+    with pytest.raises(StageFailed, match=r"episode 0 says path_length_m 9.0, computed [\d.]+; episode 1"):
+        commit(batch.store, batch.id, 0, ours, batch.voucher)

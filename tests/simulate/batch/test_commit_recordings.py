@@ -31,7 +31,8 @@ class Recorded:
         one = np.zeros((lanes, 1, 3), np.float32)
         part.recorder.begin(lanes, 0.05)
         part.recorder.keep(StepRecord(one, one, one[:, :, 0], one, one, one[:, :, 0]), np.ones(lanes, int))  # pyright: ignore[reportArgumentType]
-        done = Ends(np.ones(lanes, int), np.zeros(lanes, bool), one[:, 0], one[:, 0], one[:, 0], np.zeros(lanes, int))
+        none, lidars = np.zeros(lanes, int), np.zeros((lanes, 7))
+        done = Ends(np.ones(lanes, int), none == 1, one[:, 0], one[:, 0], one[:, 0], none, one[:, :, :2], lidars)
         part.recorder.end(done, rows)
         return rows
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from specs.data.episode import EpisodeResult
-from tasks.simulate.chunk.memory_fit import after_deaths, simulate_fitting
+from tasks.simulate.chunk.memory_fit import TooManyLanes, after_deaths, simulate_fitting
 from tasks.simulate.plan.chunks import Chunk
 from tests.factories.episodes import passed
 from tests.factories.simulations import delivery
@@ -43,6 +43,13 @@ def test_half_as_many_lanes_are_tried_until_they_fit(lack: Exception):
     rows, lanes = simulate_fitting(CHUNK, 64, memory.simulate, never)
     assert [row.index for row in rows] == [request.index for request in CHUNK.requests]
     assert (lanes, memory.tried) == (16, [64, 32, 16, 16, 16])
+
+
+def test_as_many_lanes_are_tried_as_are_known_to_fit():
+    memory = Memory(24, TooManyLanes("too many applications", 24))
+    rows, lanes = simulate_fitting(CHUNK, 64, memory.simulate, never)
+    assert [row.index for row in rows] == [request.index for request in CHUNK.requests]
+    assert (lanes, memory.tried) == (24, [64, 24, 24])
 
 
 def test_numpys_own_lack_of_memory_is_one_too():

@@ -3,11 +3,13 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from tasks.simulate.devices import DeviceKind
-from tasks.simulate.engine.choice import choose_engine, is_plain_python
+from tasks.simulate.engine.choice import choose_engine
+from tasks.simulate.host.controller_kind import ControllerKind
 from tasks.simulate.refusal import RobotRefused
 
 PLANAR = """<mujoco><option timestep="0.005" {option}/><worldbody><body name="b" pos="0 0 0.3">
@@ -36,12 +38,6 @@ def robot(folder: Path, name: str) -> Path:
     return path
 
 
-def module(folder: Path, *, plain: bool = False) -> Path:
-    path = folder / "controller.py"
-    path.write_text("jax = False\n" if plain else "import jax\n")
-    return path
-
-
 @pytest.mark.parametrize(
     ("name", "on_cpu", "on_gpu"),
     [
@@ -56,13 +52,13 @@ def module(folder: Path, *, plain: bool = False) -> Path:
 )
 def test_auto_takes_the_fastest_engine_that_can(tmp_path: Path, name: str, on_cpu: str, on_gpu: str):
     devices: tuple[DeviceKind, DeviceKind] = ("cpu", "gpu")
-    chosen = [choose_engine("auto", robot(tmp_path, name), module(tmp_path), device) for device in devices]
+    chosen = [choose_engine("auto", robot(tmp_path, name), "jax", device) for device in devices]
     assert [choice.engine for choice in chosen] == [on_cpu, on_gpu]
 
 
 @pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
 def test_the_engine_asked_for_is_taken_if_it_can(tmp_path: Path, engine: str):
-    choice = choose_engine(engine, robot(tmp_path, "ball"), module(tmp_path), "cpu")
+    choice = choose_engine(engine, robot(tmp_path, "ball"), "jax", "cpu")
     assert (choice.engine, choice.why) == (engine, "asked for")
 
 
@@ -81,12 +77,12 @@ def test_an_engine_that_cannot_says_what_is_in_the_way_and_the_remedy(
     tmp_path: Path, engine: str, name: str, culprit: str
 ):
     with pytest.raises(RobotRefused, match=f"(?s){culprit}.*set engine: .*mujoco"):
-        choose_engine(engine, robot(tmp_path, name), module(tmp_path), "cpu")
+        choose_engine(engine, robot(tmp_path, name), "jax", "cpu")
 
 
 def test_why_names_what_stands_in_the_way_of_a_faster_engine(tmp_path: Path):
     chosen = {
-        name: choose_engine("auto", robot(tmp_path, name), module(tmp_path), "cpu").why
+        name: choose_engine("auto", robot(tmp_path, name), "jax", "cpu").why
         for name in ("ball", "drum", "box", "implicit ball")
     }
     assert chosen == {
@@ -97,36 +93,10 @@ def test_why_names_what_stands_in_the_way_of_a_faster_engine(tmp_path: Path):
     }
 
 
-def test_plain_python_runs_on_mujoco_whatever_the_robot(tmp_path: Path):
-    choice = choose_engine("auto", robot(tmp_path, "ball"), module(tmp_path, plain=True), "gpu")
-    assert (choice.engine, choice.plain) == ("mujoco", True)
-    assert "plain Python" in choice.why
-
-
-def test_plain_python_is_refused_by_engines_that_are_compiled(tmp_path: Path):
-    with pytest.raises(RobotRefused, match=r"engine planar: .* jax = False.*set engine: auto"):
-        choose_engine("planar", robot(tmp_path, "ball"), module(tmp_path, plain=True), "cpu")
-
-
-@pytest.mark.parametrize(
-    ("text", "plain"),
-    [
-        ("jax = False", True),
-        ('"""Text."""\nimport numpy\njax = False\n', True),
-        ("import jax", False),
-        ("jax = True", False),
-        ("class A:\n    jax = False\n", False),
-        ("jax = no python (", False),
-    ],
-)
-def test_plain_python_is_what_says_so_at_its_top(tmp_path: Path, text: str, plain: bool):  # noqa: FBT001 - a case
-    path = tmp_path / "m.py"
-    path.write_text(text)
-    assert is_plain_python(path) is plain
-
-
-def test_a_missing_module_is_not_plain(tmp_path: Path):
-    assert not is_plain_python(tmp_path / "absent.py")
+@pytest.mark.parametrize("kind", get_args(ControllerKind))
+def test_the_kind_of_controller_does_not_decide_the_engine(tmp_path: Path, kind: ControllerKind):
+    choice = choose_engine("auto", robot(tmp_path, "ball"), kind, "cpu")
+    assert (choice.engine, choice.controller) == ("planar", kind)
 
 
 def test_a_robot_is_judged_without_jax():

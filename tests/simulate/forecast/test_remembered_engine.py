@@ -10,7 +10,7 @@ from tasks.simulate.forecast.remembered_engine import EngineAnswer, recall_choic
 from tasks.simulate.refusal import RobotRefused
 
 DIGEST = "d" * 64
-CHOICE = EngineChoice(engine="planar", device="cpu", why="the fastest of all", plain=False)
+CHOICE = EngineChoice(engine="planar", device="cpu", why="the fastest of all")
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +35,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def chosen(folder: Path, engine: str = "auto", digest: str = DIGEST) -> EngineAnswer:
-    return recall_choice(engine, digest, folder / "robot.xml", folder / "controller.py", "cpu")
+    return recall_choice(engine, digest, folder / "robot.xml", "jax", "cpu")
 
 
 def test_a_robot_is_loaded_once(tmp_path: Path, asked: list[str]):

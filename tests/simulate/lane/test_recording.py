@@ -65,6 +65,8 @@ def drives(draw: st.DrawFn) -> Drive:
         pose=drawn(3),
         velocity=drawn(3),
         goal_index=np.arange(lanes),
+        goals_m=rng.normal(size=(lanes, 3, 2)),
+        lidars=rng.normal(size=(lanes, 7)),
     )
     for lane, last in enumerate(done):  # a lane that came to its end stays as it is
         for mine, all_ in ((ends.pose, steps.pose), (ends.velocity, steps.velocity)):
@@ -82,7 +84,7 @@ def recorded(drive: Drive, *lanes: int, rate_hz: float = 0.0) -> list[Columns]:
         done = np.minimum(drive.ends.steps, first + length)
         idle = np.pad(done, (0, 2))  # lanes that only fill the program
         part = Steps(
-            *(np.pad(each[:, first : first + length], [(0, 2), *[(0, 0)] * (each.ndim - 1)]) for each in drive.all)
+            *(np.pad(each[:, first : first + length], ((0, 2), *((0, 0),) * (each.ndim - 1))) for each in drive.all)
         )
         recorder.keep(part, idle)
         first += length
@@ -107,9 +109,17 @@ def by_hand(drive: Drive, lane: int) -> list[dict[str, Any]]:
                 "control": drive.all.control[lane, step] if acted else None,
                 "ranges_m": drive.all.ranges_m[lane, step] if acted else None,
                 "impulse_ns": pushed.sum(dtype=np.float32),
+                "goal_m": drive.ends.goals_m[lane, min(_goal(drive, lane, step), 2)],
+                "lidar": drive.ends.lidars[lane],
             }
         )
     return rows
+
+
+def _goal(drive: Drive, lane: int, step: int) -> int:
+    if step == int(drive.ends.steps[lane]):
+        return int(drive.ends.goal_index[lane])
+    return int(drive.all.goal_index[lane, step - 1]) if step else 0
 
 
 def require_same(columns: Columns, drive: Drive, lane: int) -> None:
@@ -161,7 +171,9 @@ def test_a_rate_is_kept_as_the_nearest_whole_number_of_steps(rate_hz: float, tim
     three, one = np.zeros((lanes, steps, 3), np.float32), np.zeros((lanes, steps), np.float32)
     recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one), np.array([steps]))
     whole, none = np.array([steps]), np.zeros(lanes, bool)
-    recorder.end(Ends(whole, none, three[:, 0], three[:, 0], three[:, 0], np.zeros(lanes, int)), [passed(70)])
+    goals, lidars = np.zeros((lanes, 1, 2)), np.zeros((lanes, 7))
+    first = three[:, 0]
+    recorder.end(Ends(whole, none, first, first, first, np.zeros(lanes, int), goals, lidars), [passed(70)])
     (columns,) = recorder.parts()
     assert columns["t_s"][:3].tolist() == times_s
 

@@ -28,7 +28,22 @@ def section(**launch: str) -> SimulationBatch:
 @pytest.mark.parametrize("file", ["rotate", "rotate.py", "rotate.launch", "rotate.launch.py"])
 def test_a_launch_file_is_a_module_by_whatever_ending_old_documents_name_it(file: str):
     (template,) = plan_batch(section(launchFile=file), [WORLD], {WORLD: ""}, version).templates
-    assert template.robot.launch_file == template.scenario.launch_file == "rotate"
+    assert template.robot.module == template.scenario.module == "rotate"
+
+
+@pytest.mark.parametrize("file", ["rotate.launch", "rotate.launch.py"])
+def test_a_launch_file_of_ros_keeps_its_ending_and_a_scenario_is_a_module_all_the_same(file: str):
+    files = {"p/launch/rotate.launch", "p/launch/rotate.launch.py", "p/rotate.py"}
+    asked = section(launchFile=file)
+    (template,) = plan_batch(asked, [WORLD], {WORLD: ""}, version, find_files=lambda _: files).templates
+    assert (template.robot.launch_file, template.scenario.launch_file) == (file, "rotate")
+
+
+@pytest.mark.parametrize(("files", "name"), [({"p/rotate.py"}, "rotate"), (set[str](), "rotate.launch")])
+def test_a_module_loses_the_ending_of_a_launch_file_and_what_is_missing_keeps_it(files: set[str], name: str):
+    asked = section(launchFile="rotate.launch")
+    (template,) = plan_batch(asked, [WORLD], {WORLD: ""}, version, find_files=lambda _: files).templates
+    assert template.robot.launch_file == name
 
 
 def test_a_malformed_arn_is_a_fault_of_the_document(file_store: Store):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.process.confinement import confined_environment, programs_folder
+from tasks.simulate.process.confinement import confined_command, confined_environment, confinement, programs_folder
 
 OWN = {
     "PATH": "/usr/bin",
@@ -12,6 +12,8 @@ OWN = {
     "XLA_FLAGS": "--one",
     "JAX_COMPILATION_CACHE_DIR": "/of/the/run",
     "SIMYARD_STEP_LIMIT_S": "3",
+    "SIMYARD_ROS_PYTHON": "/where/ros/is/bin/python3",
+    "ROS_ROOT": "/where/ros/is/share/ros",
     "SIMYARD_KEYS": "keys",
     "SIMYARD_OWNER_KEY": "key",
     "SIMYARD_STORE": "s3://bucket",
@@ -42,3 +44,26 @@ def test_each_set_of_applications_has_a_folder_of_its_own(monkeypatch: pytest.Mo
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
     assert programs_folder(["a" * 64, "b" * 64]) == programs_folder(["b" * 64, "a" * 64])
     assert programs_folder(["a" * 64]) != programs_folder(["b" * 64])
+
+
+def test_where_ros_is_may_be_told_and_is_readable_then(monkeypatch: pytest.MonkeyPatch):
+    given = confined_environment(OWN, Path("/programs"))
+    assert (given["SIMYARD_ROS_PYTHON"], given["ROS_ROOT"]) == (OWN["SIMYARD_ROS_PYTHON"], OWN["ROS_ROOT"])
+    monkeypatch.setenv("SIMYARD_ROS_PYTHON", OWN["SIMYARD_ROS_PYTHON"])
+    command = confined_command(["-c", ""], Path("/programs"), [])
+    assert confinement().level == "process" or "/where/ros/is" in command
+
+
+@pytest.mark.parametrize("told", ["/ros/bin", "/home/owner/bin/python3", "bin/python3"])
+def test_no_home_becomes_readable_for_it(monkeypatch: pytest.MonkeyPatch, told: str):
+    monkeypatch.setenv("HOME", "/home/owner")
+    monkeypatch.setenv("SIMYARD_ROS_PYTHON", told)
+    command = confined_command(["-c", ""], Path("/programs"), [])
+    assert not {"/", "/home/owner", "."}.intersection(command)
+
+
+@pytest.mark.skipif(confinement().level != "bubblewrap", reason=confinement().why or "there")
+def test_what_applications_may_write_is_bounded():
+    command = confined_command(["-c", ""], Path("/programs"), [])
+    assert int(command[command.index("--size") + 1]) > 0
+    assert command[command.index("--size") + 2 :][:2] == ["--tmpfs", "/tmp"]  # noqa: S108 - a new one

@@ -3,7 +3,7 @@
 from specs.data.episode import EpisodeResult
 from tests.factories.episodes import passed
 
-ADDED = {"goal_times_s", "impulse_ns", "max_impulse_ns", "odometry_error_m", "metrics"}
+ADDED = {"goal_times_s", "impulse_ns", "max_impulse_ns", "odometry_error_m", "late", "stray", "metrics"}
 
 
 def test_a_row_without_the_later_measures_is_read():

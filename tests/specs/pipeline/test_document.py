@@ -180,6 +180,10 @@ def test_what_ships_untested_is_named_beside_a_gate_alone(named: dict[str, Any])
     spec(**sections, gate={"successRate": {"atLeast": 0.9}})
 
 
+def test_a_document_that_asks_for_no_bags_keeps_its_digest():
+    assert "bags" not in str(canonical_document(spec(worldGeneration=GENERATION, simulationBatch=BATCH)))
+
+
 def test_a_document_that_names_nothing_untested_keeps_its_digest():
     assert "untested" not in str(canonical_document(spec(deployment=DEPLOYMENT)))
 

@@ -14,14 +14,14 @@ from tests.factories.worlds import apartment
 FILES = re.compile(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)
 
 
-@pytest.fixture(scope="module", params=["straight", "branching"])
+@pytest.fixture(scope="module", params=["straight", "branching", "together"])
 def rows(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[EpisodeResult]:
     folder = tmp_path_factory.mktemp("documented")
     for name, text in FILES.findall((REPOSITORY / "docs/guide" / "applications.md").read_text()):
         path: Path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    digest = {"straight": "5", "branching": "7"}[request.param] * 64
+    digest = {"straight": "5", "branching": "7", "together": "8"}[request.param] * 64
     robot = ApplicationLaunch(name="slider", version="1", digest=digest, package="slider", launch_file=request.param)
     scenario = ApplicationLaunch(name="nearby", version="1", digest="6" * 64, package="nearby", launch_file="one_goal")
     requests = [

@@ -1,0 +1,123 @@
+"""What a robot does with a launch file of ROS; a script plays roslaunch, and in a long test it is roslaunch itself."""
+
+import os
+import shutil
+import socket
+from pathlib import Path
+
+import pytest
+
+from specs.robomaker.bundle import Version
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.applications.registry import publish_bundle
+from tasks.deploy.robot import launch as robot_launch
+from tasks.ros.launch import robot_command
+from tests.deploy.one_robot import GOOD, OneRobot
+from tests.deploy.yard import eventually
+from tests.repository import ROOT
+
+ROAM = DeploymentLaunchConfig(packageName="roamer", launchFile="roam.launch")
+HAS_ROS = shutil.which("roslaunch") is not None or os.environ.get("CI") == "true"
+
+
+@pytest.fixture
+def roslaunch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Returns a program in place of roslaunch that says how it was called, and stays up with a daemon of its own."""
+    program = tmp_path / "ros" / "roslaunch"
+    program.parent.mkdir()
+    program.write_text('#!/bin/sh\n(env; echo "ARGS=$*") > "$HOME/seen"\nsetsid sleep 2000 &\nexec sleep 1000\n')
+    program.chmod(0o755)
+    monkeypatch.setattr(robot_command, "_PROGRAMS_PATH", str(program.parent))
+    monkeypatch.setattr(robot_command, "_ROS_FOLDER", tmp_path / "none")
+    monkeypatch.setattr(robot_launch, "_ROS_START_S", 0.0)
+    return program
+
+
+@pytest.fixture
+def roamer(one: OneRobot) -> Version:
+    return publish_bundle(one.yard.store, "robot-application", "roamer", ROOT / "examples/ros/turtlebot3")
+
+
+def _seen(one: OneRobot) -> dict[str, str]:
+    eventually((one.root / "seen").is_file)
+    lines = (one.root / "seen").read_text().splitlines()
+    return {name: value for name, _, value in (line.partition("=") for line in lines)}
+
+
+@pytest.mark.usefixtures("roslaunch")
+def test_a_robot_launches_the_file_that_episodes_are_driven_with_by_roslaunch(one: OneRobot, roamer: Version) -> None:
+    reported = one.deploy(roamer, 1, launch=ROAM, environment={"SPEED": "0.1"})
+
+    bundle, seen = one.root / "versions" / roamer.digest, _seen(one)
+    assert reported.status == "InSync"
+    assert seen["ARGS"] == str(bundle / "roamer/launch/roam.launch")
+    assert (seen["SPEED"], seen["ROS_PACKAGE_PATH"]) == ("0.1", f"{bundle}:/usr/share")
+
+
+@pytest.mark.usefixtures("roslaunch")
+def test_where_the_master_is_a_document_says_before_the_robots_owner(
+    one: OneRobot, roamer: Version, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
+    monkeypatch.setenv("ROS_IP", "127.0.0.1")
+
+    one.deploy(roamer, 1, launch=ROAM, environment={"ROS_MASTER_URI": "http://127.0.0.1:2"})
+
+    seen = _seen(one)
+    assert (seen["ROS_MASTER_URI"], seen["ROS_IP"]) == ("http://127.0.0.1:2", "127.0.0.1")
+
+
+@pytest.mark.usefixtures("roslaunch")
+def test_what_roslaunch_leaves_in_sessions_of_their_own_ends_with_it(one: OneRobot, roamer: Version) -> None:
+    one.deploy(roamer, 1, launch=ROAM)
+    eventually(lambda: sorted(one.programs) == ["sleep 1000", "sleep 2000"])
+
+    one.robot.end()
+
+    assert one.programs == []
+
+
+def test_a_robot_without_ros_says_so_and_what_runs_runs_on(one: OneRobot, roamer: Version, roslaunch: Path) -> None:
+    one.deploy(one.yard.publish(GOOD), 1)
+    roslaunch.unlink()
+
+    reported = one.deploy(roamer, 2, launch=ROAM)
+
+    assert (reported.status, reported.failure_code, reported.step) == ("Failed", "EnvironmentSetupError", "Validating")
+    assert "roam.launch needs ROS 1, and this robot has no roslaunch" in reported.failure_reason
+    assert one.programs == ["sleep 1000"]
+
+
+@pytest.mark.usefixtures("roslaunch")
+def test_a_launch_file_that_the_bundle_does_not_have_is_told(one: OneRobot) -> None:
+    reported = one.deploy(one.yard.publish(GOOD), 1, launch=ROAM)
+
+    assert reported.failure_code == "MissingRobotDeploymentResource"
+    assert "no launch file roam.launch in a package roamer" in reported.failure_reason
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not HAS_ROS, reason="ROS 1 is not installed")
+def test_nodes_of_ros_run_until_the_robot_ends(one: OneRobot, roamer: Version) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        master = f"http://127.0.0.1:{free.getsockname()[1]}"
+
+    reported = one.deploy(roamer, 1, launch=ROAM, environment={"ROS_MASTER_URI": master, "ROS_IP": "127.0.0.1"})
+    eventually(lambda: any("roam.py" in each for each in one.programs))
+    one.robot.end()
+
+    assert reported.status == "InSync"
+    assert one.programs == []
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not HAS_ROS, reason="ROS 1 is not installed")
+def test_a_launch_file_that_roslaunch_refuses_does_not_stay_up(one: OneRobot, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "examples/ros/turtlebot3", tmp_path / "broken")
+    (tmp_path / "broken/roamer/launch/roam.launch").write_text("<launch><node/></launch>")
+    version = publish_bundle(one.yard.store, "robot-application", "roamer", tmp_path / "broken")
+
+    reported = one.deploy(version, 1, launch=ROAM)
+
+    assert reported.failure_code == "EnvironmentSetupError"
+    assert "has to stay up" in reported.failure_reason

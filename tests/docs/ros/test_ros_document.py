@@ -1,0 +1,103 @@
+"""docs/guide/ros.md says what there is, and whatever it tells one to type is typed; so is the example run, in small."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from specs.bundle.ros_robot import RosFrames, RosRobot, RosTopics
+from tasks.ros.launch.robot_command import OWN_VARIABLES
+from tests.repository import ROOT
+
+PAGE = (ROOT / "docs/guide/ros.md").read_text()
+EXAMPLE = (ROOT / "examples/ros.yaml").read_text()
+NEEDS_ROS = pytest.mark.skipif(
+    shutil.which("roslaunch") is None and os.environ.get("CI") != "true", reason="ROS 1 is not installed"
+)
+
+
+def _cells(row: str) -> tuple[list[str], list[str]]:
+    """Returns the names in the second and the third cell of the table about ros.yaml, in the row of a field."""
+    cells = next(line for line in PAGE.splitlines() if line.startswith(f"| `{row}` |")).split("|")
+    return re.findall(r"`([\w/]+)`", cells[2]), re.findall(r"`([\w/]+)`", cells[3])
+
+
+def test_every_field_of_the_declaration_is_explained():
+    table = PAGE.split("## ros.yaml")[1].split("## ")[0]
+    assert re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE) == [*RosRobot.model_fields]
+
+
+def test_the_defaults_of_topics_and_frames_are_those_that_it_says():
+    for row, declared in (("topics", RosTopics()), ("frames", RosFrames())):
+        names, defaults = _cells(row)
+        fields = declared.model_dump()
+        assert [name for name in names if name != "null"] == [*fields]
+        assert defaults == [value for value in fields.values() if value]
+
+
+def test_what_it_shows_of_the_example_is_the_example():
+    parts = re.findall(r"<!-- part of: examples/ros.yaml -->\n```yaml\n(.*?)```", PAGE, re.DOTALL)
+    assert len(parts) == 2
+    assert all(part in EXAMPLE for part in parts)
+
+
+def test_it_names_every_variable_that_a_robots_owner_hands_on():
+    assert all(f"`{name}`" in PAGE for name in OWN_VARIABLES)
+
+
+def _checkout(folder: Path) -> Path:
+    shutil.copytree(ROOT / "examples", folder / "examples")
+    return folder
+
+
+def _typed(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    variables = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", command],
+        cwd=folder,
+        env={**os.environ, **variables, "SIMYARD_STORE": (folder / "store").as_uri()},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@NEEDS_ROS
+@pytest.mark.long
+@pytest.mark.integration
+@pytest.mark.parametrize("block", re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL))
+def test_each_shell_block_succeeds(block: str, tmp_path: Path):
+    done = _typed(block, _checkout(tmp_path))
+
+    assert done.returncode == 0, done.stderr
+    assert "roamer roam.launch starts /roam (roamer roam.py)" in done.stdout
+    assert "robots run roslaunch roamer roam.launch" in done.stdout
+
+
+@NEEDS_ROS
+@pytest.mark.long
+@pytest.mark.integration
+@pytest.mark.timeout(280)
+def test_the_example_goes_from_a_launch_file_to_a_robot(tmp_path: Path):
+    folder = _checkout(tmp_path)
+    small = EXAMPLE
+    for before, after in (
+        ("floorplanCount: 2", "floorplanCount: 1"),
+        ("seeds: 4", "seeds: 2"),
+        ("audit: {lanes: 1}", "audit: {lanes: 0}"),
+        ("atLeast: 0.5", "atLeast: 0.2"),
+        ("maxJobDurationInSeconds: 60", "maxJobDurationInSeconds: 40"),
+    ):
+        assert before in small
+        small = small.replace(before, after)
+    (folder / "examples/small.yaml").write_text(small)
+
+    done = _typed("simyard run examples/small.yaml --direct", folder)
+
+    assert done.returncode == 0, done.stdout + done.stderr
+    logs = list((folder / "store/agents/roamers-1/logs").glob("*-launch.log"))
+    assert any("process[roam-" in log.read_text() for log in logs)

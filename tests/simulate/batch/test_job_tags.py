@@ -1,0 +1,49 @@
+"""Tags that applications give to their own jobs, and jobs that their applications cancel."""
+
+import pytest
+
+from specs.arn import Reference
+from specs.data.episode import EpisodeResult, unfinished_result
+from tasks.simulate.batch.chunk_runner import tag_jobs
+from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.commit import ChunkPart, run_chunk
+from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.lane.result_rows import WITHDRAWN
+from tasks.storage.base.store import Store
+from tasks.storage.tags import tags_of
+from tests.factories.planned_batches import all_pass, begun, plan
+
+
+@pytest.fixture
+def batch(file_store: Store) -> OpenBatch:
+    return begun(file_store, plan(file_store, seeds=(1, 2)))
+
+
+def tags(batch: OpenBatch, index: int) -> dict[str, str]:
+    return tags_of(batch.store, Reference(kind="simulation-job", path=f"{batch.id}/{index}"), {})
+
+
+def test_tags_of_an_application_are_its_jobs(batch: OpenBatch):
+    tag_jobs(batch, {1: {"found": "a wall"}})
+    tag_jobs(batch, {1: {"found": "a door", "seen": "much"}})
+    assert (tags(batch, 0), tags(batch, 1)) == ({}, {"found": "a door", "seen": "much"})
+
+
+def test_tags_that_a_job_cannot_have_are_told_to_the_log_and_end_nothing(
+    batch: OpenBatch, caplog: pytest.LogCaptureFixture
+):
+    tag_jobs(batch, {0: {"simyard:outcome": "Passed"}, 1: {"sound": "yes"}})
+    assert (tags(batch, 0), tags(batch, 1)) == ({}, {"sound": "yes"})
+    assert "tags of its application" in caplog.text
+
+
+def test_a_job_that_its_application_cancels_says_so(batch: OpenBatch):
+    def withdrawn(part: ChunkPart) -> list[EpisodeResult]:
+        first, *rest = all_pass(part)
+        canceled = unfinished_result(first.index, "Canceled", failure_code="", failure_reason=WITHDRAWN)
+        return [canceled, *rest]
+
+    run_chunk(batch, 0, withdrawn, lanes=4, left_s=9.0)
+    rows = committed_chunk(batch.store, batch.id, 0)
+    assert rows is not None
+    assert (rows[0].status, rows[0].failure_code, rows[0].failure_reason) == ("Canceled", "", WITHDRAWN)

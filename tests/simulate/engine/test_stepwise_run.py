@@ -1,0 +1,179 @@
+"""A control step at a time gives the bits of the fused loop, if the same controls are given."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Float32
+
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.contract import Observation
+from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk
+from tasks.simulate.chunk.run_rows import lane_row
+from tasks.simulate.engine.compiled_program import CompiledProgram, compiled_program
+from tasks.simulate.engine.program import Run
+from tasks.simulate.engine.stepwise_run import SensedColumns
+from tasks.simulate.host.controllers import HostApplication
+from tasks.simulate.lane.lane_state import LaneState, StepRecord
+from tasks.simulate.lane.staging import stack_lanes
+from tests.factories.simulations import FOLDERS, PLAIN, pushing
+
+WANDERER = ApplicationLaunch(name="plain", version="1", digest=PLAIN, package="plain", launch_file="wandering")
+LONGEST_S = 6.0
+
+
+class Driven(NamedTuple):
+    """What a run gave: the last state, all records, and the rows."""
+
+    state: LaneState
+    record: StepRecord
+    rows: list[EpisodeResult]
+
+
+class Replay:
+    """Gives the controls that were recorded, and keeps what it was shown."""
+
+    crashes: Mapping[int, str] = {}
+    cancelled: frozenset[int] = frozenset()
+
+    def __init__(self, recorded: Float32[np.ndarray, "lanes steps nu"]) -> None:
+        self.seen: list[tuple[Observation, np.ndarray]] = []
+        self._recorded = recorded
+
+    def controls(self, observed: Observation, moving: np.ndarray) -> np.ndarray:
+        self.seen.append((observed, moving))
+        return self._recorded[:, len(self.seen) - 1]
+
+    def measures(self, lane: int) -> Mapping[str, int]:  # noqa: ARG002 - as of all controllers on the host
+        return {}
+
+    def close(self) -> None:
+        """Holds nothing."""
+
+
+def wandering(index: int) -> EpisodeRequest:
+    fault = {5: "1", 6: "2"}.get(index, "0")
+    drawn = pushing(
+        index, world=f"hand/pen-{index % 3}", seed=index, fault=fault, duration_s=LONGEST_S - 0.35 * (index % 4)
+    )
+    return drawn.model_copy(update={"robot": WANDERER})
+
+
+def driven(chunk: ReadyChunk, run: Run) -> Driven:
+    state, records = run.begin(), list[StepRecord]()
+    while not np.all(state.done):
+        state, record = run.advance(state)
+        records.append(jax.tree.map(np.asarray, record))
+    whole: StepRecord = jax.tree.map(lambda *each: np.concatenate(each, axis=1), *records)
+    end = jax.device_get(state._replace(controller=None))
+    rows = [
+        lane_row(chunk.program, run, lane, place, end, [np.asarray(whole.pose)])
+        for place, lane in enumerate(chunk.lanes)
+    ]
+    return Driven(end, whole, rows)
+
+
+class Both(NamedTuple):
+    """The same controls, decided in the fused loop and then given by the host."""
+
+    fused: Driven
+    stepwise: Driven
+    replay: Replay
+    lanes: int
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        ("planar", 24),
+        pytest.param(("planar", 8), marks=pytest.mark.long),
+        pytest.param(("mjx", 8), marks=pytest.mark.long),
+    ],
+    ids=lambda param: f"{param[0]}-{param[1]}",
+)
+def both(request: pytest.FixtureRequest, pens: dict[str, World]) -> Both:
+    engine, lanes = request.param
+    chunk = ready_chunk([wandering(k) for k in range(lanes)], pens, FOLDERS, lanes=lanes, engine=engine)
+    assert isinstance(chunk.program, CompiledProgram)
+    assert chunk.run is not None
+    fused = driven(chunk, chunk.run)
+    seen, replay = chunk.program.applications, Replay(np.asarray(fused.record.control))
+    host = HostApplication("plain", seen.make_controller, lambda _: replay)
+    program = compiled_program(chunk.program.mechanics, seen, lanes, host)
+    run = program.ready(stack_lanes(chunk.lanes, seen.names, program.lanes), chunk.lanes, pens)
+    return Both(fused, driven(chunk, run), replay, lanes)
+
+
+def same_bits(one: object, other: object) -> bool:
+    return all(
+        np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()
+        for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
+    )
+
+
+def test_the_rows_are_the_same(both: Both):
+    assert both.stepwise.rows == both.fused.rows
+    assert {row.status for row in both.fused.rows} == {"Completed", "Failed"}
+    assert len({row.simulated_s for row in both.fused.rows}) > 3
+    assert any(row.collisions for row in both.fused.rows)
+
+
+def test_the_last_states_are_the_same_bits(both: Both):
+    assert same_bits(both.stepwise.state, both.fused.state)
+
+
+def test_the_records_of_all_steps_that_lanes_drove_are_the_same_bits(both: Both):
+    for lane, steps in enumerate(both.fused.state.step[: both.lanes].tolist()):
+        one, other = (
+            jax.tree.map(lambda array, lane=lane, steps=steps: array[lane, :steps], each.record)
+            for each in (both.stepwise, both.fused)
+        )
+        assert same_bits(one, other)
+
+
+def test_it_ends_with_the_last_lane(both: Both):
+    assert both.stepwise.record.pose.shape[1] == int(both.fused.state.step.max())
+
+
+def test_the_host_sees_what_the_robots_sense_in_its_own_types(both: Both):
+    first, moving = both.replay.seen[0]
+    assert {name: array.dtype.kind for name, array in first._asdict().items() if array is not None} == {
+        **dict.fromkeys(("time_s", "pose", "velocity", "ranges_m", "goal_m", "goal_robot_m"), "f"),
+        "goal_index": "i",
+        "bumper": "b",
+    }
+    assert moving.tolist() == [lane < both.lanes for lane in range(len(moving))]
+    for step, (observed, moving) in enumerate(both.replay.seen):
+        assert same_bits(observed.ranges_m[moving], both.stepwise.record.ranges_m[moving, step])
+        assert observed.time_s[moving] == pytest.approx(0.05 * step)
+
+
+def test_a_lane_that_is_done_moves_no_more(both: Both):
+    after = [moving.sum() for _, moving in both.replay.seen]
+    assert after == sorted(after, reverse=True)
+    assert not both.replay.seen[-1][1][5]
+
+
+def test_rows_of_numbers_are_taken_apart_as_they_were_put_together():
+    three, two = jnp.zeros((2, 3)), jnp.zeros((2, 2))
+    form = Observation(
+        time_s=jnp.zeros(2),
+        pose=three,
+        velocity=three,
+        ranges_m=jnp.zeros((2, 4)),
+        goal_index=jnp.zeros(2, jnp.int32),
+        goal_m=two,
+        goal_robot_m=two,
+        bumper=jnp.zeros((2, 3), bool),
+    )
+    rows = np.arange(2 * 20, dtype=np.float32).reshape(2, 20)
+    columns = SensedColumns(form)
+    observed, done = columns.observed(rows), columns.done(rows)
+    assert observed.ranges_m.tolist() == [[0, 1, 2, 3], [20, 21, 22, 23]]
+    assert done.tolist() == [True, True]
+    assert (observed.time_s.tolist(), observed.goal_index.tolist()) == ([5, 25], [12, 32])
+    assert (observed.goal_robot_m[1].tolist(), observed.bumper.shape) == ([35, 36], (2, 3))

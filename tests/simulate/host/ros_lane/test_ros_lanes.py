@@ -1,0 +1,248 @@
+"""The lanes of a chunk as their ROS applications know them, and what becomes of lanes whose application fails."""
+
+import errno
+import tempfile
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from specs.errors import StageFailed
+from tasks.ros.lockstep.exchange import Command, Launch, Sensed
+from tasks.simulate.application.contract import HostMap, Observation, Placement
+from tasks.simulate.host.controllers import HostBundle, HostStart
+from tasks.simulate.host.ros_application import ros_application
+from tasks.simulate.host.ros_lane.ros_lanes import LockstepMaker, RosLanes
+from tasks.simulate.lane.staging import Lane, Stage
+from tasks.simulate.sensor.sensors import read_sensors
+from tests.factories.simulations import delivery
+from tests.simulate.host.fake_lockstep import (
+    CANCELS,
+    CRASHES,
+    NOT_A_NUMBER,
+    NOT_READY,
+    ROS_ROBOT,
+    STRAYS,
+    TAGS,
+    FakeLockstep,
+    FakeLocksteps,
+    ros_bundle,
+)
+
+_FLOOR = HostMap(
+    clearance_m=np.array([[0.0, 0.2, 0.0], [0.0, 0.1, 0.0]], np.float32),
+    origin_m=np.array([1.0, 2.0], np.float32),
+    cell_m=np.float32(0.5),  # pyright: ignore[reportArgumentType] - a scalar array
+    bounds_m=np.zeros(4, np.float32),
+)
+_WIDTH = 8
+
+
+@pytest.fixture(autouse=True)
+def _temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+
+def lane(index: int, kind: str) -> Lane:
+    request = delivery(index, world="hand/one").model_copy(update={"environment": {"KIND": kind, "SPEED": "0.30"}})
+    stage = Stage(touched=None, seen=None, floor=_FLOOR, rooms=None)  # pyright: ignore[reportArgumentType] - not used
+    return Lane(request, stage, Placement(np.zeros(3), np.zeros((1, 2))), None)
+
+
+def started(
+    folder: Path, kinds: list[str], make: LockstepMaker | None = None, declaration: str = "lidar: {rays: 4}"
+) -> tuple[RosLanes, FakeLocksteps]:
+    locksteps = FakeLocksteps()
+    bundle = HostBundle(ros_bundle(folder / "bundle", declaration), ROS_ROBOT)
+    application = ros_application(bundle, "ros", make or locksteps)
+    lanes = [lane(index, kind) for index, kind in enumerate(kinds)]
+    start = HostStart(lanes, _WIDTH, 3, read_sensors(application.declare, {}))
+    made = application.start(start)
+    assert isinstance(made, RosLanes)
+    return made, locksteps
+
+
+def observed(
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0), velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Observation:
+    each = {
+        "pose": pose,
+        "velocity": velocity,
+        "ranges_m": (1.0, 3.0, 2.0, 1.0),
+        "goal_m": (4.0, 5.0),
+        "goal_robot_m": (4.0, 5.0),
+        "bumper": (),
+    }
+    fields = {name: np.tile(np.asarray(value, np.float32), (_WIDTH, 1)) for name, value in each.items()}
+    zeros = np.zeros(_WIDTH, np.float32)
+    return Observation(time_s=zeros, goal_index=zeros, **fields)  # pyright: ignore[reportArgumentType] - NumPy's
+
+
+def moving(*lanes: int) -> np.ndarray:
+    return np.isin(np.arange(_WIDTH), lanes)
+
+
+def driven(lanes: RosLanes, steps: int, *numbers: int) -> np.ndarray:
+    controls = np.zeros(0)
+    for _ in range(steps):
+        controls = lanes.controls(observed(), moving(*numbers))
+    return controls
+
+
+def only(locksteps: FakeLocksteps) -> FakeLockstep:
+    (made,) = locksteps.made
+    return made
+
+
+def sensed(lockstep: FakeLockstep, step: int = -1, number: int = 0) -> Sensed:
+    found = lockstep.seen[step][number]
+    assert found is not None
+    return found
+
+
+def test_nothing_is_started_before_the_first_control_step(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, [""])
+    lanes.close()
+    assert not locksteps.made
+
+
+def test_a_lane_is_driven_by_its_own_command(tmp_path: Path):
+    lanes, _ = started(tmp_path, ["", ""])
+    controls = driven(lanes, 1, 0, 1)
+    assert controls.shape == (_WIDTH, 3)
+    np.testing.assert_allclose(controls[:2], [[0.3, 1.0, 0.0]] * 2, atol=1e-6)
+    assert not controls[2:].any()
+
+
+def test_nodes_get_the_variables_of_their_lane_as_texts(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, ["a", "b"])
+    driven(lanes, 1, 0, 1)
+    launch = only(locksteps).launch
+    assert list(launch.environment) == [{"KIND": "a", "SPEED": "0.30"}, {"KIND": "b", "SPEED": "0.30"}]
+    assert (launch.package, launch.launch_file) == ("patrol", "drive.launch")
+
+
+def test_velocity_and_acceleration_are_those_of_the_robots_own_frame(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, [""])
+    lanes.controls(observed(pose=(1.0, 2.0, np.pi / 2)), moving(0))
+    lanes.controls(observed(pose=(1.0, 2.0, np.pi / 2), velocity=(0.1, 0.4, 0.2)), moving(0))
+    np.testing.assert_allclose(sensed(only(locksteps), 0).acceleration, (0.0, 0.0))
+    np.testing.assert_allclose(sensed(only(locksteps)).velocity, (0.4, -0.1, 0.2), atol=1e-6)
+    np.testing.assert_allclose(sensed(only(locksteps)).acceleration, (8.0, -2.0), atol=1e-5)
+    np.testing.assert_allclose(sensed(only(locksteps)).goal, (4.0, 5.0))
+
+
+def test_the_first_ray_and_the_step_to_the_next_are_told(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, [""], declaration="lidar: {rays: 4, fov_rad: 3.0, range_m: 6}")
+    driven(lanes, 1, 0)
+    base = only(locksteps).base
+    assert (base.rays, base.range_m) == (4, 6.0)
+    np.testing.assert_allclose((base.first_ray_rad, base.ray_step_rad), (-1.5, 1.0))
+
+
+def test_a_map_is_told_where_it_is_declared(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, [""], declaration="lidar: {rays: 4}\ntopics: {floor_map: /map}")
+    driven(lanes, 1, 0)
+    begun = only(locksteps).begun
+    assert begun is not None
+    plan = begun[1][0]
+    assert plan is not None
+    np.testing.assert_array_equal(plan.cells, [[100, 0, 100], [100, 0, 100]])
+    assert (plan.origin_m, plan.cell_m) == ((0.75, 1.75), 0.5)
+
+
+def test_no_map_is_told_where_none_is_declared(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, [""])
+    driven(lanes, 1, 0)
+    begun = only(locksteps).begun
+    assert begun is not None
+    assert begun[1] == [None]
+
+
+def test_lanes_that_are_done_are_asked_nothing_more(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, ["", ""])
+    driven(lanes, 1, 0, 1)
+    driven(lanes, 1, 1)
+    assert [each is None for each in only(locksteps).seen[-1]] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("kind", "steps", "why"),
+    [
+        (CRASHES, 3, "wheels: node /patrol ended with status 7"),
+        (NOT_READY, 1, "wheels: node /patrol was not ready within 60 s"),
+        (NOT_A_NUMBER, 3, "wheels: /cmd_vel: a Twist that is not finite: linear.x nan, linear.y 0.0, angular.z 0.0"),
+    ],
+)
+def test_a_lane_whose_application_fails_crashes_alone(tmp_path: Path, kind: str, steps: int, why: str):
+    lanes, locksteps = started(tmp_path, ["", kind])
+    controls = driven(lanes, steps, 0, 1)
+    assert np.isfinite(controls[0]).all()
+    assert np.isnan(controls[1]).all()
+    assert lanes.crashes == {1: why}
+    assert np.isnan(driven(lanes, 1, 0, 1)[1]).all()
+    assert only(locksteps).seen[-1][1] is None
+
+
+def test_a_lane_that_cancels_its_job_is_no_crash(tmp_path: Path):
+    lanes, _ = started(tmp_path, [CANCELS, ""])
+    assert np.isnan(driven(lanes, 3, 0, 1)[0]).all()
+    assert (lanes.cancelled, lanes.crashes) == (frozenset({0}), {})
+
+
+def test_measures_and_tags_outlive_the_applications(tmp_path: Path):
+    lanes, _ = started(tmp_path, [STRAYS, TAGS])
+    driven(lanes, 3, 0, 1)
+    before = [(lanes.measures(number), lanes.tags(number)) for number in range(2)]
+    lanes.close()
+    assert before == [({"late": 2, "stray": 1}, {}), ({"late": 0, "stray": 0}, {"lane": "1", "seen": "much"})]
+    assert [(lanes.measures(number), lanes.tags(number)) for number in range(2)] == before
+
+
+def test_closing_twice_ends_the_applications_once_and_leaves_no_file(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, [""])
+    driven(lanes, 1, 0)
+    home = only(locksteps).launch.home
+    assert home.is_dir()
+    lanes.close()
+    lanes.close()
+    assert only(locksteps).closed == 1
+    assert not home.exists()
+
+
+class _Refusing(FakeLockstep):
+    def begin(self, sensed: object, floors: object) -> None:  # noqa: ARG002 - as lock-steps begin
+        raise StageFailed("InternalServiceError", "no ROS here")
+
+
+class _Crowded(FakeLockstep):
+    def exchange(self, sensed: object) -> list[Command]:  # noqa: ARG002 - as they exchange
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+
+def test_applications_that_cannot_be_launched_are_the_crash_of_all_lanes(tmp_path: Path):
+    made: list[FakeLockstep] = []
+
+    def make(base: object, launch: Launch) -> FakeLockstep:
+        made.append(_Refusing(base, launch))  # pyright: ignore[reportArgumentType] - a Base
+        return made[-1]
+
+    lanes, _ = started(tmp_path, ["", ""], make)
+    assert np.isnan(driven(lanes, 1, 0, 1)[:2]).all()
+    assert set(lanes.crashes.values()) == {"wheels: InternalServiceError: no ROS here"}
+    lanes.close()
+    assert made[0].closed == 1
+
+
+def test_a_machine_without_room_for_more_processes_is_out_of_memory(tmp_path: Path):
+    lanes, _ = started(tmp_path, [""], _Crowded)
+    with pytest.raises(MemoryError, match="a control step of 1 ROS applications"):
+        driven(lanes, 1, 0)
+
+
+def test_the_observation_may_be_jaxs(tmp_path: Path):
+    lanes, _ = started(tmp_path, [""])
+    seen = observed()
+    lanes.controls(seen._replace(pose=jnp.asarray(seen.pose)), moving(0))
+    assert not lanes.crashes

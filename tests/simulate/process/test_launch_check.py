@@ -1,0 +1,52 @@
+"""What is known of a launch file of ROS 2 before the run, on a machine without ROS 2."""
+
+from pathlib import Path
+
+import pytest
+
+from tasks.ros.launch.resolve import LaunchSource
+from tasks.ros.ros2.launch_file.ros2_installation import ros2_installation
+from tasks.simulate.process import launch_check
+from tasks.simulate.process.launch_check import LaunchReport, check_launch_file
+from tests.ros.ros2.players import make_bundle
+
+pytestmark = pytest.mark.skipif(bool(ros2_installation().prefixes), reason="ROS 2 is installed")
+
+
+def report(bundle: Path, *programs: str) -> LaunchReport:
+    source = LaunchSource(bundle, "play", "play.launch.py")
+    return check_launch_file(source, [{"PROGRAM": each} for each in programs], own=True)
+
+
+def test_nodes_that_need_no_ros_2_are_told_and_nothing_is_missing(tmp_path: Path):
+    found = report(make_bundle(tmp_path), "avoider", "timed")
+    assert (found.has_ros, found.missing, found.refusals, found.unread) == (True, (), (), "")
+    assert found.nodes == ("/player (play avoider)", "/player (play timed)")
+    assert "no ROS 2 with launch_ros" in found.ros
+
+
+@pytest.mark.parametrize("told", ["package", "program"])
+def test_a_node_that_needs_rclpy_cannot_run_without_ros_2(tmp_path: Path, told: str):
+    bundle = make_bundle(tmp_path)
+    if told == "package":
+        (bundle / "play/package.xml").write_text("<package><name>play</name><depend>rclpy</depend></package>")
+    else:
+        (bundle / "play/scripts/avoider").write_text("#!/usr/bin/env python3\nimport rclpy\n")
+    found = report(bundle, "avoider")
+    assert not found.has_ros
+    assert found.refusals == ()
+    assert "no ROS 2 is here (AMENT_PREFIX_PATH, or below /opt/ros)" in found.ros
+    assert "/player (play avoider) needs rclpy" in found.ros
+
+
+def test_what_the_stand_ins_refuse_is_no_fault_of_the_document(tmp_path: Path):
+    found = report(make_bundle(tmp_path), "pilot")
+    assert (found.has_ros, found.refusals) == (False, ())
+    assert "the package play has no executable 'pilot'" in found.ros
+
+
+def test_without_cyclone_dds_no_node_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(launch_check, "find_spec", lambda _: None)
+    found = report(make_bundle(tmp_path), "avoider")
+    assert not found.has_ros
+    assert "pip install 'simyard[ros2]'" in found.ros

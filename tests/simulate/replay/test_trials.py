@@ -1,0 +1,41 @@
+"""Trials of an episode, as many at a time as fit."""
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from specs.data.episode import EpisodeResult, Failure, failed_result
+from specs.data.world import World
+from tasks.simulate.plan.chunks import Chunk
+from tasks.simulate.replay import trials
+from tasks.simulate.replay.trials import Trial, simulate_trials
+from tests.factories.simulations import FOLDERS, delivery, hall
+
+
+class Noted:
+    """Lanes that note how many episodes each chunk has."""
+
+    def __init__(self, **_: object) -> None:
+        self.sizes: list[int] = []
+
+    def simulate(self, chunk: Chunk, _worlds: Mapping[str, World]) -> list[EpisodeResult]:
+        self.sizes.append(len(chunk.requests))
+        return [failed_result(each.index, Failure("InternalServiceError", "noted")) for each in chunk.requests]
+
+
+@pytest.mark.parametrize(("holds", "sizes"), [(3, [3, 3, 1]), (None, [5, 2]), (100, [5, 2])])
+def test_trials_are_split_as_the_machine_holds_them(
+    monkeypatch: pytest.MonkeyPatch, holds: int | None, sizes: list[int]
+):
+    lanes = Noted()
+    monkeypatch.setattr(trials, "ConfinedLanes", lambda **_: lanes)
+    monkeypatch.setattr(trials, "batch_mounts", lambda _: SimpleNamespace(resolved=lambda request: request))
+    monkeypatch.setattr(trials, "most_lanes", lambda _requests, _bundles: holds)
+    batch: Any = SimpleNamespace(plan=SimpleNamespace(lanes=5, engine="auto"))
+    world = hall(2.0)
+    tried = [Trial(world, seed) for seed in range(7)]
+    rows = simulate_trials(batch, delivery(0, world="hand/one"), tried, FOLDERS)
+    assert [row.index for row in rows] == list(range(7))
+    assert lanes.sizes == sizes

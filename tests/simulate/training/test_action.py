@@ -1,0 +1,48 @@
+"""What an action does to the actuators."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from specs.errors import DocumentError
+from tasks.simulate.training.action import action_map, control_of
+from tests.factories.simulations import COURIER, FOLDERS
+
+ROBOT = FOLDERS[COURIER] / "robot.xml"
+UNLIMITED = """
+<mujoco><worldbody><body name="base" pos="0 0 .2"><joint name="x" type="slide" axis="1 0 0"/>
+<joint name="y" type="slide" axis="0 1 0"/><joint name="yaw" type="hinge" axis="0 0 1"/>
+<geom type="sphere" size=".18" mass="2"/></body></worldbody>
+<actuator><velocity joint="x" kv="1"/></actuator></mujoco>
+"""
+
+
+def test_the_actuators_with_a_range_are_driven_and_the_others_held():
+    actions = action_map(ROBOT, normalized=True)
+    assert actions.names == ("forward", "turn")
+    assert control_of(actions, jnp.array([0.5, -1.0])).tolist() == [0.5, -3.0, 0.0]
+
+
+@given(st.lists(st.floats(-1e6, 1e6, width=32), min_size=2, max_size=2))
+def test_a_control_is_never_beyond_its_range(action: list[float]):
+    for normalized in (True, False):
+        actions = action_map(ROBOT, normalized=normalized)
+        control = np.asarray(control_of(actions, jnp.array(action, jnp.float32)))[:2]
+        assert (control >= actions.low).all()
+        assert (control <= actions.high).all()
+
+
+def test_a_raw_action_is_the_control():
+    actions = action_map(ROBOT, normalized=False)
+    assert (actions.least.tolist(), actions.most.tolist()) == ([-1.0, -3.0], [1.0, 3.0])
+    assert control_of(actions, jnp.array([0.25, 2.5])).tolist() == [0.25, 2.5, 0.0]
+
+
+def test_a_robot_without_a_control_range_is_refused_with_the_remedy(tmp_path: Path):
+    (tmp_path / "robot.xml").write_text(UNLIMITED)
+    with pytest.raises(DocumentError, match="at least one actuator with a ctrlrange"):
+        action_map(tmp_path / "robot.xml", normalized=True)
