@@ -16,7 +16,7 @@ from jaxtyping import Bool, Int
 
 from benchmarks.tables import markdown
 from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.sequential import log_capital_above, log_capital_below
+from tasks.results.statistics.looks.anytime import log_capital_above, log_capital_below
 
 BATCHES, EPISODES, BAR, ALPHA = 2_000, 384, 0.9, 0.05
 RATES = (0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99, 1.0)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -29,6 +29,13 @@ def _column(name: str) -> str:
 Confidence = Annotated[Number, Field(ge=0.5, le=0.9999)]
 # No number of episodes shows a rate of exactly 0 or 1: its interval always reaches beyond.
 Bar = Annotated[Number, Field(gt=0, lt=1)]
+# None, not a word for it: documents without it keep the digest that they had before there was such a field.
+Over = Literal["worlds"] | None
+_OVER = Field(
+    default=None,
+    title="Over",
+    description="worlds: the answer is about worlds like these. Else it is about these worlds, with other seeds.",
+)
 
 
 class SuccessRate(Spec):
@@ -36,10 +43,12 @@ class SuccessRate(Spec):
 
     Attributes:
         confidence: How sure it must be.
+        over: What the answer is about: worlds like these, or these worlds.
     """
 
     atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(title="At least", description="Such as 0.99.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
+    over: Over = _OVER
 
 
 class NoWorseThan(Spec):
@@ -47,6 +56,7 @@ class NoWorseThan(Spec):
 
     Attributes:
         confidence: How sure it must be.
+        over: What the answer is about: worlds like these, or these worlds.
     """
 
     applicationVersion: DeploymentVersion = Field(title="Version", description='A number such as "3".')
@@ -54,6 +64,7 @@ class NoWorseThan(Spec):
         title="Margin", description="How much lower the success rate may be: 0.02 is two percentage points."
     )
     confidence: Confidence = Field(default=0.95, title="Confidence")
+    over: Over = _OVER
 
 
 class CollisionRate(Spec):
@@ -61,10 +72,12 @@ class CollisionRate(Spec):
 
     Attributes:
         confidence: How sure it must be.
+        over: What the answer is about: worlds like these, or these worlds.
     """
 
     atMost: Bar = Field(title="At most", description="Such as 0.05.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
+    over: Over = _OVER
 
 
 class FlipRate(Spec):
@@ -85,6 +98,7 @@ class QuantileRule(Ruled):
         atLeast: The quantile's lowest value, in the column's unit; either this or the highest.
         atMost: Its highest value.
         confidence: How sure it must be.
+        over: What the answer is about: worlds like these, or these worlds.
     """
 
     column: Annotated[str, AfterValidator(_column)] = Field(title="Column", description="Such as min_clearance_m.")
@@ -92,6 +106,7 @@ class QuantileRule(Ruled):
     atLeast: Number | None = Field(default=None, title="At least")
     atMost: Number | None = Field(default=None, title="At most")
     confidence: Confidence = Field(default=0.95, title="Confidence")
+    over: Over = _OVER
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ from specs.errors import ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import stops_early
 from tasks.deploy.fleet.fleets import fleet_name
 from tasks.results.gate.evidence import Evidence, read_evidence
-from tasks.results.statistics.episodes_needed import episodes_needed, episodes_needed_at_any_look
+from tasks.results.statistics.power.episodes_needed import episodes_needed, episodes_needed_at_any_look
 from tasks.results.tables.result_files import FAILURES_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND

@@ -1,6 +1,6 @@
 """Answers a gate before its batch has ended, as soon as the answer is certain.
 
-``tasks.results.statistics.sequential`` says why one may ask after each chunk.
+``tasks.results.statistics.looks.anytime`` says why one may ask after each chunk.
 """
 
 from collections import Counter

@@ -11,8 +11,8 @@ from specs.data.result_columns import MEASURES
 from specs.pipeline.gate_section import RULES, Gate
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
-from tasks.results.statistics.episodes_needed import episodes_needed, episodes_needed_for_quantile, pairs_needed
 from tasks.results.statistics.intervals import quantile_ranks
+from tasks.results.statistics.power.episodes_needed import episodes_needed, episodes_needed_for_quantile, pairs_needed
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/gate.md").read_text()

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import answer_above, confidence_text, needed_line, nothing_counted, sentence
-from tasks.results.statistics.episodes_needed import pairs_needed
 from tasks.results.statistics.intervals import mcnemar, paired_difference
+from tasks.results.statistics.power.episodes_needed import pairs_needed
 
 _EXPECTED_DISAGREEMENT = (0.0, 0.02, 0.1)
 

@@ -15,8 +15,8 @@ from tasks.results.gate.rules.sentences import (
     rate_text,
     sentence,
 )
-from tasks.results.statistics.episodes_needed import episodes_needed
 from tasks.results.statistics.intervals import wilson
+from tasks.results.statistics.power.episodes_needed import episodes_needed
 
 _NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
 

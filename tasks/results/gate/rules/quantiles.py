@@ -15,8 +15,8 @@ from tasks.results.gate.rules.sentences import (
     nothing_counted,
     sentence,
 )
-from tasks.results.statistics.episodes_needed import episodes_needed_for_quantile
 from tasks.results.statistics.intervals import Interval, quantile_interval
+from tasks.results.statistics.power.episodes_needed import episodes_needed_for_quantile
 
 if TYPE_CHECKING:
     import pyarrow as pa

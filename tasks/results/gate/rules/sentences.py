@@ -7,9 +7,9 @@ from pydantic import JsonValue
 
 from specs.data.run_report import Verdict
 from tasks.results.gate.rules.rule import Completeness, PlannedEpisodes, RuleVerdict
-from tasks.results.statistics.episodes_needed import episodes_needed, episodes_needed_at_any_look
 from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.sequential import confidence_sequence
+from tasks.results.statistics.looks.anytime import confidence_sequence
+from tasks.results.statistics.power.episodes_needed import episodes_needed, episodes_needed_at_any_look
 
 
 def share_interval(count: int, n: int, confidence: float, lacks: Completeness) -> tuple[Interval, str]:

@@ -5,13 +5,13 @@ import pytest
 from specs.pipeline.gate_section import Gate, SuccessRate
 from tasks.results.gate.gate import judge
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
-from tasks.results.statistics.episodes_needed import (
+from tasks.results.statistics.intervals import paired_difference, quantile_interval
+from tasks.results.statistics.power.episodes_needed import (
     episodes_needed,
     episodes_needed_at_any_look,
     episodes_needed_for_quantile,
     pairs_needed,
 )
-from tasks.results.statistics.intervals import paired_difference, quantile_interval
 from tests.factories.episodes import batch, counted
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from statistics import NormalDist
 
 from tasks.results.statistics.intervals import paired_difference, quantile_ranks
-from tasks.results.statistics.sequential import log_capital_above
+from tasks.results.statistics.looks.anytime import log_capital_above
 
 _MOST = 10_000_000
 _EXACT = 1e-9

@@ -1,0 +1,1 @@
+"""How many episodes and worlds a rule needs. The gate, plans and flows may import it."""

@@ -1,0 +1,1 @@
+"""Rates of worlds that were not drawn, from those that were. The gate, reports and flows may import it."""
