@@ -18,7 +18,7 @@ from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit.audit_report import AuditFlipRate, AuditReport, Flip, apart_quantiles, with_verdict
 from tasks.simulate.audit.audit_sample import SampledEpisode, row_failed
-from tasks.simulate.chunk.episodes import keep_timing, ready_chunk
+from tasks.simulate.chunk.episodes import ReadyChunk, keep_timing, ready_parts
 from tasks.simulate.chunk.run_rows import lane_row, open_run
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.engines import REFERENCE
@@ -70,7 +70,11 @@ def _driven_chunk(
     lanes: int,
     engine: str,
 ) -> list[DrivenEpisode]:
-    chunk = ready_chunk(requests, worlds, bundles, lanes=lanes, engine=engine)
+    parts = ready_parts(requests, worlds, bundles, lanes=lanes, engine=engine)
+    return [each for part in parts for each in _driven_part(part)]
+
+
+def _driven_part(chunk: ReadyChunk) -> list[DrivenEpisode]:
     if chunk.run is None:
         return []
     poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
