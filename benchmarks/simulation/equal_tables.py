@@ -81,7 +81,7 @@ def rows_of(
     own, known = list(requests), dict(worlds)
     if not variant.ordered:
         own = [requests[k] for k in np.random.default_rng(18).permutation(len(requests))]
-        known = dict(reversed(worlds.items()))
+        known = {name: worlds[name] for name in reversed([*worlds])}
     rows = [
         row
         for chunk in plan_chunks(own, variant.lanes)

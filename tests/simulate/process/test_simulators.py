@@ -58,5 +58,5 @@ def test_no_process_simulates_with_a_bundle_that_somebody_edited(bundles: dict[s
         with simulator(bundles):
             pass
     edit(files)
-    with pytest.raises(BundleRefused, match="is not the bundle .* any more; run it again"), simulator(bundles):
+    with pytest.raises(BundleRefused, match=r"is not the bundle .* any more; run it again"), simulator(bundles):
         pass
