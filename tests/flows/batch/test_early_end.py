@@ -58,10 +58,10 @@ def test_a_batch_that_goes_well_ends_when_that_is_certain_and_the_rest_is_cancel
     ended = driven(batch)
     record = closed(batch, ended)
     assert record.status == "Completed"
-    assert record.detail["counts"] == {"episodes": 48, "successes": 48, "failed_jobs": 0, "canceled": 112}
-    assert ended["sentence"] == "the gate was certain of PASS after 48 episodes, so that 112 were left out"
+    assert record.detail["counts"] == {"episodes": 64, "successes": 64, "failed_jobs": 0, "canceled": 96}
+    assert ended["sentence"] == "the gate was certain of PASS after 64 episodes, so that 96 were left out"
     summary = batch_report(record, 1.0).summary
-    assert summary.startswith("48 of 48 episodes passed")
+    assert summary.startswith("64 of 64 episodes passed")
     assert summary.endswith(str(ended["sentence"]))
 
 
