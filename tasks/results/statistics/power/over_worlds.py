@@ -1,11 +1,11 @@
 """How many worlds give a rule about a rate in worlds like these a certain power, by simulation.
 
 Worlds are drawn as ``tasks.results.statistics.worlds.rate_over_worlds`` believes them to be: each with a chance of its
-own, beta distributed, so that its good episodes are beta-binomial (Williams 1975, Biometrics 31:949) with an intra-world
-correlation (ICC) of 1 / (a + b + 1). The interval's condition is asked of a grid of rates and spreads, which is the
-same for all draws, so that many draws cost a product of two matrices. Seeds are fixed: the same question, the same
-answer. The power is smooth in the square root of the number of worlds on the probit scale, so that a line through a few
-simulated points gives the number; by it and by the draws it is known within about 5 %.
+own, beta distributed, so that its good episodes are beta-binomial (Williams 1975, Biometrics 31:949), and two of one
+world are correlated by 1 / (a + b + 1), the ICC. The interval's condition is asked of a grid of rates and spreads,
+which is the same for all draws, so that many draws cost a product of two matrices. Seeds are fixed: the same question,
+the same answer. The power is smooth in the square root of the number of worlds on the probit scale, so that a line
+through a few simulated points gives the number; by it and by the draws it is known within about a tenth.
 """
 
 import math
@@ -13,7 +13,7 @@ from functools import cache
 from statistics import NormalDist
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from tasks.results.statistics.power.shares import PowerNeeds, share_needs
 
@@ -27,7 +27,7 @@ _TOTALS = np.geomspace(1e-2, 1e5, 21)
 _NORMAL = NormalDist()
 
 
-def world_needs(  # noqa: PLR0913 - each is a number of the same question
+def world_needs(
     at_least: float, confidence: float, rate: float, *, icc: float, per_world: int, there: int
 ) -> PowerNeeds | None:
     """Returns how many worlds a rate needs to be shown in worlds like these; None where no number is enough.
@@ -86,7 +86,7 @@ def _crossings(question: tuple[float, float, float, float, int], guess: int) -> 
 
 
 @cache
-def _power(at_least: float, confidence: float, rate: float, icc: float, per_world: int, worlds: int) -> float:  # noqa: PLR0913, PLR0917 - as above
+def _power(at_least: float, confidence: float, rate: float, icc: float, per_world: int, worlds: int) -> float:  # noqa: PLR0917 - as above
     chances = np.exp(_log_chances(per_world, np.array([rate]), _total(icc))[:, 0, 0])
     drawn = np.random.default_rng(_SEED).multinomial(worlds, chances / chances.sum(), size=_DRAWS)
     seen = np.flatnonzero(drawn.any(axis=0))
@@ -98,7 +98,7 @@ def _power(at_least: float, confidence: float, rate: float, icc: float, per_worl
     return float(np.mean(highest - by_rate[:, 0] >= _near(confidence, worlds)))
 
 
-def _total(icc: float) -> Float[np.ndarray, "1"]:
+def _total(icc: float) -> Float[np.ndarray, " 1"]:
     return np.array([1.0 / max(icc, 1e-9) - 1.0])
 
 
@@ -111,9 +111,7 @@ def _grid(at_least: float, per_world: int) -> Float[np.ndarray, "V T R"]:
     return _log_chances(per_world, rates, _TOTALS)
 
 
-def _log_chances(
-    n: int, rates: Float[np.ndarray, "R"], totals: Float[np.ndarray, "T"]
-) -> Float[np.ndarray, "V T R"]:
+def _log_chances(n: int, rates: Float[np.ndarray, " R"], totals: Float[np.ndarray, " T"]) -> Float[np.ndarray, "V T R"]:
     """Returns the log of the beta-binomial probability of 0 to n good ones; the products of gammas as sums of logs."""
     steps = np.arange(n)[:, None, None]
 
@@ -126,7 +124,7 @@ def _log_chances(
     return _log_choices(n)[:, None, None] + good + bad[::-1] - rising(total)[-1]
 
 
-def _log_choices(n: int) -> Float[np.ndarray, "V"]:
+def _log_choices(n: int) -> Float[np.ndarray, " V"]:
     logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
     return logs[-1] - logs - logs[::-1]
 
@@ -152,7 +150,7 @@ def student_quantile(probability: float, freedom: int) -> float:
         freedom: Degrees of freedom, at least 1.
     """
     widest = math.pi / 2.0 if freedom < 200 else 12.0 / math.sqrt(freedom)
-    angles: Float[np.ndarray, "A"] = np.linspace(0.0, widest, 20_001)
+    angles: Float[np.ndarray, " A"] = np.linspace(0.0, widest, 20_001)
     density = np.cos(angles) ** (freedom - 1)
     area = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
     angle = np.interp(2.0 * probability - 1.0, area / area[-1], angles)

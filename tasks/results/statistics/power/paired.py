@@ -39,7 +39,7 @@ def pair_needs(margin: float, confidence: float, disagreeing: float, there: int)
     return PowerNeeds(needed[0] or 0, needed[1] or 0, power)
 
 
-def pair_power(pairs: Int[np.ndarray, "N"], margin: float, z: float, disagreeing: float) -> Float[np.ndarray, "N"]:
+def pair_power(pairs: Int[np.ndarray, " N"], margin: float, z: float, disagreeing: float) -> Float[np.ndarray, " N"]:
     """Returns the probability that the rule passes, for several numbers of pairs.
 
     Args:
@@ -105,7 +105,7 @@ def _shown(
     return gains - losses + n * margin >= z * np.sqrt(np.maximum(variance, 0.0))
 
 
-def _half_above(first: int, last: int, logs: Float[np.ndarray, "n"]) -> Float[np.ndarray, "D G"]:
+def _half_above(first: int, last: int, logs: Float[np.ndarray, " n"]) -> Float[np.ndarray, "D G"]:
     """Returns the probability of at least G heads of D tosses, for D from the first to the last and G from 0 on."""
     tosses, heads = np.arange(first, last + 1)[:, None], np.arange(last + 2)[None, :]
     below = np.maximum(tosses - heads, 0)
@@ -115,7 +115,7 @@ def _half_above(first: int, last: int, logs: Float[np.ndarray, "n"]) -> Float[np
 
 
 def _chances(
-    unlike: Int[np.ndarray, "1 D"], n: Int[np.ndarray, "N 1"], disagreeing: float, logs: Float[np.ndarray, "n"]
+    unlike: Int[np.ndarray, "1 D"], n: Int[np.ndarray, "N 1"], disagreeing: float, logs: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "N D"]:
     if disagreeing == 0.0:
         return np.where(unlike == 0, 1.0, 0.0) * np.ones_like(n)
