@@ -59,10 +59,10 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
-    judged, audited, programs = GateBasis(0, 0), 0, 1
+    judged, audited, programs, lanes = GateBasis(0, 0), 0, 1, 0
     if spec.simulationBatch and batch and plan and beside:
         section, find = spec.simulationBatch, finder(trial, own)
-        audited, programs = plan.audited, plan.compilations
+        audited, programs, lanes = plan.audited, plan.compilations, plan.lanes
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
         yield from _batch_lines(plan, batch, section)
@@ -70,7 +70,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         for reason in (*failing_sources(section, trial, find), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from gate_lines(spec.gate, judged, audited, programs)
+        yield from gate_lines(spec.gate, judged, audited, programs, lanes=lanes)
     ships = pinned_shipment(found)
     if spec.deployment and ships:
         find = finder(trial, own)

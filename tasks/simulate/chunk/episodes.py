@@ -28,7 +28,16 @@ from tasks.simulate.lane.calls import Applications, check_robot, check_scenario
 from tasks.simulate.lane.lane_state import LaneState
 from tasks.simulate.lane.recording import LaneRecorder
 from tasks.simulate.lane.result_rows import stopped_row
-from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
+from tasks.simulate.lane.staging import (
+    Lane,
+    Stage,
+    last_step,
+    moved_lane,
+    place,
+    stack_lanes,
+    stage_worlds,
+    with_shortest_paths,
+)
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
 from tasks.simulate.plan.job_variables import without_job_variables
 from tasks.simulate.refusal import RobotRefused
@@ -115,6 +124,7 @@ def ready_chunk(
     *,
     lanes: int,
     engine: str = "auto",
+    beside_m: tuple[float, float] = (0.0, 0.0),
 ) -> ReadyChunk:
     """Returns episodes of one program made ready to run.
 
@@ -124,6 +134,7 @@ def ready_chunk(
         bundles: Unpacked folders of their applications, by digest.
         lanes: At least so many has the program.
         engine: ``auto``, or the engine that must run them.
+        beside_m: How far from where the scenario puts it each robot starts (x, y).
 
     Raises:
         BundleCrash: The applications do not import, or raise when they are traced; or the engine refuses the robot.
@@ -132,7 +143,8 @@ def ready_chunk(
     program = _program_of(requests[0], bundles, lanes, engine)
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     stages = stage_worlds(used, program.hull, program.applications.lidar)
-    ready, rows = _place_all(program, requests, used, stages)
+    placed, rows = _place_all(program, requests, used, stages)
+    ready = [moved_lane(lane, beside_m) for lane in placed]
     if not ready:
         return ReadyChunk(program, ready, None, rows, watch)
     inputs = stack_lanes(ready, program.applications.names, program.lanes)

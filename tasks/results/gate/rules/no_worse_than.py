@@ -4,21 +4,15 @@ import math
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import NoWorseThan
+from tasks.results.gate.rules.power_lines import power_line, worth_line
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
-from tasks.results.gate.rules.sentences import (
-    AT_LOOKS,
-    answer_above,
-    confidence_text,
-    needed_line,
-    nothing_counted,
-    sentence,
-)
+from tasks.results.gate.rules.sentences import AT_LOOKS, answer_above, confidence_text, nothing_counted, sentence
 from tasks.results.statistics.intervals import Interval, mcnemar, paired_difference
 from tasks.results.statistics.looks.paired_looks import paired_interval
 from tasks.results.statistics.pairs import PairCounts
-from tasks.results.statistics.power.episodes_needed import pairs_needed
+from tasks.results.statistics.power.paired import pair_needs
 
-_EXPECTED_DISAGREEMENT = (0.0, 0.02, 0.1)
+_EXPECTED_DISAGREEMENT = (0.0, 0.02, 0.05)
 
 
 def _columns(_: NoWorseThan) -> Sequence[str]:
@@ -77,9 +71,11 @@ def _plan(asked: NoWorseThan, planned: PlannedEpisodes) -> Iterator[str]:
         yield f"will be INCONCLUSIVE: {planned.no_baseline}"
         return
     for share in _EXPECTED_DISAGREEMENT:
-        needed = pairs_needed(asked.margin, asked.confidence, share)
+        needs = pair_needs(asked.margin, asked.confidence, share, planned.pairs)
         case = f"if equal, and {100 * share:g} % end otherwise"
-        yield from needed_line(case, needed, planned.pairs, " driven by both")
+        yield from power_line(case, needs, planned.pairs, "driven by both")
+    if asked.over == "worlds":
+        yield worth_line(planned)
 
 
 NO_WORSE_THAN = GateRule("noWorseThan", _judge, _plan, _columns)

@@ -6,17 +6,17 @@ from typing import cast
 from pydantic import JsonValue
 
 from specs.pipeline.gate_section import FlipRate
+from tasks.results.gate.rules.power_lines import power_line
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_below,
     confidence_text,
-    needed_line,
     nothing_counted,
     rate_text,
     sentence,
 )
 from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.power.episodes_needed import episodes_needed
+from tasks.results.statistics.power.shares import share_needs
 
 _NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
 
@@ -58,8 +58,9 @@ def _why_not(audit: Mapping[str, JsonValue] | None) -> str:
 
 def _plan(asked: FlipRate, planned: PlannedEpisodes) -> Iterator[str]:
     yield f"at most {100 * asked.atMost:g} % end otherwise on C MuJoCo, {confidence_text(asked.confidence)}"
-    needed = episodes_needed(1.0 - asked.atMost, asked.confidence, 1.0)
-    yield from needed_line("if none does", needed, planned.audited, " audited")
+    for case, share in (("if none does", 0.0), (f"if {25 * asked.atMost:g} % do", asked.atMost / 4.0)):
+        needs = share_needs(1.0 - asked.atMost, asked.confidence, 1.0 - share, planned.audited)
+        yield from power_line(case, needs, planned.audited, "audited")
 
 
 OUTCOME_FLIP_RATE = GateRule("maxOutcomeFlipRate", _judge, _plan)

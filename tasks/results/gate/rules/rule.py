@@ -168,14 +168,23 @@ class PlannedEpisodes:
         pairs: Episodes that the tested version and the other one drive both.
         audited: Episodes that are driven again on C MuJoCo.
         no_baseline: Why there is nothing to compare with, where that is certain beforehand; else empty.
-        any_look: Whether the gate is asked after each chunk, and not at the end alone.
+        worlds: In how many worlds they are.
+        looks: After how many episodes the gate is asked, where it may end the batch early; else empty.
+        icc: How alike episodes of one world were in earlier batches, 0-1; None where nothing says that.
     """
 
     episodes: int
     pairs: int
     audited: int
     no_baseline: str = ""
-    any_look: bool = False
+    worlds: int = 1
+    looks: tuple[int, ...] = ()
+    icc: float | None = None
+
+    @property
+    def per_world(self) -> int:
+        """Returns how many episodes there are in a world, rounded."""
+        return round(self.episodes / self.worlds) if self.worlds else 0
 
 
 def _no_columns(_: Spec) -> Sequence[str]:

@@ -1,16 +1,15 @@
 """The answers and sentences that the rules of a gate share."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from pydantic import JsonValue
 
 from specs.data.run_report import Verdict
-from tasks.results.gate.rules.rule import Completeness, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.rule import Completeness, RuleVerdict
 from tasks.results.statistics.intervals import Interval, wilson
 from tasks.results.statistics.looks.anytime import confidence_sequence
 from tasks.results.statistics.looks.repeated_interval import inner_interval, repeated_interval
-from tasks.results.statistics.power.episodes_needed import episodes_needed, episodes_needed_at_any_look
 
 AT_LOOKS = "repeated confidence interval"
 """What the interval is called of a batch that was looked at with its end in sight."""
@@ -103,29 +102,6 @@ def confidence_text(confidence: float) -> str:
     return f"{100 * confidence:g} % confidence"
 
 
-def share_needed(planned: PlannedEpisodes, at_least: float, confidence: float, rate: float) -> int | None:
-    """Returns how many episodes show that a share is high enough; None if no number does.
-
-    Args:
-        planned: Says whether the gate is asked after each chunk.
-        at_least: The bar, 0-1.
-        confidence: Coverage of the interval.
-        rate: The share that one expects.
-    """
-    return (episodes_needed_at_any_look if planned.any_look else episodes_needed)(at_least, confidence, rate)
-
-
-def needed_line(case: str, needed: int | None, there: int, what: str = "") -> Iterator[str]:
-    """Yields how many episodes are needed in a case, and whether they are there; nothing if no number is enough.
-
-    Args:
-        case: The case, such as ``if 98 % pass``.
-        needed: How many it needs.
-        there: How many there are.
-        what: What is counted, where it is not all episodes.
-    """
-    if needed is not None:
-        verb = "is" if there == 1 else "are"
-        needs = "is" if needed == 1 else "are"
-        enough = "enough" if there >= needed else "NOT ENOUGH"
-        yield f"{case}, {needed}{what} {needs} needed: {there} {verb} {enough}"
+def about(over: str | None) -> str:
+    """Returns what `simyard plan` adds to a rule that is about worlds like these."""
+    return " in worlds like these" if over == "worlds" else ""

@@ -3,16 +3,16 @@
 from collections.abc import Iterator
 
 from specs.pipeline.gate_section import SuccessRate
+from tasks.results.gate.rules.power_lines import share_lines
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
+    about,
     answer_above,
     confidence_text,
-    needed_line,
     nothing_counted,
     rate_text,
     sentence,
     share_interval,
-    share_needed,
 )
 
 _EXPECTED_RATES = (1.0, 0.98, 0.95)
@@ -41,10 +41,11 @@ def _judge(asked: SuccessRate, material: GateMaterial, label: str) -> RuleVerdic
 
 
 def _plan(asked: SuccessRate, planned: PlannedEpisodes) -> Iterator[str]:
-    yield f"at least {100 * asked.atLeast:g} % pass, {confidence_text(asked.confidence)}"
+    yield f"at least {100 * asked.atLeast:g} % pass{about(asked.over)}, {confidence_text(asked.confidence)}"
+    over = asked.over == "worlds"
     for rate in _EXPECTED_RATES:
-        needed = share_needed(planned, asked.atLeast, asked.confidence, rate)
-        yield from needed_line(f"if {100 * rate:g} % pass", needed, planned.episodes)
+        case = f"if {100 * rate:g} % pass"
+        yield from share_lines(case, planned, asked.atLeast, asked.confidence, rate, over_worlds=over)
 
 
 SUCCESS_RATE = GateRule("successRate", _judge, _plan)
