@@ -59,10 +59,11 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
-    judged, audited, programs, lanes = GateBasis(0, 0), 0, 1, 0
+    judged, audited, programs, worlds, lanes = GateBasis(0, 0), 0, 1, 1, 0
     if spec.simulationBatch and batch and plan and beside:
         section, find = spec.simulationBatch, finder(trial, own)
         audited, programs, lanes = plan.audited, plan.compilations, plan.lanes
+        worlds = len({world for template in batch.templates for world in batch.worlds_of(template)})
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
         yield from _batch_lines(plan, batch, section)
@@ -70,7 +71,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         for reason in (*failing_sources(section, trial, find), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from gate_lines(spec.gate, judged, audited, programs, lanes=lanes)
+        yield from gate_lines(spec.gate, judged, audited, programs, worlds=worlds, lanes=lanes)
     ships = pinned_shipment(found)
     if spec.deployment and ships:
         find = finder(trial, own)
