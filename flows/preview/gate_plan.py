@@ -6,7 +6,6 @@ from flows.preview.baseline_plan import GateBasis
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate import GATE_RULES
 from tasks.results.gate.rules.rule import PlannedEpisodes
-from tasks.results.statistics.looks.stopped_batch import looks_of
 
 _INDENT = " " * 18
 
@@ -33,7 +32,7 @@ def gate_lines(
         icc: How alike episodes of one world were in earlier batches; None where nothing says that.
     """
     any_look = bool(gate.stopEarly) and programs == 1
-    looks = looks_of(judged.episodes, lanes or judged.episodes) if any_look and judged.episodes else ()
+    looks = _looks(judged.episodes, lanes) if any_look and judged.episodes else ()
     planned = PlannedEpisodes(judged.episodes, judged.pairs, audited, judged.no_baseline, worlds, looks, icc)
     lines = [line for rule in GATE_RULES for _, asked in rule.asked(gate) for line in rule.plan(asked, planned)]
     if any_look:
@@ -42,3 +41,9 @@ def gate_lines(
         lines.append(f"runs the batch to its end: its {programs} programs cannot be shuffled into common chunks")
     for number, line in enumerate(lines):
         yield f"{'gate':<18}{line}" if number == 0 else f"{_INDENT}{line}"
+
+
+def _looks(episodes: int, lanes: int) -> tuple[int, ...]:
+    from tasks.results.statistics.looks.stopped_batch import looks_of  # noqa: PLC0415 - arrays, which most commands do without
+
+    return looks_of(episodes, lanes or episodes)

@@ -8,7 +8,6 @@ from tasks.results.gate.rules.power_lines import power_line, worth_line
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import answer_above, confidence_text, nothing_counted, sentence
 from tasks.results.statistics.intervals import mcnemar, paired_difference
-from tasks.results.statistics.power.paired import pair_needs
 
 _EXPECTED_DISAGREEMENT = (0.0, 0.02, 0.05)
 
@@ -55,6 +54,8 @@ def _plan(asked: NoWorseThan, planned: PlannedEpisodes) -> Iterator[str]:
     if planned.no_baseline:
         yield f"will be INCONCLUSIVE: {planned.no_baseline}"
         return
+    from tasks.results.statistics.power.paired import pair_needs  # noqa: PLC0415 - arrays, which most commands do without
+
     for share in _EXPECTED_DISAGREEMENT:
         needs = pair_needs(asked.margin, asked.confidence, share, planned.pairs)
         case = f"if equal, and {100 * share:g} % end otherwise"
