@@ -14,6 +14,7 @@ from flows.preview.host_plan import HostPlan, host_failures, host_faults, host_l
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
+from specs.pipeline.section_requests import section_parts
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
 from specs.template.body import TemplateBody
@@ -101,7 +102,9 @@ def _generation_line(section: WorldGeneration) -> str:
     worlds = _count(count.floorplanCount * count.interiorCountPerFloorplan, "world")
     product = f"{_count(count.floorplanCount, 'floor plan')} x {_count(count.interiorCountPerFloorplan, 'interior')}"
     seeded = f"seed {section.seed}, for a robot of {section.robotRadius:g} m radius"
-    return f"worldGeneration   {worlds} ({product}), {seeded}"
+    jobs = len(section_parts(section))
+    of_jobs = f" by {jobs} jobs" if jobs > 1 else ""
+    return f"worldGeneration   {worlds} ({product}){of_jobs}, {seeded}"
 
 
 def _planned(
