@@ -24,6 +24,8 @@ from tasks.storage.worlds import read_world
 _SAMPLES_SHOWN = 2
 _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
 _SAMPLE_CHARACTERS = 200
+JOBS = "jobs"
+"""Where the generation jobs of a run are named together, if they are several."""
 _WORLDS_READ = 64  # of a job of thousands, reading all would take longer than the line is worth
 
 
@@ -44,9 +46,10 @@ def recorded_report(run: JobRecord) -> PipelineReport:
 
 def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:
     """Returns what a generation job made."""
-    artefacts = [Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")]
-    if store.exists(contact_sheet_key(record.id)):
-        artefacts.append(Artefact(label="contact sheet", url=f"{store.url}/{contact_sheet_key(record.id)}"))
+    jobs = texts(record.detail, JOBS) or [record.id]
+    artefacts = [Artefact(label="worlds", url=f"{store.url}/worlds/{job}") for job in jobs]
+    sheets = [contact_sheet_key(job) for job in jobs]
+    artefacts += [Artefact(label="contact sheet", url=f"{store.url}/{key}") for key in sheets if store.exists(key)]
     stage = _stage("worldGeneration", record, _generation_summary(record), seconds, tuple(artefacts))
     certificates = _certificates(record, store)
     unmet = [wish for certificate in certificates for wish in certificate.unmet]
@@ -60,7 +63,7 @@ def _certificates(record: JobRecord, store: Store) -> list[Certificate]:
     found: list[Certificate] = []
     for reference in texts(record.detail, "worlds")[:_WORLDS_READ]:
         with suppress(ResourceNotFound):
-            found.append(read_world(store, reference, record.id).certificate)
+            found.append(read_world(store, reference, reference.partition("/")[0]).certificate)
     return found
 
 

@@ -62,9 +62,7 @@ def profile(data: Tails, shares: Float[np.ndarray, " ends"]) -> Float[np.ndarray
     return _highest(values)
 
 
-def peak(
-    data: Tails, shares: Float[np.ndarray, "ends sets"], directions: Float[np.ndarray, "directions ends"]
-) -> Peak:
+def peak(data: Tails, shares: Float[np.ndarray, "ends sets"], directions: Float[np.ndarray, "directions ends"]) -> Peak:
     """Returns the highest log likelihood over all spreads, and over all shares that lie in some directions.
 
     For one spread the likelihood is concave in the shares, a sum of logarithms, so that Newton's steps find its peak.

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from tasks.results.statistics.intervals import Interval, wilson
 from tasks.results.statistics.worlds.dirichlet_multinomial import Peak, Tails, peak, profile, tails
