@@ -31,7 +31,11 @@ def drive(name: str, store: Path) -> Counts:
     robot, scenario, duration_s, environment = _BATCHES[name]
     document = {
         "name": "real-" + "-".join(name.replace(",", "").replace(".", "").split()),
-        "worldGeneration": {"template": _TEMPLATE, "worldCount": {"floorplanCount": 24, "interiorCountPerFloorplan": 2}, "seed": 7},
+        "worldGeneration": {
+            "template": _TEMPLATE,
+            "worldCount": {"floorplanCount": 24, "interiorCountPerFloorplan": 2},
+            "seed": 7,
+        },
         "simulationBatch": {
             "batchPolicy": {"maxConcurrency": 192},
             "outputLocation": {"s3Bucket": "results"},

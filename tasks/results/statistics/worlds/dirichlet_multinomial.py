@@ -62,9 +62,7 @@ def profile(data: Tails, shares: Float[np.ndarray, " ends"]) -> Float[np.ndarray
     return _highest(values)
 
 
-def peak(
-    data: Tails, shares: Float[np.ndarray, "ends sets"], directions: Float[np.ndarray, "directions ends"]
-) -> Peak:
+def peak(data: Tails, shares: Float[np.ndarray, "ends sets"], directions: Float[np.ndarray, "directions ends"]) -> Peak:
     """Returns the highest log likelihood over all spreads, and over all shares that lie in some directions.
 
     For one spread the likelihood is concave in the shares, a sum of logarithms, so that Newton's steps find its peak.
@@ -95,7 +93,8 @@ def _by_spread(data: Tails, shares: Float[np.ndarray, "ends sets"]) -> Float[np.
     turns = np.arange(data.episodes.shape[1])[:, None] * SPREADS
     values = -(data.episodes @ np.log1p(turns))
     for end, share in zip(data.ends, shares, strict=True):
-        values = values + np.einsum("sm,smt->st", end, np.log(share[:, None, None] + turns))
+        some = int(end.any(axis=0).sum())  # seldom ends come to few episodes of a world
+        values = values + np.einsum("sm,smt->st", end[:, :some], np.log(share[:, None, None] + turns[:some]))
     return values
 
 
