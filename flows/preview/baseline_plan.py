@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from flows.document.tested_batch import candidates
 from specs.pipeline.gate_section import NoWorseThan
@@ -22,13 +22,11 @@ class GateBasis:
         episodes: Of the tested version; of all versions where none is compared with another.
         pairs: Episodes that the tested version and the other one drive both.
         no_baseline: Why there is nothing to compare with, where that is certain beforehand; else empty.
-        worlds: In how many worlds the episodes are.
     """
 
     episodes: int
     pairs: int
     no_baseline: str = ""
-    worlds: int = 1
 
 
 def gate_basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: Store) -> GateBasis:
@@ -40,11 +38,6 @@ def gate_basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: 
         baseline: Digest of the version to compare with; empty if the batch tests several applications.
         store: Where other batches are.
     """
-    worlds = len({world for template in plan.templates for world in plan.worlds_of(template)})
-    return replace(_basis(plan, rule, baseline, store), worlds=worlds)
-
-
-def _basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: Store) -> GateBasis:
     everything = _episodes(plan, _templates(plan, frozenset(template.robot.digest for template in plan.templates)))
     if rule is None:
         return GateBasis(everything, everything)

@@ -22,7 +22,7 @@ from tasks.simulate.audit.audit_findings import Driven, DrivenEpisode, findings
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.audit.audit_verdict import needs_control, with_verdict
-from tasks.simulate.chunk.episodes import keep_timing, ready_chunk
+from tasks.simulate.chunk.episodes import ReadyChunk, keep_timing, ready_parts
 from tasks.simulate.chunk.run_rows import lane_row, open_run
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.engines import REFERENCE
@@ -74,7 +74,11 @@ def _driven_chunk(
     engine: str,
     beside_m: tuple[float, float],
 ) -> list[DrivenEpisode]:
-    chunk = ready_chunk(requests, worlds, bundles, lanes=lanes, engine=engine, beside_m=beside_m)
+    parts = ready_parts(requests, worlds, bundles, lanes=lanes, engine=engine, beside_m=beside_m)
+    return [each for part in parts for each in _driven_part(part)]
+
+
+def _driven_part(chunk: ReadyChunk) -> list[DrivenEpisode]:
     if chunk.run is None:
         return []
     poses: list[Float32[np.ndarray, "lanes steps 3"]] = []

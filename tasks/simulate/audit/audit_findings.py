@@ -19,7 +19,7 @@ from tasks.simulate.audit.audit_estimate import (
 )
 from tasks.simulate.audit.audit_report import AuditControl, AuditReport, Flip, apart_quantiles
 from tasks.simulate.audit.audit_sample import SampledEpisode
-from tasks.simulate.audit.audit_verdict import APART_LIMIT_M
+from tasks.simulate.audit.audit_verdict import APART_LIMIT_M, CALM_M
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.engines import REFERENCE
 
@@ -139,7 +139,7 @@ def _control(
     own_m = {k: max(_most_apart_m(drive[k], theirs[k]) for drive in control) for k in (lane.episode for lane in driven)}
     rate = own_rate(driven)
     lower, upper = share_bounds(rate, weight_of(driven) ** 2 / sum(lane.weight**2 for lane in driven), CONFIDENCE)
-    calm_m = [apart_m for index, apart_m in unflipped_m.items() if own_m.get(index, np.inf) <= APART_LIMIT_M]
+    calm_m = [apart_m for index, apart_m in unflipped_m.items() if own_m.get(index, np.inf) <= CALM_M]
     return AuditControl(
         lanes=len(driven),
         drives=len(control),
@@ -148,7 +148,8 @@ def _control(
         lower=lower,
         upper=upper,
         way=apart_quantiles([*own_m.values()]),
-        calm=apart_quantiles(calm_m),
+        calm=len(calm_m),
+        parted=sum(apart_m > APART_LIMIT_M for apart_m in calm_m),
     )
 
 

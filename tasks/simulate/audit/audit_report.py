@@ -53,7 +53,8 @@ class AuditControl(Spec):
         rate: How likely two of its drives differ in success, weighted as the batch.
         lower, upper: The 95 % interval of the rate.
         way: How far its drives were from the undisturbed one, in the direction where it was furthest.
-        calm: How far the row's engine was from it, in the lanes with the same success that it keeps together itself.
+        calm: Lanes that came to the same end on both engines, and that its own drives keep together.
+        parted: Of these, lanes in which the row's engine is far from it all the same.
     """
 
     lanes: int
@@ -63,7 +64,8 @@ class AuditControl(Spec):
     lower: float
     upper: float
     way: ApartQuantiles | None = None
-    calm: ApartQuantiles | None = None
+    calm: int = 0
+    parted: int = 0
 
 
 class AuditReport(Spec):

@@ -41,7 +41,7 @@ def test_too_few_are_said_to_be_so():
 
 def test_a_rate_in_worlds_like_these_is_told_in_worlds():
     gate = Gate.model_validate({"successRate": {"atLeast": 0.9, "over": "worlds"}})
-    told = [line.strip() for line in gate_lines(gate, GateBasis(384, 384, worlds=8), 16)]
+    told = [line.strip() for line in gate_lines(gate, GateBasis(384, 384), 16, worlds=8)]
     assert told[0].endswith("at least 90 % pass in worlds like these, 95 % confidence")
     assert told[1] == "if 100 % pass, 21 worlds give 90 % power: 8 are NOT ENOUGH (0 %)"
     assert "if 95 % pass at an ICC of 0.05, " in told[3]
@@ -78,7 +78,7 @@ def test_pairs_are_not_counted_as_episodes():
 
 def test_flips_need_audited_episodes():
     told = lines(maxOutcomeFlipRate={"atMost": 0.1})
-    assert told[1].strip() == "if none does, 35 audited give 90 % power: 16 are NOT ENOUGH (0 %)"
+    assert told[1].strip() == "if all pass and none does, 36 audited are needed: 16 are NOT ENOUGH"
 
 
 def test_quantiles_need_enough_beyond_them():

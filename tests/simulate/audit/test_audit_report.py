@@ -23,8 +23,9 @@ def share(flips: int, lanes: int, chaotic: int = 0, chance: float | None = 0.01)
     return FlipShare(lanes=lanes, flips=flips, chaotic=chaotic, lower=0.01, upper=0.2, chance=chance)
 
 
-def control(calm: ApartQuantiles | None = WAY) -> AuditControl:
-    return AuditControl(lanes=32, drives=2, flips=0, rate=0.0, lower=0.0, upper=0.1, way=WAY, calm=calm)
+def control(calm: int = 20, parted: int = 0) -> AuditControl:
+    found = AuditControl(lanes=32, drives=2, flips=0, rate=0.0, lower=0.0, upper=0.1, way=WAY)
+    return found.model_copy(update={"calm": calm, "parted": parted})
 
 
 def report(**changes: object) -> AuditReport:
@@ -48,8 +49,10 @@ def report(**changes: object) -> AuditReport:
         ({"false_alarms": share(8, 8, chance=0.3)}, "SOUND"),
         ({"unflipped": FAR}, "SUSPECT"),
         ({"unflipped": FAR, "control": control()}, "SOUND"),
-        ({"unflipped": FAR, "control": control(FAR)}, "SUSPECT"),
-        ({"unflipped": FAR, "control": control(None)}, "SOUND"),
+        ({"unflipped": FAR, "control": control(20, 2)}, "SUSPECT"),
+        ({"unflipped": FAR, "control": control(21, 2)}, "SOUND"),
+        ({"unflipped": FAR, "control": control(3, 1)}, "SOUND"),
+        ({"unflipped": FAR, "control": control(0)}, "SOUND"),
         ({"unflipped": ApartQuantiles(median_m=1e-6, p90_m=0.04, max_m=9.0)}, "SOUND"),
         ({"way": ApartQuantiles(median_m=1e-6, p90_m=3.0, max_m=9.0)}, "SOUND"),
         ({"compared": 16}, "SOUND"),

@@ -70,6 +70,7 @@ def _plan(asked: NoWorseThan, planned: PlannedEpisodes) -> Iterator[str]:
     if planned.no_baseline:
         yield f"will be INCONCLUSIVE: {planned.no_baseline}"
         return
+
     for share in _EXPECTED_DISAGREEMENT:
         needs = pair_needs(asked.margin, asked.confidence, share, planned.pairs)
         case = f"if equal, and {100 * share:g} % end otherwise"

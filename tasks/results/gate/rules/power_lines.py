@@ -4,9 +4,7 @@ import math
 from collections.abc import Iterator
 
 from tasks.results.gate.rules.rule import PlannedEpisodes
-from tasks.results.statistics.looks.stopped_batch import chances
-from tasks.results.statistics.power.over_worlds import effective_episodes, world_needs
-from tasks.results.statistics.power.shares import PowerNeeds, share_needs
+from tasks.results.statistics.power.shares import PowerNeeds, effective_episodes, share_needs
 
 ASSUMED_ICC = 0.05
 """Of batches of which no earlier one shows any; real ones have 0 to 0.6 (docs/reference/statistics.md)."""
@@ -45,6 +43,8 @@ def share_lines(
     if over_worlds:
         yield from _world_lines(case, planned, at_least, confidence, rate)
     elif planned.looks and at_least and rate > at_least:
+        from tasks.results.statistics.looks.stopped_batch import chances  # noqa: PLC0415 - arrays, which most commands do without
+
         found = chances(planned.looks, at_least, confidence, rate)
         drives = f"and drives {found.episodes:.0f} in the mean"
         yield f"{case}, a batch of {planned.looks[-1]:,} passes with {_percent(found.passes)} % power, {drives}"
@@ -62,6 +62,8 @@ def worth_line(planned: PlannedEpisodes, what: str = "episodes") -> str:
 
 
 def _world_lines(case: str, planned: PlannedEpisodes, at_least: float, confidence: float, rate: float) -> Iterator[str]:
+    from tasks.results.statistics.power.over_worlds import world_needs  # noqa: PLC0415 - arrays, which most commands do without
+
     per_world, there = max(1, planned.per_world), planned.worlds
     needs = world_needs(at_least, confidence, rate, icc=_icc(planned), per_world=per_world, there=there)
     alike = "" if rate >= 1.0 else f" at an ICC of {_icc(planned):.2g}"

@@ -15,7 +15,7 @@ from statistics import NormalDist
 import numpy as np
 from jaxtyping import Float
 
-from tasks.results.statistics.power.shares import PowerNeeds, share_needs
+from tasks.results.statistics.power.shares import PowerNeeds, effective_episodes, share_needs
 
 _DRAWS = 400
 _SEED = 18
@@ -54,19 +54,6 @@ def world_needs(
         return None
     needed = _crossings(question, max(4, round(guess)))
     return PowerNeeds(needed[0], needed[1], _power(*question, there) if there >= 2 else 0.0)
-
-
-def effective_episodes(worlds: int, per_world: int, icc: float) -> float:
-    """Returns how many independent episodes tell as much of the mean rate of worlds like these.
-
-    Kish 1965, Survey Sampling, section 8.2: the design effect of clusters of equal size is 1 + (size - 1) icc.
-
-    Args:
-        worlds: How many there are.
-        per_world: Episodes of each.
-        icc: How alike the episodes of one world are, 0-1.
-    """
-    return worlds * per_world / (1.0 + (per_world - 1) * max(0.0, icc))
 
 
 def _crossings(question: tuple[float, float, float, float, int], guess: int) -> tuple[int, int]:

@@ -63,6 +63,19 @@ def quantile_needs(tail: float, confidence: float, beyond: float, there: int) ->
     return _needs(_by_rank(tail, confidence), beyond, there)
 
 
+def effective_episodes(worlds: int, per_world: int, icc: float) -> float:
+    """Returns how many independent episodes tell as much of the mean rate of worlds like these.
+
+    Kish 1965, Survey Sampling, section 8.2: the design effect of clusters of equal size is 1 + (size - 1) icc.
+
+    Args:
+        worlds: How many there are.
+        per_world: Episodes of each.
+        icc: How alike the episodes of one world are, 0-1.
+    """
+    return worlds * per_world / (1.0 + (per_world - 1) * max(0.0, icc))
+
+
 def _by_wilson(at_least: float, confidence: float) -> Callable[[int], int]:
     """Returns the fewest episodes of which so many may be bad, as a function of these."""
     z = NormalDist().inv_cdf((1.0 + confidence) / 2.0)

@@ -1,5 +1,6 @@
 """The interval of a quantile in worlds like those that were drawn."""
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -35,7 +36,7 @@ def _lower(worlds: list[list[float]], quantile: float, confidence: float) -> flo
     """Returns the first value that is not shown to be below the quantile, going up from the lowest one."""
     n = [len(values) for values in worlds]
     bounds = [-math.inf, *sorted({value for values in worlds for value in values})]
-    for below, value in zip(bounds, bounds[1:], strict=False):
+    for below, value in itertools.pairwise(bounds):
         counts = [int(np.searchsorted(values, below, side="right")) for values in worlds]
         if rate_over_worlds(counts, n, confidence).upper >= quantile:
             return below

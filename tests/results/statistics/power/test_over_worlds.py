@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from tasks.results.statistics.power.over_worlds import effective_episodes, student_quantile, world_needs
+from tasks.results.statistics.power.over_worlds import student_quantile, world_needs
 from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds
 
 
@@ -44,8 +44,3 @@ def test_what_is_not_above_the_bar_is_shown_by_no_number_of_worlds():
 @pytest.mark.parametrize("freedom", [1, 2, 7, 47, 199, 200, 5000])
 def test_students_quantile_is_scipys(freedom: int):
     assert student_quantile(0.975, freedom) == pytest.approx(float(t.ppf(0.975, freedom)), abs=1e-6)
-
-
-def test_more_worlds_with_fewer_seeds_are_worth_more_independent_episodes():
-    worth = [effective_episodes(worlds, 384 // worlds, 0.1) for worlds in (8, 48, 384)]
-    assert worth == pytest.approx([67.4, 225.9, 384.0], abs=0.05)

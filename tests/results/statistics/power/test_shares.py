@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import binom
 
 from tasks.results.statistics.intervals import quantile_ranks, wilson
-from tasks.results.statistics.power.shares import at_most, quantile_needs, share_needs
+from tasks.results.statistics.power.shares import at_most, effective_episodes, quantile_needs, share_needs
 
 
 def share_power(n: int, bar: float, rate: float) -> float:
@@ -52,3 +52,8 @@ def test_what_is_not_above_the_bar_needs_a_number_that_there_is_not():
 @pytest.mark.parametrize(("count", "n", "chance"), [(0, 10, 0.3), (7, 10, 0.3), (3, 400, 0.02), (500, 900, 0.5)])
 def test_the_binomial_sum_is_scipys(count: int, n: int, chance: float):
     assert at_most(count, n, chance) == pytest.approx(float(binom.cdf(count, n, chance)), rel=1e-9)
+
+
+def test_more_worlds_with_fewer_seeds_are_worth_more_independent_episodes():
+    worth = [effective_episodes(worlds, 384 // worlds, 0.1) for worlds in (8, 48, 384)]
+    assert worth == pytest.approx([67.4, 225.9, 384.0], abs=0.05)

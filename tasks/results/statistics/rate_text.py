@@ -1,8 +1,12 @@
-"""What a rate is a rate of, in words.
+"""Rates in words: a share, its interval, and what it is a rate of.
 
 A rate that was measured in eight worlds is the rate in these eight, with other seeds. What it is in worlds like them is
 another question, with a wider interval. Wherever an interval stands, one of these phrases stands beside it.
 """
+
+import math
+
+from tasks.results.statistics.intervals import Interval
 
 
 def in_worlds(worlds: int, *, like_these: bool = False) -> str:
@@ -17,3 +21,16 @@ def in_worlds(worlds: int, *, like_these: bool = False) -> str:
     if like_these:
         return f"in worlds like {'this 1' if worlds == 1 else f'these {worlds:,}'}"
     return "in this 1 world" if worlds == 1 else f"in these {worlds:,} worlds"
+
+
+def percent(share: float) -> str:
+    """Returns a share as text; what is not quite everything or nothing is never rounded to it."""
+    shown = round(100.0 * share, 1)
+    if shown in (0.0, 100.0) and share not in (0.0, 1.0):
+        return ">\u00a099.9\u00a0%" if shown else "<\u00a00.1\u00a0%"
+    return f"{shown:.1f}\u00a0%"
+
+
+def percent_range(interval: Interval) -> str:
+    """Returns an interval as text, rounded outwards, so that no bound is printed on the wrong side of a bar."""
+    return f"{math.floor(1000 * interval.lower) / 10:.1f} to {math.ceil(1000 * interval.upper) / 10:.1f}\u00a0%"
