@@ -14,8 +14,9 @@ from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.trust.trust_choice import UNSIGNED_ALARM
 from tasks.deploy.trust.trust_record import is_unsigned
+from tasks.results.statistics.rate_text import in_worlds
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings
-from tasks.results.tables.table_record import ROOMS
+from tasks.results.tables.table_record import ROOMS, WORLDS
 from tasks.storage.base.keys import contact_sheet_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -101,7 +102,9 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     detail, asked = record.detail, record.detail["episodes"]
     if "stopped_early" in detail:
         asked = cast("dict[str, JsonValue]", detail["stopped_early"])["episodes"]
-    summary = f"{detail['passed']} of {asked} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
+    # Records of older versions do not say in how many worlds.
+    where = f" {in_worlds(cast('int', detail[WORLDS]))}" if WORLDS in detail else ""
+    summary = f"{detail['passed']} of {asked} episodes passed{where}, {detail['simulated_s']:.0f} simulated seconds"
     summary += _why_not(cast("list[dict[str, JsonValue]]", detail.get("why_not", [])))
     if "stopped_early" in detail:
         summary += f"; {cast('dict[str, JsonValue]', detail['stopped_early'])['sentence']}"

@@ -9,7 +9,7 @@ from specs.base import Spec
 from specs.digest import digest
 from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
-from specs.pipeline.gate_section import Gate, unaudited
+from specs.pipeline.gate_section import Gate, drawn_once, unaudited
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.pipeline.shared_variables import never_driven
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
@@ -79,6 +79,7 @@ class PipelineSpec(Ruled):
         if part(data, "gate") is not None and part(data, "simulationBatch") is None:
             yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
         yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
+        yield from drawn_once(part(data, "gate"), part(data, "simulationBatch"), part(data, "worldGeneration"))
         yield from unjudged(part(data, "deployment"), part(data, "gate"))
         if part(data, "worldGeneration") is None:
             yield from _worlds_from_nowhere(data)

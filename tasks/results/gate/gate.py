@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from specs.base import Spec
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
+from tasks.results.gate.engine_doubt import with_engine_doubt
 from tasks.results.gate.rules.collision_rate import COLLISION_RATE
 from tasks.results.gate.rules.no_worse_than import NO_WORSE_THAN
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
@@ -51,7 +52,11 @@ class GateVerdict(Spec):
 def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
     """Returns the verdict on a batch."""
     counted = replace(material, shares=_shares(gate, material))
-    rules = tuple(rule.judge(asked, counted, label) for rule in GATE_RULES for label, asked in rule.asked(gate))
+    rules = tuple(
+        with_engine_doubt(rule.judge(asked, counted, label), asked, material.audit)
+        for rule in GATE_RULES
+        for label, asked in rule.asked(gate)
+    )
     answer = combine([rule.verdict for rule in rules])
     sentence = _sentence(answer, rules)
     return GateVerdict(verdict=answer, sentence=sentence, counts=material.counts, rules=rules, rooms=material.rooms)

@@ -78,7 +78,7 @@ def test_pairs_are_not_counted_as_episodes():
 
 def test_flips_need_audited_episodes():
     told = lines(maxOutcomeFlipRate={"atMost": 0.1})
-    assert told[1].strip() == "if none does, 35 audited give 90 % power: 16 are NOT ENOUGH (0 %)"
+    assert told[1].strip() == "if all pass and none does, 36 audited are needed: 16 are NOT ENOUGH"
 
 
 def test_quantiles_need_enough_beyond_them():

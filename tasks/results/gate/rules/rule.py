@@ -32,7 +32,8 @@ class RuleVerdict(Spec):
     Attributes:
         rule: Where it stands in the gate, such as ``successRate`` or ``quantiles[0]``.
         sentence: The answer and why, for a person.
-        method: What the interval is: ``Wilson``, ``confidence sequence``, ``Tango`` or ``order statistics``.
+        method: What the interval is: ``Wilson``, ``repeated confidence interval``, ``confidence sequence``, ``Tango``
+            or ``order statistics``.
         counted: Episodes, or pairs of them.
         estimate: The share, difference or quantile as it was seen; None of nothing.
         lower: Lower bound of the interval; None if it has none.
@@ -63,13 +64,20 @@ class Completeness(NamedTuple):
         canceled: Episodes that somebody canceled.
         missing: Episodes that never got a result.
         left_out: Episodes that were not needed any more, because the gate was certain.
-        sequential: Whether the batch may have been ended by what was counted, so that only a confidence sequence holds.
+        sequential: Whether the batch may have been ended by what was counted, so that no ordinary interval holds.
+        looks: After how many episodes the gate was asked, the last being all of them; none of a batch that had no end
+            in sight, which is judged by a confidence sequence.
+        paired: Whether both versions drove the same episodes at each look.
+        inner: Whether an interval that is too narrow will do, to see whether the right one is worth its computation.
     """
 
     canceled: int = 0
     missing: int = 0
     left_out: int = 0
     sequential: bool = False
+    looks: tuple[int, ...] = ()
+    paired: bool = False
+    inner: bool = False
 
     def all_counted(self) -> bool:
         """Returns whether nobody canceled an episode and none lacks its result."""
@@ -78,6 +86,15 @@ class Completeness(NamedTuple):
     def whole(self) -> bool:
         """Returns whether all episodes came to an end."""
         return self.all_counted() and not self.left_out
+
+    def look(self, counted: int) -> int:
+        """Returns how many episodes there were at the look, those included that ought to have been counted.
+
+        Args:
+            counted: Episodes, or pairs, that were.
+        """
+        whole = counted + self.canceled + self.missing
+        return next((look for look in self.looks if look >= whole), whole)
 
     def text(self) -> list[str]:
         """Returns what a sentence says of it."""

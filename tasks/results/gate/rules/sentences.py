@@ -9,6 +9,10 @@ from specs.data.run_report import Verdict
 from tasks.results.gate.rules.rule import Completeness, RuleVerdict
 from tasks.results.statistics.intervals import Interval, wilson
 from tasks.results.statistics.looks.anytime import confidence_sequence
+from tasks.results.statistics.looks.repeated_interval import inner_interval, repeated_interval
+
+AT_LOOKS = "repeated confidence interval"
+"""What the interval is called of a batch that was looked at with its end in sight."""
 
 
 def share_interval(count: int, n: int, confidence: float, lacks: Completeness) -> tuple[Interval, str]:
@@ -20,9 +24,18 @@ def share_interval(count: int, n: int, confidence: float, lacks: Completeness) -
         confidence: Coverage, between 0 and 1.
         lacks: Says whether the batch may have been ended by what was counted.
     """
+    if lacks.sequential and lacks.looks:
+        return _interval_at_look(count, n, confidence, lacks), AT_LOOKS
     if lacks.sequential:
         return confidence_sequence(count, n, confidence), "confidence sequence"
     return wilson(count, n, confidence), "Wilson"
+
+
+def _interval_at_look(count: int, n: int, confidence: float, lacks: Completeness) -> Interval:
+    """Returns the interval of a share at a look, whatever the episodes would have shown that were not counted there."""
+    interval, whole = inner_interval if lacks.inner else repeated_interval, lacks.look(n)
+    lower = interval(count, whole, lacks.looks, confidence).lower
+    return Interval(lower=lower, upper=interval(count + whole - n, whole, lacks.looks, confidence).upper)
 
 
 def answer_above(interval: Interval, bar: float, n: int, *, sound: bool) -> Verdict:
@@ -80,7 +93,7 @@ def rate_text(rate: float, interval: Interval, confidence: float, method: str) -
         method: What it is called.
     """
     lower, upper = math.floor(1000 * interval.lower) / 10, math.ceil(1000 * interval.upper) / 10
-    kind = "interval at any look" if method == "confidence sequence" else "interval"
+    kind = "interval at any look" if method in (AT_LOOKS, "confidence sequence") else "interval"
     return f"{100 * rate:.1f} %, {100 * confidence:g} % {kind} {lower:.1f} to {upper:.1f} %"
 
 

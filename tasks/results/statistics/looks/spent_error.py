@@ -1,12 +1,13 @@
 """How much of a test's error may be spent by each of the looks at a batch.
 
 A test that looks K times has to share its error among the looks. A spending function says how much may be used up once
-a share t of the episodes is in, whatever the looks are (Lan and DeMets 1983, Biometrika 70:659). The one here is that of
-Hwang, Shih and DeCani 1990 (Statistics in Medicine 9:1439) with the parameter -2: it lies between O'Brien and Fleming,
-who spend next to nothing at first, and equal parts. ``docs/decisions/0022-looks-with-a-horizon.md`` has what was
-compared.
+a share t of the episodes is in, whatever the looks are (Lan and DeMets 1983, Biometrika 70:659). The one here is that
+of Hwang, Shih and DeCani 1990 (Statistics in Medicine 9:1439) with the parameter -2: it lies between O'Brien and
+Fleming, who spend next to nothing at first, and equal parts. What it was compared with, and why it was taken, is in
+``docs/decisions/0022-looks-with-an-end-in-sight.md``.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -29,7 +30,7 @@ def spent_error(looks: Sequence[int], alpha: float) -> tuple[float, ...]:
     Raises:
         ValueError: The looks do not rise from 1 on, or there are none.
     """
-    if not looks or looks[0] < 1 or any(later <= look for look, later in zip(looks, looks[1:], strict=False)):
+    if not looks or looks[0] < 1 or any(later <= look for look, later in itertools.pairwise(looks)):
         raise ValueError(f"looks at {tuple(looks)} episodes: at least one, rising from 1 on")
     whole = math.expm1(-_GAMMA)
     return tuple(alpha * math.expm1(-_GAMMA * look / looks[-1]) / whole for look in looks)

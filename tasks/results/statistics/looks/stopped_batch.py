@@ -1,4 +1,4 @@
-"""What becomes of a batch that may be ended at any of its looks: how often it passes and fails, after how many episodes.
+"""What becomes of a batch that may be ended at any of its looks: how often it passes, and after how many episodes.
 
 Computed state by state, without drawing anything. The boundary is that of the test at one bar; the interval that a
 batch is judged by now and then asks for one success more (``repeated_interval``), which moves a chance by less than a
