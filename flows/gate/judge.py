@@ -39,6 +39,7 @@ from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND, plan_of
 from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.layout import Layout
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
@@ -186,22 +187,28 @@ def gate_material(
         store: Where it is.
         other: The version to compare with, or why there is none; None if nobody asks.
         later: Whether the gate may be another one than that of the batch's run. What may have ended the batch is the
-            run's gate then: its confidence sequence holds for any bar, and no other interval does.
+            run's gate then: an interval that holds at all looks holds for any bar, and no other interval does.
     """
+    plan = plan_of(batch)
+    both = plan.shuffled == "pairs" and not (isinstance(other, Baseline) and other.batch == batch.id)
     rows = _rows(store, batch, list(dict.fromkeys([*columns_needed(gate), *ROOM_COLUMNS, *_EPISODES])))
     if isinstance(other, Baseline):
-        meant = candidates(plan_of(batch), other.digest)
+        meant = candidates(plan, other.digest)
         rows = rows.filter(pc.field("robot_digest").isin(list(meant)))
     counts = count_rows(rows)
     stop = cast("dict[str, JsonValue]", batch.detail.get("stopped_early", {}))
     ended_by_it = later or without_absent(stop.get("gate")) == canonical_document(gate)
     left_out = cast("int", stop["left_out"]) if stop and ended_by_it else 0
+    if plan.shuffled == "pairs" and not both:
+        left_out //= 2
     return GateMaterial(
         counts=counts,
         lacks=Completeness(
             canceled=counts.canceled - left_out,
             left_out=left_out,
-            sequential=(later or bool(gate.stopEarly)) and plan_of(batch).shuffled,
+            sequential=(later or bool(gate.stopEarly)) and bool(plan.shuffled),
+            looks=tuple(look * (1 + both) for look in Layout(plan).looks()),
+            paired=plan.shuffled == "pairs" and not both,
         ),
         rows=rows,
         pairs=_pairs(batch, store, other),

@@ -16,7 +16,7 @@ from specs.arn import arn
 from specs.errors import DocumentError, ObjectNotFound, StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
-from specs.pipeline.section_requests import generation_request
+from specs.pipeline.section_requests import generation_request, section_parts
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.settings import recount_episodes
 from specs.template.body import template_digest
@@ -34,7 +34,7 @@ from tasks.storage.jobs.runs import stage_token
 from tasks.storage.store_url import store_id
 from tasks.worlds.job.job import KIND as GENERATION
 from tasks.worlds.job.production import Order
-from tasks.worlds.job.world_recount import world_changes
+from tasks.worlds.job.world_recount import MOST_REMADE, world_changes
 
 # What an older version says otherwise of the same episodes.
 _WORDED = ("version", "sentence", "rules", "tries")
@@ -100,17 +100,24 @@ def _world_changes(asked: Asked, plan: BatchPlan, store: Store, run: JobRecord) 
     if section is None:
         return []
     template = find_template(section.template, store, Path(asked.base))
-    token = stage_token(run, "worlds")
-    request = generation_request(
-        section, template=arn("world-template", store_id(store), template_digest(template)), token=token
-    )
-    order = Order(
-        template=template,
-        seed=section.seed,
-        generation=job_id(GENERATION, request.clientRequestToken or token),
-        robot_radius_m=section.robotRadius,
-    )
-    return world_changes(order, request, asked.worlds, plan.world_digests)
+    named, parts = arn("world-template", store_id(store), template_digest(template)), section_parts(section)
+    changes: list[str] = []
+    seen = 0
+    for part in parts:
+        request = generation_request(section, part, template=named, token=stage_token(run, "worlds"))
+        order = Order(
+            template=template,
+            seed=section.seed,
+            generation=job_id(GENERATION, request.clientRequestToken or ""),
+            robot_radius_m=section.robotRadius,
+        )
+        own = [world for world in asked.worlds if len(parts) == 1 or world.startswith(f"{order.generation}/")]
+        seen += len(own)
+        most = -(-MOST_REMADE // len(parts))
+        changes += world_changes(order, request, own, plan.world_digests, first=part.first, most=most)
+    if seen != len(asked.worlds):
+        changes.append(f"the run names worlds of generations that it did not ask for: {asked.worlds!r:.200}")
+    return changes
 
 
 def _verdict_changes(asked: Asked, gate: Gate, found: BatchRecount, store: Store, run: JobRecord) -> list[str]:

@@ -99,7 +99,8 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
     tables = batch_steps.write_tables(store_url, batch, status, location)
     rows: list[dict[str, JsonValue]] = [dict(zip(_HEADINGS, row, strict=True)) for row in tables.rows[:_ROWS_SHOWN]]
     shown = table_rows(rows)
-    create_table_artifact(table=shown, key=artifact_key("batch-results"), description=f"Results of {batch}")
+    said = f"Results of {batch}. {tables.note}."
+    create_table_artifact(table=shown, key=artifact_key("batch-results"), description=said)
     return tables
 
 

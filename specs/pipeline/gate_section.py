@@ -138,7 +138,7 @@ class Gate(Ruled):
     """
 
     successRate: Annotated[SuccessRate | None, _SEQUENTIAL] = Field(default=None, title="Success rate")
-    noWorseThan: NoWorseThan | None = Field(default=None, title="No worse than another version")
+    noWorseThan: Annotated[NoWorseThan | None, _SEQUENTIAL] = Field(default=None, title="No worse than another version")
     collisionRate: Annotated[CollisionRate | None, _SEQUENTIAL] = Field(default=None, title="Collision rate")
     maxOutcomeFlipRate: FlipRate | None = Field(default=None, title="Outcomes that differ from C MuJoCo's")
     quantiles: Annotated[tuple[QuantileRule, ...], Field(max_length=MAX_QUANTILES)] | None = Field(
@@ -148,7 +148,7 @@ class Gate(Ruled):
     stopEarly: Boolean | None = Field(
         default=None,
         title="Stop early",
-        description="Ends the batch when successRate and collisionRate are certain, by a test that allows it.",
+        description="Ends the batch when its rates, and its comparison with a version that it drives too, are certain.",
     )
 
     @classmethod

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 MOST_SQUARES = 1024
 WORD_BITS = 32
 _LEAST_SIDE_CELLS = 2
+# Rows and columns of squares: those of a map of 256 cells, or of one of 512; worlds up to 25 m share a shape.
+_SQUARES_A_SIDE = (128, 256)
 # A robot may stand where no square's floor is, close to a solid; it then sees what is seen from the nearest square.
 _NEAREST_SQUARES = 2.0
 _RAYS = 256
@@ -48,8 +50,8 @@ def squares_of(floor: "HostMap", reachable: Bool[np.ndarray, "_ _"]) -> Squares:
     order = np.lexsort((off_centre, keys))
     _, first = np.unique(keys[order], return_index=True)
     row, column = rows[order[first]], columns[order[first]]
-    shape = tuple(-(-cells // _LEAST_SIDE_CELLS) for cells in reachable.shape)
-    number = np.full(shape, -1, np.int16)
+    needed = -(-max(reachable.shape) // _LEAST_SIDE_CELLS)
+    number = np.full(2 * (next(size for size in _SQUARES_A_SIDE if size >= needed),), -1, np.int16)
     number[row // side, column // side] = np.arange(len(first))
     points_m = floor.origin_m.astype(np.float64) + float(floor.cell_m) * np.stack([column, row], axis=1)
     return Squares(_filled(number), side, points_m, floor.clearance_m[row, column].astype(np.float64))

@@ -13,7 +13,7 @@ from specs.artifact_text import xml_text
 from specs.data.run_report import StageReport
 from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, GroupReport, RunFailure, WorldReport
 from tasks.results.gate.rules.rule import RuleVerdict
-from tasks.results.report.rows import percent, percent_range
+from tasks.results.statistics.rate_text import percent, percent_range
 
 Kind = Literal["failure", "error", "skipped"]
 _LONGEST = 1_000

@@ -10,7 +10,7 @@ from specs.artifact_text import code_span
 from tasks.results.ci.full_report import Answer, CountedBatch, FullReport, GroupReport, WorldReport
 from tasks.results.ci.markdown_blocks import bounded_page, details, table
 from tasks.results.gate.rules.rule import RuleVerdict
-from tasks.results.report.rows import percent, percent_range
+from tasks.results.statistics.rate_text import percent, percent_range
 
 SUMMARY_BYTES = 1 << 20
 """GitHub takes no longer summary of a step."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from specs.base import Spec
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
+from tasks.results.gate.engine_doubt import with_engine_doubt
 from tasks.results.gate.rules.collision_rate import COLLISION_RATE
 from tasks.results.gate.rules.no_worse_than import NO_WORSE_THAN
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
@@ -54,7 +55,11 @@ class GateVerdict(Spec):
 def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
     """Returns the verdict on a batch."""
     counted = _counted(gate, material)
-    rules = tuple(rule.judge(asked, counted, label) for rule in GATE_RULES for label, asked in rule.asked(gate))
+    rules = tuple(
+        with_engine_doubt(rule.judge(asked, counted, label), asked, material.audit)
+        for rule in GATE_RULES
+        for label, asked in rule.asked(gate)
+    )
     answer = combine([rule.verdict for rule in rules])
     sentence = "\n".join([_sentence(answer, rules), *_tries_line(gate, material.tries)])
     return GateVerdict(
@@ -96,7 +101,7 @@ def _counted(gate: Gate, material: GateMaterial) -> GateMaterial:
             columns = rule.columns(asked)
             shares[label] = rule.count(_values(ended, columns)) if rule.count else Share()
             ours, whole = (_by_world(rule, columns, material, rows) for rows in (ended, material.rows))
-            by_world[label] = [WorldShare(share, whole[world]) for world, share in sorted(ours.items())]
+            by_world[label] = [WorldShare(ours.get(world, Share()), share) for world, share in sorted(whole.items())]
     return replace(material, shares=shares, world_shares=by_world)
 
 

@@ -1,50 +1,41 @@
-"""Simulates a chunk: imports its applications, stages its lanes, runs the program slice by slice, makes rows."""
+"""Simulates a chunk: places its episodes, runs the program slice by slice, makes rows.
 
-import functools
-from collections.abc import Callable, Mapping, Sequence
+Episodes whose arrays have other shapes are parts of the chunk that run one after the other.
+"""
+
+import contextlib
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
 
 from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.application.call_clock import CallKind, timed_call
-from tasks.simulate.application.code import BundleCrash, CrashCode, crash_of, load_factory
-from tasks.simulate.application.contract import Placement
+from tasks.simulate.application.code import BundleCrash, CrashCode, crash_of
+from tasks.simulate.chunk.placed_chunk import part_program, place_chunk
 from tasks.simulate.chunk.run_rows import lane_ends, lane_row, open_run
 from tasks.simulate.chunk.timings import ChunkWatch, remember_timing
 from tasks.simulate.devices import device_kind
-from tasks.simulate.engine.choice import choose_engine
-from tasks.simulate.engine.engines import ENGINES
 from tasks.simulate.engine.program import Program, Run
-from tasks.simulate.host.controller_kind import controller_kind
-from tasks.simulate.host.controllers import HostBundle
-from tasks.simulate.host.kinds import HOST_KINDS
-from tasks.simulate.lane.calls import Applications, check_robot, check_scenario
+from tasks.simulate.lane.calls import check_robot, check_scenario
 from tasks.simulate.lane.lane_state import LaneState
 from tasks.simulate.lane.recording import LaneRecorder
 from tasks.simulate.lane.result_rows import stopped_row
-from tasks.simulate.lane.staging import Lane, Stage, last_step, place, stack_lanes, stage_worlds, with_shortest_paths
-from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key, split_environment
-from tasks.simulate.plan.job_variables import without_job_variables
-from tasks.simulate.refusal import RobotRefused
-from tasks.simulate.sensor.lidar import Lidar
-from tasks.simulate.sensor.sensors import read_sensors
-
-_PROGRAMS_KEPT = 8
+from tasks.simulate.lane.staging import Lane, last_step, moved_lane, stack_lanes
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key
 
 
 class ReadyChunk(NamedTuple):
-    """Episodes of one program, ready to run.
+    """Episodes of one program whose arrays have the same shapes, ready to run.
 
     Attributes:
         lanes: The episodes that can run, in the lanes' order.
         run: None when no episode can run.
-        rows: Of the episodes that cannot.
+        rows: Of the episodes that cannot; where there are several parts, with the first.
         watch: Takes the times.
         timed_as: Program to remember them for; None means that of the requests.
     """
@@ -82,26 +73,39 @@ def simulate_episodes(
         recorder: Given what the lanes do.
         timed_as: Program to remember the time for, if requests name folders that plans do not know.
     """
-    present = [request for request in chunk.requests if request.world in worlds]
+    missing = [request for request in chunk.requests if request.world not in worlds]
     rows = {
-        request.index: failed_result(
-            request.index, Failure("InvalidS3Resource", f"world {request.world} does not exist")
-        )
-        for request in chunk.requests
-        if request.world not in worlds
+        each.index: failed_result(each.index, Failure("InvalidS3Resource", f"world {each.world} does not exist"))
+        for each in missing
     }
+    present = [request for request in chunk.requests if request.world in worlds]
+    if present:
+        with _crash_is_their_end(present, rows):
+            watch, placed = ChunkWatch(), place_chunk(present, worlds, bundles, lanes=lanes, engine=engine)
+            rows.update({row.index: row for row in placed.rows})
+            for part in placed.parts:
+                with _crash_is_their_end([lane.request for lane in part], rows):
+                    program = part_program(placed, part, bundles, lanes=lanes, engine=engine)
+                    ready = _ready(program, part, placed.worlds, watch)._replace(timed_as=timed_as)
+                    before = len(rows) - len(missing)
+                    found = run_ready(ready, should_stop, lambda done, before=before: progress(before + done), recorder)
+                    rows.update({row.index: row for row in found})
+                watch = ChunkWatch()
+    return [rows[request.index] for request in chunk.requests]
+
+
+@contextlib.contextmanager
+def _crash_is_their_end(requests: Sequence[EpisodeRequest], rows: dict[int, EpisodeResult]) -> Generator[None]:
+    """Makes an application's crash the row of each of some episodes that share what crashed."""
     try:
-        if present:
-            ready = ready_chunk(present, worlds, bundles, lanes=lanes, engine=engine)._replace(timed_as=timed_as)
-            rows.update({row.index: row for row in run_ready(ready, should_stop, progress, recorder)})
+        yield
     except BundleCrash as crash:
-        rows.update({request.index: failed_result(request.index, crash.failure) for request in present})
+        rows.update({request.index: failed_result(request.index, crash.failure) for request in requests})
     except BaseException as exc:
-        passed = crash_of(exc, _launches(present[0]))
+        passed = crash_of(exc, _launches(requests[0]))
         if passed is None:
             raise
-        rows.update({request.index: failed_result(request.index, passed.failure) for request in present})
-    return [rows[request.index] for request in chunk.requests]
+        rows.update({request.index: failed_result(request.index, passed.failure) for request in requests})
 
 
 def _launches(request: EpisodeRequest) -> dict[CrashCode, ApplicationLaunch]:
@@ -116,7 +120,29 @@ def ready_chunk(
     lanes: int,
     engine: str = "auto",
 ) -> ReadyChunk:
-    """Returns episodes of one program made ready to run.
+    """Returns episodes made ready to run that share a program and the shapes of their arrays, such as a single one.
+
+    The rest as in ``ready_parts``.
+
+    Raises:
+        ValueError: They have several shapes.
+    """
+    parts = list(ready_parts(requests, worlds, bundles, lanes=lanes, engine=engine))
+    if len(parts) != 1:
+        raise ValueError(f"{len(requests)} episodes: arrays of {len(parts)} shapes, which run one after the other")
+    return parts[0]
+
+
+def ready_parts(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+    beside_m: tuple[float, float] = (0.0, 0.0),
+) -> Iterator[ReadyChunk]:
+    """Yields episodes of one program made ready to run, those together whose arrays have the same shapes.
 
     Args:
         requests: Episodes that share a program, at least one.
@@ -124,25 +150,32 @@ def ready_chunk(
         bundles: Unpacked folders of their applications, by digest.
         lanes: At least so many has the program.
         engine: ``auto``, or the engine that must run them.
+        beside_m: How far from where the scenario puts it each robot starts (x, y).
 
     Raises:
         BundleCrash: The applications do not import, or raise when they are traced; or the engine refuses the robot.
     """
-    watch = ChunkWatch()
-    program = _program_of(requests[0], bundles, lanes, engine)
-    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    stages = stage_worlds(used, program.hull, program.applications.lidar)
-    ready, rows = _place_all(program, requests, used, stages)
-    if not ready:
-        return ReadyChunk(program, ready, None, rows, watch)
-    inputs = stack_lanes(ready, program.applications.names, program.lanes)
+    watch, placed = ChunkWatch(), place_chunk(requests, worlds, bundles, lanes=lanes, engine=engine)
+    rows = placed.rows
+    if not placed.parts:
+        yield ReadyChunk(placed.program, [], None, rows, watch)
+    for part in placed.parts:
+        program = part_program(placed, part, bundles, lanes=lanes, engine=engine)
+        moved = [moved_lane(lane, beside_m) for lane in part]
+        yield _ready(program, moved, placed.worlds, watch)._replace(rows=rows)
+        watch, rows = ChunkWatch(), list[EpisodeResult]()
+
+
+def _ready(program: Program, part: list[Lane], worlds: Mapping[str, World], watch: ChunkWatch) -> ReadyChunk:
+    """Returns lanes of one shape made ready to run, their applications checked."""
+    inputs = stack_lanes(part, program.applications.names, program.lanes)
     one = jax.tree.map(lambda array: array[0], inputs)
     joints = program.body().joints
     check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.actuators, joints=joints)
     check_scenario(program.applications, one.goals_m, one.numbers, one.given)
-    run = program.ready(inputs, ready, used)
+    run = program.ready(inputs, part, worlds)
     watch.mark()
-    return ReadyChunk(program, ready, run, rows, watch)
+    return ReadyChunk(program, part, run, [], watch)
 
 
 def run_ready(
@@ -159,6 +192,8 @@ def run_ready(
     if chunk.run is None:
         return chunk.rows
     with open_run(chunk.run):
+        if should_stop():
+            return chunk.rows + [stopped_row(lane.request) for lane in chunk.lanes]
         state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
     if np.all(state.done):
         keep_timing(chunk)
@@ -186,74 +221,6 @@ def keep_timing(chunk: ReadyChunk) -> None:
     )
     if timing is not None:
         remember_timing(chunk.timed_as or program_key(requests[0]), timing)
-
-
-def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
-    numbers, texts = split_environment(without_job_variables(request.environment))
-    folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
-    environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
-    return _program((request.robot, request.scenario), folders, environment, lanes, engine)
-
-
-@functools.lru_cache(maxsize=_PROGRAMS_KEPT)
-def _program(
-    launches: tuple[ApplicationLaunch, ApplicationLaunch],
-    folders: tuple[Path, Path],
-    environment: tuple[tuple[str, ...], tuple[tuple[str, str], ...]],
-    lanes: int,
-    engine: str,
-) -> Program:
-    """Returns the program of two applications; kept, so that a batch's chunks share one compilation.
-
-    Raises:
-        BundleCrash: An application does not import, or its robot is refused.
-    """
-    (robot, scenario), (names, texts) = launches, environment
-    bundle = HostBundle(folders[0], robot)
-    kind = controller_kind(*bundle)
-    host = HOST_KINDS[kind](bundle) if kind in HOST_KINDS else None
-    make_controller = host.declare if host else load_factory(*bundle, "controller", "RobotApplicationCrash")
-    make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
-    sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
-    applications = Applications(make_controller, make_scenario, dict(texts), names, sensors)
-    try:
-        choice = choose_engine(engine, bundle.robot, kind, device_kind())
-        return ENGINES[choice.engine].load(bundle.robot, applications, lanes, host)
-    except RobotRefused as refused:
-        raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
-
-
-def _place_all(
-    program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, Stage]
-) -> tuple[list[Lane], list[EpisodeResult]]:
-    """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
-    placed: list[tuple[EpisodeRequest, Stage, Placement]] = []
-    rows: list[EpisodeResult] = []
-    lidars: dict[int, Lidar] = {}
-    for request in requests:
-        numbers, texts = split_environment(request.environment)
-        environment = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
-        try:
-            lidars[request.index] = program.applications.episode_sensors(environment).lidar
-            scenario = program.applications.placing_scenario(environment)
-            stage = stages[request.world]
-            placement = place(scenario, request, worlds[request.world], stage, program.hull)
-            _require_same_shapes(placement, placed)
-        except BundleCrash as crash:
-            rows.append(failed_result(request.index, crash.failure))
-        else:
-            placed.append((request, stage, placement))
-    lanes = with_shortest_paths(placed, program.hull)
-    return [lane._replace(lidar=lidars[lane.request.index]) for lane in lanes], rows
-
-
-def _require_same_shapes(placement: Placement, placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> None:
-    first = placed[0][2] if placed else placement
-    shapes, others = ([(each.shape, each.dtype.name) for each in one.given] for one in (placement, first))
-    if shapes != others:
-        raise BundleCrash(
-            "SimulationApplicationCrash", f"scenario.place: given of {shapes}, where other episodes have {others}"
-        )
 
 
 def _advance_until_done(

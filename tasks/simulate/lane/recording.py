@@ -44,7 +44,7 @@ def sample_memory() -> Overflow:
 
 
 class Recorder:
-    """The samples of one run of a program's lanes."""
+    """The samples of a chunk's lanes, of one run of a program's lanes or of several, one after the other."""
 
     def __init__(self, rate_hz: float, wanted: Callable[[EpisodeResult], bool], memory: Overflow | None = None) -> None:
         """Begins without samples.
@@ -56,27 +56,17 @@ class Recorder:
         """
         self._rate_hz = rate_hz
         self._wanted = wanted
-        self._lanes = 0
-        self._stride = 1
-        self._control_s = 0.0
-        self._steps = 0
-        self._blocks: dict[str, list[Kept]] = {}
-        self._last: dict[str, np.ndarray] = {}
         self._overflow = memory or sample_memory()
-        self._kept: list[tuple[int, int]] = []
-        self._ends: Ends | None = None
+        self._runs: list[_RunSamples] = []
 
     def begin(self, lanes: int, control_s: float) -> None:
-        """Prepares for lanes.
+        """Prepares for the lanes of another run.
 
         Args:
             lanes: How many hold episodes.
             control_s: Length of a control step.
         """
-        self._lanes, self._control_s = lanes, control_s
-        self._stride, self._steps, self._last = sample_stride(self._rate_hz, control_s), 0, {}
-        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
-        self._blocks = {name: [] for name in names}
+        self._runs.append(_RunSamples(lanes, control_s, sample_stride(self._rate_hz, control_s), self._overflow))
 
     def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
         """Keeps the samples of a slice.
@@ -85,9 +75,8 @@ class Recorder:
             slice_: Its control steps.
             steps: How many control steps each lane has done by its end.
         """
-        self.add(
-            slice_samples(slice_, steps, lanes=self._lanes, before=self._steps, stride=self._stride), np.asarray(steps)
-        )
+        run = self._runs[-1]
+        self.add(slice_samples(slice_, steps, lanes=run.lanes, before=run.steps, stride=run.stride), np.asarray(steps))
 
     def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
         """Adds the samples of a slice.
@@ -96,26 +85,21 @@ class Recorder:
             samples: As ``slice_samples`` makes them with this recorder's rate.
             steps: How many control steps each lane has done by the slice's end.
         """
-        for name in ("impulse_ns", "pose", "velocity", "goal_index", "control", "ranges_m"):
-            self._add(name, getattr(samples, name))
-        self._note_last("control", samples.last_control, steps)
-        self._note_last("ranges_m", samples.last_ranges_m, steps)
-        self._steps += samples.steps
+        self._runs[-1].add(samples, steps)
 
     def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
-        """Says how the lanes ended.
+        """Says how the lanes of the last run ended.
 
         Args:
             ends: Of all lanes.
             rows: The lanes' results, in their order.
         """
-        self._ends = ends
-        self._kept = [(lane, row.index) for lane, row in enumerate(rows) if self._wanted(row)]
+        self._runs[-1].end(ends, [(lane, row.index) for lane, row in enumerate(rows) if self._wanted(row)])
 
     @property
     def episodes(self) -> list[int]:
         """Returns the indices of the episodes that are kept."""
-        return [index for _, index in self._kept]
+        return [index for run in self._runs for _, index in run.kept]
 
     def parts(self, unwanted: Collection[int] = ()) -> Iterator[Columns]:
         """Yields the samples of the kept episodes, some episodes at a time, as columns of equal length.
@@ -124,7 +108,34 @@ class Recorder:
         ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``; and
         ``goal_m``, where the goal is, and ``lidar``, as ``Ends.lidars`` has it.
         """
-        wanted = [(lane, index) for lane, index in self._kept if index not in unwanted]
+        for run in self._runs:
+            yield from run.parts(unwanted)
+
+
+class _RunSamples:
+    """The samples of one run of a program's lanes."""
+
+    def __init__(self, lanes: int, control_s: float, stride: int, overflow: Overflow) -> None:
+        self.lanes, self.stride, self.steps = lanes, stride, 0
+        self.kept: list[tuple[int, int]] = []
+        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
+        self._blocks: dict[str, list[Kept]] = {name: [] for name in names}
+        self._last: dict[str, np.ndarray] = {}
+        self._ends: Ends | None = None
+        self._control_s, self._overflow = control_s, overflow
+
+    def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
+        for name in ("impulse_ns", "pose", "velocity", "goal_index", "control", "ranges_m"):
+            self._add(name, getattr(samples, name))
+        self._note_last("control", samples.last_control, steps)
+        self._note_last("ranges_m", samples.last_ranges_m, steps)
+        self.steps += samples.steps
+
+    def end(self, ends: Ends, kept: list[tuple[int, int]]) -> None:
+        self._ends, self.kept = ends, kept
+
+    def parts(self, unwanted: Collection[int]) -> Iterator[Columns]:
+        wanted = [(lane, index) for lane, index in self.kept if index not in unwanted]
         if not wanted or self._ends is None:
             return
         each = 1 + sum(kept.row_bytes for blocks in self._blocks.values() for kept in blocks)
@@ -139,7 +150,7 @@ class Recorder:
         if name not in self._last:
             self._last[name] = found.copy()
             return
-        moving = steps[: self._lanes] >= self._steps
+        moving = steps[: self.lanes] >= self.steps
         self._last[name][moving] = found[moving]
 
     def _add(self, name: str, block: np.ndarray) -> None:
@@ -153,7 +164,7 @@ class Recorder:
         """Returns the samples of some lanes. Slot j of a lane is its step j times the stride; behind them its end."""
         steps = ends.steps[lanes]
         # A longer stride than any episode gives the same samples, and needs no room.
-        stride = min(self._stride, max(1, int(steps.max())))
+        stride = min(self.stride, max(1, int(steps.max())))
         final = -(-steps // stride)
         slots = np.arange(int(final.max()) + 1)
         number = np.minimum(slots * stride, steps[:, None])

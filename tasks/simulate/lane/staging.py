@@ -17,7 +17,7 @@ from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensor.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensor.noise import seed_words
-from tasks.simulate.surroundings.floor_map import floor_maps
+from tasks.simulate.surroundings.floor_map import floor_map
 from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
 from tasks.simulate.surroundings.rooms import RoomMap, room_map
 from tasks.simulate.surroundings.shortest_path import shortest_paths_m
@@ -51,10 +51,13 @@ class Lane(NamedTuple):
 
 
 def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[str, Stage]:
-    """Returns the worlds as arrays, all of the same shapes."""
+    """Returns the worlds as arrays; each its own map, and obstacles filled up to the same, bucketed counts.
+
+    What fills them up is out of reach and no application ever gets it.
+    """
     touched = [obstacles(world, hull.low_m, hull.high_m) for world in worlds.values()]
     seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
-    floors = floor_maps(list(worlds.values()), touched)
+    floors = list(map(floor_map, worlds.values(), touched))
     rooms = [room_map(world.rooms, floor, hull.radius_m) for world, floor in zip(worlds.values(), floors, strict=True)]
     stages = map(Stage, pad_obstacles(touched), pad_silhouettes(map(silhouettes, seen)), floors, rooms)
     return dict(zip(worlds, stages, strict=True))
@@ -109,6 +112,23 @@ def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]
     found_m = shortest_paths_m([stage.touched for stage, _ in tasks.values()], placements, hull.radius_m, arrived_m)
     shortest_m = {key: float(length) for key, length in zip(tasks, found_m, strict=True) if np.isfinite(length)}
     return [Lane(*each, shortest_m.get(key)) for each, key in zip(placed, keys, strict=True)]
+
+
+def moved_lane(lane: Lane, beside_m: tuple[float, float]) -> Lane:
+    """Returns a lane whose robot starts beside where the scenario puts it; all else stays.
+
+    Args:
+        lane: The episode.
+        beside_m: How far (x, y). Less than single precision tells apart is taken for one unit in the last place.
+    """
+    start = np.array(lane.placement.start, np.float64)
+    for axis, shift_m in enumerate(beside_m):
+        before = np.float32(start[axis])
+        if shift_m and np.float32(start[axis] + shift_m) == before:
+            start[axis] = np.nextafter(before, np.float32(np.copysign(np.inf, shift_m)))
+        else:
+            start[axis] += shift_m
+    return lane._replace(placement=lane.placement._replace(start=start))
 
 
 def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> LaneInputs:

@@ -1,6 +1,4 @@
-"""The map a robot plans on: clearance to the nearest solid, on a grid of one size for all worlds."""
-
-from collections.abc import Sequence
+"""The map a robot plans on: clearance to the nearest solid, on a grid whose size follows from the world alone."""
 
 import numpy as np
 from jaxtyping import Float64
@@ -18,30 +16,18 @@ def grid_cells(world: World) -> int:
     return next((cells for cells in _SIZES if cells * CELL_M >= _extent_m(world)), _SIZES[-1])
 
 
-def floor_maps(worlds: Sequence[World], solids: Sequence[Obstacles]) -> list[HostMap]:
-    """Returns the worlds' maps, all as large as the largest.
-
-    A world's own cells are the same numbers whatever worlds are beside it: its map grows by cells without clearance
-    behind its last row and column, so that an episode does not depend on what else its chunk holds.
-    """
-    sizes = [grid_cells(world) for world in worlds]
-    maps = map(floor_map, worlds, solids, sizes)
-    most = max(sizes, default=0)
-    return [
-        each._replace(clearance_m=np.pad(each.clearance_m, (0, most - size)))
-        for each, size in zip(maps, sizes, strict=True)
-    ]
-
-
-def floor_map(world: World, obstacles: Obstacles, cells: int) -> HostMap:
+def floor_map(world: World, obstacles: Obstacles) -> HostMap:
     """Returns the clearance map of a world, centred on it.
 
+    Its size follows from the world alone and never from other worlds: applications may look at it
+    (docs/decisions/0019-arrays-of-ones-own.md).
+
     Args:
-        world: Gives the outer faces; outside them the clearance is 0.
+        world: Gives the outer faces; outside them the clearance is 0. Where the largest grid does not cover them at
+            10 cm, cells grow.
         obstacles: The solids in the robot's band of heights.
-        cells: Cells a side; where they do not cover the world at 10 cm they grow.
     """
-    outer = world.footprint
+    cells, outer = grid_cells(world), world.footprint
     bounds = np.array([outer.x_min_m, outer.y_min_m, outer.x_max_m, outer.y_max_m])
     cell_m = max(CELL_M, _extent_m(world) / cells)
     origin = (bounds[:2] + bounds[2:]) / 2 - cell_m * (cells - 1) / 2

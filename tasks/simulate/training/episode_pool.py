@@ -68,11 +68,12 @@ def stage_pool(
         worlds: At least theirs.
 
     Raises:
-        BundleCrash: The scenario finds a start and goals for none of them.
+        BundleCrash: The scenario finds a start and goals for none of them, or gives arrays of other shapes in some.
     """
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     stages = stage_worlds(used, hull, applications.lidar)
     lanes = _placed(applications, hull, requests, used, stages)
+    _require_same_given(lanes)
     ways = _ways(lanes, hull)
     small = [lane._replace(stage=lane.stage._replace(floor=_one_cell(lane.stage.floor))) for lane in lanes]
     inputs = stack_lanes(small, applications.names, len(small))
@@ -108,11 +109,22 @@ def _placed(
     return lanes
 
 
+def _require_same_given(lanes: Sequence[Lane]) -> None:
+    """Refuses what a batch runs one after the other: here one program has all episodes in its lanes."""
+    first, *others = ([(each.shape, each.dtype.name) for each in lane.placement.given] for lane in lanes)
+    other = next((each for each in others if each != first), None)
+    if other is not None:
+        raise BundleCrash(
+            "SimulationApplicationCrash",
+            f"scenario.place: given of {first} and of {other}: to train, give arrays of the same shapes in all worlds",
+        )
+
+
 def _ways(lanes: Sequence[Lane], hull: Hull) -> WayFields:
     """Returns the ways of all episodes; those in one world are found together."""
     most = max(len(lane.placement.goals_m) for lane in lanes)
-    shape = lanes[0].stage.floor.clearance_m.shape
-    left = np.zeros((len(lanes), most, *shape), np.uint16)
+    cells = [len(lane.stage.floor.clearance_m) for lane in lanes]
+    left = np.zeros((len(lanes), most, max(cells), max(cells)), np.uint16)
     for world in dict.fromkeys(lane.request.world for lane in lanes):
         own = [(number, lane) for number, lane in enumerate(lanes) if lane.request.world == world]
         goals = [(number, goal) for number, lane in own for goal in range(len(lane.placement.goals_m))]
@@ -120,12 +132,13 @@ def _ways(lanes: Sequence[Lane], hull: Hull) -> WayFields:
         for (number, goal), found in zip(
             goals, ways_left_mm(own[0][1].stage.floor, places, hull.radius_m), strict=True
         ):
-            left[number, goal:] = found  # a goal that only fills up is the last one again
+            left[number, goal:, : cells[number], : cells[number]] = found  # a goal that only fills up is the last again
     floors = [lane.stage.floor for lane in lanes]
     return WayFields(
         jnp.asarray(left),
         jnp.asarray(np.stack([floor.origin_m for floor in floors])),
         jnp.asarray(np.stack([floor.cell_m for floor in floors])),
+        jnp.asarray(cells, jnp.int32),
     )
 
 

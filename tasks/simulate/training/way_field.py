@@ -31,13 +31,15 @@ class WayFields(NamedTuple):
     """The way left in each cell, for the goals of each episode of a pool.
 
     Attributes:
-        left_mm: In millimetres.
+        left_mm: In millimetres; behind a grid's last row and column there is nothing that is looked at.
         origin_m, cell_m: The grids, as the maps'.
+        cells: How many a side of each grid.
     """
 
     left_mm: UInt16[jax.Array, "episodes goals rows columns"]
     origin_m: Float[jax.Array, "episodes 2"]
     cell_m: Float[jax.Array, "episodes"]
+    cells: Int[jax.Array, "episodes"]
 
 
 def ways_left_mm(
@@ -70,9 +72,8 @@ def way_left_m(
         goal: Which of its goals.
         place_m: The place (x, y).
     """
-    rows, columns = ways.left_mm.shape[2:]
     at = (place_m - ways.origin_m[episode]) / ways.cell_m[episode]
-    low = jnp.clip(jnp.floor(at), 0.0, jnp.array([columns - 2.0, rows - 2.0]))
+    low = jnp.clip(jnp.floor(at), 0.0, ways.cells[episode] - 2.0)
     share = jnp.clip(at - low, 0.0, 1.0)
     column, row = low.astype(jnp.int32)
 

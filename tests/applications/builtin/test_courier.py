@@ -23,7 +23,7 @@ from tests.factories.simulations import FOLDERS, cluttered
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
-HOST = floor_map(WORLD, obstacles(WORLD, 0.02, 0.38), 128)
+HOST = floor_map(WORLD, obstacles(WORLD, 0.02, 0.38))
 FLOOR = FloorMap(*(jnp.asarray(field) for field in HOST))
 GOAL = jnp.array([5.0, 1.2])
 PLAN = jax.jit(ways_to_goals)

@@ -75,7 +75,7 @@ def test_who_sees_is_seen(seed: int, range_m: float):
 
 
 def test_every_place_of_the_floor_lies_in_one_of_the_squares_and_they_are_not_too_many():
-    large = floor_map(hall(12.0), obstacles(hall(12.0), 0.02, 0.38), 256)
+    large = floor_map(hall(12.0), obstacles(hall(12.0), 0.02, 0.38))
     for floor in (mapped(WORLD), large):
         free = floor.clearance_m >= RADIUS_M
         squares = squares_of(floor, free)

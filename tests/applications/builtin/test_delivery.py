@@ -21,7 +21,7 @@ WORLD, ONE_ROOM = cluttered(2), pen(5.0, 3)
 
 
 def mapped(world: World) -> HostMap:
-    return floor_map(world, obstacles(world, 0.02, 0.38), 128)
+    return floor_map(world, obstacles(world, 0.02, 0.38))
 
 
 FLOORS = {WORLD.name: mapped(WORLD), ONE_ROOM.name: mapped(ONE_ROOM)}

@@ -247,4 +247,4 @@ def test_rows_are_counted_as_the_batch_counts_them():
 
 def test_every_rule_of_the_document_is_judged_in_its_order():
     assert tuple(rule.name for rule in GATE_RULES) == RULES
-    assert set(SEQUENTIAL_RULES) == {"successRate", "collisionRate"}
+    assert set(SEQUENTIAL_RULES) == {"successRate", "noWorseThan", "collisionRate"}

@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.data.world import Rectangle, Solid, solids
-from tasks.simulate.surroundings.floor_map import floor_map, floor_maps, grid_cells
+from tasks.simulate.surroundings.floor_map import floor_map, grid_cells
 from tasks.simulate.surroundings.obstacles import obstacles
 from tests.factories.simulations import cell_of, pen
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
-FLOOR = floor_map(WORLD, obstacles(WORLD, 0.02, 0.38), 128)
+FLOOR = floor_map(WORLD, obstacles(WORLD, 0.02, 0.38))
 TURNED = pen(4.5, 3)
-PEN = floor_map(TURNED, obstacles(TURNED, 0.02, 0.38), 128)
+PEN = floor_map(TURNED, obstacles(TURNED, 0.02, 0.38))
 
 
 @given(st.floats(-2.4, 2.4), st.floats(-1.0, 1.3))
@@ -53,21 +53,10 @@ def test_apartments_up_to_12_8_m_share_a_grid_size():
     assert grid_cells(wide) == 192
 
 
-def test_a_worlds_own_cells_are_the_same_numbers_beside_a_larger_world():
-    larger = WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-15, y_min_m=-2, x_max_m=15, y_max_m=2)})
-    both = (WORLD, larger)
-    alone, (beside, _) = FLOOR, floor_maps(both, [obstacles(each, 0.02, 0.38) for each in both])
-    assert beside.clearance_m.shape == (384, 384)
-    assert np.array_equal(beside.clearance_m[:128, :128], alone.clearance_m)
-    assert not beside.clearance_m[128:].any()
-    assert not beside.clearance_m[:, 128:].any()
-    assert all(np.array_equal(one, other) for one, other in zip(beside[1:], alone[1:], strict=True))
-
-
 def test_a_huge_apartment_gets_coarser_cells_and_not_more_of_them():
     huge = WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-60, y_min_m=-2, x_max_m=60, y_max_m=2)})
     assert grid_cells(huge) == 512
-    assert floor_map(huge, obstacles(huge, 0.02, 0.38), 512).cell_m == pytest.approx(120 / 512)
+    assert floor_map(huge, obstacles(huge, 0.02, 0.38)).cell_m == pytest.approx(120 / 512)
 
 
 def _beyond_m(solid: Solid, x: float, y: float) -> float:

@@ -17,7 +17,7 @@ BEDSIDE, STOVE = (-1.5, 1.0), (4.0, 1.0)
 
 
 def rooms_of(world: World, radius_m: float = 0.2) -> RoomMap:
-    return room_map(world.rooms, floor_map(world, obstacles(world, 0.02, 0.38), 128), radius_m)
+    return room_map(world.rooms, floor_map(world, obstacles(world, 0.02, 0.38)), radius_m)
 
 
 def went(world: World, *goals: tuple[float, float], radius_m: float = 0.2, arrived_m: float | None = 0.3) -> Visit:

@@ -27,7 +27,10 @@ def room(*, wall: bool) -> HostMap:
 
 def left_m(floor: HostMap, goal: tuple[float, float], place: tuple[float, float]) -> float:
     found = ways_left_mm(floor, [np.array(goal)], 0.18)
-    ways = WayFields(jnp.asarray(found[None]), jnp.asarray(floor.origin_m[None]), jnp.asarray(floor.cell_m[None]))
+    cells = jnp.array([CELLS], jnp.int32)
+    ways = WayFields(
+        jnp.asarray(found[None]), jnp.asarray(floor.origin_m[None]), jnp.asarray(floor.cell_m[None]), cells
+    )
     return float(way_left_m(ways, jnp.int32(0), jnp.int32(0), jnp.asarray(place, jnp.float32)))
 
 

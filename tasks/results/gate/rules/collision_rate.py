@@ -3,17 +3,17 @@
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import CollisionRate
-from tasks.results.gate.rules.missing import ASSUMED, gap_of
+from tasks.results.gate.missing import ASSUMED, gap_of
+from tasks.results.gate.rules.power_lines import share_lines
 from tasks.results.gate.rules.rates import rate_of
 from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share
 from tasks.results.gate.rules.sentences import (
+    about,
     answer_below,
     confidence_text,
-    needed_line,
     nothing_counted,
     rate_text,
     sentence,
-    share_needed,
 )
 
 _COLUMNS = ("status", "failure_code", "collisions")
@@ -61,10 +61,11 @@ def _judge(asked: CollisionRate, material: GateMaterial, label: str) -> RuleVerd
 
 
 def _plan(asked: CollisionRate, planned: PlannedEpisodes) -> Iterator[str]:
-    yield f"at most {100 * asked.atMost:g} % collide, {confidence_text(asked.confidence)}"
+    yield f"at most {100 * asked.atMost:g} % collide{about(asked.over)}, {confidence_text(asked.confidence)}"
+    over = asked.over == "worlds"
     for rate in _EXPECTED_RATES:
-        needed = share_needed(planned, 1.0 - asked.atMost, asked.confidence, 1.0 - rate)
-        yield from needed_line(f"if {100 * rate:g} % collide", needed, planned.episodes)
+        case = f"if {100 * rate:g} % collide"
+        yield from share_lines(case, planned, 1.0 - asked.atMost, asked.confidence, 1.0 - rate, over_worlds=over)
 
 
 COLLISION_RATE = GateRule("collisionRate", _judge, _plan, _columns, _count)

@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from specs.data.result_columns import COURSES
 from specs.pipeline.gate_section import QuantileRule
+from tasks.results.gate.missing import ASSUMED, Assumed, Gap, gap_of, unseen
 from tasks.results.gate.rules.metric_names import PREFIX
-from tasks.results.gate.rules.missing import ASSUMED, Assumed, Gap, gap_of, unseen
+from tasks.results.gate.rules.power_lines import power_line, worth_line
 from tasks.results.gate.rules.rates import cuts, gaps, refusal, where_text
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_above,
     answer_below,
     confidence_text,
-    needed_line,
     nothing_counted,
     sentence,
 )
 from tasks.results.statistics.intervals import Interval, quantile_interval
-from tasks.results.statistics.power.episodes_needed import episodes_needed_for_quantile
+from tasks.results.statistics.power.shares import quantile_needs
 from tasks.results.statistics.worlds.quantile_over_worlds import quantile_over_worlds
 
 if TYPE_CHECKING:
@@ -167,8 +167,10 @@ def _plan(asked: QuantileRule, planned: PlannedEpisodes) -> Iterator[str]:
     yield f"the {asked.quantile:g} quantile of {asked.column} {bar}, {confidence_text(asked.confidence)}"
     tail = asked.quantile if at_least else 1.0 - asked.quantile
     for share in (0.0, tail / 2.0):
-        needed = episodes_needed_for_quantile(asked.quantile, asked.confidence, share, at_least=at_least)
-        yield from needed_line(f"if {100 * share:g} % are beyond", needed, planned.episodes)
+        needs = quantile_needs(tail, asked.confidence, share, planned.episodes)
+        yield from power_line(f"if {100 * share:g} % are beyond", needs, planned.episodes)
+    if asked.over == "worlds":
+        yield worth_line(planned)
 
 
 def _interval_text(interval: Interval) -> str:

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from pydantic import JsonValue
 
 from specs.pipeline.gate_section import CollisionRate, Over, SuccessRate
-from tasks.results.gate.rules.missing import Gap, Rule, unseen
+from tasks.results.gate.missing import Gap, Rule, unseen
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, Share, WorldShare
 from tasks.results.gate.rules.sentences import percent_text, share_interval
 from tasks.results.statistics.intervals import Interval
@@ -58,21 +58,23 @@ def rate_of(
     """
     confidence, over, more_is_better = asked.confidence, asked.over, isinstance(asked, SuccessRate)
     lacks, worlds = material.lacks, material.world_shares.get(label, ())
+    driven = sum(each.ended.n > 0 for each in worlds)
     gone = unseen(rule, gaps(lacks))
     facts, effect = _spread(worlds)
     if over:
-        if why := refusal("rate", lacks, len(worlds)):
+        if why := refusal("rate", lacks, driven):
             return why
         found = over_worlds([each.whole for each in worlds], confidence)
-        return Rate(found, OVER_WORLDS, gone.blocks, where_text(len(worlds), over), "", facts)
-    more = gone.best if more_is_better else 0
-    fewer = 0 if more_is_better else gone.best
+        return Rate(found, OVER_WORLDS, gone.blocks, where_text(driven, over), "", facts)
+    # At a look, the interval itself takes what is not counted there for either.
+    best = 0 if lacks.sequential and lacks.looks else gone.best
+    more, fewer = (best, 0) if more_is_better else (0, best)
     lower, method = share_interval(share.shown, share.n + fewer, confidence, lacks)
     upper, _ = share_interval(share.shown + share.unknown + more, share.n + more, confidence, lacks)
     interval = Interval(lower=lower.lower, upper=upper.upper)
-    unlike = effect >= _UNLIKE and not refusal("rate", lacks, len(worlds))
+    unlike = effect >= _UNLIKE and not refusal("rate", lacks, driven)
     note = _note(over_worlds([each.whole for each in worlds], confidence)) if unlike else ""
-    return Rate(interval, method, gone.blocks, where_text(len(worlds), over), note, facts)
+    return Rate(interval, method, gone.blocks, where_text(driven, over), note, facts)
 
 
 def over_worlds(shares: Sequence[Share], confidence: float) -> Interval:
@@ -90,7 +92,7 @@ def over_worlds(shares: Sequence[Share], confidence: float) -> Interval:
         rate_over_worlds(
             [share.shown + share.unknown * high for share, high in zip(shares, cut, strict=True)], n, confidence
         )
-        for cut in cuts([share.unknown for share in shares], [share.shown / share.n for share in shares])
+        for cut in cuts([share.unknown for share in shares], [share.shown / max(1, share.n) for share in shares])
     ]
     return Interval(lower=min(each.lower for each in found), upper=max(each.upper for each in found))
 
@@ -143,7 +145,7 @@ def _spread(worlds: Sequence[WorldShare]) -> tuple[dict[str, JsonValue], float]:
         return {}, 1.0
     ended = [each.ended for each in worlds]
     spread = world_spread([share.shown for share in ended], [share.n for share in ended])
-    facts: dict[str, JsonValue] = {"worlds": len(worlds)}
+    facts: dict[str, JsonValue] = {"worlds": spread.worlds}
     if spread.icc is None or spread.design_effect is None:
         return facts, 1.0
     # Six digits, which are the same on any machine.

@@ -1,7 +1,7 @@
 """What a rule of the gate is, what it judges by, and what it answers.
 
 Each rule answers PASS when its whole interval is within the bar, FAIL when the whole interval is beyond it, and else
-INCONCLUSIVE. What is not known speaks against whoever needs it: `tasks.results.gate.rules.missing` says what a PASS and
+INCONCLUSIVE. What is not known speaks against whoever needs it: `tasks.results.gate.missing` says what a PASS and
 a FAIL take it for.
 """
 
@@ -34,8 +34,8 @@ class RuleVerdict(Spec):
     Attributes:
         rule: Where it stands in the gate, such as ``successRate`` or ``quantiles[0]``.
         sentence: The answer and why, for a person.
-        method: What the interval is: ``Wilson``, ``confidence sequence``, ``Tango``, ``order statistics``, or one over
-            worlds.
+        method: What the interval is: ``Wilson``, ``repeated confidence interval``, ``confidence sequence``, ``Tango``,
+            ``order statistics``, or one over worlds.
         counted: Episodes, or pairs of them.
         estimate: The share, difference or quantile as it was seen; None of nothing.
         lower: Lower bound of the interval; None if it has none.
@@ -66,13 +66,29 @@ class Completeness(NamedTuple):
         canceled: Episodes that somebody canceled.
         missing: Episodes that never got a result.
         left_out: Episodes that were not needed any more, because the gate was certain.
-        sequential: Whether the batch may have been ended by what was counted, so that only a confidence sequence holds.
+        sequential: Whether the batch may have been ended by what was counted, so that no ordinary interval holds.
+        looks: After how many episodes the gate was asked, the last being all of them; none of a batch that had no end
+            in sight, which is judged by a confidence sequence.
+        paired: Whether both versions drove the same episodes at each look.
+        inner: Whether an interval that is too narrow will do, to see whether the right one is worth its computation.
     """
 
     canceled: int = 0
     missing: int = 0
     left_out: int = 0
     sequential: bool = False
+    looks: tuple[int, ...] = ()
+    paired: bool = False
+    inner: bool = False
+
+    def look(self, counted: int) -> int:
+        """Returns how many episodes there were at the look, those included that ought to have been counted.
+
+        Args:
+            counted: Episodes, or pairs, that were.
+        """
+        whole = counted + self.canceled + self.missing
+        return next((look for look in self.looks if look >= whole), whole)
 
     def text(self) -> list[str]:
         """Returns what a sentence says of it."""
@@ -180,14 +196,23 @@ class PlannedEpisodes:
         pairs: Episodes that the tested version and the other one drive both.
         audited: Episodes that are driven again on C MuJoCo.
         no_baseline: Why there is nothing to compare with, where that is certain beforehand; else empty.
-        any_look: Whether the gate is asked after each chunk, and not at the end alone.
+        worlds: In how many worlds they are.
+        looks: After how many episodes the gate is asked, where it may end the batch early; else empty.
+        icc: How alike episodes of one world were in earlier batches, 0-1; None where nothing says that.
     """
 
     episodes: int
     pairs: int
     audited: int
     no_baseline: str = ""
-    any_look: bool = False
+    worlds: int = 1
+    looks: tuple[int, ...] = ()
+    icc: float | None = None
+
+    @property
+    def per_world(self) -> int:
+        """Returns how many episodes there are in a world, rounded."""
+        return round(self.episodes / self.worlds) if self.worlds else 0
 
 
 def _no_columns(_: Spec) -> Sequence[str]:

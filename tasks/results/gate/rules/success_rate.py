@@ -3,17 +3,17 @@
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import SuccessRate
-from tasks.results.gate.rules.missing import ASSUMED, gap_of
+from tasks.results.gate.missing import ASSUMED, gap_of
+from tasks.results.gate.rules.power_lines import share_lines
 from tasks.results.gate.rules.rates import rate_of
 from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share
 from tasks.results.gate.rules.sentences import (
+    about,
     answer_above,
     confidence_text,
-    needed_line,
     nothing_counted,
     rate_text,
     sentence,
-    share_needed,
 )
 
 _COLUMNS = ("status", "failure_code", "outcome")
@@ -63,10 +63,11 @@ def _judge(asked: SuccessRate, material: GateMaterial, label: str) -> RuleVerdic
 
 
 def _plan(asked: SuccessRate, planned: PlannedEpisodes) -> Iterator[str]:
-    yield f"at least {100 * asked.atLeast:g} % pass, {confidence_text(asked.confidence)}"
+    yield f"at least {100 * asked.atLeast:g} % pass{about(asked.over)}, {confidence_text(asked.confidence)}"
+    over = asked.over == "worlds"
     for rate in _EXPECTED_RATES:
-        needed = share_needed(planned, asked.atLeast, asked.confidence, rate)
-        yield from needed_line(f"if {100 * rate:g} % pass", needed, planned.episodes)
+        case = f"if {100 * rate:g} % pass"
+        yield from share_lines(case, planned, asked.atLeast, asked.confidence, rate, over_worlds=over)
 
 
 SUCCESS_RATE = GateRule("successRate", _judge, _plan, _columns, _count)

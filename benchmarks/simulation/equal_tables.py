@@ -1,0 +1,134 @@
+"""Equal tables: the same noisy episodes with several numbers of lanes, in two orders, and the digest of each table.
+
+    .venv/bin/python -m benchmarks.simulation.equal_tables [--lanes N ...] [--engine NAME] [--seeds N] [--document FILE]
+
+The courier delivers with wheels that miscount (ODOMETRY_SIGMA 0.3) in twelve generated worlds of three sizes. A table
+is sorted by the episode's number before its digest is taken, so that equal digests mean that each row is the same in
+its last bit. The second order is a shuffle of the episodes and has the worlds the other way round.
+"""
+
+import argparse
+import hashlib
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.repository import ROOT
+from benchmarks.tables import markdown, with_tables
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from specs.digest import digest
+from tasks.documents.template_source import find_template
+from tasks.simulate.chunk.runner import simulate_lanes
+from tasks.simulate.plan.chunks import plan_chunks
+from tasks.storage.store_url import open_store
+from tasks.worlds.generate import generate_world
+
+TEMPLATES = {"two-rooms.json": 8, "family-flat.yaml": 2, "office.yaml": 2}
+WORLDS = sum(TEMPLATES.values())
+SIGMA, DURATION_S = "0.3", 40.0
+COURIER, DELIVERY = "c" * 64, "d" * 64
+FOLDERS = {COURIER: ROOT / "applications/courier", DELIVERY: ROOT / "applications/delivery"}
+_ROBOT = ApplicationLaunch(name="courier", version="1", digest=COURIER, package="courier", launch_file="go_to_goal")
+_SCENARIO = ApplicationLaunch(name="delivery", version="1", digest=DELIVERY, package="delivery", launch_file="rooms")
+
+
+class Variant(NamedTuple):
+    """Lanes of a chunk, and whether the episodes come in their own order."""
+
+    lanes: int
+    ordered: bool
+
+
+def mixed_worlds(folder: Path) -> dict[str, World]:
+    """Returns the worlds by name; each is drawn in milliseconds and the same everywhere."""
+    store = open_store(folder.as_uri())
+    worlds: dict[str, World] = {}
+    for name, count in TEMPLATES.items():
+        body = find_template(str(ROOT / "examples/templates" / name), store, ROOT)
+        for number in range(1, count + 1):
+            made = generate_world(body, seed=5, generation="mixed", floorplan_index=number, interior_index=1)
+            worlds[f"mixed/{Path(name).stem}-{number}"] = made
+    return worlds
+
+
+def noisy_deliveries(worlds: Sequence[str], seeds: int) -> list[EpisodeRequest]:
+    """Returns an episode for each world and seed, those of a world next to each other, as a batch has them."""
+    return [
+        EpisodeRequest(
+            index=number * seeds + seed,
+            world=world,
+            seed=seed,
+            robot=_ROBOT,
+            scenario=_SCENARIO,
+            environment={"ODOMETRY_SIGMA": SIGMA},
+            duration_s=DURATION_S,
+        )
+        for number, world in enumerate(worlds)
+        for seed in range(seeds)
+    ]
+
+
+def rows_of(
+    requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], variant: Variant, engine: str
+) -> list[EpisodeResult]:
+    """Returns the rows, sorted by the episodes' numbers."""
+    own, known = list(requests), dict(worlds)
+    if not variant.ordered:
+        own = [requests[k] for k in np.random.default_rng(18).permutation(len(requests))]
+        known = dict(reversed(worlds.items()))
+    rows = [
+        row
+        for chunk in plan_chunks(own, variant.lanes)
+        for row in simulate_lanes(chunk, known, FOLDERS, lanes=variant.lanes, engine=engine, should_stop=lambda: False)
+    ]
+    return sorted(rows, key=lambda row: row.index)
+
+
+def table_digest(rows: Sequence[EpisodeResult]) -> str:
+    """Returns the SHA-256 of the rows, as canonical JSON."""
+    return hashlib.sha256("".join(map(digest, rows)).encode()).hexdigest()
+
+
+def main() -> None:
+    """Prints a line for each variant, and what differs from the first."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--lanes", type=int, nargs="+", default=[16, 32, 192, 768])
+    parser.add_argument("--engine", default="planar")
+    parser.add_argument("--seeds", type=int, default=64)
+    parser.add_argument("--store", type=Path, default=Path("/tmp/simyard-equal-tables"))
+    parser.add_argument("--document", type=Path, help="write the table into this document")
+    asked = parser.parse_args()
+    worlds = mixed_worlds(asked.store)
+    requests = noisy_deliveries([*worlds], asked.seeds)
+    table = [["lanes", "order", "passed", "rows that differ", "SHA-256 of the sorted table", "s"]]
+    first: list[EpisodeResult] = []
+    for variant in [Variant(lanes, ordered) for lanes in asked.lanes for ordered in (True, False)]:
+        start = time.monotonic()
+        rows = rows_of(requests, worlds, variant, asked.engine)
+        first = first or rows
+        differ = sum(one != other for one, other in zip(first, rows, strict=True))
+        flips = sum(one.outcome != other.outcome for one, other in zip(first, rows, strict=True))
+        table.append(
+            [
+                str(variant.lanes),
+                "given" if variant.ordered else "shuffled",
+                str(Counter(row.outcome for row in rows)["Passed"]),
+                f"{differ}, outcomes {flips}",
+                table_digest(rows)[:16],
+                f"{time.monotonic() - start:.0f}",
+            ]
+        )
+        print(" ".join(table[-1]), flush=True)
+    found = f"{len(requests)} episodes, {len(worlds)} worlds, engine {asked.engine}\n\n{markdown(table)}"
+    print(found)
+    if asked.document:
+        asked.document.write_text(with_tables(asked.document.read_text(), f"equal tables {asked.engine}", found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,166 @@
+"""Places a chunk's episodes: their program, their lanes, and which lanes have arrays of the same shapes.
+
+What an application gets is of its own episode alone: its map, its goals, what its scenario gave. A compiled program has
+one shape for each, so episodes of other shapes are a part of their own, run after one another
+(docs/decisions/0019-arrays-of-ones-own.md).
+"""
+
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, failed_result
+from specs.data.world import World
+from tasks.simulate.application.code import BundleCrash, load_factory
+from tasks.simulate.application.contract import Placement
+from tasks.simulate.devices import device_kind
+from tasks.simulate.engine.choice import choose_engine
+from tasks.simulate.engine.engines import ENGINES
+from tasks.simulate.engine.program import Program
+from tasks.simulate.host.controller_kind import controller_kind
+from tasks.simulate.host.controllers import HostBundle
+from tasks.simulate.host.kinds import HOST_KINDS
+from tasks.simulate.lane.calls import Applications
+from tasks.simulate.lane.staging import Lane, Stage, place, stage_worlds, with_shortest_paths
+from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.plan.job_variables import without_job_variables
+from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.sensor.lidar import Lidar
+from tasks.simulate.sensor.sensors import read_sensors
+
+_PROGRAMS_KEPT = 8
+# A part that fits into a quarter of the lanes takes no more: halves would spare less time than their programs take to
+# load, and idle lanes cost as much as others.
+_NARROW = 4
+Shape = tuple[object, ...]
+
+
+class PlacedChunk(NamedTuple):
+    """Episodes of one program that have a start and goals.
+
+    Attributes:
+        program: With as many lanes as the chunk has.
+        parts: The episodes that can run, those together whose arrays have the same shapes.
+        rows: Of the episodes that cannot.
+        worlds: At least theirs.
+    """
+
+    program: Program
+    parts: list[list[Lane]]
+    rows: list[EpisodeResult]
+    worlds: Mapping[str, World]
+
+
+def place_chunk(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+) -> PlacedChunk:
+    """Returns episodes of one program with their starts and goals.
+
+    Args:
+        requests: Episodes that share a program, at least one.
+        worlds: At least theirs.
+        bundles: Unpacked folders of their applications, by digest.
+        lanes: At least so many has the program.
+        engine: ``auto``, or the engine that must run them.
+
+    Raises:
+        BundleCrash: The applications do not import, or the engine refuses the robot.
+    """
+    program = _program_of(requests[0], bundles, lanes, engine)
+    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
+    stages = stage_worlds(used, program.hull, program.applications.lidar)
+    placed, rows = _place_all(program, requests, used, stages)
+    return PlacedChunk(program, alike(placed), rows, used)
+
+
+def part_program(
+    placed: PlacedChunk, part: Sequence[Lane], bundles: Mapping[str, Path], *, lanes: int, engine: str
+) -> Program:
+    """Returns the program for a part of a chunk: the chunk's, or one of a quarter of the lanes if they are enough.
+
+    How many lanes there are changes no row (docs/decisions/0004-lanes-a-multiple-of-eight.md).
+    """
+    if len(placed.parts) == 1 or len(part) > lanes // _NARROW:
+        return placed.program
+    return _program_of(part[0].request, bundles, lanes // _NARROW, engine)
+
+
+def alike(lanes: Sequence[Lane]) -> list[list[Lane]]:
+    """Returns lanes in groups whose arrays have the same shapes, in the order of their first."""
+    groups: dict[Shape, list[Lane]] = {}
+    for lane in lanes:
+        groups.setdefault(_shape(lane), []).append(lane)
+    return list(groups.values())
+
+
+def _shape(lane: Lane) -> Shape:
+    """Returns the shapes of all that an episode's applications get of it, and the types of what may have any."""
+    placement = lane.placement
+    given = tuple((array.shape, array.dtype.str) for array in placement.given)
+    return (lane.stage.floor.clearance_m.shape, placement.goals_m.shape, given)
+
+
+def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
+    numbers, texts = split_environment(without_job_variables(request.environment))
+    folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
+    environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
+    return _program((request.robot, request.scenario), folders, environment, lanes, engine)
+
+
+@functools.lru_cache(maxsize=_PROGRAMS_KEPT)
+def _program(
+    launches: tuple[ApplicationLaunch, ApplicationLaunch],
+    folders: tuple[Path, Path],
+    environment: tuple[tuple[str, ...], tuple[tuple[str, str], ...]],
+    lanes: int,
+    engine: str,
+) -> Program:
+    """Returns the program of two applications; kept, so that a batch's chunks share one compilation.
+
+    Raises:
+        BundleCrash: An application does not import, or its robot is refused.
+    """
+    (robot, scenario), (names, texts) = launches, environment
+    bundle = HostBundle(folders[0], robot)
+    kind = controller_kind(*bundle)
+    host = HOST_KINDS[kind](bundle) if kind in HOST_KINDS else None
+    make_controller = host.declare if host else load_factory(*bundle, "controller", "RobotApplicationCrash")
+    make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
+    sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
+    applications = Applications(make_controller, make_scenario, dict(texts), names, sensors)
+    try:
+        choice = choose_engine(engine, bundle.robot, kind, device_kind())
+        return ENGINES[choice.engine].load(bundle.robot, applications, lanes, host)
+    except RobotRefused as refused:
+        raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
+
+
+def _place_all(
+    program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, Stage]
+) -> tuple[list[Lane], list[EpisodeResult]]:
+    """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
+    placed: list[tuple[EpisodeRequest, Stage, Placement]] = []
+    rows: list[EpisodeResult] = []
+    lidars: dict[int, Lidar] = {}
+    for request in requests:
+        numbers, texts = split_environment(request.environment)
+        environment = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
+        try:
+            lidars[request.index] = program.applications.episode_sensors(environment).lidar
+            scenario = program.applications.placing_scenario(environment)
+            stage = stages[request.world]
+            placement = place(scenario, request, worlds[request.world], stage, program.hull)
+        except BundleCrash as crash:
+            rows.append(failed_result(request.index, crash.failure))
+        else:
+            placed.append((request, stage, placement))
+    lanes = with_shortest_paths(placed, program.hull)
+    return [lane._replace(lidar=lidars[lane.request.index]) for lane in lanes], rows
