@@ -20,7 +20,7 @@ IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
 STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
 ACTIONS_DAYS = "SIMYARD_ACTIONS_DAYS"
 REGION = "SIMYARD_REGION"
-_ROBOMAKERS_MAX_WORLDS = 50
+ROBOMAKERS_MAX_WORLDS = 50
 _REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 
 
@@ -30,7 +30,7 @@ def max_worlds_of_job() -> int:
     Raises:
         DocumentError: SIMYARD_MAX_WORLDS is no number of worlds.
     """
-    return count_setting(MAX_WORLDS, _ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
+    return count_setting(MAX_WORLDS, ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
 
 
 def min_job_duration_s() -> int:

@@ -1,82 +1,197 @@
-"""What a gate saves that may end its batch early, and how often it errs: simulated batches, no simulator.
+"""What a gate saves that may end its batch early, and how often it errs: computed state by state, nothing is drawn.
 
-For several true success rates: how many episodes a batch of 384 drives until the gate is certain, looked at after every
-chunk, and what it answers; beside it what the batch that is driven to its end would have answered.
+For several true success rates: how many episodes a batch of 384 drives in the mean until the gate is certain, looked at
+after every chunk, and what it answers; beside it what the test of before answered, which knew of no end (a bet on all
+alternatives), and what the batch would that is driven to its end. Then other ways to share the error among looks, and
+batches whose worlds differ.
 
     python -m benchmarks.results.gate [--json FILE]
 """
 
 import argparse
+import bisect
 import json
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
-from jaxtyping import Bool, Int
 
+from benchmarks.results.gate_pairs import pairs_table
 from benchmarks.tables import markdown
 from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.looks.anytime import log_capital_above, log_capital_below
+from tasks.results.statistics.looks.anytime import log_capital_above
+from tasks.results.statistics.looks.stopped_batch import (
+    Boundary,
+    Chances,
+    boundary,
+    chances_between,
+    closed_boundary,
+    looks_of,
+)
 
-BATCHES, EPISODES, BAR, ALPHA = 2_000, 384, 0.9, 0.05
-RATES = (0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99, 1.0)
+EPISODES, BAR, ALPHA = 384, 0.9, 0.05
+RATES = (0.8, 0.85, 0.88, 0.9, 0.92, 0.95, 0.97, 0.98, 0.99, 1.0)
 CHUNKS = (16, 32, 96)
-_ENOUGH = math.log(2 / ALPHA)
+BATCHES = 20_000
+# A bar, episodes, a chunk, and true rates: what ways to spend the error are compared on.
+CASES = (
+    (0.9, 384, 16, (0.95, 0.97, 0.99, 1.0)),
+    (0.9, 384, 32, (0.95, 0.97, 0.99, 1.0)),
+    (0.9, 384, 96, (0.95, 0.97, 0.99, 1.0)),
+    (0.95, 384, 32, (0.98, 0.99, 1.0)),
+    (0.8, 192, 16, (0.9, 0.95, 1.0)),
+    (0.98, 1000, 50, (0.99, 0.995, 1.0)),
+)
+Spend = Callable[[float], float]
 
 
-def saving(rate: float, chunk: int) -> tuple[float, float, float]:
-    """Returns the mean share of episodes that is not driven, and the shares of batches that PASS and that FAIL."""
-    passes = np.random.default_rng(7).random((BATCHES, EPISODES)) < rate
-    running = np.cumsum(passes, axis=1, dtype=np.int64)
-    looks = np.arange(chunk, EPISODES + 1, chunk)
-    above = np.stack([_reached(running[:, n - 1], int(n), above=True) for n in looks], axis=1)
-    below = np.stack([_reached(running[:, n - 1], int(n), above=False) for n in looks], axis=1)
-    ended = above | below
-    first = np.where(ended.any(axis=1), ended.argmax(axis=1), len(looks) - 1)
-    passed = above[np.arange(BATCHES), first].mean()
-    failed = below[np.arange(BATCHES), first].mean()
-    return float(1.0 - looks[first].mean() / EPISODES), float(passed), float(failed)
+def at_looks(rate: float, chunk: int) -> Chances:
+    """Returns what becomes of a batch that is looked at after every chunk, with its end in sight."""
+    looks = looks_of(EPISODES, chunk)
+    return chances_between(looks, boundary(looks, BAR, 1.0 - ALPHA), rate)
 
 
-def to_the_end(rate: float) -> tuple[float, float]:
-    """Returns the shares of batches that PASS and that FAIL when all episodes are driven."""
-    counts = np.random.default_rng(8).binomial(EPISODES, rate, BATCHES)
-    bounds = {int(count): wilson(int(count), EPISODES, 1 - ALPHA) for count in np.unique(counts)}
-    passed = np.mean([bounds[int(count)].lower >= BAR for count in counts])
-    return float(passed), float(np.mean([bounds[int(count)].upper < BAR for count in counts]))
+def with_no_end(rate: float, chunk: int) -> Chances:
+    """Returns what became of such a batch by the bet that knew of no end."""
+    looks = looks_of(EPISODES, chunk)
+    fails = tuple(look - _least_for_bet(look, 1.0 - BAR) for look in looks)
+    return chances_between(looks, Boundary(tuple(_least_for_bet(look, BAR) for look in looks), fails), rate)
+
+
+def to_the_end(rate: float) -> Chances:
+    """Returns what becomes of a batch that is driven to its end and judged by Wilson's interval."""
+    counts, confidence = range(EPISODES + 1), 1.0 - ALPHA
+    passes = bisect.bisect_left(counts, BAR, key=lambda count: wilson(count, EPISODES, confidence).lower)
+    fails = bisect.bisect_left(counts, BAR, key=lambda count: wilson(count, EPISODES, confidence).upper) - 1
+    return chances_between((EPISODES,), Boundary((passes,), (fails,)), rate)
 
 
 def table() -> list[tuple[str, ...]]:
     """Returns a head, and a row a true rate."""
+    chunks = ", ".join(map(str, CHUNKS))
     rows: list[tuple[str, ...]] = [
-        ("true rate", *(f"saved, chunks of {chunk}" for chunk in CHUNKS), "PASS, FAIL", "to its end: PASS, FAIL")
+        (
+            "true rate",
+            f"episodes driven, chunks of {chunks}",
+            f"PASS, chunks of {chunks}",
+            f"FAIL, chunks of {chunks}",
+            f"with no end in sight, chunks of {CHUNKS[1]}: driven, PASS, FAIL",
+            "to its end: PASS, FAIL",
+        )
     ]
     for rate in RATES:
-        found = [saving(rate, chunk) for chunk in CHUNKS]
-        answers = [_pair(*found[0][1:]), _pair(*to_the_end(rate))]
-        rows.append((f"{100 * rate:g} %", *(f"{100 * saved:.0f} %" for saved, _, _ in found), *answers))
+        found, bet, end = [at_looks(rate, chunk) for chunk in CHUNKS], with_no_end(rate, CHUNKS[1]), to_the_end(rate)
+        rows.append(
+            (
+                f"{100 * rate:g} %",
+                ", ".join(f"{each.episodes:.0f}" for each in found),
+                ", ".join(_percent(each.passes) for each in found),
+                ", ".join(_percent(each.fails) for each in found),
+                f"{bet.episodes:.0f}, {_percent(bet.passes)}, {_percent(bet.fails)}",
+                f"{_percent(end.passes)}, {_percent(end.fails)}",
+            )
+        )
+    return rows
+
+
+def ways_to_spend() -> dict[str, Spend]:
+    """Returns functions of the share of episodes that are in: how much of alpha / 2 may be used up."""
+    normal, alpha = NormalDist(), ALPHA / 2.0
+
+    def o_brien_fleming(time: float) -> float:
+        return 2.0 - 2.0 * normal.cdf(normal.inv_cdf(1.0 - alpha / 2.0) / math.sqrt(time))
+
+    return {
+        "O'Brien and Fleming": o_brien_fleming,
+        **{f"power {power:g}": lambda time, power=power: alpha * time**power for power in (3.0, 2.0, 1.5, 1.0)},
+        **{
+            f"Hwang, Shih and DeCani {gamma}": lambda time, gamma=gamma: (
+                alpha * math.expm1(-gamma * time) / math.expm1(-gamma)
+            )
+            for gamma in (-8, -4, -3, -2, -1)
+        },
+        "a fifth equal parts, else O'Brien and Fleming": lambda time: 0.2 * alpha * time + 0.8 * o_brien_fleming(time),
+    }
+
+
+def spending_table() -> list[tuple[str, ...]]:
+    """Returns a head, and a row a way to spend: the mean over all cases, and the figures of two."""
+    rows: list[tuple[str, ...]] = [
+        (
+            "spending",
+            "power, mean",
+            "share driven, mean",
+            *(f"bar 90 %, rate {rate}: power, driven" for rate in ("95 %", "100 %")),
+        )
+    ]
+    for name, spend in ways_to_spend().items():
+        found = [_spent(spend, *case[:3], rate) for case in CASES for rate in case[3]]
+        driven = [each.episodes / case[1] for case, each in zip(_each_case(), found, strict=True)]
+        shown = [_spent(spend, 0.9, EPISODES, 32, rate) for rate in (0.95, 1.0)]
+        means = (_percent(float(np.mean([each.passes for each in found]))), _percent(float(np.mean(driven))))
+        rows.append((name, *means, *(f"{_percent(each.passes)}, {each.episodes:.0f}" for each in shown)))
+    return rows
+
+
+def worlds_table() -> list[tuple[str, ...]]:
+    """Returns a head, and a row a spread of worlds: how often batches at the bar are ever found above, and below."""
+    rows: list[tuple[str, ...]] = [
+        ("8 worlds at rates of", "shuffled: above, below", "one world after the other: above")
+    ]
+    looks, generator = looks_of(EPISODES, 32), np.random.default_rng(11)
+    ends = boundary(looks, BAR, 1.0 - ALPHA)
+    for low, high in ((0.9, 0.9), (0.85, 0.95), (0.8, 1.0)):
+        chance = np.repeat([high] * 4 + [low] * 4, EPISODES // 8)
+        drawn = generator.random((BATCHES, EPISODES)) < chance
+        above, below = _ever(generator.permuted(drawn, axis=1), looks, ends)
+        ordered, _ = _ever(drawn, looks, ends)
+        worlds = "90 %" if low == high else f"{100 * low:g} % and {100 * high:g} %, four each"
+        rows.append((worlds, f"{_percent(above)}, {_percent(below)}", _percent(ordered)))
     return rows
 
 
 def main() -> None:
-    """Prints a row a true rate."""
+    """Prints the tables."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    rows = table()
-    print(markdown(rows))
+    tables = {"saving": table(), "spending": spending_table(), "worlds": worlds_table(), "pairs": pairs_table()}
+    for rows in tables.values():
+        print(markdown(rows), end="\n\n")
     if options.json:
-        options.json.write_text(json.dumps([dict(zip(rows[0], row, strict=True)) for row in rows[1:]], indent=2))
+        plain = {name: [dict(zip(rows[0], row, strict=True)) for row in rows[1:]] for name, rows in tables.items()}
+        options.json.write_text(json.dumps(plain, indent=2))
 
 
-def _pair(passed: float, failed: float) -> str:
-    return f"{100 * passed:.1f} %, {100 * failed:.1f} %"
+def _spent(spend: Spend, bar: float, episodes: int, chunk: int, rate: float) -> Chances:
+    looks = looks_of(episodes, chunk)
+    spent = [spend(look / episodes) for look in looks]
+    above, below = (closed_boundary(looks, spent, share) for share in (bar, 1.0 - bar))
+    fails = tuple(look - failures for look, failures in zip(looks, below, strict=True))
+    return chances_between(looks, Boundary(above, fails), rate)
 
 
-def _reached(counts: Int[np.ndarray, " batches"], n: int, *, above: bool) -> Bool[np.ndarray, " batches"]:
-    capital = log_capital_above if above else log_capital_below
-    found = {int(count): capital(int(count), n, BAR) >= _ENOUGH for count in np.unique(counts)}
-    return np.array([found[int(count)] for count in counts])
+def _each_case() -> list[tuple[float, int]]:
+    return [(bar, episodes) for bar, episodes, _, rates in CASES for _ in rates]
+
+
+def _ever(passes: "np.ndarray", looks: Sequence[int], ends: Boundary) -> tuple[float, float]:
+    counts = np.cumsum(passes, axis=1, dtype=np.int64)[:, np.array(looks) - 1]
+    above, below = counts >= np.array(ends.passes), counts <= np.array(ends.fails)
+    return float(above.any(axis=1).mean()), float(below.any(axis=1).mean())
+
+
+def _least_for_bet(n: int, bar: float) -> int:
+    enough = math.log(2.0 / ALPHA)
+    return bisect.bisect_left(
+        range(n + 1), x=True, key=lambda count: count >= n * bar and log_capital_above(count, n, bar) >= enough
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from specs.field_types import OutputLocation
 from tasks.applications.bundle_failure import BUNDLE_ERRORS, bundle_failure
 from tasks.applications.step import unpack_application
 from tasks.progress.listener import report_progress, stage_progress
-from tasks.results.statistics.summary import summary_rows
+from tasks.results.statistics.summary import summary_note, summary_rows
 from tasks.results.tables.application_output import write_output
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.audit.audit_run import write_audit
@@ -41,10 +41,12 @@ class BatchTables(NamedTuple):
     Attributes:
         detail: Where they lie and what they add up to, for the batch's record.
         rows: Their summary, a row a line, as `tasks.results.statistics.summary.summary_rows` has it.
+        note: What its intervals are.
     """
 
     detail: dict[str, JsonValue]
     rows: list[tuple[str, ...]]
+    note: str
 
 
 def simulate_chunk(
@@ -120,7 +122,8 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
             location=location,
             metadata=batch_metadata(work.plan.lanes),
         )
-    return BatchTables(detail, summary_rows(tally.summary()))
+    found = tally.summary()
+    return BatchTables(detail, summary_rows(found), summary_note(found))
 
 
 def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:

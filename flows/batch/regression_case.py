@@ -43,6 +43,7 @@ def case_document(found: ShrunkJob) -> str:
     about = [
         f"{found.job} fails: {found.reason}. Shrunk from {before} pieces of furniture to {after}, and from seed "
         f"{found.request.seed} to {request.seed}.",
+        f"The failure here: {found.likeness}.",
         f"It failed with {launch.name} version {launch.version} ({launch.digest[:12]}); this tries the newest one.",
         "The world must be in the store: simyard world add world.json puts it there.",
     ]

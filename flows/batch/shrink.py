@@ -1,7 +1,9 @@
 """`simyard shrink`: the smallest world and the lowest seed in which a job still fails in the same way."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import takewhile
+from math import dist
 from typing import NamedTuple
 
 from flows.batch.replay_episode import bundles
@@ -13,7 +15,9 @@ from specs.template.body import TemplateBody
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import load_worlds
 from tasks.simulate.batch.job import OpenBatch, job_of
-from tasks.simulate.replay.delta_debugging import Names, minimize_selection
+from tasks.simulate.replay.delta_debugging import Names
+from tasks.simulate.replay.failure_likeness import Ending, is_of_same_kind, is_same_failure, is_same_goal
+from tasks.simulate.replay.smallest_case import Case, smallest_case
 from tasks.simulate.replay.trials import Trial, simulate_trials
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
@@ -22,9 +26,10 @@ from tasks.storage.worlds import encode_world, write_world
 from tasks.worlds.certificate.certificate import broken_guarantees
 from tasks.worlds.certificate.furniture_removal import SHRUNK, keep_furniture
 
-# Seeds that are looked at below the job's own; simulated together.
-_SEEDS_AT_MOST = 64
 _DIGEST_SHOWN = 8
+
+
+_Alike = Callable[[Ending, Ending], bool]
 
 
 class ShrunkJob(NamedTuple):
@@ -34,29 +39,52 @@ class ShrunkJob(NamedTuple):
         batch: The job's batch.
         job: ``<batch>/<index>``.
         reason: How both fail, in a word or two.
-        request, world, row: The job, where it took place, and what came of it.
-        small_request, small_world, small_row: The same of the smaller one, whose world is in the store.
+        same: Whether it is the same failure, as ``is_same_failure`` says; else it is another one of that kind.
+        request, world, ending: The job, where it took place, and what came of it.
+        small_request, small_world, small_ending: The same of the smaller one, whose world is in the store.
         episodes: How many were simulated.
-        minimal: Whether no piece of furniture can be left out by itself.
+        minimal: Whether the failure is gone without any single piece of furniture that is left.
         broken: What the smaller world does not guarantee, one sentence each.
     """
 
     batch: OpenBatch
     job: str
     reason: str
+    same: bool
     request: EpisodeRequest
     world: World
-    row: EpisodeResult
+    ending: Ending
     small_request: EpisodeRequest
     small_world: World
-    small_row: EpisodeResult
+    small_ending: Ending
     episodes: int
     minimal: bool
     broken: tuple[str, ...]
 
+    @property
+    def row(self) -> EpisodeResult:
+        """Returns what came of the job."""
+        return self.ending.row
+
+    @property
+    def small_row(self) -> EpisodeResult:
+        """Returns what came of the smaller job."""
+        return self.small_ending.row
+
+    @property
+    def likeness(self) -> str:
+        """Returns how alike the two failures are, as a part of a sentence."""
+        apart = f"{dist(self.ending.place_m, self.small_ending.place_m):.2f} m from the job's"
+        if self.same:
+            return f"the same, {apart}, on the way to the same goal"
+        goal = "the same" if is_same_goal(self.ending, self.small_ending) else "another"
+        return f"another failure of that kind, {apart}, on the way to {goal} goal"
+
 
 def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
     """Returns the smaller job of a simulation job, by its ARN or ``<batch>/<index>``; its world is put into the store.
+
+    It is the same failure wherever a smaller job has that; only where none was found it is another one of that kind.
 
     Args:
         store: Where the job's batch is.
@@ -68,68 +96,81 @@ def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
         DocumentError: The job did not fail, or does not fail again.
     """
     batch, index = job_of(store, find_resource(store, text, ("simulation-job",)).path)
-    search = _Search(batch, index, _failed_row(batch, index))
-    (again,) = search.rows([Trial(search.world, search.request.seed)])
-    if not search.is_same(again):
-        allowed = f"one that fails again: it is {reason(again) or 'passed'} now; simyard replay says what deviates"
-        raise _refused(batch, index, allowed)
-    found = minimize_selection(tuple(piece.name for piece in search.world.furniture), search.still_fails, budget - 2)
-    seed = search.lowest_seed(search.furnished(found.names), budget - 1)
+    search = _Search(batch, index, _failed_row(batch, index), budget)
+    found, minimal = search.smallest(is_same_failure)
+    if found == search.case:
+        found, minimal = search.smallest(is_of_same_kind)
     world = _store_world(store, search.furnished(found.names), batch, index)
-    (row,) = search.rows([Trial(world, seed)])
+    (ending,) = search.simulated([Trial(world, found.seed)])
     return ShrunkJob(
         batch=batch,
         job=f"{batch.id}/{index}",
-        reason=reason(search.row),
+        reason=reason(search.first.row),
+        same=is_same_failure(search.first, ending),
         request=search.request,
         world=search.world,
-        row=search.row,
-        small_request=search.request.model_copy(update={"world": f"{world.generation}/{world.name}", "seed": seed}),
+        ending=search.first,
+        small_request=search.request.model_copy(
+            update={"world": f"{world.generation}/{world.name}", "seed": found.seed}
+        ),
         small_world=world,
-        small_row=row,
-        episodes=search.simulated,
-        minimal=found.minimal,
+        small_ending=ending,
+        episodes=search.episodes,
+        minimal=minimal,
         broken=broken_guarantees(world.certificate),
     )
 
 
 class _Search:
-    """Episodes like one that failed, and how many of them were simulated."""
+    """Episodes like one that failed, each simulated once, and no more than a budget allows.
 
-    def __init__(self, batch: OpenBatch, index: int, row: EpisodeResult) -> None:
-        self.batch, self.row, self.simulated = batch, row, 0
+    Attributes:
+        first: How the job ends, simulated again.
+        case: All its furniture, and its seed.
+        episodes: How many were simulated.
+    """
+
+    def __init__(self, batch: OpenBatch, index: int, row: EpisodeResult, budget: int) -> None:
+        self.batch, self.engine, self.episodes = batch, row.engine, 0
+        self._most = budget - 1  # the last one shows what was found
         self.request = batch.layout.request(index)
         worlds, missing = load_worlds(batch, [self.request])
         if missing:
             allowed = f"one whose world is there: {missing[self.request.world]}"
             raise ResourceNotFound([_fault(batch, index, allowed)], "simyard")
         self.world = worlds[self.request.world]
+        self.case = Case(tuple(piece.name for piece in self.world.furniture), self.request.seed)
         self._template, self._bundles = _template(batch.store, self.world), bundles(batch)
+        (self.first,) = self.simulated([Trial(self.world, self.request.seed)])
+        if not is_same_failure(self.first, Ending(row, self.first.goal_m)):
+            again = reason(self.first.row) or "passed"
+            raise _refused(
+                batch, index, f"one that fails so again: now it is {again}; simyard replay says what deviates"
+            )
+        self._endings = {self.case: self.first}
 
-    def rows(self, trials: Sequence[Trial]) -> list[EpisodeResult]:
-        self.simulated += len(trials)
-        return simulate_trials(self.batch, self.request, trials, self._bundles, engine=self.row.engine)
+    def smallest(self, alike: _Alike) -> tuple[Case, bool]:
+        """Returns the smallest case that fails like the job, and whether each of its pieces is known to be needed."""
 
-    def is_same(self, row: EpisodeResult) -> bool:
-        """Returns whether an episode fails in the same way."""
-        return (row.status, row.failure_code, row.outcome_reason) == (
-            self.row.status,
-            self.row.failure_code,
-            self.row.outcome_reason,
-        )
+        def still_fails(cases: Sequence[Case]) -> list[bool]:
+            return [alike(self.first, ending) for ending in self._ends(cases)]
+
+        return smallest_case(self.case, still_fails)
 
     def furnished(self, names: Names) -> World:
         return keep_furniture(self.world, names, self._template)
 
-    def still_fails(self, selections: Sequence[Names]) -> list[bool]:
-        trials = [Trial(self.furnished(names), self.request.seed) for names in selections]
-        return [self.is_same(row) for row in self.rows(trials)]
+    def simulated(self, trials: Sequence[Trial]) -> list[Ending]:
+        self.episodes += len(trials)
+        return simulate_trials(self.batch, self.request, trials, self._bundles, engine=self.engine)
 
-    def lowest_seed(self, world: World, budget: int) -> int:
-        """Returns the lowest seed that still fails, of those that the budget lets it try; the job's own at worst."""
-        seeds = range(min(self.request.seed, _SEEDS_AT_MOST, max(0, budget - self.simulated)))
-        rows = self.rows([Trial(world, seed) for seed in seeds])
-        return next((seed for seed, row in zip(seeds, rows, strict=True) if self.is_same(row)), self.request.seed)
+    def _ends(self, cases: Sequence[Case]) -> list[Ending]:
+        """Returns how cases end, from the first one on, until the budget ends."""
+        new = [case for case in dict.fromkeys(cases) if case not in self._endings][: self._most - self.episodes]
+        worlds = {names: self.furnished(names) for names in dict.fromkeys(case.names for case in new)}
+        endings = self.simulated([Trial(worlds[case.names], case.seed) for case in new]) if new else []
+        self._endings |= dict(zip(new, endings, strict=True))
+        return [self._endings[case] for case in takewhile(self._endings.__contains__, cases)]
 
 
 def _failed_row(batch: OpenBatch, index: int) -> EpisodeResult:

@@ -10,6 +10,7 @@ from pydantic import JsonValue, ValidationError
 from flows.batch.judge_again import LaterVerdict
 from flows.ci.run_files import AskedRun
 from flows.gate.baselines import find_baseline
+from flows.stage.generation_stage import joined
 from flows.stage.stage_summary import batch_report, deployment_report, export_report, generation_report
 from specs.arn import arn, resource_kind, resource_name, store_id_of
 from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
@@ -36,6 +37,7 @@ from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.jobs.runs import jobs_of, run_of
 from tasks.storage.store_url import open_existing_store
 
+_GOOD = frozenset({"Completed", "Succeeded", "PartialFailed"})
 _CONFIDENCE = 0.95
 _ANSWERS: Mapping[Verdict, Answer] = {"PASS": "PASSED", "FAIL": "NOT PASSED", "INCONCLUSIVE": "INCONCLUSIVE"}
 
@@ -146,6 +148,7 @@ def batch_counts(
         verdict=verdict,
         bar=rate.atLeast if rate else None,
         confidence=rate.confidence if rate else _CONFIDENCE,
+        sequential=bool(gate and gate.stopEarly),
         compared_with=(baseline.digest,) if baseline and baseline.batch == record.id else (),
         job_arn=arn("simulation-job", store_id_of(record.arn), ""),
         store_option=store_option(store.url),
@@ -202,6 +205,7 @@ def _section(kind: JobKind) -> StageName | None:
 
 
 def _ended_stages(store: Store, run: JobRecord) -> Iterator[StageReport]:
+    ended: dict[StageName, list[JobRecord]] = {}
     for kind, job in jobs_of(run):
         try:
             record = read(store, kind, job)
@@ -209,12 +213,16 @@ def _ended_stages(store: Store, run: JobRecord) -> Iterator[StageReport]:
             continue
         section = _section(kind)
         if is_terminal(record) and section:
-            yield _stage(store, record, section)
+            ended.setdefault(section, []).append(record)
+    for section, jobs in ended.items():
+        unlike = [job for job in jobs if job.status not in _GOOD]  # the first that failed is what became of the stage
+        several = len(jobs) > 1 and not unlike
+        yield _stage(store, joined(jobs) if several else [*unlike, *jobs][0], section)
 
 
 def _stage(store: Store, record: JobRecord, section: StageName) -> StageReport:
     seconds = record.updated_at_s - record.created_at_s
-    if record.status not in {"Completed", "Succeeded", "PartialFailed"}:
+    if record.status not in _GOOD:
         summary = ": ".join(filter(None, [record.failure_code, record.failure_reason]))
         return StageReport(name=section, arn=record.arn, status=record.status, summary=summary, seconds=seconds)
     if record.kind == "world-generation-job":

@@ -72,11 +72,14 @@ def shuffle_if_endable(plan: BatchPlan, gate: Gate | None) -> BatchPlan:
     """Returns the plan, shuffled if the gate may end the batch early.
 
     Episodes of several programs cannot be shuffled into common chunks, so that such a batch runs to its end, and is
-    judged as one that does.
+    judged as one that does; unless the programs are two versions that a gate compares, which then take turns.
     """
-    if not stops_early(gate) or len(Layout(plan).programs()) > 1:
+    layout = Layout(plan)
+    if gate is None or not stops_early(gate):
         return plan
-    return plan.model_copy(update={"shuffled": True})
+    if gate.noWorseThan and layout.in_pairs():
+        return plan.model_copy(update={"shuffled": "pairs"})
+    return plan.model_copy(update={"shuffled": "episodes"}) if len(layout.programs()) == 1 else plan
 
 
 def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -> list[str]:

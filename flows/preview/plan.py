@@ -14,6 +14,7 @@ from flows.preview.host_plan import HostPlan, host_failures, host_faults, host_l
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
+from specs.pipeline.section_requests import section_parts
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
 from specs.template.body import TemplateBody
@@ -59,10 +60,11 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
-    judged, audited, programs = GateBasis(0, 0), 0, 1
+    judged, audited, programs, worlds, lanes = GateBasis(0, 0), 0, 1, 1, 0
     if spec.simulationBatch and batch and plan and beside:
         section, find = spec.simulationBatch, finder(trial, own)
-        audited, programs = plan.audited, plan.compilations
+        audited, programs, lanes = plan.audited, plan.compilations, plan.lanes
+        worlds = len({world for template in batch.templates for world in batch.worlds_of(template)})
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
         yield from _batch_lines(plan, batch, section)
@@ -70,7 +72,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         for reason in (*failing_sources(section, trial, find), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from gate_lines(spec.gate, judged, audited, programs)
+        yield from gate_lines(spec.gate, judged, audited, programs, worlds=worlds, lanes=lanes)
     ships = pinned_shipment(found)
     if spec.deployment and ships:
         find = finder(trial, own)
@@ -100,7 +102,9 @@ def _generation_line(section: WorldGeneration) -> str:
     worlds = _count(count.floorplanCount * count.interiorCountPerFloorplan, "world")
     product = f"{_count(count.floorplanCount, 'floor plan')} x {_count(count.interiorCountPerFloorplan, 'interior')}"
     seeded = f"seed {section.seed}, for a robot of {section.robotRadius:g} m radius"
-    return f"worldGeneration   {worlds} ({product}), {seeded}"
+    jobs = len(section_parts(section))
+    of_jobs = f" by {jobs} jobs" if jobs > 1 else ""
+    return f"worldGeneration   {worlds} ({product}){of_jobs}, {seeded}"
 
 
 def _planned(

@@ -99,7 +99,8 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
     tables = batch_steps.write_tables(store_url, batch, status, location)
     rows: list[dict[str, JsonValue]] = [dict(zip(_HEADINGS, row, strict=True)) for row in tables.rows[:_ROWS_SHOWN]]
     shown = table_rows(rows)
-    create_table_artifact(table=shown, key=artifact_key("batch-results"), description=f"Results of {batch}")
+    said = f"Results of {batch}. {tables.note}."
+    create_table_artifact(table=shown, key=artifact_key("batch-results"), description=said)
     return tables
 
 
@@ -129,10 +130,16 @@ def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[st
     **STORE_RETRY,
 )
 def judge_batch(
-    store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
+    store_url: str,
+    batch: str,
+    rule: Gate,
+    *,
+    other: Baseline | NoBaseline | None,
+    ships: Shipment | None,
+    tries: int = 0,
 ) -> BatchJudgement:
     """Returns what `flows.gate.judge.judge_batch` does, and shows the verdict with the sentence of each rule."""
-    judged = judge.judge_batch(store_url, batch, rule, other=other, ships=ships)
+    judged = judge.judge_batch(store_url, batch, rule, other=other, ships=ships, tries=tries)
     verdict, mark = judged.verdict, _VERDICT_MARKS[judged.verdict.verdict]
     body = "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules)
     create_markdown_artifact(

@@ -14,8 +14,9 @@ from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.trust.trust_choice import UNSIGNED_ALARM
 from tasks.deploy.trust.trust_record import is_unsigned
+from tasks.results.statistics.rate_text import in_worlds
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings
-from tasks.results.tables.table_record import ROOMS
+from tasks.results.tables.table_record import ROOMS, WORLDS
 from tasks.storage.base.keys import contact_sheet_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -24,6 +25,8 @@ from tasks.storage.worlds import read_world
 _SAMPLES_SHOWN = 2
 _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
 _SAMPLE_CHARACTERS = 200
+JOBS = "jobs"
+"""Where the generation jobs of a run are named together, if they are several."""
 _WORLDS_READ = 64  # of a job of thousands, reading all would take longer than the line is worth
 
 
@@ -44,9 +47,10 @@ def recorded_report(run: JobRecord) -> PipelineReport:
 
 def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:
     """Returns what a generation job made."""
-    artefacts = [Artefact(label="worlds", url=f"{store.url}/worlds/{record.id}")]
-    if store.exists(contact_sheet_key(record.id)):
-        artefacts.append(Artefact(label="contact sheet", url=f"{store.url}/{contact_sheet_key(record.id)}"))
+    jobs = texts(record.detail, JOBS) or [record.id]
+    artefacts = [Artefact(label="worlds", url=f"{store.url}/worlds/{job}") for job in jobs]
+    sheets = [contact_sheet_key(job) for job in jobs]
+    artefacts += [Artefact(label="contact sheet", url=f"{store.url}/{key}") for key in sheets if store.exists(key)]
     stage = _stage("worldGeneration", record, _generation_summary(record), seconds, tuple(artefacts))
     certificates = _certificates(record, store)
     unmet = [wish for certificate in certificates for wish in certificate.unmet]
@@ -98,7 +102,9 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
     detail, asked = record.detail, record.detail["episodes"]
     if "stopped_early" in detail:
         asked = cast("dict[str, JsonValue]", detail["stopped_early"])["episodes"]
-    summary = f"{detail['passed']} of {asked} episodes passed, {detail['simulated_s']:.0f} simulated seconds"
+    # Records of older versions do not say in how many worlds.
+    where = f" {in_worlds(cast('int', detail[WORLDS]))}" if WORLDS in detail else ""
+    summary = f"{detail['passed']} of {asked} episodes passed{where}, {detail['simulated_s']:.0f} simulated seconds"
     summary += _why_not(cast("list[dict[str, JsonValue]]", detail.get("why_not", [])))
     if "stopped_early" in detail:
         summary += f"; {cast('dict[str, JsonValue]', detail['stopped_early'])['sentence']}"

@@ -230,12 +230,13 @@ def _facts(run: JobRecord, record: JobRecord | None) -> Night:
     early = gate if isinstance(gate, dict) and gate.get("stopEarly") else None
     # What a document ships decides nothing of what its batch drives.
     drives = {"batch": spec.get("simulationBatch"), "pins": found.get("batch"), "gate": early, "made": made.decode()}
-    generation = next((job for kind, job in jobs_of(run) if kind == "world-generation-job"), "")
+    generations = [job for kind, job in jobs_of(run) if kind == "world-generation-job"]
     return Night(
         run=run.id,
         request=hashlib.sha256(canonical_json(drives)).hexdigest(),
         worlds_made=hashlib.sha256(made).hexdigest()[:16],
-        generation=generation,
+        generation=generations[0] if generations else "",
+        more_generations=tuple(generations[1:]),
         batch=record.id if record else "",
         arn=record.arn if record else run.arn,
         begun_at_s=record.created_at_s if record else run.created_at_s,

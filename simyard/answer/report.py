@@ -40,8 +40,10 @@ class Report:
             heading(view.title, answer),
             paragraph(view.sentence),
             paragraph(f"{view.whole.counts} passed: {view.judged.text}"),
+            paragraph(" ".join(view.like_these.sentences())),
             self._rules(),
             self._reasons(),
+            paragraph(f"{view.family.sentence()}." if view.family.size else ""),
             *(_rates(each) for column in view.columns for each in column),
             paragraph(self.notice),
             paragraph(Html(f"{link(self.url, 'the whole report')} <code>{text(self.url)}</code>")),
@@ -62,5 +64,5 @@ class Report:
 def _rates(rates: RateTable) -> Html:
     why = any(each.why for each in rates.rows)
     rows = ((each.label, each.counts, each.rate, each.interval, *((each.why,) if why else ())) for each in rates.rows)
-    headings = (rates.caption, "passed", "rate", "interval", *(("why not",) if why else ()))
+    headings = (f"{rates.caption}, {rates.where}", "passed", "rate", "interval", *(("why not",) if why else ()))
     return table(headings, rows, len(rates.rows) + rates.left_out, "; the page has them")

@@ -29,6 +29,9 @@ ColumnType = Literal[
 ]
 
 
+Course = Literal["", "grows", "falls"]
+
+
 class BatchEpisode(NamedTuple):
     """What a row is made from: an episode of a batch, with what was asked for and what came of it."""
 
@@ -48,6 +51,8 @@ class Column(NamedTuple):
         value: Reads the column's value from an episode.
         nullable: Whether a value may be missing.
         measure: Whether it measures the episode with one number, so that a gate may ask for a quantile of it.
+        course: What time makes of it while an episode goes on. Who ends early has less of what grows, and more of what
+            falls, and so looks better than it is.
     """
 
     name: str
@@ -57,6 +62,7 @@ class Column(NamedTuple):
     value: Callable[[BatchEpisode], object]
     nullable: bool = False
     measure: bool = False
+    course: Course = ""
 
 
 def _requested(name: str, kind: ColumnType, unit: str, meaning: str) -> Column:
@@ -69,10 +75,12 @@ def _answered(name: str, kind: ColumnType, unit: str, meaning: str) -> Column:
     return Column(name, kind, unit, meaning, attrgetter(f"result.{name}"))
 
 
-def _measured(name: str, kind: ColumnType, unit: str, meaning: str, *, nullable: bool = False) -> Column:
+def _measured(
+    name: str, kind: ColumnType, unit: str, meaning: str, *, nullable: bool = False, course: Course = ""
+) -> Column:
     """Returns a column that is a field of the result; a gate may ask for it if it is a number."""
     measure = kind in {"int32", "double"}
-    return Column(name, kind, unit, meaning, attrgetter(f"result.{name}"), nullable, measure)
+    return Column(name, kind, unit, meaning, attrgetter(f"result.{name}"), nullable, measure, course)
 
 
 def _launch(prefix: str, what: str, field: str) -> tuple[Column, ...]:
@@ -181,24 +189,26 @@ _LATE = "Stages of control steps at which a ROS application did not come to rest
 _STRAY = "Commands that a ROS application gave after it was taken for quiet; null for other robots."
 _CLEARANCE = "Smallest distance, seen from above, from the hull to a solid at its heights; below 0 only in contact."
 MEASURED = (
-    _measured("simulated_s", "double", "s", "Simulated time until the episode ended."),
-    _measured("goals_reached", "int32", "", "How many of the scenario's goals were reached."),
+    _measured("simulated_s", "double", "s", "Simulated time until the episode ended.", course="grows"),
+    _measured("goals_reached", "int32", "", "How many of the scenario's goals were reached.", course="grows"),
     _measured("goals_total", "int32", "", "How many goals there were."),
     _measured("goal_times_s", "list<double>", "s", "When each goal that was reached was reached, in their order."),
-    _measured("path_length_m", "double", "m", "Length of the driven path."),
+    _measured("path_length_m", "double", "m", "Length of the driven path.", course="grows"),
     _measured("shortest_path_m", "double", "m", _SHORTEST, nullable=True),
     _measured("spl", "double", "", _SPL, nullable=True),
-    _measured("collisions", "int32", "", "Control steps in which a contact began."),
-    _measured("impulse_ns", "double", "Ns", "What contacts pushed the robot with in the plane, summed up."),
-    _measured("max_impulse_ns", "double", "Ns", "The most of it within one control step of 50 ms."),
-    _measured("min_clearance_m", "double", "m", _CLEARANCE),
-    _measured("energy_j", "double", "J", "Integral of |actuator force x velocity| over time."),
+    _measured("collisions", "int32", "", "Control steps in which a contact began.", course="grows"),
+    _measured(
+        "impulse_ns", "double", "Ns", "What contacts pushed the robot with in the plane, summed up.", course="grows"
+    ),
+    _measured("max_impulse_ns", "double", "Ns", "The most of it within one control step of 50 ms.", course="grows"),
+    _measured("min_clearance_m", "double", "m", _CLEARANCE, course="falls"),
+    _measured("energy_j", "double", "J", "Integral of |actuator force x velocity| over time.", course="grows"),
     _measured("final_x_m", "double", "m", "Final position, x."),
     _measured("final_y_m", "double", "m", "Final position, y."),
     _measured("final_yaw_rad", "double", "rad", "Final heading, counter-clockwise from +x."),
-    _measured("odometry_error_m", "double", "m", _ODOMETRY, nullable=True),
-    _measured("late", "int32", "", _LATE, nullable=True),
-    _measured("stray", "int32", "", _STRAY, nullable=True),
+    _measured("odometry_error_m", "double", "m", _ODOMETRY, nullable=True, course="grows"),
+    _measured("late", "int32", "", _LATE, nullable=True, course="grows"),
+    _measured("stray", "int32", "", _STRAY, nullable=True, course="grows"),
     _answered("rooms_entered", "list<string>", "", _ENTERED),
     _answered("rooms_unreachable", "list<string>", "", _UNREACHABLE),
     _answered("rooms_total", "int32", "", "How many rooms the world has; 0 if the episode did not start."),
@@ -214,3 +224,6 @@ FAILURES_COLUMNS = (*REQUESTED, *ANSWERED, *EXPLAINED, *MEASURED)
 
 MEASURES = tuple(column.name for column in RESULTS_COLUMNS if column.measure)
 """What a gate's quantile may be of, besides ``metrics.<name>`` for what the scenario measures."""
+
+COURSES = {column.name: column.course for column in RESULTS_COLUMNS if column.course}
+"""What time makes of a measure; those that it leaves alone are not here."""

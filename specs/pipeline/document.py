@@ -9,13 +9,13 @@ from specs.base import Spec
 from specs.digest import digest
 from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
-from specs.pipeline.gate_section import Gate, unaudited
+from specs.pipeline.gate_section import Gate, drawn_once, unaudited
+from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.pipeline.shared_variables import never_driven
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from specs.pipeline.untested_parts import unjudged
 from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
 from specs.rules import Finding, Location, Ruled, items, part
-from specs.settings import max_worlds_of_job
 
 SECTIONS = ("applications", "worldGeneration", "worldExport", "simulationBatch", "deployment")
 INERT_FIELDS = frozenset(
@@ -79,6 +79,7 @@ class PipelineSpec(Ruled):
         if part(data, "gate") is not None and part(data, "simulationBatch") is None:
             yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
         yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
+        yield from drawn_once(part(data, "gate"), part(data, "simulationBatch"), part(data, "worldGeneration"))
         yield from unjudged(part(data, "deployment"), part(data, "gate"))
         if part(data, "worldGeneration") is None:
             yield from _worlds_from_nowhere(data)
@@ -136,11 +137,11 @@ def _worlds_from_nowhere(data: object) -> Iterator[Finding]:
 
 
 def _too_many_to_export(data: object) -> Iterator[Finding]:
-    """Yields an export of more worlds than one job writes, which only SIMYARD_MAX_WORLDS makes possible."""
+    """Yields an export of more worlds than one job writes, and there is one export job."""
     export, count = part(data, "worldExport"), part(part(data, "worldGeneration"), "worldCount")
     counts = [part(count, "floorplanCount"), part(count, "interiorCountPerFloorplan")]
     plans, interiors = (each if type(each) is int else 1 for each in counts)
-    generated = plans * interiors <= max_worlds_of_job()  # more are a fault of their own
+    generated = plans * interiors <= MAX_WORLDS_OF_DOCUMENT  # more are a fault of their own
     if export is not None and not _names_worlds(export) and generated and plans * interiors > MAX_WORLDS_OF_EXPORT:
         allowed = f"at most {MAX_WORLDS_OF_EXPORT} worlds, by name; {plans * interiors} are generated"
         yield Finding(("worldExport", "worlds"), "all", allowed)

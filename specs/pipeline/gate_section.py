@@ -10,10 +10,13 @@ from specs.base import Spec
 from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
-from specs.rules import Finding, Ruled, broken, items, meant, part
+from specs.rules import Finding, Location, Ruled, broken, items, meant, part
 
 MAX_QUANTILES = 20
+FEWEST_WORLDS = 2
+"""How many worlds say anything of worlds like them."""
 _STOP_EARLY = "stopEarly"
+_NOT_EARLY = "no over beside stopEarly: an interval over worlds holds for a batch that runs to its end"
 _SEQUENTIAL = "counts episodes one by one, so that it can be sure before the batch's end"
 _METRIC = re.compile(r"metrics\..+")
 
@@ -99,6 +102,7 @@ class QuantileRule(Ruled):
         atMost: Its highest value.
         confidence: How sure it must be.
         over: What the answer is about: worlds like these, or these worlds.
+        failed: What an episode that did not pass counts as, whatever the rule asks for.
     """
 
     column: Annotated[str, AfterValidator(_column)] = Field(title="Column", description="Such as min_clearance_m.")
@@ -107,6 +111,12 @@ class QuantileRule(Ruled):
     atMost: Number | None = Field(default=None, title="At most")
     confidence: Confidence = Field(default=0.95, title="Confidence")
     over: Over = _OVER
+    failed: Literal["worst"] | None = Field(
+        default=None,
+        title="Failed",
+        description="worst: an episode that did not pass has the worst value. Else it has what was measured, and that "
+        "is not held in its favour where it ended early.",
+    )
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
@@ -128,7 +138,7 @@ class Gate(Ruled):
     """
 
     successRate: Annotated[SuccessRate | None, _SEQUENTIAL] = Field(default=None, title="Success rate")
-    noWorseThan: NoWorseThan | None = Field(default=None, title="No worse than another version")
+    noWorseThan: Annotated[NoWorseThan | None, _SEQUENTIAL] = Field(default=None, title="No worse than another version")
     collisionRate: Annotated[CollisionRate | None, _SEQUENTIAL] = Field(default=None, title="Collision rate")
     maxOutcomeFlipRate: FlipRate | None = Field(default=None, title="Outcomes that differ from C MuJoCo's")
     quantiles: Annotated[tuple[QuantileRule, ...], Field(max_length=MAX_QUANTILES)] | None = Field(
@@ -138,7 +148,7 @@ class Gate(Ruled):
     stopEarly: Boolean | None = Field(
         default=None,
         title="Stop early",
-        description="Ends the batch when successRate and collisionRate are certain, by a test that allows it.",
+        description="Ends the batch when its rates, and its comparison with a version that it drives too, are certain.",
     )
 
     @classmethod
@@ -150,6 +160,8 @@ class Gate(Ruled):
         if part(data, _STOP_EARLY) is True and not set(asked) & set(SEQUENTIAL_RULES):
             allowed = f"{' or '.join(SEQUENTIAL_RULES)} beside it, which can be sure early"
             yield Finding((_STOP_EARLY,), part(data, _STOP_EARLY), allowed)
+        if part(data, _STOP_EARLY) is True:
+            yield from (Finding(loc, "worlds", _NOT_EARLY) for loc in _over_worlds(data))
         yield from _asked_twice(items(part(data, "quantiles")))
 
 
@@ -170,6 +182,34 @@ def unaudited(gate: object, audit: object) -> Iterator[Finding]:
     if part(gate, "maxOutcomeFlipRate") is not None and lanes == 0 and type(lanes) is int:
         allowed = "simulationBatch.audit.lanes above 0, for the episodes that it counts"
         yield Finding(("gate", "maxOutcomeFlipRate"), "audit.lanes is 0", allowed)
+
+
+def drawn_once(gate: object, batch: object, generation: object) -> Iterator[Finding]:
+    """Yields rules about worlds like these in a raw document whose batch certainly has one world alone."""
+    if _worlds_at_most(batch, generation) == 1:
+        allowed = f"{FEWEST_WORLDS} worlds or more in the batch; one world says nothing of others"
+        yield from (Finding(("gate", *loc), "worlds", allowed) for loc in _over_worlds(gate))
+
+
+def _over_worlds(gate: object) -> Iterator[Location]:
+    """Yields where rules ask about worlds like these."""
+    sections: list[tuple[Location, object]] = [((name,), part(gate, name)) for name in RULES if name != "quantiles"]
+    sections += [(("quantiles", number), each) for number, each in enumerate(items(part(gate, "quantiles")))]
+    yield from ((*loc, "over") for loc, section in sections if part(section, "over") == "worlds")
+
+
+def _worlds_at_most(batch: object, generation: object) -> int | None:
+    """Returns how many worlds a raw batch has at most; None where the document alone does not say it."""
+    requests = items(part(batch, "createSimulationJobRequests"))
+    if any(part(use, "worldConfigs") for each in requests for use in items(part(each, "simulationApplications"))):
+        return None
+    named, count = part(part(batch, "matrix"), "worlds"), part(generation, "worldCount")
+    if named not in (None, "all"):
+        return len({str(each) for each in items(named)})
+    sides: list[Any] = [part(count, name) for name in ("floorplanCount", "interiorCountPerFloorplan")]
+    plans, interiors = (1 if each is None else each for each in sides)
+    known = generation is not None and type(plans) is int and type(interiors) is int
+    return plans * interiors if known else None
 
 
 def _asked_twice(quantiles: object) -> Iterator[Finding]:

@@ -11,6 +11,7 @@ from pydantic import JsonValue
 from specs.arn import ResourceKind, arn
 from specs.base import Spec
 from specs.digest import canonical_document
+from specs.pipeline.generation_parts import GenerationPart, generation_parts
 from specs.pipeline.simulation_section import (
     Deployment,
     LocalFleet,
@@ -37,17 +38,28 @@ def fleet_reference(section: Deployment) -> str:
     return section.fleet.name if isinstance(section.fleet, LocalFleet) else section.fleet
 
 
-def generation_request(section: WorldGeneration, *, template: str, token: str) -> CreateWorldGenerationJobRequest:
+def section_parts(section: WorldGeneration) -> tuple[GenerationPart, ...]:
+    """Returns the generation jobs that a section asks for, one for each 50 worlds."""
+    count = section.worldCount
+    return generation_parts(count.floorplanCount, count.interiorCountPerFloorplan)
+
+
+def generation_request(
+    section: WorldGeneration, part: GenerationPart, *, template: str, token: str
+) -> CreateWorldGenerationJobRequest:
     """Returns the request for a generation job.
 
     Args:
         section: The section of the pipeline.
+        part: The worlds that this job makes.
         template: ARN of the template, which the section may give as a path or a body.
         token: Used where the section has no token of its own.
     """
     document = _without(section, "seed", "template", "robotRadius")
+    count = {"floorplanCount": part.floorplans, "interiorCountPerFloorplan": part.interiors}
+    token = part.token(section.clientRequestToken or token)
     return CreateWorldGenerationJobRequest.model_validate(
-        {"clientRequestToken": token, **document, "template": template}
+        {**document, "clientRequestToken": token, "template": template, "worldCount": count}
     )
 
 

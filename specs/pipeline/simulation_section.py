@@ -58,7 +58,7 @@ class RollOutRules(Spec):
 MAX_SEEDS = 10_000
 MAX_LOCAL_AGENTS = 20
 MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, CONTROL_HZ
-AUDITED_LANES, MAX_AUDITED_LANES = 16, 256
+AUDITED_LANES, MAX_AUDITED_LANES = 32, 256
 
 Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
 EngineName = Literal["planar", "mjx", "mujoco"]
@@ -114,7 +114,7 @@ class Audit(Spec):
     """How much of a batch is driven again on C MuJoCo, to show that its engine can be relied on."""
 
     lanes: Annotated[Integer, Field(ge=0, le=MAX_AUDITED_LANES)] = Field(
-        default=AUDITED_LANES, title="Lanes", description="Episodes, half of them failed ones; 0 audits nothing."
+        default=AUDITED_LANES, title="Lanes", description="Episodes, a quarter of them failed ones; 0 audits nothing."
     )
 
 

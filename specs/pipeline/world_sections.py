@@ -19,8 +19,8 @@ from specs.field_types import (
     WorldReference,
     text,
 )
+from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.rules import Finding, Ruled, broken, distinct, part
-from specs.settings import MAX_WORLDS, max_worlds_of_job
 from specs.template.body import TemplateBody
 from specs.unions import by_shape, member
 
@@ -81,14 +81,13 @@ class PipelineWorldCount(Ruled):
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
-        """Yields a number of worlds that no generation job makes."""
+        """Yields a number of worlds that no document has."""
         counts = [part(data, "floorplanCount"), part(data, "interiorCountPerFloorplan")]
         plans, interiors = (count if type(count) is int else 1 for count in counts)
         worlds = plans * interiors
-        most = max_worlds_of_job()
-        if plans > 0 and worlds > most:
+        if plans > 0 and worlds > MAX_WORLDS_OF_DOCUMENT:
             found = f"{plans} floor plans x {interiors} interiors are {worlds}"
-            yield Finding((), data, f"at most {most} worlds; {found} ({MAX_WORLDS} raises the limit)")
+            yield Finding((), data, f"at most {MAX_WORLDS_OF_DOCUMENT} worlds; {found}")
 
 
 class WorldGeneration(Spec):
@@ -101,7 +100,9 @@ class WorldGeneration(Spec):
     """
 
     template: Template = Field(title="Template", description="Path, URL in a bucket, name, ARN, or the body itself.")
-    worldCount: PipelineWorldCount = Field(title="How many worlds", description=f"At most 50, or {MAX_WORLDS}.")
+    worldCount: PipelineWorldCount = Field(
+        title="How many worlds", description="Of more than 50, each 50 are a job of their own."
+    )
     seed: Seed = Field(default=0, title="Seed", description="The same seed makes the same worlds.")
     robotRadius: Annotated[Number, Field(ge=0.05, le=0.6)] = Field(
         default=ROBOT_RADIUS_M,

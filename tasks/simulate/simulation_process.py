@@ -145,7 +145,7 @@ class Service:
         from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415
         from tasks.simulate.audit.audit_sample import SampledEpisode  # noqa: PLC0415
 
-        sample = [SampledEpisode(each.request, each.row, each.spread) for each in work.sample]
+        sample = [SampledEpisode(each.request, each.row, each.weight) for each in work.sample]
         with hand_over_timings() as timings:
             report = audit(
                 sample,

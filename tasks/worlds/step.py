@@ -6,6 +6,7 @@ from tasks.progress.listener import stage_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 from tasks.worlds.job.job import RemoteWorldMaker, run_generation_job
+from tasks.worlds.job.production import Indices
 
 STAGE = "Worlds"
 
@@ -18,6 +19,7 @@ def generate_worlds(
     seed: int,
     token: str,
     robot_radius_m: float,
+    first: Indices = (1, 1),
 ) -> JobRecord:
     """Returns the ended generation job of the token, having made the worlds that were missing.
 
@@ -28,9 +30,10 @@ def generate_worlds(
         seed: At least 0.
         token: The client request token.
         robot_radius_m: Radius of the robot that every room shall be reachable for.
+        first: Floor plan and interior of the first world.
     """
     return generate_elsewhere(
-        store_url, request, template, seed=seed, token=token, robot_radius_m=robot_radius_m, elsewhere=None
+        store_url, request, template, seed=seed, token=token, robot_radius_m=robot_radius_m, first=first, elsewhere=None
     )
 
 
@@ -42,6 +45,7 @@ def generate_elsewhere(
     seed: int,
     token: str,
     robot_radius_m: float,
+    first: Indices = (1, 1),
     elsewhere: RemoteWorldMaker | None,
 ) -> JobRecord:
     """Returns what `generate_worlds` does, for which workers of a cluster make the worlds; for who holds them."""
@@ -53,5 +57,6 @@ def generate_elsewhere(
         token=token,
         progress=stage_progress(STAGE),
         robot_radius_m=robot_radius_m,
+        first=first,
         elsewhere=elsewhere,
     )

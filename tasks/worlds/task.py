@@ -12,13 +12,17 @@ from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.worlds import step
+from tasks.worlds.job.production import Indices
 
 
 def worlds_name(parameters: Mapping[str, Any]) -> str:
-    """Returns what Prefect's pages call the task run of a generation, such as ``worlds 1-50``."""
+    """Returns what Prefect's pages call the task run of a generation, such as ``worlds 51-100``."""
     request: CreateWorldGenerationJobRequest = parameters["request"]
     count = (request.worldCount.floorplanCount or 1) * (request.worldCount.interiorCountPerFloorplan or 1)
-    return f"worlds 1-{count}" if count > 1 else "world 1"
+    # Of several jobs, all have as many interiors of each plan or are interiors of one plan.
+    plan, interior = parameters.get("first", (1, 1))
+    before = (plan - 1) * (request.worldCount.interiorCountPerFloorplan or 1) + interior - 1
+    return f"worlds {before + 1}-{before + count}" if count > 1 else f"world {before + 1}"
 
 
 # Prefect's cache is switched off everywhere: a repeated stage is recognised by its token, in the store.
@@ -37,7 +41,10 @@ def generate_worlds(
     seed: int,
     token: str,
     robot_radius_m: float,
+    first: Indices = (1, 1),
 ) -> JobRecord:
     """Returns what `tasks.worlds.step.generate_worlds` does, and shows its progress."""
     with show_progress(step.STAGE, "worlds-progress"):
-        return step.generate_worlds(store_url, request, template, seed=seed, token=token, robot_radius_m=robot_radius_m)
+        return step.generate_worlds(
+            store_url, request, template, seed=seed, token=token, robot_radius_m=robot_radius_m, first=first
+        )

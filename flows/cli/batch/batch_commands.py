@@ -139,6 +139,7 @@ def shrink(
     found = shrink_job(open_existing_store(store), job, budget)
     before, after = found.world, found.small_world
     echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
+    echo(f"  failure    {found.likeness}")
     echo(f"  furniture  {len(before.furniture)} -> {len(after.furniture)}" + _pieces(found.minimal))
     echo(f"  seed       {found.request.seed} -> {found.small_request.seed}")
     echo(f"  world      {found.request.world} -> {found.small_request.world}")
@@ -149,7 +150,7 @@ def shrink(
 
 
 def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
-    return " pieces, none of which can be left out" if minimal else " pieces; a larger --budget may leave fewer"
+    return " pieces, no single one of which can go" if minimal else " pieces; a larger --budget may leave fewer"
 
 
 def report(

@@ -6,10 +6,9 @@ from flows.ci.run_report import store_option
 from specs.arn import arn, resource_name
 from specs.data.run_report import PipelineReport, StageName, StageReport
 from specs.errors import ObjectNotFound, ResourceNotFound
-from specs.pipeline.gate_section import stops_early
 from tasks.deploy.fleet.fleets import fleet_name
 from tasks.results.gate.evidence import Evidence, read_evidence
-from tasks.results.statistics.power.episodes_needed import episodes_needed, episodes_needed_at_any_look
+from tasks.results.statistics.power.shares import share_needs
 from tasks.results.tables.result_files import FAILURES_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND
@@ -58,13 +57,12 @@ def _needed(evidence: Evidence) -> Iterator[str]:
     answer = next((each for each in evidence.rules if each.rule == "successRate"), None)
     if asked is None or answer is None or answer.verdict != "INCONCLUSIVE" or answer.estimate is None:
         return
-    needed = (episodes_needed_at_any_look if stops_early(evidence.rule) else episodes_needed)(
-        asked.atLeast, asked.confidence, answer.estimate
-    )
-    if needed is None:
+    needs = share_needs(asked.atLeast, asked.confidence, answer.estimate, answer.counted)
+    if needs is None:
         yield f"would not help at this rate: {100 * answer.estimate:.1f} % is not above {100 * asked.atLeast:g} %"
-    elif needed > answer.counted:
-        yield f"{needed} would PASS at this rate, and there are {answer.counted}: set more seeds or worlds"
+    elif needs.for_80 > answer.counted:
+        more = f"{needs.for_80} PASS at this rate with 80 % power, {needs.for_90} with 90 %"
+        yield f"{more}, and there are {answer.counted}: set more worlds or seeds"
 
 
 def _of_batch(report: PipelineReport, store: Store) -> Iterator[tuple[str, str]]:

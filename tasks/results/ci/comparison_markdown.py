@@ -9,8 +9,8 @@ from specs.artifact_text import code_span
 from tasks.results.ci.markdown_blocks import bounded_page, details, table
 from tasks.results.compare.comparison import EpisodeFlip
 from tasks.results.compare.comparison_verdict import Comparison, ComparisonAnswer
-from tasks.results.report.rows import percent, percent_range
 from tasks.results.statistics.intervals import wilson
+from tasks.results.statistics.rate_text import percent, percent_range
 
 COMMENT_CHARACTERS = 65_536
 """GitHub takes no longer comment; GitLab takes a million."""

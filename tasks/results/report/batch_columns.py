@@ -53,6 +53,7 @@ class Episodes:
         outcome: PASSED, FAILED or CANCELED.
         world: In which world.
         application: Which robot application in which scenario.
+        robot: SHA-256 of which robot application.
         final_m: Where it ended (x m, y m).
         variables: The value of each environment variable that was asked for.
     """
@@ -60,6 +61,7 @@ class Episodes:
     outcome: Int[np.ndarray, " rows"]
     world: Labels
     application: Labels
+    robot: Labels
     final_m: Float[np.ndarray, "rows 2"]
     variables: Mapping[str, Labels]
 
@@ -118,6 +120,7 @@ def read_episodes(path: Path, variables: Sequence[str]) -> Episodes:
         outcome=success.to_numpy().astype(np.int64),
         world=_labels(table.column("world")),
         application=_applications(table),
+        robot=_labels(table.column(_DIGEST)),
         final_m=_points(table, "final_x_m", "final_y_m"),
         variables={name: _labels(_variable_values(table.column("environment"), name)) for name in variables},
     )

@@ -1,6 +1,6 @@
 """Counts a batch's episodes by world, application, variable or room, and failures by reason."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
@@ -35,6 +35,19 @@ def group_episodes(episodes: Episodes, labels: Labels, confidence: float) -> lis
         )
         for number, label in enumerate(labels.names)
     ]
+
+
+def counts_by_world(episodes: Episodes, digests: Collection[str] = ()) -> tuple[list[int], list[int]]:
+    """Returns of each world how many episodes passed, and how many came to an end.
+
+    Args:
+        episodes: The batch.
+        digests: Robot applications whose episodes are meant; of none, all are.
+    """
+    codes = [code for code, name in enumerate(episodes.robot.names) if not digests or name in digests]
+    meant = np.isin(episodes.robot.codes, codes)
+    passed = _count(episodes.world, meant & (episodes.outcome == PASSED))
+    return passed, _count(episodes.world, meant & (episodes.outcome != CANCELED))
 
 
 def reasons_by_world(failures: Failures) -> dict[str, tuple[tuple[str, int], ...]]:

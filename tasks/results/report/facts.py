@@ -25,8 +25,11 @@ class Judgement(Spec):
         rate: The success rate that was judged, of the tested version alone; None if none was.
         interval: Its interval, or None likewise.
         method: What that is: ``Wilson``, or ``confidence sequence`` for a batch that may end early.
+        over_worlds: Whether that interval is of worlds like these, and not of these alone.
+        sequential: Whether the batch might have ended early.
         rules: Each rule by itself, where there are several.
         alone: The version that was judged, where the batch drove the one that it was compared with, too; else empty.
+        digests: SHA-256 of each robot application that was judged, likewise; else none.
         ships: What the document ships, and what of it no episode drove, a line each.
     """
 
@@ -37,8 +40,11 @@ class Judgement(Spec):
     rate: float | None = None
     interval: Interval | None = None
     method: str = ""
+    over_worlds: bool = False
+    sequential: bool = False
     rules: tuple[RuleAnswer, ...] = ()
     alone: str = ""
+    digests: tuple[str, ...] = ()
     ships: tuple[str, ...] = ()
 
 

@@ -45,6 +45,8 @@ def read_judgement(store: Store, batch: str) -> Judgement | None:
 def judgement_of(evidence: Evidence) -> Judgement:
     """Returns what evidence says of the gate's answer."""
     rate, rules = evidence.rule.successRate, evidence.rules
+    judged = evidence.judged_robots()
+    alone = () if judged == evidence.robots else judged
     answer = next((each for each in rules if each.rule == _RATE), None)
     return Judgement(
         verdict=evidence.verdict,
@@ -54,17 +56,13 @@ def judgement_of(evidence: Evidence) -> Judgement:
         rate=answer.estimate if answer else None,
         interval=_interval(answer.lower, answer.upper) if answer else None,
         method=answer.method if answer else "",
+        over_worlds=bool(rate and rate.over),
+        sequential=bool(evidence.rule.stopEarly),
         rules=tuple(RuleAnswer(name=each.title, verdict=each.verdict, sentence=each.sentence) for each in rules),
-        alone=_judged_version(evidence),
+        alone=", ".join(f"{robot.name} version {robot.version}" for robot in alone),
+        digests=tuple(robot.digest for robot in alone),
         ships=tuple(shipment_lines(evidence.ships)) if evidence.ships else (),
     )
-
-
-def _judged_version(evidence: Evidence) -> str:
-    judged = evidence.judged_robots()
-    if judged == evidence.robots:
-        return ""
-    return ", ".join(f"{robot.name} version {robot.version}" for robot in judged)
 
 
 def _interval(lower: float | None, upper: float | None) -> Interval | None:

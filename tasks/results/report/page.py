@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from specs.artifact_text import escape_markdown, xml_text
 from specs.data.outcome_reasons import MARKS
-from tasks.results.report.rows import RateRow
+from tasks.results.report.rows import RateRow, RateTable
 from tasks.results.report.view import ReportView, RoomsView
 
 
@@ -69,12 +69,14 @@ def report_markdown(view: ReportView, url: str) -> str:
     sentence = "\n".join([escape_markdown(said[0]), *(f"- {escape_markdown(line)}" for line in said[1:])])
     rows = [
         view.whole,
-        *(row for column in view.columns for table in column for row in _captioned_rows(table.caption, table.rows)),
+        *(row for column in view.columns for table in column for row in _captioned_rows(table)),
     ]
+    rate = [f"{view.judged.text}.", *view.like_these.sentences()]
     reasons = [f"- {row.count:,} x {escape_markdown(row.reason)} ({row.share} of failures)" for row in view.reasons]
     return "\n\n".join(
         [
-            *(title, sentence, _table(rows), "\n".join(reasons) or "No failures."),
+            *(title, sentence, escape_markdown(" ".join(rate)), _table(rows), escape_markdown(_intervals(view))),
+            "\n".join(reasons) or "No failures.",
             *([_rooms(view.rooms)] if view.rooms else []),
             f"Report: {escape_markdown(url)}",
         ]
@@ -86,8 +88,14 @@ def _rooms(rooms: RoomsView) -> str:
     return "\n".join([line, *(f"- ⚠️ {escape_markdown(warning)}" for warning in rooms.warnings)])
 
 
-def _captioned_rows(caption: str, rows: Sequence[RateRow]) -> list[RateRow]:
-    return [row.model_copy(update={"label": f"{caption.removeprefix('By ')}: {row.label}"}) for row in rows]
+def _intervals(view: ReportView) -> str:
+    said = f"Rates {view.where}, that of a world in it alone; {view.confidence} intervals."
+    return f"{said} {view.family.sentence()}." if view.family.size else said
+
+
+def _captioned_rows(table: RateTable) -> list[RateRow]:
+    caption = table.caption.removeprefix("By ")
+    return [row.model_copy(update={"label": f"{caption}: {row.label}"}) for row in table.rows]
 
 
 def _table(rows: Sequence[RateRow]) -> str:

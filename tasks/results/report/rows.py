@@ -1,13 +1,17 @@
-"""The report's tables of success rates: a line a group of episodes, with its interval drawn on an axis.
+"""The report's tables of success rates: a line a group of episodes, with its intervals drawn on an axis.
 
 Positions on an axis are percentages of a drawing's width.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
 
 from specs.base import Spec
+from tasks.results.report.facts import Judgement
 from tasks.results.statistics.intervals import Interval
+from tasks.results.statistics.rate_text import in_worlds, percent, percent_range
+from tasks.results.statistics.simultaneous import IntervalFamily
 from tasks.results.statistics.summary import EpisodeGroup
 
 # So that what stands at either end is whole.
@@ -62,9 +66,14 @@ class Scale(Spec):
         return Bar(begin=_percent(begin), length=_percent(end - begin), dot=dot)
 
 
-def scale(groups: Sequence[EpisodeGroup], goal: float | None) -> Scale:
-    """Returns the axis that shows all groups and the gate's bar, and as little else as round marks allow."""
-    shares = [group.interval.lower for group in groups if group.episodes] + ([] if goal is None else [goal])
+def scale(lowers: Sequence[float], goal: float | None) -> Scale:
+    """Returns the axis that shows intervals and the gate's bar, and as little else as round marks allow.
+
+    Args:
+        lowers: Lower bounds of the intervals.
+        goal: The gate's bar, or None.
+    """
+    shares = [*lowers, *(() if goal is None else (goal,))]
     lowest = min(shares, default=0.0)
     low = next(begin for begin in _TICKS if begin <= lowest)
     ticks = tuple(Tick(at=_percent(_place(share, low)), text=f"{100 * share:g}\u00a0%") for share in _TICKS[low])
@@ -88,13 +97,22 @@ _LONGEST = 60
 
 
 class RateRow(Spec):
-    """One group: its name, its numbers as text, and where its interval stands."""
+    """One group: its name, its numbers as text, and where its intervals stand.
+
+    Attributes:
+        interval: The one that holds together with those of all other groups; of all episodes, their own.
+        bar: It, drawn.
+        alone: The one that holds by itself (Wilson).
+        bar_alone: It, drawn.
+    """
 
     label: str
     counts: str
     rate: str
     interval: str
     bar: Bar
+    alone: str
+    bar_alone: Bar
     why: str
 
 
@@ -103,83 +121,126 @@ class RateTable(Spec):
 
     Attributes:
         caption: What the rows are.
+        where: In which worlds their rates hold.
         head: What their names are.
         left_out: How many rows more there were.
     """
 
     caption: str
+    where: str
     head: str
     scale: Scale
     rows: tuple[RateRow, ...]
     left_out: int
 
 
-def rate_table(
-    caption: str,
-    head: str,
-    groups: Sequence[EpisodeGroup],
-    *,
-    goal: float | None,
-    why: Mapping[str, str] | None = None,
-    label: Callable[[str], str] = str,
-) -> RateTable:
-    """Returns a table of groups, as many as are read.
+class Grouped(NamedTuple):
+    """Groups that a table is made of.
 
-    Args:
+    Attributes:
         caption: What the rows are.
+        where: In which worlds their rates hold.
         head: What their names are.
         groups: In the order in which they are shown.
-        goal: The gate's bar, or None.
         why: Why episodes did not pass, by the group's label.
         label: Makes what is shown of a label.
     """
-    shown = groups[:MOST_ROWS]
-    axis = scale(shown, goal)
+
+    caption: str
+    where: str
+    head: str
+    groups: Sequence[EpisodeGroup]
+    why: Mapping[str, str] = MappingProxyType({})
+    label: Callable[[str], str] = str
+
+
+def family_of(tables: Sequence[Grouped], confidence: float) -> IntervalFamily:
+    """Returns the family of the intervals of all groups that have episodes, also of those that no table has room for.
+
+    Args:
+        tables: All that a page shows.
+        confidence: How often all of them hold, between 0 and 1.
+    """
+    size = sum(bool(group.episodes) for table in tables for group in table.groups)
+    return IntervalFamily(size=size, confidence=confidence)
+
+
+def rate_table(found: Grouped, family: IntervalFamily, goal: float | None) -> RateTable:
+    """Returns a table of groups, as many as are read.
+
+    Args:
+        found: The groups.
+        family: Of all groups of the page.
+        goal: The gate's bar, or None.
+    """
+    shown = found.groups[:MOST_ROWS]
+    axis = scale([family.interval(group.successes, group.episodes).lower for group in shown if group.episodes], goal)
     return RateTable(
-        caption=caption,
-        head=head,
+        caption=found.caption,
+        where=found.where,
+        head=found.head,
         scale=axis,
-        rows=tuple(rate_row(group, axis, label(group.label), (why or {}).get(group.label, "")) for group in shown),
-        left_out=len(groups) - len(shown),
+        rows=tuple(
+            rate_row(group, axis, found.label(group.label), family, found.why.get(group.label, "")) for group in shown
+        ),
+        left_out=len(found.groups) - len(shown),
     )
 
 
-def rate_row(group: EpisodeGroup, axis: Scale, label: str, why: str = "") -> RateRow:
+def rate_row(group: EpisodeGroup, axis: Scale, label: str, family: IntervalFamily | None, why: str = "") -> RateRow:
     """Returns a group as a line.
 
     Args:
         group: The group.
         axis: Where its interval is drawn.
         label: Its name on the page.
+        family: Of all groups of the page; None for all episodes, whose interval is of no family.
         why: Why its episodes did not pass, or empty.
     """
     canceled = f", {group.canceled} canceled" if group.canceled else ""
+    interval = family.interval(group.successes, group.episodes) if family else group.interval
     return RateRow(
         label=clip(label, _LONGEST),
         counts=f"{group.successes:,} of {group.episodes:,}{canceled}",
         rate="-" if group.rate is None else percent(group.rate),
-        interval=percent_range(group.interval),
-        bar=axis.bar(group.interval, group.rate),
+        interval=percent_range(interval),
+        bar=axis.bar(interval, group.rate),
+        alone=percent_range(group.interval),
+        bar_alone=axis.bar(group.interval, group.rate),
         why=why,
     )
+
+
+class JudgedRate(Spec):
+    """The rate beside the verdict, in words and on an axis."""
+
+    text: str
+    axis: Scale
+    bar: Bar
+
+
+def judged_rate(total: EpisodeGroup, judgement: Judgement | None, confidence: float, worlds: int) -> JudgedRate:
+    """Returns the rate that was judged, or that of all episodes, with the worlds in which it holds.
+
+    Args:
+        total: All episodes.
+        judgement: The gate's answer, or None.
+        confidence: Coverage of the interval.
+        worlds: How many worlds the episodes that were judged were in.
+    """
+    rate, interval, method = total.rate, total.interval, "Wilson"
+    if judgement and judgement.interval:
+        rate, interval, method = judgement.rate, judgement.interval, judgement.method
+    axis = scale([interval.lower] if total.episodes else [], judgement.at_least if judgement else None)
+    where = in_worlds(worlds, like_these=bool(judgement and judgement.interval and judgement.over_worlds))
+    text = f"{100 * confidence:g}\u00a0% interval ({method}) {percent_range(interval)} {where}"
+    shown = "no rate" if rate is None else percent(rate)
+    return JudgedRate(text=f"{shown}, {text}", axis=axis, bar=axis.bar(interval, rate))
 
 
 def worst_first(groups: Sequence[EpisodeGroup]) -> list[EpisodeGroup]:
     """Returns groups by their share of successes, the least first; those without episodes at the end."""
     return sorted(groups, key=lambda group: (2.0 if group.rate is None else group.rate, group.label))
-
-
-def percent(share: float) -> str:
-    """Returns a share as text; what is not quite everything or nothing is never rounded to it."""
-    shown = round(100.0 * share, 1)
-    if shown in (0.0, 100.0) and share not in (0.0, 1.0):
-        return ">\u00a099.9\u00a0%" if shown else "<\u00a00.1\u00a0%"
-    return f"{shown:.1f}\u00a0%"
-
-
-def percent_range(interval: Interval) -> str:
-    """Returns an interval as text, rounded outwards, so that no bound is printed on the wrong side of a bar."""
-    return f"{math.floor(1000 * interval.lower) / 10:.1f} to {math.ceil(1000 * interval.upper) / 10:.1f}\u00a0%"
 
 
 def reasons_text(reasons: Sequence[tuple[str, int]]) -> str:

@@ -15,18 +15,18 @@ from tasks.results.report.batch_columns import (
     read_episodes,
     read_failures,
 )
-from tasks.results.report.episode_groups import group_episodes, reasons, reasons_by_world, total_group
+from tasks.results.report.episode_groups import counts_by_world, group_episodes, reasons, reasons_by_world, total_group
 from tasks.results.report.facts import BatchFacts, Judgement, RuleAnswer
 from tasks.results.report.maps import WorldMap, world_maps
 from tasks.results.report.places import Worlds, end_rooms, start_rooms
 from tasks.results.report.rows import (
-    Bar,
+    Grouped,
+    JudgedRate,
     RateRow,
     RateTable,
-    Scale,
     clip,
-    percent,
-    percent_range,
+    family_of,
+    judged_rate,
     rate_row,
     rate_table,
     reasons_text,
@@ -34,8 +34,11 @@ from tasks.results.report.rows import (
     short_world,
     worst_first,
 )
+from tasks.results.statistics.rate_text import in_worlds, percent
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings, goals_share
+from tasks.results.statistics.simultaneous import IntervalFamily
 from tasks.results.statistics.summary import EpisodeGroup
+from tasks.results.statistics.worlds_like_these import WorldsLikeThese, worlds_like_these
 
 _CONFIDENCE = 0.95
 _LONGEST = 240
@@ -67,14 +70,6 @@ class StageRow(Spec):
     summary: str
 
 
-class JudgedRate(Spec):
-    """The rate beside the verdict, in words and on an axis."""
-
-    text: str
-    axis: Scale
-    bar: Bar
-
-
 class RoomsView(Spec):
     """The rooms that robots were in.
 
@@ -100,7 +95,11 @@ class ReportView(Spec):
         rules: Each with its sentence, likewise, where there are several.
         whole: All episodes as a line.
         judged: The rate that was judged, or that of all episodes, on the axis of the verdict.
-        sequential: Whether the batch might have ended early, which Wilson intervals know nothing of.
+        like_these: What the episodes that were judged say of worlds that were not drawn.
+        where: In which worlds the rate of all episodes holds.
+        sequential: Whether the batch might have ended early, which intervals of groups know nothing of.
+        family: How many intervals of groups there are, and how sure all of them together are.
+        misses: How many of them miss in the mean, if each holds by itself.
         columns: Tables of rates, in the columns of a wide page.
         rooms: How much of its worlds the robots were in; None where the tables do not say.
         audit: None where none was made.
@@ -116,8 +115,12 @@ class ReportView(Spec):
     total: EpisodeGroup
     whole: RateRow
     judged: JudgedRate
+    like_these: WorldsLikeThese
+    where: str
     sequential: bool
     reasons: tuple[ReasonRow, ...]
+    family: IntervalFamily
+    misses: str
     columns: tuple[tuple[RateTable, ...], ...]
     maps: tuple[WorldMap, ...]
     worlds: int
@@ -141,7 +144,9 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
     episodes, failed = read_episodes(results, swept), read_failures(failures)
     judgement = facts.judgement
     confidence = judgement.confidence if judgement else _CONFIDENCE
-    total = total_group(episodes, confidence)
+    goal = judgement.at_least if judgement else None
+    total, groups = total_group(episodes, confidence), _groups(facts, episodes, failed, worlds, confidence)
+    family, like_these = family_of(groups, confidence), _like_these(episodes, judgement, confidence)
     return ReportView(
         facts=facts,
         title=facts.name or facts.batch,
@@ -150,11 +155,15 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
         rules=_rules(judgement) if judgement else (),
         confidence=f"{100 * confidence:g}\u00a0%",
         total=total,
-        whole=rate_row(total, scale([total], None), total.label),
-        judged=_judged_rate(total, judgement, confidence),
-        sequential=judgement is not None and judgement.method not in {"", "Wilson"},
+        whole=rate_row(total, scale([total.interval.lower], None), total.label, None),
+        judged=judged_rate(total, judgement, confidence, like_these.spread.worlds),
+        like_these=like_these,
+        where=in_worlds(sum(map(bool, counts_by_world(episodes)[1]))),
+        sequential=judgement is not None and judgement.sequential,
         reasons=_reasons(failed),
-        columns=_columns(_tables(facts, episodes, failed, worlds, confidence)),
+        family=family,
+        misses=f"{family.size * (1.0 - confidence):.2g}",
+        columns=_columns([rate_table(each, family, goal) for each in groups]),
         maps=tuple(world_maps(facts, episodes, failed, failures, worlds)),
         worlds=len(facts.worlds),
         failures=failed.table.num_rows,
@@ -165,14 +174,10 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Worlds
     )
 
 
-def _judged_rate(total: EpisodeGroup, judgement: Judgement | None, confidence: float) -> JudgedRate:
-    rate, interval, method = total.rate, total.interval, "Wilson"
-    if judgement and judgement.interval:
-        rate, interval, method = judgement.rate, judgement.interval, judgement.method
-    axis = scale([total.model_copy(update={"interval": interval})], judgement.at_least if judgement else None)
-    text = f"{100 * confidence:g}\u00a0% interval ({method}) {percent_range(interval)}"
-    shown = "no rate" if rate is None else percent(rate)
-    return JudgedRate(text=f"{shown}, {text}", axis=axis, bar=axis.bar(interval, rate))
+def _like_these(episodes: Episodes, judgement: Judgement | None, confidence: float) -> WorldsLikeThese:
+    early = "the batch might have ended early" if judgement and judgement.sequential else ""
+    counts = counts_by_world(episodes, judgement.digests if judgement else ())
+    return worlds_like_these(*counts, confidence, refused=early)
 
 
 def _sentence(judgement: Judgement) -> str:
@@ -196,24 +201,24 @@ def _rules(judgement: Judgement) -> tuple[RuleAnswer, ...]:
     )
 
 
-def _tables(
+def _groups(
     facts: BatchFacts, episodes: Episodes, failed: Failures, worlds: Worlds, confidence: float
-) -> tuple[RateTable, ...]:
-    goal = facts.judgement.at_least if facts.judgement else None
+) -> tuple[Grouped, ...]:
     why = {world: reasons_text(found) for world, found in reasons_by_world(failed).items()}
     by_world = worst_first(group_episodes(episodes, episodes.world, confidence))
-    found = [rate_table("By world", "World", by_world, goal=goal, why=why, label=short_world(tuple(facts.worlds)))]
+    here = in_worlds(sum(bool(group.episodes) for group in by_world))
+    found = [Grouped("By world", "each in that world alone", "World", by_world, why, short_world(tuple(facts.worlds)))]
     if len(episodes.application.names) > 1:
         by_application = group_episodes(episodes, episodes.application, confidence)
-        found.append(rate_table("By application", "Robot and scenario", by_application, goal=goal))
+        found.append(Grouped("By application", here, "Robot and scenario", by_application))
     for name, labels in episodes.variables.items():
         groups = _in_document_order(group_episodes(episodes, labels, confidence), facts.variables[name])
-        found.append(rate_table(f"By {clip(name, 60)}", "Value", groups, goal=goal))
+        found.append(Grouped(f"By {clip(name, 60)}", here, "Value", groups))
     if worlds.rooms:
         for caption, place in (("By room of the start", start_rooms), ("By room of the end", end_rooms)):
             groups = worst_first(group_episodes(episodes, place(episodes, worlds), confidence))
             if len(groups) > 1:  # one room type says what all episodes say
-                found.append(rate_table(caption, "Room type", groups, goal=goal))
+                found.append(Grouped(caption, here, "Room type", groups))
     return tuple(found)
 
 

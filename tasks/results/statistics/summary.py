@@ -7,7 +7,9 @@ from typing import Self
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.statistics.intervals import Interval, wilson
+from tasks.results.statistics.rate_text import in_worlds, percent, percent_range
 from tasks.results.statistics.room_coverage import RoomCoverage, RoomRow, RoomTally
+from tasks.results.statistics.simultaneous import IntervalFamily
 from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending_of, pair_results
 
 _NOT_SET = "(not set)"
@@ -68,11 +70,23 @@ class BatchSummary(Spec):
         by_world: By world, in the order in which the batch comes to them.
         by_variable: For each environment variable with more than one value: its name and a group a value, in that
             order too.
+        confidence: Of the interval of all episodes, and of those of all groups together.
     """
 
     total: EpisodeGroup
     by_world: tuple[EpisodeGroup, ...]
     by_variable: tuple[tuple[str, tuple[EpisodeGroup, ...]], ...]
+    confidence: float
+
+    def groups(self) -> list[tuple[str, EpisodeGroup]]:
+        """Returns the groups by world and by value, each with what its label needs before it."""
+        by_world = [("", group) for group in self.by_world]
+        return by_world + [(f"{name}=", group) for name, values in self.by_variable for group in values]
+
+    def family(self) -> IntervalFamily:
+        """Returns how many groups have episodes, and how sure the intervals of all of them are."""
+        size = sum(bool(group.episodes) for _, group in self.groups())
+        return IntervalFamily(size=size, confidence=self.confidence)
 
 
 class EpisodeTally:
@@ -116,6 +130,10 @@ class EpisodeTally:
         """Returns what a gate judges by."""
         return count_endings(self._total)
 
+    def worlds(self) -> int:
+        """Returns in how many worlds episodes came to an end."""
+        return sum(any(ended.success is not None for ended in counts) for counts in self._worlds.values())
+
     def rooms(self) -> RoomCoverage | None:
         """Returns how much of its worlds the robots were in; None if no episode started."""
         return self._rooms.coverage()
@@ -130,6 +148,7 @@ class EpisodeTally:
             total=_group("all", self._total, confidence),
             by_world=_groups(self._worlds, confidence),
             by_variable=tuple((name, _groups(values, confidence)) for name, values in self._variables.items()),
+            confidence=confidence,
         )
 
     def why_not(self) -> list[tuple[str, int, str]]:
@@ -138,10 +157,22 @@ class EpisodeTally:
 
 
 def summary_rows(summary: BatchSummary) -> list[tuple[str, str, str, str, str]]:
-    """Returns rows for a table: group, passed of episodes, rate, interval, reasons."""
-    groups = [("", summary.total), *(("", group) for group in summary.by_world)]
-    groups += [(f"{name}=", group) for name, values in summary.by_variable for group in values]
-    return [_row(prefix, group) for prefix, group in groups]
+    """Returns rows for a table: group, passed of episodes, rate, interval, reasons.
+
+    The intervals of groups hold together; that of all episodes, in the first row, is of no family.
+    """
+    family = summary.family()
+    rows = [_row("", summary.total, summary.total.interval)]
+    return rows + [
+        _row(prefix, group, family.interval(group.successes, group.episodes)) for prefix, group in summary.groups()
+    ]
+
+
+def summary_note(summary: BatchSummary) -> str:
+    """Returns what the intervals of such a table are: of which worlds, how many, and how sure all of them are."""
+    worlds = sum(bool(group.episodes) for group in summary.by_world)
+    said = f"Rates {in_worlds(worlds)}, that of a world in it alone; {100 * summary.confidence:g} % intervals"
+    return f"{said}. {summary.family().sentence('batches')}" if summary.family().size else said
 
 
 def _join_names(names: set[str]) -> str:
@@ -164,10 +195,10 @@ def _group(label: str, counts: _Counts, confidence: float) -> EpisodeGroup:
     return EpisodeGroup.of_counts(label, count_endings(counts), confidence, _reasons(counts))
 
 
-def _row(prefix: str, group: EpisodeGroup) -> tuple[str, str, str, str, str]:
-    rate = "-" if group.rate is None else f"{100 * group.rate:.1f} %"
-    interval = f"{100 * group.interval.lower:.1f} - {100 * group.interval.upper:.1f} %"
+def _row(prefix: str, group: EpisodeGroup, sure: Interval) -> tuple[str, str, str, str, str]:
+    counts = f"{group.successes}/{group.episodes}"
+    rate = "-" if group.rate is None else percent(group.rate)
     reasons = [f"{count} {name}" for name, count in group.reasons]
     if group.canceled:
         reasons.append(f"{group.canceled} canceled")
-    return f"{prefix}{group.label}", f"{group.successes}/{group.episodes}", rate, interval, ", ".join(reasons)
+    return f"{prefix}{group.label}", counts, rate, percent_range(sure), ", ".join(reasons)

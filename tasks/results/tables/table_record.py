@@ -10,6 +10,8 @@ from tasks.results.tables.result_files import EpisodePart, Variables, recounted_
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
+WORLDS = "worlds_driven"
+"""Where a batch's record says in how many worlds its episodes came to an end."""
 ROOMS = "rooms"
 """Where a batch's record says which rooms robots were in, as a `RoomCoverage`."""
 
@@ -46,6 +48,7 @@ def write_batch_tables(
         "passed": counts.successes,
         "simulated_s": round(tally.simulated_s, 3),
         "counts": counts.model_dump(),
+        WORLDS: tally.worlds(),
         "failed_inside": sum(count for name, count, _ in tally.why_not() if name == "InternalServiceError"),
         "why_not": why_not,
     }

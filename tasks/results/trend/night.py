@@ -24,6 +24,7 @@ class Night(Spec):
         left_out: Why it does not count, or empty.
         vouched: Whether this machine's key vouches for its results.
         early: Whether it ended early, its gate being certain.
+        more_generations: The others, where several jobs made them.
         page: Where its report lies, as seen from the trend's page; empty if there is none.
     """
 
@@ -40,7 +41,12 @@ class Night(Spec):
     left_out: str = ""
     vouched: bool = False
     early: bool = False
+    more_generations: tuple[str, ...] = ()
     page: str = ""
+
+    def generations(self) -> tuple[str, ...]:
+        """Returns the generations that the run's own worlds lie in."""
+        return (self.generation, *self.more_generations)
 
     def bundle_names(self) -> str:
         """Returns the versions that were tested, with the beginning of each one's digest."""

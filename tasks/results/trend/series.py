@@ -157,7 +157,7 @@ def raised_alarms(trend: Trend, choice: Choice, run: str) -> list[tuple[Series, 
 def world_name(night: Night, world: str) -> str:
     """Returns what a world is called on all nights: without the generation, where the run itself made it."""
     generation, _, name = world.partition("/")
-    return name if generation == night.generation else world
+    return name if generation in night.generations() else world
 
 
 def _is_part(change: Change, whole: Change) -> bool:
@@ -180,7 +180,7 @@ def _identified(night: Night) -> _Cells:
     found: list[tuple[str, Cell]] = []
     for cell in night.cells:
         generation, _, name = cell.world.partition("/")
-        found.append((f"{night.worlds_made}/{name}" if generation == night.generation else cell.world, cell))
+        found.append((f"{night.worlds_made}/{name}" if generation in night.generations() else cell.world, cell))
     return found
 
 

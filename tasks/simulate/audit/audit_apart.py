@@ -38,7 +38,7 @@ def audit_apart(
             progress(answer.done)
 
     with simulator(bundles) as process:
-        episodes = tuple(AuditedEpisode(request=each.request, row=each.row, spread=each.spread) for each in sample)
+        episodes = tuple(AuditedEpisode(request=each.request, row=each.row, weight=each.weight) for each in sample)
         used = dict.fromkeys(each.request.world for each in sample)
         work = AuditWork(
             sample=episodes,

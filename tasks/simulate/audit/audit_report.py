@@ -1,22 +1,15 @@
-"""The report of an audit: how far two engines are apart, which outcomes flip, and whether that is alarming."""
+"""The report of an audit: how far two engines are apart, which outcomes flip, and what C MuJoCo itself flips."""
 
-import math
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from specs.base import Spec
+from tasks.simulate.audit.audit_estimate import FlipShare, TotalShare
 from tasks.simulate.engine.engines import REFERENCE
 
 AuditVerdict = Literal["SOUND", "SUSPECT", "NOT COMPARED", "NOT RUN"]
-# Flips are no surprise in chaotic contacts, so that one is no alarm: it is raised when so many would be seen by
-# chance less often than that, were the true rate within its limit: 2 of 16 spread ones, 3 of 8 failed ones.
-FLIP_LIMIT, FAILED_FLIP_LIMIT = 0.01, 0.05
-FEWEST_FLIPS = 2
-# Engines that agree are micrometres apart, where no contact amplifies them into another end.
-APART_LIMIT_M = 0.05
-_CHANCE = 0.05
 
 
 class ApartQuantiles(Spec):
@@ -28,32 +21,51 @@ class ApartQuantiles(Spec):
 
 
 class Flip(Spec):
-    """An episode that came to another end on C MuJoCo: ``Passed``, or why it failed."""
+    """An episode that came to another end on C MuJoCo.
+
+    Attributes:
+        index: The episode's.
+        row: ``Passed``, or why it failed.
+        reference: The same on C MuJoCo.
+        chaotic: Whether C MuJoCo a micrometre beside agrees with the row; None where there was no control.
+    """
 
     index: int
     row: str
     reference: str
+    chaotic: bool | None = None
 
 
 class AuditFlipRate(Spec):
-    """How many of some episodes flipped."""
+    """How many of some episodes flipped, as reports of older versions have it."""
 
     lanes: int
     flips: int
 
-    @property
-    def rate(self) -> float | None:
-        """Returns their share, 0-1; None of no episodes."""
-        return self.flips / self.lanes if self.lanes else None
 
-    def exceeds(self, limit: float) -> bool:
-        """Returns whether so many flips are hardly to be had by chance at a true rate within the limit."""
-        fewer = sum(math.comb(self.lanes, k) * limit**k * (1.0 - limit) ** (self.lanes - k) for k in range(self.flips))
-        return self.flips >= FEWEST_FLIPS and 1.0 - fewer < _CHANCE
+class AuditControl(Spec):
+    """C MuJoCo compared with itself, started a micrometre beside.
 
-    def text(self) -> str:
-        """Returns such as ``1 of 16``."""
-        return f"{self.flips} of {self.lanes}"
+    Attributes:
+        lanes: Episodes that it drove so, in each direction.
+        drives: Directions.
+        flips: Lanes in which its own drives differ in success.
+        rate: How likely two of its drives differ in success, weighted as the batch.
+        lower, upper: The 95 % interval of the rate.
+        way: How far its drives were from the undisturbed one, in the direction where it was furthest.
+        calm: Lanes that came to the same end on both engines, and that its own drives keep together.
+        parted: Of these, lanes in which the row's engine is far from it all the same.
+    """
+
+    lanes: int
+    drives: int
+    flips: int
+    rate: float
+    lower: float
+    upper: float
+    way: ApartQuantiles | None = None
+    calm: int = 0
+    parted: int = 0
 
 
 class AuditReport(Spec):
@@ -68,17 +80,23 @@ class AuditReport(Spec):
         reference: What it is compared with.
         lanes: Episodes that were driven again.
         compared: How many of them on the reference too.
+        false_passes: Of those that passed: how many fail on the reference.
+        false_alarms: Of those that failed: how many pass on the reference.
+        missed_contacts: Of those that touched nothing: how many touch something on the reference.
+        total: The share of the batch's episodes whose success is another one on the reference.
+        control: The reference compared with itself; None where nothing had to be explained.
         final: Between the places where episodes ended; None if none was compared.
         way: The most at any control step that both had; None likewise.
         unflipped: The same of the episodes that came to the same end on both.
-        spread: Of episodes spread over the batch: an estimate for the batch.
-        failed: Of those episodes of the sample that failed.
-        flips: Episodes with another outcome.
+        flips: Episodes whose success is another one on the reference.
+        others: Episodes with the same success that came to another end.
         unreproduced: Episodes whose row is not what the engine makes of their request.
         ros: Episodes that a ROS application drove.
         unlocked: Those of them in which lock-step did not hold, when their rows were made or when they were driven
             again: that their rows are the same is then no promise.
         elsewhere: Episodes that another kind of device had driven, whose bits cannot be had again here.
+        spread: In reports of older versions: of episodes spread over the batch, how many came to another end.
+        failed: Likewise: of those that failed.
     """
 
     verdict: AuditVerdict
@@ -88,44 +106,27 @@ class AuditReport(Spec):
     reference: str = REFERENCE
     lanes: int = 0
     compared: int = 0
+    false_passes: FlipShare = FlipShare()
+    false_alarms: FlipShare = FlipShare()
+    missed_contacts: FlipShare = FlipShare()
+    total: TotalShare = TotalShare()
+    control: AuditControl | None = None
     final: ApartQuantiles | None = None
     way: ApartQuantiles | None = None
     unflipped: ApartQuantiles | None = None
-    spread: AuditFlipRate = AuditFlipRate(lanes=0, flips=0)
-    failed: AuditFlipRate = AuditFlipRate(lanes=0, flips=0)
     flips: tuple[Flip, ...] = ()
+    others: tuple[Flip, ...] = ()
     unreproduced: tuple[int, ...] = ()
     ros: int = 0
     unlocked: tuple[int, ...] = ()
     elsewhere: tuple[int, ...] = ()
+    spread: AuditFlipRate | None = None
+    failed: AuditFlipRate | None = None
 
 
 def not_run(why: str) -> AuditReport:
     """Returns the report of an audit that could not be made."""
     return AuditReport(verdict="NOT RUN", sentence=f"not run: {' '.join(why.split())[:500]}")
-
-
-def with_verdict(found: AuditReport, why_not_compared: str = "") -> AuditReport:
-    """Returns a report with its verdict, and a sentence that says why.
-
-    Args:
-        found: The numbers.
-        why_not_compared: Why there are none of the reference, if so.
-    """
-    alarms = _alarms(found)
-    said = f"{found.lanes} of {found.lanes} rows were the same when driven again" if not found.unreproduced else ""
-    if found.compared:
-        p90 = f", p90 {found.way.p90_m:.1g} m apart" if found.way else ""
-        failed = f", {found.failed.text()} failed ones" if found.failed.lanes else ""
-        said = f"{found.compared} lanes on C MuJoCo: {found.spread.text()} outcomes flipped{failed}{p90}"
-    elif not found.unreproduced:
-        said += f"; not compared: {why_not_compared}" if why_not_compared else "; not compared"
-    enough = found.compared > 0 and 2 * found.compared >= max(found.sampled, found.lanes)
-    if found.compared and not enough:
-        said += f"; no more than {found.compared} of the {max(found.sampled, found.lanes)} drawn could be compared"
-    verdict: AuditVerdict = "SUSPECT" if alarms else "SOUND" if enough else "NOT COMPARED"
-    sentence = "; ".join(part for part in (*alarms, *_warnings(found), said) if part)
-    return found.model_copy(update={"verdict": verdict, "sentence": sentence})
 
 
 def apart_quantiles(apart_m: Sequence[float]) -> ApartQuantiles | None:
@@ -134,29 +135,3 @@ def apart_quantiles(apart_m: Sequence[float]) -> ApartQuantiles | None:
         return None
     median, p90, most = np.quantile(apart_m, [0.5, 0.9, 1.0])
     return ApartQuantiles(median_m=float(median), p90_m=float(p90), max_m=float(most))
-
-
-def _warnings(found: AuditReport) -> list[str]:
-    """Returns what a person should know of rows that are the same: luck may have had a part in it."""
-    if not found.unlocked:
-        return []
-    unlocked = f"lock-step did not hold in {len(found.unlocked)} of {found.ros} episodes ({_few(found.unlocked)})"
-    return [f"{unlocked}: they may differ another time"]
-
-
-def _few(indices: Sequence[int]) -> str:
-    return ", ".join(map(str, indices[:5]))
-
-
-def _alarms(found: AuditReport) -> list[str]:
-    alarms: list[str] = []
-    if found.unreproduced:
-        alarms.append(
-            f"{len(found.unreproduced)} of {found.lanes} rows are not what their engine makes of them "
-            f"({_few(found.unreproduced)})"
-        )
-    if found.spread.exceeds(FLIP_LIMIT) or found.failed.exceeds(FAILED_FLIP_LIMIT):
-        alarms.append("outcomes differ from C MuJoCo's more often than chance explains")
-    if found.unflipped is not None and found.unflipped.p90_m > APART_LIMIT_M:
-        alarms.append(f"robots with the same outcome are apart from C MuJoCo's by {found.unflipped.p90_m:.2g} m (p90)")
-    return alarms

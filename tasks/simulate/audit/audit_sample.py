@@ -1,70 +1,114 @@
-"""The sample of a batch's episodes that is audited: always the same, drawn without listing all episodes."""
+"""The sample of a batch's episodes that is audited: two strata, drawn so that each lane knows what it stands for.
+
+Episodes that passed are one stratum, all others the other one. A lane's weight is the inverse of the probability that
+it was drawn, so that weighted sums over the sample estimate those over the batch without bias (Horvitz and Thompson
+1952, JASA 47:663), whatever share of the lanes each stratum gets.
+"""
 
 import bisect
 import hashlib
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from specs.data.episode import EpisodeRequest, EpisodeResult
-from specs.digest import digest
+from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from tasks.simulate.batch.stop import was_left_out
 from tasks.simulate.plan.layout import Layout
 
 Rows = Callable[[int], Sequence[EpisodeResult]]
+# Draws a number from 0 to below another one; the text says what for.
+Pick = Callable[[str, int], int]
+# One lane in so many goes to episodes that failed. What passes wrongly ships, and a failure that is none costs a look.
+FAILED_ONE_IN = 4
 
 
 class SampledEpisode(NamedTuple):
     """An episode that is audited.
 
     Attributes:
-        spread: Whether it is one of those spread over the batch, which estimate its flip rate.
+        weight: For how many of the batch's episodes it stands, at least 1.
     """
 
     request: EpisodeRequest
     row: EpisodeResult
-    spread: bool
+    weight: float
 
 
-def draw_sample(layout: Layout, rows_of: Rows, lanes: int) -> list[SampledEpisode]:
+class _Member(NamedTuple):
+    """An episode that may be drawn, and for how many it stands because not all chunks are read."""
+
+    row: EpisodeResult
+    weight: int
+
+
+def draw_sample(layout: Layout, rows_of: Rows, lanes: int, pick: Pick | None = None) -> list[SampledEpisode]:
     """Returns the episodes to audit, by index; those that were never driven are left out.
 
-    Half of the lanes go to episodes that failed, where there are so many: they are what a person has to defend, and
-    where engines differ most. The others are spread over the batch, whatever came of them, and estimate it without
-    bias. Failed ones are looked for in the chunks of such a spread, so that at most as many chunks are read as there
-    are lanes. All is drawn from the batch's plan, so that it is the same whenever it is asked.
+    A quarter of the lanes goes to episodes that failed, where there are so many, and the rest to those that passed;
+    what one stratum has no use for goes to the other. At most as many chunks are read as there are lanes: one of each
+    of so many equal stretches. Within a stratum the episodes stand in the order of their settings and then of their
+    numbers, and one is drawn from each of equal stretches: so all settings and worlds are audited in proportion.
 
     Args:
         layout: The batch's episodes.
         rows_of: Gives the rows of a chunk.
         lanes: Most episodes, at least 1.
+        pick: Draws; by default from the batch's plan, so that the sample is the same whenever it is asked.
     """
-    seed = digest(layout.plan)
-    even = _spread_over(layout, rows_of, lanes, seed)
-    read = {row.index: row for chunk in sorted({layout.chunk_of(k) for k in even}) for row in rows_of(chunk)}
-    failed = sorted(index for index, row in read.items() if was_driven(row) and row_failed(row))
-    chosen = {failed[position] for position in audited_positions(len(failed), lanes // 2, seed)}
-    spread = {even[position] for position in audited_positions(len(even), lanes - len(chosen), seed)}
-    return [
-        SampledEpisode(layout.request(index), read[index], index in spread)
-        for index in sorted(chosen | spread)
-        if was_driven(read[index])
+    draw = pick or plan_picks(layout.plan_digest)
+    members = _members(layout, rows_of, lanes, draw)
+    passed = [each for each in members if success(each.row)]
+    failed = [each for each in members if not success(each.row)]
+    of_failed = min(len(failed), max(failed_lanes(lanes), lanes - len(passed)))
+    drawn = [
+        *_drawn(layout, passed, min(len(passed), lanes - of_failed), "passed", draw),
+        *_drawn(layout, failed, of_failed, "failed", draw),
     ]
+    return sorted(drawn, key=lambda each: each.row.index)
 
 
-def _spread_over(layout: Layout, rows_of: Rows, lanes: int, seed: str) -> list[int]:
-    """Returns indices spread over the episodes that a batch did not leave out, ascending."""
-    driven = _chunks_driven(layout, rows_of)
-    if driven == layout.chunks:
-        settings = math.prod(len(values) for values in layout.plan.sweep.values())
-        return audited_positions(layout.episodes, lanes, seed, settings)
-    begins = list(itertools.accumulate((layout.chunk_size(number) for number in range(driven)), initial=0))
-    found: list[int] = []
-    for position in audited_positions(begins[-1], lanes, seed):  # in a drawn order, so that no sweep keeps step with it
-        number = bisect.bisect_right(begins, position) - 1
-        found.append(layout.chunk(number).requests[position - begins[number]].index)
-    return sorted(found)
+def failed_lanes(lanes: int) -> int:
+    """Returns how many lanes go to episodes that failed, if there are so many and no lack of passed ones."""
+    return max(lanes // FAILED_ONE_IN, min(1, lanes - 1))
+
+
+def plan_picks(seed: str) -> Pick:
+    """Returns draws that follow from a text, the same with whatever release of whatever library."""
+
+    def pick(what: str, below: int) -> int:
+        return int.from_bytes(hashlib.sha256(f"{seed}/{what}".encode()).digest(), "big") % below
+
+    return pick
+
+
+def stretches(size: int, count: int) -> list[range]:
+    """Returns positions cut into equal stretches, whose sizes differ by one at most.
+
+    Args:
+        size: How many positions there are.
+        count: How many stretches, if there are as many positions.
+    """
+    number = min(size, count)
+    return [range(size * k // number, size * (k + 1) // number) for k in range(number)]
+
+
+def _members(layout: Layout, rows_of: Rows, lanes: int, pick: Pick) -> list[_Member]:
+    """Returns the driven episodes of the chunks that are read, those with the same setting together."""
+    found: list[_Member] = []
+    for k, stretch in enumerate(stretches(_chunks_driven(layout, rows_of), lanes)):
+        rows = rows_of(stretch[pick(f"chunk/{k}", len(stretch))])
+        found += [_Member(row, len(stretch)) for row in rows if was_driven(row)]
+    settings = math.prod(len(values) for values in layout.plan.sweep.values())
+    seeds = len(layout.plan.seeds)
+    return sorted(found, key=lambda each: (each.row.index // seeds % settings, each.row.index))
+
+
+def _drawn(layout: Layout, members: Sequence[_Member], count: int, name: str, pick: Pick) -> list[SampledEpisode]:
+    found: list[SampledEpisode] = []
+    for k, stretch in enumerate(stretches(len(members), count)):
+        row, weight = members[stretch[pick(f"{name}/{k}", len(stretch))]]
+        found.append(SampledEpisode(layout.request(row.index), row, float(weight * len(stretch))))
+    return found
 
 
 def _chunks_driven(layout: Layout, rows_of: Rows) -> int:
@@ -74,39 +118,6 @@ def _chunks_driven(layout: Layout, rows_of: Rows) -> int:
     return bisect.bisect_left(range(layout.chunks), 1, key=lambda number: int(was_left_out(rows_of(number))))
 
 
-def audited_positions(episodes: int, lanes: int, seed: str, cycle: int = 1) -> list[int]:
-    """Returns so many positions at most: one drawn from each of as many equal stretches.
-
-    Positions at equal distances would keep step with the matrix, and miss all but a few values of a sweep. The drawn
-    ones take the settings of the sweep in turn, in an order that is drawn too.
-
-    Args:
-        episodes: How many positions there are.
-        lanes: How many to draw.
-        seed: What they depend on besides.
-        cycle: After how many positions the settings of the sweep come again.
-    """
-    count = min(lanes, episodes)
-    edges = [episodes * k // count for k in range(count)] + [episodes] if count else []
-    turns = sorted(range(cycle), key=lambda k: _drawn(f"{seed}/turn/{k}")) if cycle * count <= episodes else [0]
-    positions: list[int] = []
-    for k, (first, after) in enumerate(itertools.pairwise(edges)):
-        to_turn = (turns[k % len(turns)] - first) % len(turns)
-        choices = range(first + to_turn, after, len(turns))
-        positions.append(choices[_drawn(f"{seed}/{k}") % len(choices)])
-    return positions
-
-
-def _drawn(text: str) -> int:
-    """Returns a number that follows from a text, the same with whatever release of whatever library."""
-    return int.from_bytes(hashlib.sha256(text.encode()).digest(), "big")
-
-
 def was_driven(row: EpisodeResult) -> bool:
     """Returns whether an episode was begun and came to an end of its own."""
     return row.status != "Canceled" and row.simulated_s > 0.0
-
-
-def row_failed(row: EpisodeResult) -> bool:
-    """Returns whether the robot did not do its task, or its job failed."""
-    return row.status == "Failed" or row.outcome == "Failed"

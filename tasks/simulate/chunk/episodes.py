@@ -25,7 +25,7 @@ from tasks.simulate.lane.calls import check_robot, check_scenario
 from tasks.simulate.lane.lane_state import LaneState
 from tasks.simulate.lane.recording import LaneRecorder
 from tasks.simulate.lane.result_rows import stopped_row
-from tasks.simulate.lane.staging import Lane, last_step, stack_lanes
+from tasks.simulate.lane.staging import Lane, last_step, moved_lane, stack_lanes
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key
 
 
@@ -140,6 +140,7 @@ def ready_parts(
     *,
     lanes: int,
     engine: str = "auto",
+    beside_m: tuple[float, float] = (0.0, 0.0),
 ) -> Iterator[ReadyChunk]:
     """Yields episodes of one program made ready to run, those together whose arrays have the same shapes.
 
@@ -149,6 +150,7 @@ def ready_parts(
         bundles: Unpacked folders of their applications, by digest.
         lanes: At least so many has the program.
         engine: ``auto``, or the engine that must run them.
+        beside_m: How far from where the scenario puts it each robot starts (x, y).
 
     Raises:
         BundleCrash: The applications do not import, or raise when they are traced; or the engine refuses the robot.
@@ -159,7 +161,8 @@ def ready_parts(
         yield ReadyChunk(placed.program, [], None, rows, watch)
     for part in placed.parts:
         program = part_program(placed, part, bundles, lanes=lanes, engine=engine)
-        yield _ready(program, part, placed.worlds, watch)._replace(rows=rows)
+        moved = [moved_lane(lane, beside_m) for lane in part]
+        yield _ready(program, moved, placed.worlds, watch)._replace(rows=rows)
         watch, rows = ChunkWatch(), list[EpisodeResult]()
 
 

@@ -114,6 +114,23 @@ def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]
     return [Lane(*each, shortest_m.get(key)) for each, key in zip(placed, keys, strict=True)]
 
 
+def moved_lane(lane: Lane, beside_m: tuple[float, float]) -> Lane:
+    """Returns a lane whose robot starts beside where the scenario puts it; all else stays.
+
+    Args:
+        lane: The episode.
+        beside_m: How far (x, y). Less than single precision tells apart is taken for one unit in the last place.
+    """
+    start = np.array(lane.placement.start, np.float64)
+    for axis, shift_m in enumerate(beside_m):
+        before = np.float32(start[axis])
+        if shift_m and np.float32(start[axis] + shift_m) == before:
+            start[axis] = np.nextafter(before, np.float32(np.copysign(np.inf, shift_m)))
+        else:
+            start[axis] += shift_m
+    return lane._replace(placement=lane.placement._replace(start=start))
+
+
 def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> LaneInputs:
     """Returns the inputs of ``count`` lanes, lanes first; those beyond the episodes repeat the first, and rest.
 

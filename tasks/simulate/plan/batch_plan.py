@@ -1,6 +1,7 @@
 """The plan of a batch: job templates to be multiplied by worlds, seeds and parameters."""
 
 from collections.abc import Iterator
+from typing import Literal
 
 from pydantic import Field
 
@@ -17,6 +18,8 @@ from tasks.simulate.data.sources import PinnedSource
 DEFAULT_LANES = 256
 MOST_LANES = 4096
 _LANE_STEP = 16
+# Batches of before say True: they were looked at with no end in sight, and are judged so.
+Shuffled = bool | Literal["episodes", "pairs"]
 
 
 class JobTemplate(Spec):
@@ -56,7 +59,8 @@ class BatchPlan(Spec):
         data_sources: What episodes read from buckets, by digest.
         recordings: Which episodes are recorded besides those whose request says so, and at which rate.
         audit: Episodes that are driven again on C MuJoCo at the end; 0 for none.
-        shuffled: Whether chunks take their episodes from all over the batch, so that it may be ended after any of them.
+        shuffled: What chunks take from all over the batch, so that it may be ended after any of them: episodes, or the
+            same episodes for both versions in turn. False if nothing.
     """
 
     templates: tuple[JobTemplate, ...]
@@ -70,7 +74,7 @@ class BatchPlan(Spec):
     data_sources: dict[str, PinnedSource] = Field(default_factory=dict[str, PinnedSource])
     recordings: Recordings = Recordings()
     audit: int = AUDITED_LANES
-    shuffled: bool = False
+    shuffled: Shuffled = False
 
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""

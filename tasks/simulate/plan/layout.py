@@ -3,7 +3,8 @@
 Episodes are numbered by request, world, parameter set and seed. Those that share a program form a group, in the order
 of their numbers, and a group is cut into chunks of as many as there are lanes
 (``tasks.simulate.plan.chunks.plan_chunks``
-says the same of a list). A batch that may be ended early is shuffled before it is cut; numbers stay what they are.
+says the same of a list). A batch that may be ended early is shuffled before it is cut; numbers stay what they are. Two
+versions that are compared are two programs: they take turns, chunk by chunk, on the same episodes.
 """
 
 import bisect
@@ -18,6 +19,8 @@ from specs.digest import digest
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, Shuffle, program_key, split_environment
 
+_VERSIONS = 2
+
 
 @dataclass(frozen=True)
 class _Block:
@@ -30,12 +33,25 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Group:
-    """All episodes that share a program: blocks, the position at which each begins, and the number of its chunk 0."""
+    """All episodes that share a program.
+
+    Attributes:
+        blocks: What it is made of.
+        starts: The position at which each block begins.
+        size: How many episodes there are.
+        first_chunk: The number of its first chunk.
+        every: Its next chunk comes so many numbers later.
+    """
 
     blocks: tuple[_Block, ...]
     starts: tuple[int, ...]
     size: int
     first_chunk: int
+    every: int = 1
+
+    def number(self, turn: int) -> int:
+        """Returns the number of one of its chunks, which are counted from 0."""
+        return self.first_chunk + turn * self.every
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +105,8 @@ class Layout:
         Raises:
             IndexError: There are fewer.
         """
-        self._require(number, self.chunks, "chunk")
-        group = self._groups[bisect.bisect_right(self._first_chunks, number) - 1]
-        start = (number - group.first_chunk) * self.plan.lanes
+        group, turn = self._place(number)
+        start = turn * self.plan.lanes
         positions: Sequence[int] = range(start, min(start + self.plan.lanes, group.size))
         if self.plan.shuffled:
             positions = sorted(self._shuffle(group).order[start : start + self.plan.lanes])
@@ -103,9 +118,25 @@ class Layout:
         Raises:
             IndexError: There are fewer chunks.
         """
-        self._require(number, self.chunks, "chunk")
-        group = self._groups[bisect.bisect_right(self._first_chunks, number) - 1]
-        return min(self.plan.lanes, group.size - (number - group.first_chunk) * self.plan.lanes)
+        group, turn = self._place(number)
+        return min(self.plan.lanes, group.size - turn * self.plan.lanes)
+
+    def looks(self) -> tuple[int, ...]:
+        """Returns after how many episodes the gate is asked, if it knows the batch's end; of either version, of pairs.
+
+        A batch that is not shuffled is only judged at its end, and those of before at looks that had no end.
+        """
+        if isinstance(self.plan.shuffled, bool) or not self._groups:
+            return ()
+        size = self._groups[0].size
+        return (*range(self.plan.lanes, size, self.plan.lanes), size)
+
+    def in_pairs(self) -> bool:
+        """Returns whether there are two programs, and each episode of one is one of the other but for the robot."""
+        if len(self._groups) != _VERSIONS:
+            return False
+        ours, theirs = ([self._asked(block) for block in group.blocks] for group in self._groups)
+        return ours == theirs
 
     def chunk_of(self, index: int) -> int:
         """Returns the number of the chunk that holds an episode.
@@ -124,10 +155,24 @@ class Layout:
             lanes = self.plan.lanes
             if low < high and self.plan.shuffled:
                 turns = self._shuffle(group).turn[low:high]
-                found += sorted({group.first_chunk + turn // lanes for turn in turns})
+                found += {group.number(turn // lanes) for turn in turns}
             elif low < high:
-                found += range(group.first_chunk + low // lanes, group.first_chunk + (high - 1) // lanes + 1)
-        return found
+                found += range(group.number(low // lanes), group.number((high - 1) // lanes) + 1)
+        return sorted(found)
+
+    def _place(self, number: int) -> tuple[_Group, int]:
+        """Returns whose chunk has a number, and which of its chunks it is."""
+        self._require(number, self.chunks, "chunk")
+        if self.plan.shuffled == "pairs":
+            return self._groups[number % _VERSIONS], number // _VERSIONS
+        group = self._groups[bisect.bisect_right(self._first_chunks, number) - 1]
+        return group, number - group.first_chunk
+
+    def _asked(self, block: _Block) -> tuple[object, ...]:
+        """Returns what is asked of the episodes of a block, whichever robot drives them."""
+        asked = self.plan.templates[block.template]
+        settings = tuple(block.settings)
+        return asked.scenario, asked.environment, asked.duration_s, self.plan.worlds_of(asked), settings
 
     def _shuffle(self, group: _Group) -> Shuffle:
         return self._shuffles[self._first_chunks.index(group.first_chunk)]
@@ -135,6 +180,8 @@ class Layout:
     @cached_property
     def _shuffles(self) -> list[Shuffle]:
         seed = digest(self.plan)
+        if self.plan.shuffled == "pairs":  # both versions in the same order
+            return [Shuffle(self._groups[0].size, f"{seed}/0")] * _VERSIONS
         return [Shuffle(group.size, f"{seed}/{group.first_chunk}") for group in self._groups]
 
     @cached_property
@@ -169,11 +216,11 @@ class Layout:
 
     def _numbered(self, ordered: Sequence[Sequence[_Block]]) -> "list[_Group]":
         groups: list[_Group] = []
-        chunk = 0
+        chunk, pairs = 0, self.plan.shuffled == "pairs"
         for blocks in ordered:
             *starts, size = itertools.accumulate((block.size for block in blocks), initial=0)
-            groups.append(_Group(tuple(blocks), tuple(starts), size, chunk))
-            chunk += _chunks_in(size, self.plan.lanes)
+            groups.append(_Group(tuple(blocks), tuple(starts), size, chunk, _VERSIONS if pairs else 1))
+            chunk += 1 if pairs else _chunks_in(size, self.plan.lanes)
         return groups
 
     @cached_property

@@ -49,7 +49,7 @@ class AuditedEpisode(Spec):
 
     request: EpisodeRequest
     row: EpisodeResult
-    spread: bool
+    weight: float
 
 
 class AuditWork(Spec):

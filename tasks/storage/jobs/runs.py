@@ -12,6 +12,7 @@ from pydantic import JsonValue
 
 from specs.errors import ResourceNotFound
 from specs.job_kinds import JOB_KINDS, JobKind
+from specs.pipeline.generation_parts import generation_tokens
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord, hold_claim
@@ -79,9 +80,15 @@ def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
     for kind, declared in JOB_KINDS.items():
         if flow == "pipeline" and declared.section and declared.section in sections:
             token = _own_token(sections[declared.section])
-            yield kind, job_id(kind, token or stage_token(run, declared.stage))
+            yield from _jobs(kind, sections[declared.section], token or stage_token(run, declared.stage))
         elif declared.flow and flow == declared.flow:
-            yield kind, job_id(kind, _own_token(spec) or stage_token(run, declared.flow))
+            yield from _jobs(kind, spec, _own_token(spec) or stage_token(run, declared.flow))
+
+
+def _jobs(kind: JobKind, section: JsonValue, token: str) -> Iterator[tuple[JobKind, str]]:
+    """Yields the jobs of one section: a world generation may take several."""
+    tokens = generation_tokens(section, token) if kind == "world-generation-job" else [token]
+    yield from ((kind, job_id(kind, each)) for each in tokens)
 
 
 def _own_token(section: JsonValue) -> str:

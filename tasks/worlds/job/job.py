@@ -83,6 +83,7 @@ def run_generation_job(
     token: str,
     progress: Callable[[int, int], None],
     robot_radius_m: float = ROBOT_RADIUS_M,
+    first: Indices = (1, 1),
     workers: int | None = None,
     elsewhere: RemoteWorldMaker | None = None,
 ) -> JobRecord:
@@ -96,6 +97,8 @@ def run_generation_job(
         token: The client request token.
         progress: Called with worlds finished and worlds in all.
         robot_radius_m: Radius of the robot that every room shall be reachable for.
+        first: Floor plan and interior of the first world, where other jobs make those before; they belong to the
+            request likewise.
         workers: Processes that make worlds; None for as many as pay. The worlds do not depend on it.
         elsewhere: Workers of a cluster that make them instead, where there are any.
 
@@ -108,6 +111,8 @@ def run_generation_job(
     own: dict[str, JsonValue] = {"seed": seed, "templateDigest": digest}
     if robot_radius_m != ROBOT_RADIUS_M:
         own["robotRadius"] = robot_radius_m
+    if first != (1, 1):
+        own["first"] = list(first)
     record = submit(store, KIND, {**canonical_document(request), **own}, token)
     if is_terminal(record):
         return record
@@ -123,7 +128,7 @@ def run_generation_job(
             detail: dict[str, JsonValue] = {"template_digest": digest, "seed": seed}
             advance(store, KIND, record.id, "Running", detail=detail, only_from={"Pending", "Running"})
         order = Order(template=template, seed=seed, generation=record.id, robot_radius_m=robot_radius_m)
-        indices = [(plan, interior) for plan in range(1, floorplans + 1) for interior in range(1, interiors + 1)]
+        indices = world_indices(request, first)
         watch = _Watch(store, record, claim)
         rejected = _make_elsewhere(watch, order, indices, progress, elsewhere) if elsewhere else {}
         return _end(store, record, _make_all(watch, order, indices, progress, workers, rejected=rejected))
@@ -201,6 +206,12 @@ def _make_all(
             finished.worlds.append(reference)
     progress(total, total)
     return finished
+
+
+def world_indices(request: CreateWorldGenerationJobRequest, first: Indices) -> list[Indices]:
+    """Returns floor plan and interior of each world that a request asks for, from the first one on, in order."""
+    floorplans, interiors = _counts(request)
+    return [(first[0] + plan, first[1] + interior) for plan in range(floorplans) for interior in range(interiors)]
 
 
 def _counts(request: CreateWorldGenerationJobRequest) -> tuple[int, int]:

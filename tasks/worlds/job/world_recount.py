@@ -6,9 +6,10 @@ from random import Random, SystemRandom
 
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from tasks.worlds.generate import world_name
-from tasks.worlds.job.production import Order, produce
+from tasks.worlds.job.job import world_indices
+from tasks.worlds.job.production import Indices, Order, produce
 
-_MOST = 64
+MOST_REMADE = 64
 
 
 def world_changes(
@@ -17,7 +18,8 @@ def world_changes(
     worlds: Sequence[str],
     digests: Mapping[str, str],
     *,
-    most: int = _MOST,
+    first: Indices = (1, 1),
+    most: int = MOST_REMADE,
     draw: Random | None = None,
 ) -> list[str]:
     """Returns which worlds are not those that the template gives, one line each.
@@ -27,15 +29,11 @@ def world_changes(
         request: How many worlds were asked for.
         worlds: ``<generation>/<world>`` of each world that there is said to be.
         digests: SHA-256 of each world's document, as they are driven in.
+        first: Floor plan and interior of the job's first world.
         most: How many worlds are made again; all, if there are no more.
         draw: Draws them; unpredictable, if not given.
     """
-    counts = request.worldCount
-    indices = [
-        (plan, interior)
-        for plan in range(1, (counts.floorplanCount or 1) + 1)
-        for interior in range(1, (counts.interiorCountPerFloorplan or 1) + 1)
-    ]
+    indices = world_indices(request, first)
     names = [f"{order.generation}/{world_name(*each)}" for each in indices]
     if list(worlds) != [name for name in names if name in set(worlds)]:
         return [f"the record of {order.generation} names worlds that it was not asked for: {list(worlds)!r:.200}"]

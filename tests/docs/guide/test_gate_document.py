@@ -12,7 +12,8 @@ from specs.pipeline.gate_section import RULES, Gate
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
 from tasks.results.statistics.intervals import quantile_ranks
-from tasks.results.statistics.power.episodes_needed import episodes_needed, episodes_needed_for_quantile, pairs_needed
+from tasks.results.statistics.power.paired import pair_needs
+from tasks.results.statistics.power.shares import quantile_needs, share_needs
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/gate.md").read_text()
@@ -61,10 +62,15 @@ def test_every_column_of_a_quantile_is_named():
 
 
 def test_rules_need_as_many_episodes_as_it_says():
-    needed = [episodes_needed(0.9, 0.95, rate) for rate in (1.0, 0.98, 0.95)]
-    assert "{} episodes if all of them pass, {} if 98 % do, and {} if 95 % do".format(*needed) in TEXT
-    assert f"need {pairs_needed(0.02, 0.95, 0.02)} of them for a margin of 2 points" in TEXT
-    least = episodes_needed_for_quantile(0.05, 0.95, 0.0, at_least=True) or 0
+    needed = [share_needs(0.9, 0.95, rate, 384) for rate in (1.0, 0.98, 0.95)]
+    counts = [count for needs in needed if needs for count in (needs.for_80, needs.for_90)][1:]
+    power = "{} episodes if none fails; {} for 80 % power and {} for 90 % if 98 % pass; {} and {} if 95 % do"
+    assert power.format(*counts) in TEXT
+    pairs = pair_needs(0.02, 0.95, 0.02, 384)
+    assert pairs
+    assert f"need {pairs.for_90} of them for a margin of 2 points and 90 % power" in TEXT
+    bounded = quantile_needs(0.05, 0.95, 0.0, 384)
+    least = bounded.for_90 if bounded else 0
     assert f"The 0.05 quantile has a lower bound from {least} episodes on" in TEXT
     assert quantile_ranks(least, 0.05, 0.95)[0] == 1
 

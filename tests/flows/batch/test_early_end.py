@@ -58,10 +58,10 @@ def test_a_batch_that_goes_well_ends_when_that_is_certain_and_the_rest_is_cancel
     ended = driven(batch)
     record = closed(batch, ended)
     assert record.status == "Completed"
-    assert record.detail["counts"] == {"episodes": 48, "successes": 48, "failed_jobs": 0, "canceled": 112}
-    assert ended["sentence"] == "the gate was certain of PASS after 48 episodes, so that 112 were left out"
+    assert record.detail["counts"] == {"episodes": 64, "successes": 64, "failed_jobs": 0, "canceled": 96}
+    assert ended["sentence"] == "the gate was certain of PASS after 64 episodes, so that 96 were left out"
     summary = batch_report(record, 1.0).summary
-    assert summary.startswith("48 of 48 episodes passed")
+    assert summary.startswith("64 of 64 episodes passed")
     assert summary.endswith(str(ended["sentence"]))
 
 
@@ -118,3 +118,16 @@ def test_a_batch_of_several_programs_runs_to_its_end_and_is_judged_as_one_that_d
     assert driven(batch) == {}
     found = gate_material(GATE, closed(batch, {}), file_store, None)
     assert not found.lacks.sequential
+
+
+def test_a_batch_of_before_is_looked_at_and_judged_as_it_was(file_store: Store):
+    of_before = plan(file_store, seeds=tuple(range(80)), lanes=16, shuffled=True)
+    batch = begun(file_store, of_before)
+    ended = driven(batch)
+    verdict = judge(GATE, gate_material(GATE, closed(batch, ended), file_store, None))
+    assert (ended["episodes"], verdict.rules[0].method) == (48, "confidence sequence")
+    assert "looks" not in ended
+
+
+def test_the_record_says_after_how_many_episodes_the_gate_was_asked(file_store: Store):
+    assert driven(started(file_store))["looks"] == [*range(16, 161, 16)]

@@ -88,19 +88,19 @@ def test_a_run_that_goes_on_does_not_take_a_later_answer_for_its_own(file_store:
     assert gate_answer(Gate.model_validate(STRICT), batch, file_store, run_of(file_store)).verdict == "FAIL"
 
 
-def test_a_batch_that_ended_early_is_judged_by_its_confidence_sequence_whatever_the_gate_says(file_store: Store):
+def test_a_batch_that_ended_early_is_judged_by_what_holds_at_all_looks_whatever_the_gate_says(file_store: Store):
     batch = started(file_store)
     record = closed(batch, driven(batch))
     found = judge_again(file_store, record.id, document({"successRate": {"atLeast": 0.9}}))
-    assert (found.verdict, found.rules[0].method) == ("PASS", "confidence sequence")
-    assert "112 not needed any more" in found.sentence
+    assert (found.verdict, found.rules[0].method) == ("PASS", "repeated confidence interval")
+    assert "96 not needed any more" in found.sentence
 
 
 def test_a_batch_that_might_have_ended_early_is_judged_so_too(file_store: Store):
     batch = started(file_store, EARLY)
     driven(batch, every_other_collides, Gate.model_validate({"successRate": {"atLeast": 0.5}, "stopEarly": True}))
     found = judge_again(file_store, closed(batch, {}).id, document(LENIENT))
-    assert found.rules[0].method == "confidence sequence"
+    assert found.rules[0].method == "repeated confidence interval"
 
 
 def test_another_version_is_found_as_in_a_run(file_store: Store, tmp_path: Path):

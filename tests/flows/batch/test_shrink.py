@@ -1,4 +1,4 @@
-"""A failure shrunk: fewer pieces, the lowest seed, the same failure, also from the case that is written."""
+"""A failure shrunk: fewer pieces, the lowest seed, the same failure or said not to be, also from the written case."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from flows.batch.regression_case import write_case
+from flows.batch.replay_episode import bundles
 from flows.batch.shrink import ShrunkJob, shrink_job
 from flows.document.references import finder
 from flows.document.tested_batch import batch_plan
@@ -14,6 +15,8 @@ from specs.errors import DocumentError
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.replay.failure_likeness import is_of_same_kind, is_same_failure
+from tasks.simulate.replay.trials import Trial, simulate_trials
 from tasks.storage.base.keys import world_key
 from tasks.storage.store_url import open_store
 from tasks.storage.worlds import decode_world
@@ -47,18 +50,34 @@ def test_a_single_piece_is_left_to_run_into(found: ShrunkJob):
     assert found.small_world.furniture[0] in found.world.furniture
 
 
-def test_it_fails_in_the_same_way(found: ShrunkJob):
+def test_it_is_the_same_failure(found: ShrunkJob):
     assert (reason(found.row), reason(found.small_row), found.reason) == ("collision",) * 3
+    assert is_same_failure(found.ending, found.small_ending)
+    assert found.same
+    assert found.likeness.startswith("the same, 0.")
     assert found.small_row.trajectory
 
 
 def test_no_lower_seed_fails_so(batch: OpenBatch, found: ShrunkJob):
-    seed = found.small_request.seed
-    assert 0 < seed < found.request.seed == SEED
-    world = decode_world(batch.store.get(world_key("shrunk", found.small_world.name)).body)
-    lower = tuple(range(seed + 1))
-    again = closed_batch(batch.store, pushing_plan(batch.store, worlds={"x/y": world}, seeds=lower), "lower")
-    assert [reason(row) == "collision" for row in _rows(again)] == [False] * seed + [True]
+    assert 0 < found.small_request.seed <= found.request.seed == SEED
+    lower = [Trial(found.small_world, seed) for seed in range(found.small_request.seed)]
+    endings = simulate_trials(batch, found.request, lower, bundles(batch))
+    assert not any(is_same_failure(found.ending, ending) for ending in endings)
+
+
+def test_where_only_another_failure_of_that_kind_needs_less_it_says_so(
+    batch: OpenBatch, found: ShrunkJob, tmp_path: Path
+):
+    plan = pushing_plan(batch.store, worlds={"x/small": found.small_world}, seeds=tuple(range(48)))
+    small = closed_batch(batch.store, plan, "small")
+    *_, last = (row.index for row in _rows(small) if row.outcome_reason == "collision")
+    other = shrink_job(batch.store, f"{small.id}/{last}", 200)
+    assert SEED <= other.small_request.seed < other.request.seed
+    assert not other.same
+    assert is_of_same_kind(other.ending, other.small_ending)
+    assert not is_same_failure(other.ending, other.small_ending)
+    assert other.likeness.startswith("another failure of that kind, ")
+    assert f"# The failure here: {other.likeness}." in write_case(other, tmp_path)[0].read_text()
 
 
 def test_the_world_is_in_the_store_with_a_certificate_of_its_own(batch: OpenBatch, found: ShrunkJob, tmp_path: Path):

@@ -9,46 +9,59 @@ def lines(episodes: int = 384, audited: int = 16, **rules: object) -> list[str]:
     return list(gate_lines(Gate.model_validate(rules), GateBasis(episodes, episodes), audited))
 
 
-def test_a_success_rate_alone_is_told_as_it_always_was():
+def test_a_success_rate_is_told_with_its_power():
     assert lines(successRate={"atLeast": 0.9}) == [
         "gate              at least 90 % pass, 95 % confidence",
-        "                  if 100 % pass, 35 are needed: 384 are enough",
-        "                  if 98 % pass, 69 are needed: 384 are enough",
-        "                  if 95 % pass, 140 are needed: 384 are enough",
+        "                  if 100 % pass, 35 episodes give 90 % power: 384 are ENOUGH (100 %)",
+        "                  if 98 % pass, 84 episodes give 80 % power, 99 give 90 %: 384 are ENOUGH (99 %)",
+        "                  if 95 % pass, 254 episodes give 80 % power, 315 give 90 %: 384 are ENOUGH (95 %)",
     ]
 
 
-def test_a_batch_that_may_be_ended_early_needs_more_in_the_worst_case():
-    assert lines(successRate={"atLeast": 0.9}, stopEarly=True)[1:3] == [
-        "                  if 100 % pass, 44 are needed: 384 are enough",
-        "                  if 98 % pass, 95 are needed: 384 are enough",
-    ]
+def test_a_batch_that_may_be_ended_early_is_told_with_what_it_drives():
+    told = lines(successRate={"atLeast": 0.9}, stopEarly=True)
+    assert told[3].strip() == "if 95 % pass, a batch of 384 passes with 95 % power, and drives 384 in the mean"
+    gate = Gate.model_validate({"successRate": {"atLeast": 0.9}, "stopEarly": True})
+    looked = list(gate_lines(gate, GateBasis(384, 384), 16, lanes=48))[3]
+    assert 200 < int(looked.split("drives ")[1].split()[0]) < 300
 
 
 def test_a_batch_of_several_programs_is_told_that_it_runs_to_its_end():
     gate = Gate.model_validate({"successRate": {"atLeast": 0.9}, "stopEarly": True})
     told = list(gate_lines(gate, GateBasis(384, 384), 16, programs=2))
-    assert told[1].strip() == "if 100 % pass, 35 are needed: 384 are enough"
+    assert told[1].strip() == "if 100 % pass, 35 episodes give 90 % power: 384 are ENOUGH (100 %)"
     assert told[-1].strip() == "runs the batch to its end: its 2 programs cannot be shuffled into common chunks"
     assert list(gate_lines(gate, GateBasis(384, 384), 16))[-1].strip() == "may end the batch early, after any chunk"
 
 
 def test_too_few_are_said_to_be_so():
-    assert "if 100 % pass, 35 are needed: 30 are NOT ENOUGH" in lines(30, successRate={"atLeast": 0.9})[1]
+    assert lines(30, successRate={"atLeast": 0.9})[1].endswith("30 are NOT ENOUGH (0 %)")
+    assert lines(260, successRate={"atLeast": 0.9})[3].endswith("260 are enough for 84 %")
+
+
+def test_a_rate_in_worlds_like_these_is_told_in_worlds():
+    gate = Gate.model_validate({"successRate": {"atLeast": 0.9, "over": "worlds"}})
+    told = [line.strip() for line in gate_lines(gate, GateBasis(384, 384), 16, worlds=8)]
+    assert told[0].endswith("at least 90 % pass in worlds like these, 95 % confidence")
+    assert told[1] == "if 100 % pass, 21 worlds give 90 % power: 8 are NOT ENOUGH (0 %)"
+    assert "if 95 % pass at an ICC of 0.05, " in told[3]
+    assert " worlds x 48 give 80 % power, " in told[3]
 
 
 def test_collisions_are_told_like_successes():
     told = lines(collisionRate={"atMost": 0.1})
     assert told[0] == "gate              at most 10 % collide, 95 % confidence"
-    assert told[1].strip() == "if 0 % collide, 35 are needed: 384 are enough"
+    assert told[1].strip() == "if 0 % collide, 35 episodes give 90 % power: 384 are ENOUGH (100 %)"
 
 
 def test_a_comparison_needs_episodes_that_both_drive():
     told = lines(noWorseThan={"applicationVersion": "3", "margin": 0.02})
     assert told[0] == "gate              at most 2 points worse than version 3, 95 % confidence"
-    assert told[1].strip() == "if equal, and 0 % end otherwise, 189 driven by both are needed: 384 are enough"
-    assert "if equal, and 10 % end otherwise, 9" in told[3]
-    assert told[3].endswith("384 are NOT ENOUGH")
+    assert told[1].strip() == (
+        "if equal, and 0 % end otherwise, 189 driven by both give 90 % power: 384 are ENOUGH (100 %)"
+    )
+    assert "if equal, and 5 % end otherwise, 1,0" in told[3]
+    assert told[3].endswith("384 are NOT ENOUGH (36 %)")
 
 
 def test_a_comparison_that_has_nothing_to_compare_with_is_said_to_stay_open():
@@ -59,18 +72,19 @@ def test_a_comparison_that_has_nothing_to_compare_with_is_said_to_stay_open():
 
 def test_pairs_are_not_counted_as_episodes():
     gate = Gate.model_validate({"noWorseThan": {"applicationVersion": "3", "margin": 0.02}})
-    assert "189 driven by both are needed: 40 are NOT ENOUGH" in list(gate_lines(gate, GateBasis(384, 40), 16))[1]
+    told = list(gate_lines(gate, GateBasis(384, 40), 16))[1]
+    assert "189 driven by both give 90 % power: 40 are NOT ENOUGH" in told
 
 
 def test_flips_need_audited_episodes():
     told = lines(maxOutcomeFlipRate={"atMost": 0.1})
-    assert told[1].strip() == "if none does, 35 audited are needed: 16 are NOT ENOUGH"
+    assert told[1].strip() == "if all pass and none does, 36 audited are needed: 16 are NOT ENOUGH"
 
 
 def test_quantiles_need_enough_beyond_them():
     told = lines(quantiles=[{"column": "min_clearance_m", "quantile": 0.05, "atLeast": 0.1}])
     assert told[0] == "gate              the 0.05 quantile of min_clearance_m at least 0.1, 95 % confidence"
-    assert told[1].strip() == "if 0 % are beyond, 72 are needed: 384 are enough"
+    assert told[1].strip() == "if 0 % are beyond, 72 episodes give 90 % power: 384 are ENOUGH (100 %)"
     assert "if 2.5 % are beyond" in told[2]
     other = lines(quantiles=[{"column": "simulated_s", "quantile": 0.95, "atMost": 50}])
     assert "the 0.95 quantile of simulated_s at most 50" in other[0]

@@ -99,11 +99,12 @@ def test_a_batch_tells_passes_and_where_its_tables_lie(file_store: Store):
         "passed": 3,
         "episodes": 4,
         "simulated_s": 61.5,
+        "worlds_driven": 2,
         "results_url": "file:///r",
         "failures_url": "file:///f",
     }
     stage = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0)
-    assert stage.summary.startswith("3 of 4 episodes passed")
+    assert stage.summary.startswith("3 of 4 episodes passed in these 2 worlds, 62 simulated seconds")
     assert [artefact.url for artefact in stage.artefacts] == ["file:///r", "file:///f"]
 
 
@@ -174,6 +175,7 @@ def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: st
         "passed": 4,
         "episodes": 4,
         "simulated_s": 61.5,
+        "worlds_driven": 2,
         "results_url": "file:///r",
         "audit_url": "file:///a",
         "audit": {"verdict": verdict, "sentence": "1 of 4 rows", "unreproduced": [2]},

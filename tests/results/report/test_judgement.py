@@ -44,13 +44,21 @@ def test_the_confidence_is_the_one_of_the_rule():
     assert (judgement_of(other).at_least, judgement_of(other).confidence) == (0.5, 0.8)
 
 
+def test_it_says_whether_the_rate_is_of_worlds_like_these_and_whether_the_batch_might_have_ended_early():
+    other = evidence().model_copy(update={"rule": Gate(successRate=SuccessRate(atLeast=0.5, over="worlds"))})
+    assert (judgement_of(other).over_worlds, judgement_of(other).sequential) == (True, False)
+    early = evidence().model_copy(update={"rule": Gate(successRate=SuccessRate(atLeast=0.5), stopEarly=True)})
+    assert (judgement_of(early).over_worlds, judgement_of(early).sequential) == (False, True)
+
+
 def test_of_a_batch_with_both_versions_the_judged_one_is_named():
     one = evidence()
     other = ApplicationEvidence(name="courier", version="2", digest="e" * 64)
     both = one.model_copy(update={"robots": (*one.robots, other)})
     against = Baseline(version="1", digest="a" * 64, batch=one.batch, sha256="f" * 64)
-    assert judgement_of(both).alone == ""
-    assert judgement_of(both.model_copy(update={"baseline": against})).alone == "courier version 2"
+    assert (judgement_of(both).alone, judgement_of(both).digests) == ("", ())
+    judged = judgement_of(both.model_copy(update={"baseline": against}))
+    assert (judged.alone, judged.digests) == ("courier version 2", ("e" * 64,))
     elsewhere = against.model_copy(update={"batch": "simb-0"})
     assert judgement_of(one.model_copy(update={"baseline": elsewhere})).alone == ""
 

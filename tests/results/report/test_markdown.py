@@ -7,13 +7,14 @@ from tasks.results.report.facts import Judgement
 from tasks.results.report.page import report_markdown
 from tests.factories.episodes import crashed, passed, request
 from tests.factories.reports import view
+from tests.results.estimands import intervals, without_estimand
 
 URL = "file:///tmp/report.html"
 
 
 def test_it_begins_with_the_verdict_and_ends_with_where_the_page_is(tmp_path: Path):
     text = report_markdown(view(tmp_path), URL)
-    assert text.startswith("# ❌ FAIL\n\nFAIL: too few passed\n\n| group |")
+    assert text.startswith("# ❌ FAIL\n\nFAIL: too few passed\n\n60.0")
     assert text.endswith(f"Report: {URL}")
 
 
@@ -51,4 +52,11 @@ def test_no_name_becomes_markup(tmp_path: Path):
 def test_several_rules_are_a_list_under_what_they_come_to(tmp_path: Path):
     told = Judgement(verdict="FAIL", sentence="FAIL: of 2 rules\nFAIL: few\nPASS: none", at_least=0.9, confidence=0.95)
     text = report_markdown(view(tmp_path, judgement=told), URL)
-    assert text.startswith("# ❌ FAIL\n\nFAIL: of 2 rules\n- FAIL: few\n- PASS: none\n\n| group |")
+    assert text.startswith("# ❌ FAIL\n\nFAIL: of 2 rules\n- FAIL: few\n- PASS: none\n\n60.0")
+
+
+def test_it_says_how_many_intervals_it_shows_and_of_which_worlds_each_is(tmp_path: Path):
+    text = report_markdown(view(tmp_path), URL)
+    assert "4 intervals of groups; all 4 hold together in 95 % of such reports" in text
+    assert intervals(text) == 4 + 3
+    assert without_estimand(text) == []

@@ -17,6 +17,7 @@ from tasks.results.statistics.intervals import Interval
 from tests.factories.episodes import collided, crashed, passed, request
 from tests.factories.reports import WORLDS, episodes, view
 from tests.factories.worlds import apartment
+from tests.results.estimands import blocks_without_estimand, intervals, without_estimand
 
 EVIL = '<script>alert(1)</script><img src=x onerror="alert(1)">"\'&'
 STYLES = report_styles()
@@ -212,11 +213,50 @@ def test_the_interval_beside_the_verdict_is_the_one_that_was_judged_by(tmp_path:
         rate=0.25,
         interval=Interval(lower=0.125, upper=0.5),
         method="confidence sequence",
+        sequential=True,
     )
     page = report_page(view(tmp_path, judgement=judged)).decode()
-    assert "25.0\u00a0%, 90\u00a0% interval (confidence sequence) 12.5 to 50.0\u00a0%; 90 % asked for</desc>" in page
+    said = "25.0\u00a0%, 90\u00a0% interval (confidence sequence) 12.5 to 50.0\u00a0% in these 2 worlds"
+    assert f"{said}; 90 % asked for</desc>" in page
     assert "This batch might have ended as soon as the gate was certain" in page
     assert "might have ended" not in report_page(view(tmp_path)).decode()
+
+
+@pytest.mark.parametrize("where", ["in these 2 worlds", "in worlds like these 2"])
+def test_every_interval_says_of_which_worlds_it_is(where: str, tmp_path: Path):
+    judged = Judgement(
+        verdict="FAIL",
+        sentence="FAIL: certain",
+        at_least=0.9,
+        confidence=0.9,
+        rate=0.25,
+        interval=Interval(lower=0.125, upper=0.5),
+        method="some",
+        over_worlds="like" in where,
+    )
+    found = view(tmp_path, judgement=judged)
+    page = report_page(found)
+    assert f"12.5 to 50.0\u00a0% {where}" in page.decode()
+    assert intervals(page.decode()) > 2 * found.family.size
+    assert blocks_without_estimand(page) == []
+    assert without_estimand(report_picture(found).decode().replace("</text>", "\n\n")) == []
+
+
+def test_the_page_says_how_many_intervals_it_shows_and_what_that_means(tmp_path: Path):
+    found = view(tmp_path)
+    page = report_page(found).decode()
+    assert found.family.size == sum(len(table.rows) for column in found.columns for table in column)
+    assert f"<b>{found.family.size} intervals of groups; all {found.family.size} hold together in 95\u00a0%" in page
+    assert "so that in the mean 0.2 of them miss.</b>" in page
+
+
+def test_it_says_what_the_episodes_tell_of_worlds_that_were_not_drawn(tmp_path: Path):
+    page = report_page(view(tmp_path)).decode()
+    assert "Worlds differ (ICC 1.00, design effect 5.2): these 10 episodes tell as much" in page
+    assert "The rate in worlds like these 2: 95\u00a0% interval " in page
+    early = Judgement(verdict="FAIL", sentence="FAIL: certain", at_least=0.9, confidence=0.9, sequential=True)
+    page = report_page(view(tmp_path, judgement=early)).decode()
+    assert "Nothing is said of the rate in worlds like these 2: the batch might have ended early." in page
 
 
 def test_an_alarming_audit_stands_beside_the_verdict(tmp_path: Path):

@@ -3,8 +3,10 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.results.report.rows import MOST_ROWS, clip, percent, rate_table, scale, short_world, worst_first
+from tasks.results.report.rows import MOST_ROWS, Grouped, clip, family_of, rate_table, short_world, worst_first
 from tasks.results.statistics.intervals import wilson
+from tasks.results.statistics.rate_text import percent_range
+from tasks.results.statistics.simultaneous import IntervalFamily
 from tasks.results.statistics.summary import EpisodeGroup
 
 
@@ -16,28 +18,19 @@ def group(successes: int, episodes: int, label: str = "g") -> EpisodeGroup:
 counts = st.integers(0, 5000).flatmap(lambda episodes: st.tuples(st.integers(0, episodes), st.just(episodes)))
 
 
-@given(counts)
-def test_only_all_is_printed_as_all_and_only_none_as_none(count: tuple[int, int]):
-    successes, episodes = count
-    if episodes:
-        shown = percent(successes / episodes)
-        assert (shown == "100.0\u00a0%") == (successes == episodes)
-        assert (shown == "0.0\u00a0%") == (successes == 0)
-
-
 @given(st.lists(counts, min_size=1, max_size=6), st.none() | st.floats(0, 0.999))
 def test_everything_drawn_lies_within_the_drawing(found: list[tuple[int, int]], goal: float | None):
     groups = [group(*count) for count in found]
-    axis = scale(groups, goal)
-    for each in groups:
-        bar = axis.bar(each.interval, each.rate)
+    made = Grouped("By world", "here", "World", groups)
+    table = rate_table(made, family_of([made], 0.95), goal)
+    for bar in (bar for row in table.rows for bar in (row.bar, row.bar_alone)):
         begin, length = float(bar.begin[:-1]), float(bar.length[:-1])
         assert begin >= 0
         assert begin + length <= 100
         if bar.dot:
             assert begin - 0.02 <= float(bar.dot[:-1]) <= begin + length + 0.02
     if goal is not None:
-        assert 0 < float(axis.goal[:-1]) < 100
+        assert 0 < float(table.scale.goal[:-1]) < 100
 
 
 def test_the_worst_group_comes_first_and_one_without_episodes_last():
@@ -46,9 +39,30 @@ def test_the_worst_group_comes_first_and_one_without_episodes_last():
 
 
 def test_a_long_table_is_cut_and_says_by_how_much():
-    table = rate_table("By world", "World", [group(1, 2, f"w{number}") for number in range(100)], goal=None)
+    made = Grouped("By world", "here", "World", [group(1, 2, f"w{number}") for number in range(100)])
+    table = rate_table(made, family_of([made], 0.95), None)
     assert len(table.rows) == MOST_ROWS
     assert table.left_out == 100 - MOST_ROWS
+
+
+@given(st.lists(st.lists(counts, max_size=60), max_size=4), st.floats(0.5, 0.999))
+def test_a_family_has_the_groups_of_all_tables_also_those_that_are_left_out(
+    found: list[list[tuple[int, int]]], confidence: float
+):
+    tables = [Grouped("By world", "here", "World", [group(*count) for count in some]) for some in found]
+    family = family_of(tables, confidence)
+    assert family.size == sum(episodes > 0 for some in found for _, episodes in some)
+    for made in tables:
+        rows = rate_table(made, family, None).rows
+        wide = [family.interval(each.successes, each.episodes) for each in made.groups]
+        assert [row.interval for row in rows] == [percent_range(each) for each in wide[:MOST_ROWS]]
+        assert [row.alone for row in rows] == [percent_range(each.interval) for each in made.groups[:MOST_ROWS]]
+
+
+def test_a_family_is_larger_than_what_is_shown_of_it():
+    """The worst forty are chosen after looking at all, so that all count."""
+    made = Grouped("By world", "here", "World", [group(1, 2, f"w{number}") for number in range(100)])
+    assert family_of([made, made], 0.95) == IntervalFamily(size=200, confidence=0.95)
 
 
 def test_worlds_of_one_generation_are_called_by_their_own_names():

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tasks.results.report.facts import Judgement
 from tasks.results.report.places import BETWEEN
 from tasks.results.report.rows import RateTable
 from tasks.results.report.view import ReportView
@@ -79,6 +80,15 @@ def test_a_world_that_cannot_be_read_is_counted_but_not_drawn(tmp_path: Path):
     found = view(tmp_path, worlds={})
     assert found.maps == ()
     assert set(counts(tables(found)["By world"])) == {world.partition("/")[2] for world in WORLDS}
+
+
+def test_of_worlds_like_these_only_the_version_counts_that_was_judged(tmp_path: Path):
+    asked = [request(index, world=WORLDS[index % 2]) for index in range(8)]
+    builds = [each.model_copy(update={"robot": ROBOT.model_copy(update={"digest": "e" * 64})}) for each in asked[4:]]
+    results = [*map(passed, range(4)), *map(collided, range(4, 8))]
+    judged = Judgement(verdict="PASS", sentence="PASS", at_least=0.5, confidence=0.95, digests=(ROBOT.digest,))
+    found = view(tmp_path, [*asked[:4], *builds], results, judgement=judged).like_these
+    assert (found.spread.worlds, found.spread.episodes, found.interval and found.interval.upper) == (2, 4, 1.0)
 
 
 def test_stages_come_slowest_first(tmp_path: Path):

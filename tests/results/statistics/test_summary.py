@@ -5,8 +5,12 @@ from collections.abc import Sequence
 from hypothesis import given
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.statistics.summary import BatchSummary, EpisodeTally, summary_rows
+from tasks.results.statistics.intervals import wilson
+from tasks.results.statistics.rate_text import percent_range
+from tasks.results.statistics.simultaneous import IntervalFamily
+from tasks.results.statistics.summary import BatchSummary, EpisodeTally, summary_note, summary_rows
 from tests.factories.episodes import canceled, collided, crashed, episodes, passed, request
+from tests.results.estimands import without_estimand
 
 REQUESTS = [
     request(index, world=f"wgj-1/world-{index % 2}-1", environment={"MAX_SPEED": speed, "MODE": "a"})
@@ -45,6 +49,19 @@ def test_a_table_has_a_row_for_the_whole_and_for_each_group():
     assert rows[0][:2] == ("all", "2/4")
     assert rows[-1][0] == "MAX_SPEED=0.6"
     assert rows[-1][-1] == "1 RobotApplicationCrash, 1 collision, 1 canceled"
+
+
+def test_the_intervals_of_its_groups_hold_together_and_a_note_says_so():
+    summary = summarise(REQUESTS, RESULTS, ["MAX_SPEED"])
+    family = IntervalFamily(size=4, confidence=0.95)
+    rows = {row[0]: row[3] for row in summary_rows(summary)}
+    assert rows["all"] == percent_range(wilson(2, 4, 0.95))
+    assert rows["MAX_SPEED=0.3"] == percent_range(family.interval(2, 2))
+    note = summary_note(summary)
+    assert note.startswith(
+        "Rates in these 2 worlds, that of a world in it alone; 95 % intervals. 4 intervals of groups"
+    )
+    assert without_estimand("\n\n".join([note, "| " + " | ".join(rows.values())])) == []
 
 
 @given(episodes())

@@ -31,13 +31,13 @@ def report(rows: list[EpisodeResult], apartments: dict[str, World]) -> AuditRepo
 
 
 def sample(requests: Sequence[EpisodeRequest], rows: Sequence[EpisodeResult]) -> list[SampledEpisode]:
-    return [SampledEpisode(request, row, row.index % 2 == 0) for request, row in zip(requests, rows, strict=True)]
+    return [SampledEpisode(request, row, 2.0) for request, row in zip(requests, rows, strict=True)]
 
 
 def test_sound_rows_pass(report: AuditReport):
     assert (report.verdict, report.engine, report.lanes, report.compared) == ("SOUND", "planar", 8, 8)
     assert (report.flips, report.unreproduced, report.elsewhere) == ((), (), ())
-    assert (report.spread.lanes, report.spread.flips) == (4, 0)
+    assert (report.false_passes.lanes + report.false_alarms.lanes, report.total.rate, report.control) == (8, 0.0, None)
     assert report.final
     assert report.way
     assert report.final.max_m < 1e-3
@@ -61,7 +61,9 @@ def test_a_wrong_row_is_found(rows: list[EpisodeResult], apartments: dict[str, W
     assert (found.verdict, found.unreproduced) == ("SUSPECT", (5,))
     if "outcome" in wrong:
         assert [(flip.index, flip.row, flip.reference) for flip in found.flips] == [(5, "collision", "Passed")]
-        assert (found.spread.flips, found.failed.flips) == (0, 1)
+        assert (found.false_passes.flips, found.false_alarms.flips, found.flips[0].chaotic) == (0, 1, False)
+        assert found.control
+        assert (found.control.lanes, found.control.drives, found.control.flips) == (3, 2, 0)
         assert found.unflipped != found.way
     if "final_x_m" in wrong:
         assert found.final
@@ -85,7 +87,7 @@ def test_rows_that_mujoco_made_are_made_again_and_not_called_evidence(pens: dict
     found = audit(drawn, pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", progress=driven.append)
     assert (found.verdict, found.engine, found.compared, found.unreproduced) == ("NOT COMPARED", "mujoco", 0, ())
     assert driven[-1] == 2 * len(requests)  # a full bar
-    assert (found.final, found.way, found.spread.rate) == (None, None, None)
+    assert (found.final, found.way, found.total.rate) == (None, None, None)
     tampered = [row.model_copy(update={"energy_j": 1e-6}) for row in made[:1]]
     assert audit(sample(requests[:1], tampered), pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco").unreproduced
 

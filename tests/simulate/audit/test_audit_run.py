@@ -13,9 +13,10 @@ from specs.field_types import OutputLocation
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit import audit_run
-from tasks.simulate.audit.audit_report import AuditReport, with_verdict
+from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_run import write_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode
+from tasks.simulate.audit.audit_verdict import with_verdict
 from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.data.pins import pin_source

@@ -1,13 +1,14 @@
-"""The sample of an audit: spread over the batch, half of it failed episodes, found without listing them all."""
+"""The sample of an audit: two strata, weights without bias, found without reading all chunks of a large batch."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.data.episode import EpisodeResult, unfinished_result
-from tasks.simulate.audit.audit_sample import audited_positions, draw_sample
+from specs.data.episode import EpisodeResult, success, unfinished_result
+from tasks.simulate.audit.audit_sample import Pick, SampledEpisode, draw_sample, stretches
 from tasks.simulate.batch.stop import LEFT_OUT
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.layout import Layout
@@ -17,13 +18,13 @@ from tests.factories.planned_batches import template
 LANES = 50
 
 
-def layout(seeds: int) -> Layout:
+def layout(seeds: int, lanes: int = LANES) -> Layout:
     plan = BatchPlan(
         templates=(template(),),
         worlds=("g/a", "g/b"),
         seeds=tuple(range(seeds)),
         sweep={},
-        lanes=LANES,
+        lanes=lanes,
         timeout_s=1.0,
         world_digests={},
         engine="auto",
@@ -43,21 +44,68 @@ class Rows:
         return [collided(index) if index % self.each == 0 else passed(index) for index in made]
 
 
-def test_half_of_the_sample_failed_where_so_many_did():
+def test_a_quarter_of_the_lanes_goes_to_failures_and_the_rest_to_what_passed():
     rows = Rows(100, 10)
     found = draw_sample(rows.layout, rows, 16)
-    failed = [each for each in found if each.row.outcome == "Failed"]
-    assert len([each for each in failed if not each.spread]) <= 8
-    assert len(failed) >= 8
-    assert sum(each.spread for each in found) == 8
+    assert [success(each.row) for each in found].count(False) == 4
+    assert len(found) == 16
     assert [each.request.index for each in found] == [each.row.index for each in found]
 
 
-def test_without_failures_all_are_evenly_spread():
-    rows = Rows(100, 10**9)
+@pytest.mark.parametrize(("each", "failed"), [(10**9, 1), (1, 16), (3, 4)])
+def test_lanes_that_a_stratum_has_no_use_for_go_to_the_other(each: int, failed: int):
+    rows = Rows(100, each)
     found = draw_sample(rows.layout, rows, 16)
-    # the first one collides: 0 is a multiple of everything
-    assert len([each for each in found if each.spread]) >= 15
+    assert (len(found), [success(one.row) for one in found].count(False)) == (16, failed)
+
+
+def test_weights_of_a_stratum_add_up_to_it():
+    rows = Rows(100, 10)
+    found = draw_sample(rows.layout, rows, 16)
+    assert sum(each.weight for each in found if success(each.row)) == 180
+    assert sum(each.weight for each in found if not success(each.row)) == 20
+
+
+@pytest.mark.parametrize(("lanes", "audited"), [(4, 3), (2, 3), (4, 2), (3, 4)])
+def test_over_all_samples_the_weighted_sum_is_that_of_the_batch(lanes: int, audited: int):
+    small = layout(3, lanes)
+    value = {0: 3.0, 1: 1.0, 2: 4.0, 3: 1.0, 4: 5.0, 5: 9.0}
+
+    def rows_of(number: int) -> list[EpisodeResult]:
+        return [collided(r.index) if r.index in {1, 4} else passed(r.index) for r in small.chunk(number).requests]
+
+    expected = 0.0
+    for chance, found in all_samples(lambda pick: draw_sample(small, rows_of, audited, pick)):
+        expected += chance * sum(each.weight * value[each.row.index] for each in found)
+    assert expected == pytest.approx(sum(value.values()), abs=1e-12)
+
+
+class Script:
+    """Picks what it is told, and the first thing where it is told nothing; knows below which numbers it picked."""
+
+    def __init__(self, told: Sequence[int]) -> None:
+        self.told, self.made = told, list[tuple[int, int]]()
+
+    def __call__(self, _: str, below: int) -> int:
+        position = len(self.made)
+        self.made.append((self.told[position] if position < len(self.told) else 0, below))
+        return self.made[-1][0]
+
+
+def all_samples(
+    draw: Callable[[Pick], list[SampledEpisode]],
+) -> Iterator[tuple[float, list[SampledEpisode]]]:
+    """Yields each sample that may be drawn, with its probability."""
+    script = Script(())
+    while True:
+        found = draw(script)
+        yield 1.0 / math.prod(below for _, below in script.made), found
+        made = script.made
+        while made and made[-1][0] + 1 == made[-1][1]:
+            made.pop()
+        if not made:
+            return
+        script = Script([*(picked for picked, _ in made[:-1]), made[-1][0] + 1])
 
 
 def test_a_large_batch_is_not_read_as_a_whole():
@@ -88,13 +136,12 @@ def test_the_sample_is_the_same_again_and_never_too_large(seeds: int, each: int,
     assert 1 <= len(found) <= lanes
 
 
-@given(st.integers(1, 100_000), st.integers(1, 64), st.text(), st.integers(1, 30))
-def test_one_position_is_drawn_from_each_of_equal_stretches(episodes: int, lanes: int, seed: str, cycle: int):
-    positions = audited_positions(episodes, lanes, seed, cycle)
-    count = min(lanes, episodes)
-    assert len(positions) == count
-    for k, position in enumerate(positions):
-        assert episodes * k // count <= position < episodes * (k + 1) // count
+@given(st.integers(0, 100_000), st.integers(1, 64))
+def test_stretches_cover_all_positions_and_are_about_equal(size: int, count: int):
+    found = stretches(size, count)
+    assert [position for stretch in found for position in stretch] == list(range(size))
+    assert len(found) == min(size, count)
+    assert not found or max(map(len, found)) - min(map(len, found)) <= 1
 
 
 @pytest.mark.parametrize("swept", [1, 2, 3, 4, 5, 8, 16])
@@ -110,22 +157,12 @@ def test_every_value_of_a_sweep_is_audited(swept: int):
     values = [each.request.environment["MAX_SPEED"] for each in found]
     counts = [values.count(speed) for speed in speeds]
     assert sum(counts) == 16
-    assert max(counts) - min(counts) <= 1
-
-
-@pytest.mark.parametrize(("episodes", "cycle"), [(48, 3), (48, 1), (50, 3), (96, 2)])
-def test_every_episode_is_about_as_likely_as_another(episodes: int, cycle: int):
-    counts = [0] * episodes
-    for seed in range(2000):
-        for position in audited_positions(episodes, 8, str(seed), cycle):
-            counts[position] += 1
-    mean = 2000 * 8 / episodes
-    assert 0.6 * mean < min(counts) <= max(counts) < 1.6 * mean
+    assert max(counts) - min(counts) <= 2  # a stretch may reach from one value into the next
+    assert min(counts) >= 16 // swept - 1 >= 0
+    assert swept not in {1, 2, 4, 8, 16} or len(set(counts)) == 1
 
 
 def test_another_plan_has_another_sample():
-    one, other = (audited_positions(10_000, 16, seed) for seed in ("a", "b"))
-    assert one != other
     rows, others = Rows(1000, 10**9), Rows(1001, 10**9)
     indices = [{each.request.index for each in draw_sample(each.layout, each, 16)} for each in (rows, others)]
     assert indices[0] != indices[1]

@@ -146,13 +146,13 @@ def test_a_replay_gives_the_same_row_and_all_its_steps(alone: EpisodeResult, pen
 
 
 def test_an_audit_makes_the_row_again(alone: EpisodeResult, pens: dict[str, World]):
-    found = audit([SampledEpisode(requests("none")[0], alone, spread=True)], pens, FOLDERS_USED, lanes=LANES)
+    found = audit([SampledEpisode(requests("none")[0], alone, weight=1.0)], pens, FOLDERS_USED, lanes=LANES)
     assert (found.unreproduced, found.unlocked, found.ros, found.compared) == ((), (), 1, 1)
 
 
 def test_an_audit_names_a_row_whose_lock_step_did_not_hold(alone: EpisodeResult, pens: dict[str, World]):
     unlocked = alone.model_copy(update={"late": 1})
-    found = audit([SampledEpisode(requests("none")[0], unlocked, spread=True)], pens, FOLDERS_USED, lanes=LANES)
+    found = audit([SampledEpisode(requests("none")[0], unlocked, weight=1.0)], pens, FOLDERS_USED, lanes=LANES)
     assert (found.unreproduced, found.unlocked) == ((), (0,))
     assert "lock-step did not hold in 1 of 1 episodes (0)" in found.sentence
 

@@ -36,6 +36,7 @@ def test_trials_are_split_as_the_machine_holds_them(
     batch: Any = SimpleNamespace(plan=SimpleNamespace(lanes=5, engine="auto"))
     world = hall(2.0)
     tried = [Trial(world, seed) for seed in range(7)]
-    rows = simulate_trials(batch, delivery(0, world="hand/one"), tried, FOLDERS)
-    assert [row.index for row in rows] == list(range(7))
+    endings = simulate_trials(batch, delivery(0, world="hand/one"), tried, FOLDERS)
+    assert [ending.row.index for ending in endings] == list(range(7))
     assert lanes.sizes == sizes
+    assert {ending.goal_m for ending in endings} == {None}  # nothing was recorded

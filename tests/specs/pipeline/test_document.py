@@ -64,18 +64,17 @@ def test_an_export_without_generation_must_name_its_worlds():
     spec(worldExport={"outputLocation": PLACE, "worlds": ["arn:aws:robomaker:us-west-2:1:world/A/B"]})
 
 
-@pytest.mark.parametrize(("plans", "interiors"), [(300, 1), (17, 3), (1, 51)])
-def test_more_than_50_worlds_are_refused_before_anything_runs(plans: int, interiors: int):
+@pytest.mark.parametrize(("plans", "interiors"), [(10_001, 1), (101, 100)])
+def test_more_than_10_000_worlds_are_refused_before_anything_runs(plans: int, interiors: int):
     count = {"floorplanCount": plans, "interiorCountPerFloorplan": interiors}
 
     ((place, allowed),) = faults(worldGeneration={**GENERATION, "worldCount": count})
 
     assert place == "worldGeneration.worldCount"
-    assert allowed.startswith("at most 50 worlds; ")
+    assert allowed.startswith("at most 10000 worlds; ")
 
 
-def test_an_export_of_more_worlds_than_a_job_writes_is_refused(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SIMYARD_MAX_WORLDS", "500")
+def test_an_export_of_more_worlds_than_a_job_writes_is_refused():
     generation = {**GENERATION, "worldCount": {"floorplanCount": 101}}
 
     ((place, allowed),) = faults(worldGeneration=generation, worldExport={"outputLocation": PLACE})
@@ -84,8 +83,10 @@ def test_an_export_of_more_worlds_than_a_job_writes_is_refused(monkeypatch: pyte
     spec(worldGeneration=generation)
 
 
-def test_50_worlds_are_allowed():
-    spec(worldGeneration={**GENERATION, "worldCount": {"floorplanCount": 10, "interiorCountPerFloorplan": 5}})
+@pytest.mark.parametrize(("plans", "interiors"), [(10, 5), (384, 1), (1, 51)])
+def test_a_document_may_ask_for_more_worlds_than_one_job_makes(plans: int, interiors: int):
+    count = {"floorplanCount": plans, "interiorCountPerFloorplan": interiors}
+    spec(worldGeneration={**GENERATION, "worldCount": count})
 
 
 def test_all_formats_are_known_by_name_and_no_other():

@@ -48,7 +48,7 @@ def test_a_gate_without_rules_is_refused():
 
 def test_only_rules_that_count_episodes_can_stop_a_batch():
     assert faults({"quantiles": [QUANTILE], "stopEarly": True}) == {
-        "gate.stopEarly": "successRate or collisionRate beside it, which can be sure early"
+        "gate.stopEarly": "successRate or noWorseThan or collisionRate beside it, which can be sure early"
     }
 
 

@@ -1,48 +1,80 @@
-"""The rule ``maxOutcomeFlipRate``: C MuJoCo comes to the same outcomes often enough, by the parity audit."""
+"""The rule ``maxOutcomeFlipRate``: C MuJoCo comes to the same success often enough, by the parity audit."""
 
 from collections.abc import Iterator, Mapping
-from typing import cast
+from typing import NamedTuple, cast
 
 from pydantic import JsonValue
 
 from specs.pipeline.gate_section import FlipRate
+from specs.pipeline.simulation_section import MAX_AUDITED_LANES
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_below,
     confidence_text,
-    needed_line,
     nothing_counted,
     rate_text,
     sentence,
 )
-from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.power.episodes_needed import episodes_needed
+from tasks.results.statistics.intervals import Interval, wilson
+from tasks.results.statistics.strata import Stratum, lanes_needed, total_interval, total_rate
 
 _NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
+_STRATA = {"false_passes": "passes that fail there", "false_alarms": "failures that pass there"}
+
+
+class _Counted(NamedTuple):
+    """What an audit counted: lanes, those that flipped, the rate that this says of the batch, and its interval."""
+
+    lanes: int
+    flips: int
+    rate: float
+    interval: Interval
+    method: str
+    said: str
 
 
 def _judge(asked: FlipRate, material: GateMaterial, label: str) -> RuleVerdict:
     audit = material.audit
     why_not = _why_not(audit)
-    spread = cast("Mapping[str, int]", audit["spread"]) if audit and not why_not else {"lanes": 0, "flips": 0}
-    lanes, flips = spread["lanes"], spread["flips"]
-    if lanes == 0:
+    found = _counted(audit, asked.confidence) if audit and not why_not else None
+    if found is None:
         return nothing_counted(label, why_not or "the audit compared no episode")
-    interval = wilson(flips, lanes, asked.confidence)
-    answer = answer_below(interval, asked.atMost, lanes, sound=True)
-    seen = f"{flips} of {lanes} outcomes are others on C MuJoCo"
-    seen += f" ({rate_text(flips / lanes, interval, asked.confidence, 'Wilson')})"
+    answer = answer_below(found.interval, asked.atMost, found.lanes, sound=True)
+    text = rate_text(found.rate, found.interval, asked.confidence, found.method)
     return RuleVerdict(
         rule=label,
         verdict=answer,
-        sentence=sentence(answer, seen, f"at most {100 * asked.atMost:g} % asked for", Completeness()),
-        method="Wilson",
-        counted=lanes,
-        estimate=flips / lanes,
-        lower=interval.lower,
-        upper=interval.upper,
-        facts={"flips": flips},
+        sentence=sentence(answer, f"{found.said} ({text})", _bar_text(asked), Completeness()),
+        method=found.method,
+        counted=found.lanes,
+        estimate=found.rate,
+        lower=found.interval.lower,
+        upper=found.interval.upper,
+        facts={"flips": found.flips},
     )
+
+
+def _counted(audit: Mapping[str, JsonValue], confidence: float) -> _Counted | None:
+    """Returns what an audit counted, or None if it counted nothing; reports of older versions have no strata."""
+    if isinstance(spread := audit.get("spread"), dict):
+        lanes, flips = (cast("int", spread[name]) for name in ("lanes", "flips"))
+        said = f"{flips} of {lanes} outcomes are others on C MuJoCo"
+        return (
+            _Counted(lanes, flips, flips / lanes, wilson(flips, lanes, confidence), "Wilson", said) if lanes else None
+        )
+    shares = {name: each for name in _STRATA if (each := _share(audit, name))["lanes"]}
+    if not shares:
+        return None
+    strata = [Stratum(*(cast("float", each[name]) for name in Stratum._fields)) for each in shares.values()]
+    lanes, flips = (sum(cast("int", each[name]) for each in shares.values()) for name in ("lanes", "flips"))
+    parts = [f"{each['flips']} of {each['lanes']} {_STRATA[name]}" for name, each in shares.items()]
+    said = f"of {lanes} audited episodes {flips} flip on C MuJoCo: {', '.join(parts)}"
+    return _Counted(lanes, flips, total_rate(strata), total_interval(strata, confidence), "stratified exact", said)
+
+
+def _share(audit: Mapping[str, JsonValue], name: str) -> Mapping[str, JsonValue]:
+    found = audit.get(name)
+    return found if isinstance(found, dict) else {"lanes": 0}
 
 
 def _why_not(audit: Mapping[str, JsonValue] | None) -> str:
@@ -56,10 +88,17 @@ def _why_not(audit: Mapping[str, JsonValue] | None) -> str:
     return ""
 
 
+def _bar_text(asked: FlipRate) -> str:
+    return f"at most {100 * asked.atMost:g} % asked for"
+
+
 def _plan(asked: FlipRate, planned: PlannedEpisodes) -> Iterator[str]:
     yield f"at most {100 * asked.atMost:g} % end otherwise on C MuJoCo, {confidence_text(asked.confidence)}"
-    needed = episodes_needed(1.0 - asked.atMost, asked.confidence, 1.0)
-    yield from needed_line("if none does", needed, planned.audited, " audited")
+    needed = lanes_needed(asked.atMost, asked.confidence)
+    enough = "ENOUGH" if planned.audited >= needed else "NOT ENOUGH"
+    yield f"if all pass and none does, {needed} audited are needed: {planned.audited} are {enough}"
+    if needed > MAX_AUDITED_LANES:
+        yield f"no batch audits more than {MAX_AUDITED_LANES}: allow more flips"
 
 
 OUTCOME_FLIP_RATE = GateRule("maxOutcomeFlipRate", _judge, _plan)

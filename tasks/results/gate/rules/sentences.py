@@ -1,15 +1,18 @@
 """The answers and sentences that the rules of a gate share."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from pydantic import JsonValue
 
 from specs.data.run_report import Verdict
-from tasks.results.gate.rules.rule import Completeness, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.rule import Completeness, RuleVerdict
 from tasks.results.statistics.intervals import Interval, wilson
 from tasks.results.statistics.looks.anytime import confidence_sequence
-from tasks.results.statistics.power.episodes_needed import episodes_needed, episodes_needed_at_any_look
+from tasks.results.statistics.looks.repeated_interval import inner_interval, repeated_interval
+
+AT_LOOKS = "repeated confidence interval"
+"""What the interval is called of a batch that was looked at with its end in sight."""
 
 
 def share_interval(count: int, n: int, confidence: float, lacks: Completeness) -> tuple[Interval, str]:
@@ -21,9 +24,18 @@ def share_interval(count: int, n: int, confidence: float, lacks: Completeness) -
         confidence: Coverage, between 0 and 1.
         lacks: Says whether the batch may have been ended by what was counted.
     """
+    if lacks.sequential and lacks.looks:
+        return _interval_at_look(count, n, confidence, lacks), AT_LOOKS
     if lacks.sequential:
         return confidence_sequence(count, n, confidence), "confidence sequence"
     return wilson(count, n, confidence), "Wilson"
+
+
+def _interval_at_look(count: int, n: int, confidence: float, lacks: Completeness) -> Interval:
+    """Returns the interval of a share at a look, whatever the episodes would have shown that were not counted there."""
+    interval, whole = inner_interval if lacks.inner else repeated_interval, lacks.look(n)
+    lower = interval(count, whole, lacks.looks, confidence).lower
+    return Interval(lower=lower, upper=interval(count + whole - n, whole, lacks.looks, confidence).upper)
 
 
 def answer_above(interval: Interval, bar: float, n: int, *, sound: bool) -> Verdict:
@@ -59,7 +71,7 @@ def nothing_counted(rule: str, why: str, facts: Mapping[str, JsonValue] | None =
     return RuleVerdict(rule=rule, verdict="INCONCLUSIVE", sentence=f"INCONCLUSIVE: {why}", facts=dict(facts or {}))
 
 
-def sentence(answer: Verdict, seen: str, asked: str, lacks: Completeness) -> str:
+def sentence(answer: Verdict, seen: str, asked: str, lacks: Completeness, note: str = "") -> str:
     """Returns an answer with its reason.
 
     Args:
@@ -67,8 +79,9 @@ def sentence(answer: Verdict, seen: str, asked: str, lacks: Completeness) -> str
         seen: What was seen.
         asked: What the document asks for.
         lacks: What was not there to be counted.
+        note: What else is to be known; empty for nothing.
     """
-    return "; ".join([f"{answer}: {seen}", asked, *lacks.text()])
+    return "; ".join([f"{answer}: {seen}", asked, *lacks.text(), *[note] * bool(note)])
 
 
 def rate_text(rate: float, interval: Interval, confidence: float, method: str) -> str:
@@ -80,9 +93,14 @@ def rate_text(rate: float, interval: Interval, confidence: float, method: str) -
         confidence: Its coverage.
         method: What it is called.
     """
+    kind = "interval at any look" if method in (AT_LOOKS, "confidence sequence") else "interval"
+    return f"{100 * rate:.1f} %, {100 * confidence:g} % {kind} {percent_text(interval)}"
+
+
+def percent_text(interval: Interval) -> str:
+    """Returns the bounds of a share in percent, rounded outwards."""
     lower, upper = math.floor(1000 * interval.lower) / 10, math.ceil(1000 * interval.upper) / 10
-    kind = "interval at any look" if method == "confidence sequence" else "interval"
-    return f"{100 * rate:.1f} %, {100 * confidence:g} % {kind} {lower:.1f} to {upper:.1f} %"
+    return f"{lower:.1f} to {upper:.1f} %"
 
 
 def confidence_text(confidence: float) -> str:
@@ -90,29 +108,6 @@ def confidence_text(confidence: float) -> str:
     return f"{100 * confidence:g} % confidence"
 
 
-def share_needed(planned: PlannedEpisodes, at_least: float, confidence: float, rate: float) -> int | None:
-    """Returns how many episodes show that a share is high enough; None if no number does.
-
-    Args:
-        planned: Says whether the gate is asked after each chunk.
-        at_least: The bar, 0-1.
-        confidence: Coverage of the interval.
-        rate: The share that one expects.
-    """
-    return (episodes_needed_at_any_look if planned.any_look else episodes_needed)(at_least, confidence, rate)
-
-
-def needed_line(case: str, needed: int | None, there: int, what: str = "") -> Iterator[str]:
-    """Yields how many episodes are needed in a case, and whether they are there; nothing if no number is enough.
-
-    Args:
-        case: The case, such as ``if 98 % pass``.
-        needed: How many it needs.
-        there: How many there are.
-        what: What is counted, where it is not all episodes.
-    """
-    if needed is not None:
-        verb = "is" if there == 1 else "are"
-        needs = "is" if needed == 1 else "are"
-        enough = "enough" if there >= needed else "NOT ENOUGH"
-        yield f"{case}, {needed}{what} {needs} needed: {there} {verb} {enough}"
+def about(over: str | None) -> str:
+    """Returns what `simyard plan` adds to a rule that is about worlds like these."""
+    return " in worlds like these" if over == "worlds" else ""

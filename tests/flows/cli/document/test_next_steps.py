@@ -35,7 +35,11 @@ def test_after_a_fail_the_report_and_the_first_failed_episode_are_named(file_sto
 @pytest.mark.parametrize(
     ("passed", "told"),
     [
-        (8, "more episodes          35 would PASS at this rate, and there are 8: set more seeds or worlds"),
+        (
+            8,
+            "more episodes          35 PASS at this rate with 80 % power, 35 with 90 %, and there are 8: "
+            "set more worlds or seeds",
+        ),
         (7, "more episodes          would not help at this rate: 87.5 % is not above 90 %"),
     ],
 )
