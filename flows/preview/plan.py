@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import finder, pinned_shipment, pins
-from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources
+from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources, shuffle_if_endable
 from flows.document.version_room import version_lines
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
@@ -60,11 +60,12 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
-    judged, audited, programs, worlds, lanes = GateBasis(0, 0), 0, 1, 1, 0
+    judged, audited, programs, worlds, lanes, pairs = GateBasis(0, 0), 0, 1, 1, 0, False
     if spec.simulationBatch and batch and plan and beside:
         section, find = spec.simulationBatch, finder(trial, own)
         audited, programs, lanes = plan.audited, plan.compilations, plan.lanes
         worlds = len({world for template in batch.templates for world in batch.worlds_of(template)})
+        pairs = shuffle_if_endable(batch, spec.gate).shuffled == "pairs"
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
         yield from _batch_lines(plan, batch, section)
@@ -72,7 +73,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         for reason in (*failing_sources(section, trial, find), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from gate_lines(spec.gate, judged, audited, programs, worlds=worlds, lanes=lanes)
+        yield from gate_lines(spec.gate, judged, audited, programs, worlds=worlds, lanes=lanes, pairs=pairs)
     ships = pinned_shipment(found)
     if spec.deployment and ships:
         find = finder(trial, own)
