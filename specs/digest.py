@@ -12,6 +12,13 @@ def canonical_document(model: BaseModel) -> dict[str, JsonValue]:
     return model.model_dump(mode="json", exclude_none=True)
 
 
+def without_absent(value: JsonValue) -> JsonValue:
+    """Returns JSON data as `canonical_document` has it: fields that are null left out, however deep."""
+    if isinstance(value, dict):
+        return {name: without_absent(each) for name, each in value.items() if each is not None}
+    return [without_absent(each) for each in value] if isinstance(value, list) else value
+
+
 def canonical_json(document: Mapping[str, JsonValue]) -> bytes:
     """Returns JSON bytes with sorted keys and no spaces (UTF-8).
 

@@ -10,7 +10,7 @@ from specs.pipeline.gate_section import NoWorseThan
 from specs.settings import OWNER_KEY
 from tasks.applications.registry import resolve
 from tasks.results.gate.evidence import Baseline
-from tasks.results.statistics.pairs import PAIRED_COLUMNS, count_pairs, outcomes
+from tasks.results.statistics.pairs import PAIRED_COLUMNS, Drive, both_ended, drives
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND, load_batch, plan_of
@@ -63,8 +63,8 @@ def find_baseline(rule: NoWorseThan, batch: JobRecord, store: Store) -> Baseline
     )
 
 
-def read_outcomes(store: Store, record: JobRecord, digests: Iterable[str]) -> dict[Hashable, bool]:
-    """Returns whether a batch's episodes passed, by what was asked of them but for the robot application.
+def read_drives(store: Store, record: JobRecord, digests: Iterable[str]) -> dict[Hashable, Drive]:
+    """Returns what a batch's episodes came to, by what was asked of them but for the robot application.
 
     Args:
         store: Where the batch is.
@@ -77,7 +77,7 @@ def read_outcomes(store: Store, record: JobRecord, digests: Iterable[str]) -> di
     """
     place, written = recorded_location(record), results_digest(record)
     rows = stored_rows(store, place, record.id, RESULTS_FILE, sha256=written, columns=PAIRED_COLUMNS)
-    return outcomes(rows, world_identities(store, plan_of(record).worlds_used()), digests)
+    return drives(rows, world_identities(store, plan_of(record).worlds_used()), digests)
 
 
 def sealed_record(store: Store, batch: str) -> JobRecord | None:
@@ -124,10 +124,10 @@ def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Stor
     if not set(plan.seeds) & set(other.seeds):  # there is no need to look into worlds and rows
         return False
     try:
-        theirs = read_outcomes(store, record, [digest])
+        theirs = read_drives(store, record, [digest])
     except (ResourceNotFound, BucketNotFound):  # somebody cleared old results away
         return False
-    return count_pairs(read_outcomes(store, batch, candidates(plan, digest)), theirs).n > 0
+    return both_ended(read_drives(store, batch, candidates(plan, digest)), theirs)
 
 
 def results_digest(record: JobRecord) -> str:

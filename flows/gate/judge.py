@@ -4,6 +4,8 @@ A run that is killed and continued finds both there, and so judges the same.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
 from typing import NamedTuple, cast
 
 import pyarrow as pa
@@ -11,11 +13,13 @@ import pyarrow.compute as pc
 from pydantic import JsonValue
 
 from flows.document.tested_batch import candidates
-from flows.gate.baselines import NoBaseline, find_baseline, read_outcomes, results_digest, sealed_record
+from flows.gate.baselines import NoBaseline, find_baseline, read_drives, results_digest, sealed_record
+from flows.gate.equal_worlds import told_apart
+from flows.gate.tries import episodes_name, ledger_of, note_try, tries_before
 from specs.arn import parse_reference
 from specs.base import Spec
 from specs.data.run_report import Verdict
-from specs.digest import canonical_json
+from specs.digest import canonical_document, canonical_json, without_absent
 from specs.errors import StageFailed
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import (
@@ -27,9 +31,9 @@ from tasks.results.gate.evidence import (
     write_evidence,
 )
 from tasks.results.gate.gate import GateVerdict, columns_needed, count_rows, judge
+from tasks.results.gate.rules.pair_counts import PairCounts, count_pairs
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.gate.shipped_builds import Shipment
-from tasks.results.statistics.pairs import PairCounts, count_pairs
 from tasks.results.statistics.room_coverage import ROOM_COLUMNS, RoomCoverage, table_coverage
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
@@ -56,6 +60,7 @@ class GateAnswer(Spec):
         evidence_url: Where its evidence is.
         evidence: SHA-256 of it.
         rooms: How much of its worlds the robots were in; None where nothing says that.
+        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
     """
 
     batch: str
@@ -64,6 +69,7 @@ class GateAnswer(Spec):
     evidence_url: str
     evidence: str
     rooms: RoomCoverage | None = None
+    tries: int = 0
 
 
 class BatchJudgement(NamedTuple):
@@ -75,7 +81,13 @@ class BatchJudgement(NamedTuple):
 
 
 def judge_batch(
-    store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
+    store_url: str,
+    batch: str,
+    rule: Gate,
+    *,
+    other: Baseline | NoBaseline | None,
+    ships: Shipment | None,
+    tries: int = 0,
 ) -> BatchJudgement:
     """Returns the gate's verdict on a batch, whose evidence is written; a step: a plain function of data.
 
@@ -85,10 +97,11 @@ def judge_batch(
         rule: What the document asks for.
         other: The version that ``noWorseThan`` compares with, or why there is none; None if nobody asks.
         ships: What the document ships, if it deploys.
+        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
     """
     store = open_store(store_url)
     record = read(store, KIND, batch)
-    found = gate_material(rule, record, store, other)
+    found = replace(gate_material(rule, record, store, other), tries=tries)
     verdict = judge(rule, found)
     baseline = other if isinstance(other, Baseline) else None
     tested, left_out = tested_facts(plan_of(record), record), found.lacks.left_out
@@ -127,7 +140,12 @@ def gate_answer(
     # The id is a string of its own: by the record's, Prefect would know the batch's flow run as the task's input, and
     # where one has such an input, the page of a run shows no task runs at all (3.8.8).
     name = parse_reference(batch.arn).path
-    verdict, url, digest = judged(store.url, name, gate, other=_baseline(gate, batch, store, run), ships=ships)
+    other = _baseline(gate, batch, store, run)
+    ledger = ledger_of(run, gate, batch, other.digest if isinstance(other, Baseline) else "")
+    episodes = cache(lambda: episodes_name(store, plan_of(batch)))  # for which each world is read
+    # A run that goes on says what it said, whatever was tried meanwhile.
+    tries = pinned.tries if pinned else tries_before(store, ledger, episodes)
+    verdict, url, digest = judged(store.url, name, gate, other=other, ships=ships, tries=tries)
     answer = GateAnswer(
         batch=batch.id,
         verdict=verdict.verdict,
@@ -135,9 +153,12 @@ def gate_answer(
         evidence_url=url,
         evidence=digest,
         rooms=verdict.rooms,
+        tries=tries,
     )
     if pinned not in (None, answer):
         raise _another_answer(store, run, pinned, answer)
+    if answer.verdict != "PASS":
+        note_try(store, ledger, episodes(), batch.id)
     _pin(store, run, _GATE, answer)
     return answer
 
@@ -176,7 +197,7 @@ def gate_material(
         rows = rows.filter(pc.field("robot_digest").isin(list(meant)))
     counts = count_rows(rows)
     stop = cast("dict[str, JsonValue]", batch.detail.get("stopped_early", {}))
-    ended_by_it = later or stop.get("gate") == gate.model_dump(mode="json")
+    ended_by_it = later or without_absent(stop.get("gate")) == canonical_document(gate)
     left_out = cast("int", stop["left_out"]) if stop and ended_by_it else 0
     if plan.shuffled == "pairs" and not both:
         left_out //= 2
@@ -193,6 +214,7 @@ def gate_material(
         pairs=_pairs(batch, store, other),
         audit=cast("dict[str, JsonValue] | None", batch.detail.get("audit")),
         rooms=table_coverage(rows),
+        worlds=told_apart(store, plan_of(batch).worlds_used()),
     )
 
 
@@ -230,8 +252,8 @@ def _pairs(batch: JobRecord, store: Store, other: Baseline | NoBaseline | None) 
     theirs = batch if other.batch == batch.id else sealed_record(store, other.batch)
     if theirs is None or results_digest(theirs) != other.sha256:
         return f"nobody vouches for the results of {other.batch!r:.80}"
-    ours = read_outcomes(store, batch, candidates(plan_of(batch), other.digest))
-    return count_pairs(ours, read_outcomes(store, theirs, [other.digest]))
+    ours = read_drives(store, batch, candidates(plan_of(batch), other.digest))
+    return count_pairs(ours, read_drives(store, theirs, [other.digest]))
 
 
 def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:

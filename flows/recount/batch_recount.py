@@ -15,6 +15,7 @@ from flows.batch.batch_end import with_audit
 from flows.batch.early_end import EarlyEnd
 from flows.batch.recorded_episodes import RecordedEpisodes
 from flows.batch.replay_episode import bundles
+from specs.digest import without_absent
 from specs.errors import StageFailed
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate, stops_early
@@ -149,7 +150,8 @@ def _audit(
 
 def _changes(key: str, said: Mapping[str, JsonValue], facts: Mapping[str, JsonValue]) -> Iterator[str]:
     for name in SEALED:
-        if said.get(name) != facts.get(name):
+        # A gate's fields that are null are none: an older version may not have had them.
+        if without_absent(said.get(name)) != without_absent(facts.get(name)):
             yield f"{key} says {name} {_short(said.get(name))}; computed: {_short(facts.get(name))}"
 
 

@@ -1,8 +1,11 @@
 """Counts again, right before something is shipped, all that its gate has judged by: worlds, plan, rows, verdict."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
+
+from pydantic import ValidationError
 
 from flows.document.references import Numbers, numbered_finder
 from flows.document.tested_batch import batch_plan, compared_digest
@@ -11,7 +14,7 @@ from flows.gate.judge import GateAnswer, gate_material, read_baseline, read_gate
 from flows.recount.batch_recount import BatchRecount, Planned, count_batch
 from flows.recount.sample import sample_changes
 from specs.arn import arn
-from specs.errors import DocumentError, StageFailed
+from specs.errors import DocumentError, ObjectNotFound, StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.section_requests import generation_request, section_parts
@@ -20,7 +23,7 @@ from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import recount_episodes
 from specs.template.body import template_digest
 from tasks.documents.template_source import find_template
-from tasks.results.gate.evidence import Baseline, evidence_digest, gather
+from tasks.results.gate.evidence import Baseline, Evidence, evidence_digest, gather, read_evidence
 from tasks.results.gate.gate import judge
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.simulate.batch.job import KIND
@@ -34,6 +37,9 @@ from tasks.storage.store_url import store_id
 from tasks.worlds.job.job import KIND as GENERATION
 from tasks.worlds.job.production import Order
 from tasks.worlds.job.world_recount import MOST_REMADE, world_changes
+
+# What an older version says otherwise of the same episodes.
+_WORDED = ("version", "sentence", "rules", "tries")
 
 
 class Asked(NamedTuple):
@@ -147,7 +153,7 @@ def _verdict_changes(asked: Asked, gate: Gate, found: BatchRecount, store: Store
     other = _baseline(asked, gate, store, run)
     if isinstance(other, str):
         return [other]
-    material = gate_material(gate, found.record, store, other)
+    material = replace(gate_material(gate, found.record, store, other), tries=answer.tries)
     verdict = judge(gate, material)
     if verdict.verdict != "PASS" or answer.verdict != verdict.verdict:
         return [f"{key} says the verdict {answer.verdict}; computed: {verdict.sentence}"]
@@ -160,14 +166,27 @@ def _verdict_changes(asked: Asked, gate: Gate, found: BatchRecount, store: Store
         baseline=other if isinstance(other, Baseline) else None,
         ships=asked.ships,
     )
-    return _evidence_changes(store, answer, evidence_digest(evidence))
+    return _evidence_changes(store, answer, evidence)
 
 
-def _evidence_changes(store: Store, answer: GateAnswer, computed: str) -> list[str]:
-    if answer.evidence == computed:
+def _evidence_changes(store: Store, answer: GateAnswer, computed: Evidence) -> list[str]:
+    found = evidence_digest(computed)
+    if answer.evidence == found:
         return []
     key = f"{store.url}/{result_key(answer.batch, 'evidence.json')}"
-    return [f"{key} has the SHA-256 {answer.evidence}; computed: {computed}"]
+    if _is_older_form(store, answer, computed):
+        return []
+    return [f"{key} has the SHA-256 {answer.evidence}; computed: {found}"]
+
+
+def _is_older_form(store: Store, answer: GateAnswer, computed: Evidence) -> bool:
+    """Returns whether an older version wrote the evidence, in other words and with fewer numbers, of the same facts."""
+    try:
+        pinned = read_evidence(store, answer.batch)
+    except (ObjectNotFound, ValidationError):
+        return False
+    said, now = (each.model_dump(mode="json", exclude=set(_WORDED)) for each in (pinned, computed))
+    return pinned.version != computed.version and said == now
 
 
 def _baseline(asked: Asked, gate: Gate, store: Store, run: JobRecord) -> Baseline | NoBaseline | str | None:

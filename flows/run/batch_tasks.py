@@ -130,10 +130,16 @@ def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[st
     **STORE_RETRY,
 )
 def judge_batch(
-    store_url: str, batch: str, rule: Gate, *, other: Baseline | NoBaseline | None, ships: Shipment | None
+    store_url: str,
+    batch: str,
+    rule: Gate,
+    *,
+    other: Baseline | NoBaseline | None,
+    ships: Shipment | None,
+    tries: int = 0,
 ) -> BatchJudgement:
     """Returns what `flows.gate.judge.judge_batch` does, and shows the verdict with the sentence of each rule."""
-    judged = judge.judge_batch(store_url, batch, rule, other=other, ships=ships)
+    judged = judge.judge_batch(store_url, batch, rule, other=other, ships=ships, tries=tries)
     verdict, mark = judged.verdict, _VERDICT_MARKS[judged.verdict.verdict]
     body = "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules)
     create_markdown_artifact(

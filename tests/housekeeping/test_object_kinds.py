@@ -27,6 +27,7 @@ from tasks.storage.base.keys import (
     template_name_key,
     token_key,
     trust_key,
+    try_key,
     world_key,
 )
 
@@ -87,6 +88,7 @@ def test_what_is_no_jobs_is_known_too(key: str, what: str) -> None:
         "store.json",
         line_root_key("world-export-job"),
         "housekeeping/unnamed.json",
+        try_key("0" * 32, "1" * 32),
         "templates/t.json",
         named_template_key("wt-0123456789abcdef"),
         template_name_key("a flat"),
@@ -147,6 +149,7 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
         "tags",
         "world-templates",
         "template-names",
+        "tries",
     }
     assert len(forms) > 15
 

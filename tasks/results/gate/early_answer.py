@@ -4,14 +4,15 @@
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 from specs.data.episode import CANCELED, EpisodeResult, success
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import SEQUENTIAL_RULES, Gate
 from tasks.results.gate.gate import GATE_RULES, combine
+from tasks.results.gate.rules.pair_counts import PairCounts, count_pairs
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, Share
-from tasks.results.statistics.pairs import PairCounts
+from tasks.results.statistics.pairs import Drive
 from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending_of
 
 _PAIRED = "noWorseThan"
@@ -45,7 +46,7 @@ class EarlyAnswer:
             other: Of the other version on the same episodes, in the same order.
         """
         self._endings.update(map(ending_of, results))
-        self._pairs = _plus(self._pairs, list(map(success, results)), list(map(success, other)))
+        self._pairs = self._pairs.plus(count_pairs(_drives(results), _drives(other)))
         ended = [result for result in results if result.status != CANCELED]
         for rule, label, asked in self._rules:
             if rule.count:
@@ -77,13 +78,6 @@ class EarlyAnswer:
         return count_endings(self._endings)
 
 
-def _plus(pairs: PairCounts, new: Sequence[bool | None], other: Sequence[bool | None]) -> PairCounts:
-    """Returns the pairs with more of them; one of which an episode was canceled is none."""
-    both = [(ours, theirs) for ours, theirs in zip(new, other, strict=False) if None not in (ours, theirs)]
-    ended = len(new) - new.count(None)
-    return PairCounts(
-        n=pairs.n + len(both),
-        gains=pairs.gains + both.count((True, False)),
-        losses=pairs.losses + both.count((False, True)),
-        unpaired=pairs.unpaired + ended - len(both),
-    )
+def _drives(results: Sequence[EpisodeResult]) -> dict[Hashable, Drive]:
+    """Returns what episodes came to, by their position; in which world makes no difference before the end."""
+    return {at: Drive("", success(result), result.status, result.failure_code) for at, result in enumerate(results)}

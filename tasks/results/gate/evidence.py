@@ -22,7 +22,7 @@ from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 
 EVIDENCE_FILE = "evidence.json"
-EVIDENCE_VERSION = "5"
+EVIDENCE_VERSION = "6"
 _RAN_ON = frozenset({"engine", "device", "lanes"})
 
 
@@ -98,9 +98,10 @@ class Evidence(TestedBatch):
             verdict is not about it.
         ships: What the document ships; None where it deploys nothing.
         rooms: How much of its worlds the robots were in; None where nothing says that.
+        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
     """
 
-    version: Literal["5"] = EVIDENCE_VERSION
+    version: Literal["5", "6"] = EVIDENCE_VERSION
     batch: str
     verdict: Verdict
     sentence: str
@@ -111,6 +112,7 @@ class Evidence(TestedBatch):
     baseline: Baseline | None = None
     ships: Shipment | None = None
     rooms: RoomCoverage | None = None
+    tries: int = 0
 
     def judged_robots(self) -> tuple[ApplicationEvidence, ...]:
         """Returns the robot applications that the verdict is about."""
@@ -189,6 +191,7 @@ def gather(
         baseline=baseline,
         ships=ships,
         rooms=verdict.rooms,
+        tries=verdict.tries,
     )
 
 

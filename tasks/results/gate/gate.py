@@ -4,7 +4,7 @@ FAIL if any rule fails, PASS if all rules pass, else INCONCLUSIVE, and more epis
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from tasks.results.gate.rules.collision_rate import COLLISION_RATE
 from tasks.results.gate.rules.no_worse_than import NO_WORSE_THAN
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
 from tasks.results.gate.rules.quantiles import QUANTILES
-from tasks.results.gate.rules.rule import GateMaterial, GateRule, RuleVerdict, Share
+from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, RuleVerdict, Share, WorldShare
 from tasks.results.gate.rules.success_rate import SUCCESS_RATE
 from tasks.results.statistics.room_coverage import RoomCoverage
 from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 GATE_RULES: tuple[GateRule[Any], ...] = (SUCCESS_RATE, NO_WORSE_THAN, COLLISION_RATE, OUTCOME_FLIP_RATE, QUANTILES)
 """In the order of the fields of the document's gate section."""
 
-# They tell the tested version from another one in the same batch, and count its episodes.
-_EPISODE_COLUMNS = ("robot_digest", "status", "success")
+# They tell the tested version from another one in the same batch, count its episodes, and say in which worlds.
+_EPISODE_COLUMNS = ("robot_digest", "status", "success", "world")
 _WEIGHT: tuple[Verdict, ...] = ("FAIL", "INCONCLUSIVE", "PASS")
 
 
@@ -40,6 +40,8 @@ class GateVerdict(Spec):
         counts: What the judged episodes came to.
         rules: The answer of each rule.
         rooms: How much of its worlds the robots were in; None where nothing says that. It decides nothing.
+        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS. It
+            decides nothing either.
     """
 
     verdict: Verdict
@@ -47,19 +49,27 @@ class GateVerdict(Spec):
     counts: EpisodeCounts
     rules: tuple[RuleVerdict, ...]
     rooms: RoomCoverage | None = None
+    tries: int = 0
 
 
 def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
     """Returns the verdict on a batch."""
-    counted = replace(material, shares=_shares(gate, material))
+    counted = _counted(gate, material)
     rules = tuple(
         with_engine_doubt(rule.judge(asked, counted, label), asked, material.audit)
         for rule in GATE_RULES
         for label, asked in rule.asked(gate)
     )
     answer = combine([rule.verdict for rule in rules])
-    sentence = _sentence(answer, rules)
-    return GateVerdict(verdict=answer, sentence=sentence, counts=material.counts, rules=rules, rooms=material.rooms)
+    sentence = "\n".join([_sentence(answer, rules), *_tries_line(gate, material.tries)])
+    return GateVerdict(
+        verdict=answer,
+        sentence=sentence,
+        counts=material.counts,
+        rules=rules,
+        rooms=material.rooms,
+        tries=material.tries,
+    )
 
 
 def combine(answers: Sequence[Verdict]) -> Verdict:
@@ -81,15 +91,46 @@ def count_rows(rows: "pa.Table") -> EpisodeCounts:
     return count_endings(Counter(map(Ending, rows.column("success").to_pylist(), failed_jobs)))
 
 
-def _shares(gate: Gate, material: GateMaterial) -> dict[str, Share]:
-    """Returns what each of the gate's rules that count episodes counts in the material's rows."""
-    found: dict[str, Share] = {}
+def _counted(gate: Gate, material: GateMaterial) -> GateMaterial:
+    """Returns the material with what each of the gate's rules that count episodes counts in its rows."""
+    if material.rows is None:
+        return material
+    ended, shares, by_world = material.ended_rows(), dict[str, Share](), dict[str, Sequence[WorldShare]]()
     for rule in GATE_RULES:
-        for label, asked in rule.asked(gate):
-            if rule.count:
-                rows = material.ended_rows()
-                found[label] = rule.count({name: rows.column(name).to_pylist() for name in rule.columns(asked)})
-    return found
+        for label, asked in rule.asked(gate) if rule.count else ():
+            columns = rule.columns(asked)
+            shares[label] = rule.count(_values(ended, columns)) if rule.count else Share()
+            ours, whole = (_by_world(rule, columns, material, rows) for rows in (ended, material.rows))
+            by_world[label] = [WorldShare(ours.get(world, Share()), share) for world, share in sorted(whole.items())]
+    return replace(material, shares=shares, world_shares=by_world)
+
+
+def _by_world(
+    rule: GateRule[Any], columns: Sequence[str], material: GateMaterial, rows: "pa.Table"
+) -> dict[str, Share]:
+    """Returns what a rule counts in each world that has rows."""
+    values, count = _values(rows, columns), rule.count
+    return {
+        world: count({name: [column[at] for at in places] for name, column in values.items()})
+        for world, places in material.rows_by_world(rows).items()
+        if count
+    }
+
+
+def _values(rows: "pa.Table", columns: Sequence[str]) -> ColumnValues:
+    return {name: rows.column(name).to_pylist() for name in columns}
+
+
+def _tries_line(gate: Gate, before: int) -> Iterator[str]:
+    """Yields what earlier tries do to the chance of a false PASS, by Boole's inequality; nothing of the first try.
+
+    A gate that ought to fail has a rule that ought to, which passes wrongly in half of its remaining doubt at most.
+    """
+    if before:
+        each = max((1.0 - asked.confidence) / 2.0 for rule in GATE_RULES for _, asked in rule.asked(gate))
+        most, tries = min(1.0, (before + 1) * each), before + 1
+        chance = f"{tries} x {100 * each:.3g} % = {100 * most:.3g} %"
+        yield f"try {tries} of this gate on other episodes, none passed before: a false PASS by chance up to {chance}"
 
 
 def _sentence(answer: Verdict, rules: Sequence[RuleVerdict]) -> str:

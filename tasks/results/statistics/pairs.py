@@ -1,34 +1,35 @@
-"""Pairs the episodes that two versions drove both, and counts those that came to different ends."""
+"""Tells which episodes of two versions are the same, and what each of them came to."""
 
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
-
-from specs.base import Spec
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 _SAME = ("simulation_digest", "simulation_package", "simulation_launch_file", "duration_s")
 _ASKED = ("world", "seed", "environment")
-PAIRED_COLUMNS = (*_ASKED, *_SAME, "robot_digest", "success")
-Outcomes = Mapping[Hashable, bool]
+_ENDED = ("status", "failure_code", "success")
+PAIRED_COLUMNS = (*_ASKED, *_SAME, "robot_digest", *_ENDED)
 
 
-class PairCounts(Spec):
-    """What two versions came to on the same episodes.
+class Drive(NamedTuple):
+    """What an episode came to.
 
     Attributes:
-        n: Episodes that both drove.
-        gains: How many of them the new version passed and the other did not.
-        losses: How many the other version passed and the new one did not.
-        unpaired: Episodes of the new version that the other did not drive.
+        world: What tells its world apart.
+        success: Whether it passed; None for one that was canceled.
+        status: RoboMaker's job status.
+        failure_code: RoboMaker's failure code, or empty.
     """
 
-    n: int
-    gains: int
-    losses: int
-    unpaired: int
+    world: str
+    success: bool | None
+    status: str
+    failure_code: str
+
+
+Drives = Mapping[Hashable, Drive]
 
 
 def episode_keys(table: "pa.Table", worlds: Mapping[str, str], columns: Sequence[str]) -> list[Hashable]:
@@ -50,11 +51,11 @@ def episode_keys(table: "pa.Table", worlds: Mapping[str, str], columns: Sequence
     return keys
 
 
-def outcomes(table: "pa.Table", worlds: Mapping[str, str], digests: Iterable[str]) -> dict[Hashable, bool]:
-    """Returns whether episodes passed, by what was asked of them but for the robot application.
+def drives(table: "pa.Table", worlds: Mapping[str, str], digests: Iterable[str]) -> dict[Hashable, Drive]:
+    """Returns what episodes came to, by what was asked of them but for the robot application.
 
     World, seed, scenario, variables and duration make the same episode; a world by what is in it, not by its name, so
-    that worlds that were generated again are the same ones. Canceled episodes are left out.
+    that worlds that were generated again are the same ones.
 
     Args:
         table: Rows with the columns ``PAIRED_COLUMNS``, in the order of their indices.
@@ -64,17 +65,14 @@ def outcomes(table: "pa.Table", worlds: Mapping[str, str], digests: Iterable[str
     import pyarrow.compute as pc  # noqa: PLC0415 - `simyard plan` counts pairs without Arrow
 
     meant = table.filter(pc.field("robot_digest").isin(list(digests)))
-    passed = meant.column("success").to_pylist()
+    names, ended = meant.column("world").to_pylist(), meant.select(_ENDED).to_pylist()
     keys = episode_keys(meant, worlds, _SAME)
-    return {key: success for key, success in zip(keys, passed, strict=True) if success is not None}
+    return {
+        key: Drive(worlds.get(name, name), row["success"], row["status"], row["failure_code"])
+        for key, name, row in zip(keys, names, ended, strict=True)
+    }
 
 
-def count_pairs(new: Outcomes, other: Outcomes) -> PairCounts:
-    """Returns how the new version compares with another one on the episodes that both drove."""
-    common = [key for key in new if key in other]
-    return PairCounts(
-        n=len(common),
-        gains=sum(new[key] and not other[key] for key in common),
-        losses=sum(other[key] and not new[key] for key in common),
-        unpaired=len(new) - len(common),
-    )
+def both_ended(new: Drives, other: Drives) -> bool:
+    """Returns whether there is an episode that both versions drove to an end."""
+    return any(key in other and None not in {each.success, other[key].success} for key, each in new.items())

@@ -35,6 +35,8 @@ TEMPLATE_NAME = "template-names/{digest}.json"
 """Which template has a name; the digest is the name's."""
 RESULT = "results/{batch}/{file}"
 """Evidence and notes of a batch."""
+TRY = "tries/{ledger}/{episodes}.json"
+"""That a gate did not pass on some episodes; the ledger is the digest of document, gate and tested version."""
 BUNDLE = "bundles/{digest}"
 """An application bundle, named by its SHA-256."""
 APPLICATION = "applications/{kind}/{application}.json"
@@ -187,6 +189,16 @@ def chunks_prefix(batch: str) -> str:
 def result_key(batch: str, name: str) -> str:
     """Returns the key of one of a batch's files, such as ``evidence.json``."""
     return fill(RESULT, batch=batch, file=name)
+
+
+def try_key(ledger: str, episodes: str) -> str:
+    """Returns the key that says that a gate did not pass on some episodes."""
+    return fill(TRY, ledger=ledger, episodes=episodes)
+
+
+def tries_prefix(ledger: str) -> str:
+    """Returns the folder that holds what a gate did not pass on."""
+    return folder(TRY, ledger=ledger)
 
 
 def actions_key(day: str, name: str) -> str:

@@ -8,8 +8,8 @@ from pydantic import JsonValue
 
 from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, Gate, SuccessRate
 from tasks.results.gate.gate import GATE_RULES, GateVerdict, columns_needed, count_rows, judge
+from tasks.results.gate.rules.pair_counts import PairCounts
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
-from tasks.results.statistics.pairs import PairCounts
 from tasks.results.tables.tables import results_table
 from tests.factories.episodes import batch, canceled, collided, counted, crashed, passed, request
 
@@ -51,9 +51,8 @@ def test_the_sentence_gives_the_numbers():
     )
 
 
-def test_a_job_that_failed_counts_as_not_successful():
-    counts = counted([*batch(50, 0), *(crashed(50 + number) for number in range(50))])
-    verdict = judge(GATE, GateMaterial(counts))
+def test_a_job_whose_robot_crashed_counts_as_not_successful():
+    verdict = judge(GATE, rows(50, 0, 50))
     assert verdict.verdict == "FAIL"
     assert (verdict.counts.successes, verdict.counts.failed_jobs) == (50, 50)
 
@@ -108,7 +107,7 @@ def test_a_job_that_failed_might_have_collided_and_might_not():
     assert judge(rule, rows(120, 0, 0)).verdict == "PASS"
     verdict = judge(rule, rows(80, 0, 40))
     assert verdict.verdict == "INCONCLUSIVE"
-    assert "collisions in 0 of 120 episodes, 40 more of jobs that failed" in verdict.sentence
+    assert "collisions in 0 of 120 episodes in this one world, 40 more of jobs that failed" in verdict.sentence
 
 
 def test_a_quantile_passes_when_its_interval_is_within_the_bar():
@@ -225,9 +224,18 @@ def test_a_rule_that_needs_the_whole_batch_does_not_pass_on_a_part_of_it():
 
 
 def test_only_what_the_rules_look_at_is_read():
-    assert columns_needed(GATE) == []
+    assert columns_needed(gate(maxOutcomeFlipRate={"atMost": 0.5})) == []
     asked = gate(quantiles=[{"column": "spl", "quantile": 0.5, "atLeast": 1}], collisionRate={"atMost": 0.5})
-    assert columns_needed(asked) == ["robot_digest", "status", "success", "collisions", "spl"]
+    assert columns_needed(asked) == [
+        "robot_digest",
+        "status",
+        "success",
+        "world",
+        "failure_code",
+        "collisions",
+        "outcome",
+        "spl",
+    ]
 
 
 def test_rows_are_counted_as_the_batch_counts_them():

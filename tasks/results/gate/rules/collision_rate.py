@@ -3,7 +3,9 @@
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import CollisionRate
+from tasks.results.gate.missing import ASSUMED, gap_of
 from tasks.results.gate.rules.power_lines import share_lines
+from tasks.results.gate.rules.rates import rate_of
 from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share
 from tasks.results.gate.rules.sentences import (
     about,
@@ -12,45 +14,49 @@ from tasks.results.gate.rules.sentences import (
     nothing_counted,
     rate_text,
     sentence,
-    share_interval,
 )
-from tasks.results.statistics.intervals import Interval
 
+_COLUMNS = ("status", "failure_code", "collisions")
 _EXPECTED_RATES = (0.0, 0.02, 0.05)
 
 
 def _columns(_: CollisionRate) -> Sequence[str]:
-    return ("status", "collisions")
+    return _COLUMNS
 
 
 def _count(values: ColumnValues) -> Share:
-    """Returns in how many episodes a contact began; a job that failed without one might have had one."""
-    touched = [collisions > 0 for collisions in values["collisions"]]
-    unknown = sum(status == "Failed" and not contact for status, contact in zip(values["status"], touched, strict=True))
-    return Share(sum(touched), unknown, len(touched))
+    """Returns in how many episodes a contact began; the table of missing data says which might have had one."""
+    touched = unknown = 0
+    for status, code, collisions in zip(*(values[name] for name in _COLUMNS), strict=True):
+        gap, contact = gap_of(status, code), collisions > 0
+        if gap is None or (contact and ASSUMED["collisionRate"][gap].blame == "seen"):
+            touched += contact
+        else:
+            unknown += 1
+    return Share(touched, unknown, len(values["status"]))
 
 
 def _judge(asked: CollisionRate, material: GateMaterial, label: str) -> RuleVerdict:
-    (collided, unknown, n), lacks = material.shares[label], material.lacks
-    if n == 0:
+    share = material.shares[label]
+    if share.n == 0:
         return nothing_counted(label, "no episode has a result to count")
-    best, method = share_interval(collided, n, asked.confidence, lacks)
-    worst, _ = share_interval(collided + unknown, n, asked.confidence, lacks)
-    interval = Interval(lower=best.lower, upper=worst.upper)
-    answer = answer_below(interval, asked.atMost, n, sound=lacks.all_counted())
-    more = f", {unknown} more of jobs that failed" if unknown else ""
-    text = rate_text(collided / n, interval, asked.confidence, method)
-    seen = f"collisions in {collided} of {n} episodes{more} ({text})"
+    found = rate_of(asked, "collisionRate", share, material, label)
+    if isinstance(found, str):
+        return nothing_counted(label, found)
+    answer = answer_below(found.interval, asked.atMost, share.n, sound=not found.blocks)
+    more = f", {share.unknown} more of jobs that failed" if share.unknown else ""
+    text = rate_text(share.shown / share.n, found.interval, asked.confidence, found.method)
+    seen = f"collisions in {share.shown} of {share.n} episodes{found.where}{more} ({text})"
     return RuleVerdict(
         rule=label,
         verdict=answer,
-        sentence=sentence(answer, seen, f"at most {100 * asked.atMost:g} % asked for", lacks),
-        method=method,
-        counted=n,
-        estimate=collided / n,
-        lower=interval.lower,
-        upper=interval.upper,
-        facts={"collided": collided, "unknown": unknown},
+        sentence=sentence(answer, seen, f"at most {100 * asked.atMost:g} % asked for", material.lacks, found.note),
+        method=found.method,
+        counted=share.n,
+        estimate=share.shown / share.n,
+        lower=found.interval.lower,
+        upper=found.interval.upper,
+        facts={"collided": share.shown, "unknown": share.unknown, **found.facts},
     )
 
 

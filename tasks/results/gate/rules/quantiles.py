@@ -1,12 +1,15 @@
 """The rule ``quantiles``: a quantile of a column of the results lies where it must."""
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
+from specs.data.result_columns import COURSES
 from specs.pipeline.gate_section import QuantileRule
+from tasks.results.gate.missing import ASSUMED, Assumed, Gap, gap_of, unseen
 from tasks.results.gate.rules.metric_names import PREFIX
 from tasks.results.gate.rules.power_lines import power_line, worth_line
+from tasks.results.gate.rules.rates import cuts, gaps, refusal, where_text
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.sentences import (
     answer_above,
@@ -17,55 +20,108 @@ from tasks.results.gate.rules.sentences import (
 )
 from tasks.results.statistics.intervals import Interval, quantile_interval
 from tasks.results.statistics.power.shares import quantile_needs
+from tasks.results.statistics.worlds.quantile_over_worlds import quantile_over_worlds
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 _METRICS = "metrics"
+_ENDS = ("status", "failure_code", "outcome")
 
 
 def _columns(asked: QuantileRule) -> Sequence[str]:
-    return ("status", _METRICS if asked.column.startswith(PREFIX) else asked.column)
+    return (*_ENDS, _METRICS if asked.column.startswith(PREFIX) else asked.column)
+
+
+class _Values(NamedTuple):
+    """What episodes measure.
+
+    Attributes:
+        seen: The values of those that have one to rely on.
+        proof: A value of each episode, with what a PASS takes it for where it is not known.
+        blame: The same as a FAIL takes it.
+    """
+
+    seen: list[float]
+    proof: list[float]
+    blame: list[float]
 
 
 def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdict:
-    values, unknown = _values(material.ended_rows(), asked.column)
-    n = len(values) + unknown
-    if not values:
-        return nothing_counted(label, f"no episode has a value of {asked.column}", {"column": asked.column})
-    interval = _interval(values, unknown, asked)
+    lacks = material.lacks
+    ended = material.ended_rows()
+    found, facts = _values(ended, asked), {"column": asked.column}
+    n, unknown = len(found.proof), len(found.proof) - len(found.seen)
+    if not found.seen:
+        return nothing_counted(label, f"no episode has a value of {asked.column}", facts)
+    worlds = material.rows_by_world(ended)
+    if asked.over and (why := refusal("quantile", lacks, len(worlds))):
+        return nothing_counted(label, why, facts)
+    gone = unseen("quantiles", gaps(lacks))
+    interval = _over_worlds(material, asked) if asked.over else _interval(found, asked, gone.best)
     at_least = asked.atLeast is not None
     bar = asked.atLeast if asked.atLeast is not None else asked.atMost or 0.0
-    answer = (answer_above if at_least else answer_below)(interval, bar, n, sound=material.lacks.whole())
-    of = f"the {asked.quantile:g} quantile of {asked.column} over {n} episodes"
-    unseen = f", unknown in {unknown}" if unknown else ""
-    estimate = sorted(values)[max(0, math.ceil(asked.quantile * len(values)) - 1)]
-    seen = f"{of}{unseen} is {estimate:.4g} ({100 * asked.confidence:g} % interval {_interval_text(interval)})"
+    answer = (answer_above if at_least else answer_below)(interval, bar, n, sound=not gone.blocks)
+    of = f"the {asked.quantile:g} quantile of {asked.column} over {n} episodes{where_text(len(worlds), asked.over)}"
+    unseen_text = f", unknown in {unknown}" if unknown else ""
+    estimate = sorted(found.seen)[max(0, math.ceil(asked.quantile * len(found.seen)) - 1)]
+    seen = f"{of}{unseen_text} is {estimate:.4g} ({100 * asked.confidence:g} % interval {_interval_text(interval)})"
     bar_text = f"at {'least' if at_least else 'most'} {bar:g} asked for"
     return RuleVerdict(
         rule=label,
         verdict=answer,
-        sentence=sentence(answer, seen, bar_text, material.lacks),
-        method="order statistics",
+        sentence=sentence(answer, seen, bar_text, lacks),
+        method="order statistics over worlds" if asked.over else "order statistics",
         counted=n,
         estimate=estimate,
         lower=_finite(interval.lower),
         upper=_finite(interval.upper),
-        facts={"column": asked.column, "unknown": unknown},
+        facts={**facts, "unknown": unknown, **({"worlds": len(worlds)} if worlds else {})},
     )
 
 
-def _values(rows: "pa.Table", column: str) -> tuple[list[float], int]:
-    """Returns a column's values, and how many episodes have none to rely on: null, or the job failed."""
+def _values(rows: "pa.Table", asked: QuantileRule) -> _Values:
+    """Returns what the episodes of a column measure, as the table of missing data has it."""
+    worst = -math.inf if asked.atLeast is not None else math.inf
+    measured, found = _measured(rows, asked.column), _Values([], [], [])
+    ends = zip(*(rows.column(name).to_pylist() for name in _ENDS), strict=True)
+    for value, (status, code, outcome) in zip(measured, ends, strict=True):
+        gap = _gap(asked, value, gap_of(status, code), outcome)
+        if gap is None:
+            taken = Assumed("seen", "seen")
+            found.seen.append(value)
+        else:
+            taken = ASSUMED["failed: worst" if asked.failed else "quantiles"][gap]
+        values: Mapping[str, float] = {"seen": value, "worst": worst, "best": -worst, "blocks": worst}
+        found.proof.append(values[taken.proof])
+        found.blame.append(values[taken.blame])
+    return found
+
+
+def _gap(asked: QuantileRule, value: float, gap: Gap | None, outcome: str) -> Gap | None:
+    """Returns why a value is not to be relied on; None if it is."""
+    if gap is not None:
+        return gap
+    if not math.isfinite(value):
+        return "no value"
+    return "not passed" if outcome != "Passed" and (asked.failed or _is_made_better(asked)) else None
+
+
+def _is_made_better(asked: QuantileRule) -> bool:
+    """Returns whether an end that came early may make the measure look better; of a scenario's own nobody knows."""
+    if asked.column.startswith(PREFIX):
+        return True
+    return COURSES.get(asked.column, "") == ("falls" if asked.atLeast is not None else "grows")
+
+
+def _measured(rows: "pa.Table", column: str) -> list[float]:
+    """Returns the values of a column; NaN where there is none."""
     if column.startswith(PREFIX):
         name = column.removeprefix(PREFIX)
-        found = [dict(metrics).get(name) for metrics in rows.column(_METRICS).to_pylist()]
+        found = [dict(metrics or ()).get(name) for metrics in rows.column(_METRICS).to_pylist()]
     else:
         found = rows.column(column).to_pylist()
-    sound = [status != "Failed" for status in rows.column("status").to_pylist()]
-    known = [value for value, ended in zip(found, sound, strict=True) if ended and value is not None]
-    values = [float(value) for value in known if not math.isnan(value)]
-    return values, len(found) - len(values)
+    return [math.nan if value is None else float(value) for value in found]
 
 
 def measured_names(rows: "pa.Table") -> frozenset[str]:
@@ -75,11 +131,34 @@ def measured_names(rows: "pa.Table") -> frozenset[str]:
     return frozenset(str(name) for metrics in rows.column(_METRICS).to_pylist() for name, _ in metrics)
 
 
-def _interval(values: Sequence[float], unknown: int, asked: QuantileRule) -> Interval:
-    """Returns the interval of the quantile, whatever the unknown values are."""
-    worst = quantile_interval([*values, *[-math.inf] * unknown], asked.quantile, asked.confidence).lower
-    best = quantile_interval([*values, *[math.inf] * unknown], asked.quantile, asked.confidence).upper
-    return Interval(lower=worst, upper=best)
+def _interval(found: _Values, asked: QuantileRule, best: int) -> Interval:
+    """Returns the interval of the quantile, whatever the unknown values are; as many more are the best for a FAIL."""
+    at_least = asked.atLeast is not None
+    blame = [*found.blame, *[math.inf if at_least else -math.inf] * best]
+    low, high = (found.proof, blame) if at_least else (blame, found.proof)
+    return Interval(
+        lower=quantile_interval(low, asked.quantile, asked.confidence).lower,
+        upper=quantile_interval(high, asked.quantile, asked.confidence).upper,
+    )
+
+
+def _over_worlds(material: GateMaterial, asked: QuantileRule) -> Interval:
+    """Returns the interval in worlds like these; unknown values are tried as by `rates.over_worlds`."""
+    rows = material.every_row()
+    found, worlds = _values(rows, asked), list(material.rows_by_world(rows).values())
+    unknown = [sum(found.proof[at] != found.blame[at] for at in places) for places in worlds]
+    intervals = [
+        quantile_over_worlds(
+            [
+                [(found.blame if best else found.proof)[at] for at in places]
+                for places, best in zip(worlds, cut, strict=True)
+            ],
+            asked.quantile,
+            asked.confidence,
+        )
+        for cut in cuts(unknown, [-count for count in unknown])
+    ]
+    return Interval(lower=min(each.lower for each in intervals), upper=max(each.upper for each in intervals))
 
 
 def _plan(asked: QuantileRule, planned: PlannedEpisodes) -> Iterator[str]:

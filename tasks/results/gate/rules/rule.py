@@ -1,8 +1,8 @@
 """What a rule of the gate is, what it judges by, and what it answers.
 
 Each rule answers PASS when its whole interval is within the bar, FAIL when the whole interval is beyond it, and else
-INCONCLUSIVE. What is not known speaks against whoever needs it: where a job crashed before there was anything to
-measure, a PASS takes the worst and a FAIL the best. A canceled or missing episode lets nothing pass.
+INCONCLUSIVE. What is not known speaks against whoever needs it: `tasks.results.gate.missing` says what a PASS and
+a FAIL take it for.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from specs.base import Spec
 from specs.data.episode import CANCELED
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
-from tasks.results.statistics.pairs import PairCounts
+from tasks.results.gate.rules.pair_counts import PairCounts
 from tasks.results.statistics.room_coverage import RoomCoverage
 from tasks.results.statistics.success import EpisodeCounts
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 Section = TypeVar("Section", bound=Spec)
 ColumnValues = Mapping[str, Sequence[Any]]
+WORLD = "world"
+"""The column that says in which world an episode was."""
 
 
 class RuleVerdict(Spec):
@@ -32,8 +34,8 @@ class RuleVerdict(Spec):
     Attributes:
         rule: Where it stands in the gate, such as ``successRate`` or ``quantiles[0]``.
         sentence: The answer and why, for a person.
-        method: What the interval is: ``Wilson``, ``repeated confidence interval``, ``confidence sequence``, ``Tango``
-            or ``order statistics``.
+        method: What the interval is: ``Wilson``, ``repeated confidence interval``, ``confidence sequence``, ``Tango``,
+            ``order statistics``, or one over worlds.
         counted: Episodes, or pairs of them.
         estimate: The share, difference or quantile as it was seen; None of nothing.
         lower: Lower bound of the interval; None if it has none.
@@ -79,14 +81,6 @@ class Completeness(NamedTuple):
     paired: bool = False
     inner: bool = False
 
-    def all_counted(self) -> bool:
-        """Returns whether nobody canceled an episode and none lacks its result."""
-        return not (self.canceled or self.missing)
-
-    def whole(self) -> bool:
-        """Returns whether all episodes came to an end."""
-        return self.all_counted() and not self.left_out
-
     def look(self, counted: int) -> int:
         """Returns how many episodes there were at the look, those included that ought to have been counted.
 
@@ -111,7 +105,7 @@ class Share(NamedTuple):
 
     Attributes:
         shown: Episodes that show it.
-        unknown: Episodes that might show it: their job failed before.
+        unknown: Episodes that might show it: a PASS takes them for the worst, a FAIL for the best.
         n: All episodes, these included.
     """
 
@@ -122,6 +116,18 @@ class Share(NamedTuple):
     def plus(self, more: "Share") -> "Share":
         """Returns the share of the episodes of both."""
         return Share(self.shown + more.shown, self.unknown + more.unknown, self.n + more.n)
+
+
+class WorldShare(NamedTuple):
+    """How many episodes of one world show something.
+
+    Attributes:
+        ended: Of those that came to an end.
+        whole: Of all, where canceled ones might show it.
+    """
+
+    ended: Share
+    whole: Share
 
 
 @dataclass(frozen=True)
@@ -136,6 +142,9 @@ class GateMaterial:
         audit: What the batch's record says of its parity audit; None if there was none.
         rooms: How much of its worlds the robots were in; None where nothing says that.
         shares: What rules that count episodes have counted, by the rule's name; the gate fills it in.
+        world_shares: The same of each world that has episodes; the gate fills it in.
+        worlds: What tells worlds apart, by ``<generation>/<world>``; those that it does not have go by their names.
+        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
     """
 
     counts: EpisodeCounts
@@ -145,6 +154,17 @@ class GateMaterial:
     audit: Mapping[str, JsonValue] | None = None
     rooms: RoomCoverage | None = None
     shares: Mapping[str, Share] = field(default_factory=dict[str, Share])
+    world_shares: Mapping[str, Sequence[WorldShare]] = field(default_factory=dict[str, Sequence[WorldShare]])
+    worlds: Mapping[str, str] = field(default_factory=dict[str, str])
+    tries: int = 0
+
+    def rows_by_world(self, rows: "pa.Table") -> dict[str, list[int]]:
+        """Returns the positions of each world's rows; none where the rows do not say which world it was."""
+        found: dict[str, list[int]] = {}
+        if WORLD in rows.column_names:
+            for at, name in enumerate(rows.column(WORLD).to_pylist()):
+                found.setdefault(self.worlds.get(name, name), []).append(at)
+        return found
 
     def ended_rows(self) -> "pa.Table":
         """Returns the rows of the episodes that came to an end.
@@ -152,11 +172,19 @@ class GateMaterial:
         Raises:
             ValueError: There are no rows.
         """
-        if self.rows is None:
-            raise ValueError("a rule looks at columns of the results, and there are none")
         import pyarrow.compute as pc  # noqa: PLC0415 - `simyard plan` asks for rules alone, without Arrow
 
-        return self.rows.filter(pc.field("status") != CANCELED)
+        return self.every_row().filter(pc.field("status") != CANCELED)
+
+    def every_row(self) -> "pa.Table":
+        """Returns the rows of all episodes.
+
+        Raises:
+            ValueError: There are no rows.
+        """
+        if self.rows is None:
+            raise ValueError("a rule looks at columns of the results, and there are none")
+        return self.rows
 
 
 @dataclass(frozen=True)

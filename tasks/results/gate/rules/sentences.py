@@ -71,7 +71,7 @@ def nothing_counted(rule: str, why: str, facts: Mapping[str, JsonValue] | None =
     return RuleVerdict(rule=rule, verdict="INCONCLUSIVE", sentence=f"INCONCLUSIVE: {why}", facts=dict(facts or {}))
 
 
-def sentence(answer: Verdict, seen: str, asked: str, lacks: Completeness) -> str:
+def sentence(answer: Verdict, seen: str, asked: str, lacks: Completeness, note: str = "") -> str:
     """Returns an answer with its reason.
 
     Args:
@@ -79,8 +79,9 @@ def sentence(answer: Verdict, seen: str, asked: str, lacks: Completeness) -> str
         seen: What was seen.
         asked: What the document asks for.
         lacks: What was not there to be counted.
+        note: What else is to be known; empty for nothing.
     """
-    return "; ".join([f"{answer}: {seen}", asked, *lacks.text()])
+    return "; ".join([f"{answer}: {seen}", asked, *lacks.text(), *[note] * bool(note)])
 
 
 def rate_text(rate: float, interval: Interval, confidence: float, method: str) -> str:
@@ -92,9 +93,14 @@ def rate_text(rate: float, interval: Interval, confidence: float, method: str) -
         confidence: Its coverage.
         method: What it is called.
     """
-    lower, upper = math.floor(1000 * interval.lower) / 10, math.ceil(1000 * interval.upper) / 10
     kind = "interval at any look" if method in (AT_LOOKS, "confidence sequence") else "interval"
-    return f"{100 * rate:.1f} %, {100 * confidence:g} % {kind} {lower:.1f} to {upper:.1f} %"
+    return f"{100 * rate:.1f} %, {100 * confidence:g} % {kind} {percent_text(interval)}"
+
+
+def percent_text(interval: Interval) -> str:
+    """Returns the bounds of a share in percent, rounded outwards."""
+    lower, upper = math.floor(1000 * interval.lower) / 10, math.ceil(1000 * interval.upper) / 10
+    return f"{lower:.1f} to {upper:.1f} %"
 
 
 def confidence_text(confidence: float) -> str:

@@ -1,10 +1,12 @@
 """The rule ``successRate``: enough episodes pass."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import SuccessRate
+from tasks.results.gate.missing import ASSUMED, gap_of
 from tasks.results.gate.rules.power_lines import share_lines
-from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
+from tasks.results.gate.rules.rates import rate_of
+from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share
 from tasks.results.gate.rules.sentences import (
     about,
     answer_above,
@@ -12,31 +14,51 @@ from tasks.results.gate.rules.sentences import (
     nothing_counted,
     rate_text,
     sentence,
-    share_interval,
 )
 
+_COLUMNS = ("status", "failure_code", "outcome")
 _EXPECTED_RATES = (1.0, 0.98, 0.95)
 
 
+def _columns(_: SuccessRate) -> Sequence[str]:
+    return _COLUMNS
+
+
+def _count(values: ColumnValues) -> Share:
+    """Returns how many episodes passed; one without an outcome to rely on is what the table of missing data says."""
+    passed = unknown = 0
+    for status, code, outcome in zip(*(values[name] for name in _COLUMNS), strict=True):
+        gap = gap_of(status, code)
+        if gap is None:
+            passed += outcome == "Passed"
+        else:
+            unknown += ASSUMED["successRate"][gap].blame == "best"
+    return Share(passed, unknown, len(values["status"]))
+
+
 def _judge(asked: SuccessRate, material: GateMaterial, label: str) -> RuleVerdict:
-    counts, lacks = material.counts, material.lacks
-    if counts.episodes == 0:
+    counts = material.counts
+    share = material.shares.get(label) or Share(counts.successes, counts.failed_jobs, counts.episodes)
+    if share.n == 0:
         return nothing_counted(label, "no episode has a result to count")
-    interval, method = share_interval(counts.successes, counts.episodes, asked.confidence, lacks)
-    answer = answer_above(interval, asked.atLeast, counts.episodes, sound=lacks.all_counted())
-    rate = counts.successes / counts.episodes
-    text = rate_text(rate, interval, asked.confidence, method)
-    seen = f"{counts.successes} of {counts.episodes} episodes passed ({text})"
+    found = rate_of(asked, "successRate", share, material, label)
+    if isinstance(found, str):
+        return nothing_counted(label, found)
+    answer = answer_above(found.interval, asked.atLeast, share.n, sound=not found.blocks)
+    rate = share.shown / share.n
+    text = rate_text(rate, found.interval, asked.confidence, found.method)
+    more = f", {share.unknown} more of jobs that failed by no fault of the robot" if share.unknown else ""
+    seen = f"{share.shown} of {share.n} episodes passed{found.where}{more} ({text})"
     return RuleVerdict(
         rule=label,
         verdict=answer,
-        sentence=sentence(answer, seen, f"at least {100 * asked.atLeast:g} % asked for", lacks),
-        method=method,
-        counted=counts.episodes,
+        sentence=sentence(answer, seen, f"at least {100 * asked.atLeast:g} % asked for", material.lacks, found.note),
+        method=found.method,
+        counted=share.n,
         estimate=rate,
-        lower=interval.lower,
-        upper=interval.upper,
-        facts={"successes": counts.successes},
+        lower=found.interval.lower,
+        upper=found.interval.upper,
+        facts={"successes": share.shown, "unknown": share.unknown, **found.facts},
     )
 
 
@@ -48,4 +70,4 @@ def _plan(asked: SuccessRate, planned: PlannedEpisodes) -> Iterator[str]:
         yield from share_lines(case, planned, asked.atLeast, asked.confidence, rate, over_worlds=over)
 
 
-SUCCESS_RATE = GateRule("successRate", _judge, _plan)
+SUCCESS_RATE = GateRule("successRate", _judge, _plan, _columns, _count)
