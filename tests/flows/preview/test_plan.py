@@ -45,7 +45,7 @@ def test_the_quickstart_is_told_before_it_runs(lines: Tell):
     assert "courier: engine planar, the fastest of all" in told
     assert re.search(r"2 chunks of 192 lanes on \d+ cpu devices?, 1 compiled program,", told)
     assert re.search(r"about \S+ to \S+ (s|min|h) and \S+ to \S+ GB of memory; a guess", told)
-    assert "recordings of failed episodes at 10 Hz; 16 episodes audited on C MuJoCo" in told
+    assert "recordings of failed episodes at 10 Hz; 32 episodes audited on C MuJoCo" in told
 
 
 def test_what_is_turned_off_is_said(lines: Tell):
@@ -127,7 +127,7 @@ def test_a_refusal_is_one_fault_without_its_heading_and_an_error_of_xml_is_one_l
 
 
 def test_rows_of_c_mujoco_itself_are_driven_twice_and_not_audited(lines: Tell):
-    assert "16 episodes driven twice, and no audit: mujoco is the reference itself" in lines(engine="mujoco")
+    assert "32 episodes driven twice, and no audit: mujoco is the reference itself" in lines(engine="mujoco")
 
 
 def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
