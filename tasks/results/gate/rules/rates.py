@@ -92,7 +92,11 @@ def over_worlds(shares: Sequence[Share], confidence: float) -> Interval:
         rate_over_worlds(
             [share.shown + share.unknown * high for share, high in zip(shares, cut, strict=True)], n, confidence
         )
-        for cut in cuts([share.unknown for share in shares], [share.shown / max(1, share.n) for share in shares])
+        for seen in (
+            [share.shown / share.n for share in shares],
+            [(share.shown + share.unknown) / share.n for share in shares],
+        )
+        for cut in cuts([share.unknown for share in shares], seen)
     ]
     return Interval(lower=min(each.lower for each in found), upper=max(each.upper for each in found))
 
