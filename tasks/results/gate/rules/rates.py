@@ -81,7 +81,8 @@ def over_worlds(shares: Sequence[Share], confidence: float) -> Interval:
     """Returns the interval of a share in worlds like these, whatever the unknown episodes would have shown.
 
     A world that is worse than it seems moves the rate, and its distance from the others widens the interval. So the
-    unknown episodes are tried as showing it in no world, in the highest one, in the two highest, and so on to all.
+    unknown episodes are tried as showing it in no world, in the highest one, in the two highest, and so on to all;
+    highest without them, and highest with them.
 
     Args:
         shares: Of each world, with one episode at least.
