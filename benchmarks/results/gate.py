@@ -22,8 +22,14 @@ from benchmarks.results.gate_pairs import pairs_table
 from benchmarks.tables import markdown
 from tasks.results.statistics.intervals import wilson
 from tasks.results.statistics.looks.anytime import log_capital_above
-from tasks.results.statistics.looks.binomial_walk import least_successes
-from tasks.results.statistics.looks.stopped_batch import Boundary, Chances, boundary, chances_between, looks_of
+from tasks.results.statistics.looks.stopped_batch import (
+    Boundary,
+    Chances,
+    boundary,
+    chances_between,
+    closed_boundary,
+    looks_of,
+)
 
 EPISODES, BAR, ALPHA = 384, 0.9, 0.05
 RATES = (0.8, 0.85, 0.88, 0.9, 0.92, 0.95, 0.97, 0.98, 0.99, 1.0)
@@ -162,9 +168,9 @@ def main() -> None:
 def _spent(spend: Spend, bar: float, episodes: int, chunk: int, rate: float) -> Chances:
     looks = looks_of(episodes, chunk)
     spent = [spend(look / episodes) for look in looks]
-    above, below = (least_successes(looks, spent, np.array([share]))[0] for share in (bar, 1.0 - bar))
-    fails = tuple(look - int(failures) for look, failures in zip(looks, below, strict=True))
-    return chances_between(looks, Boundary(tuple(map(int, above)), fails), rate)
+    above, below = (closed_boundary(looks, spent, share) for share in (bar, 1.0 - bar))
+    fails = tuple(look - failures for look, failures in zip(looks, below, strict=True))
+    return chances_between(looks, Boundary(above, fails), rate)
 
 
 def _each_case() -> list[tuple[float, int]]:

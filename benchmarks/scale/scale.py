@@ -95,7 +95,9 @@ def run_child(episodes: int, folder: Path) -> None:
 
         document = yaml.safe_load(QUICKSTART.read_text())
         worlds = world_generation(
-            WorldGeneration.model_validate(document["worldGeneration"]), store_url, str(QUICKSTART.parent)
+            WorldGeneration.model_validate(document["worldGeneration"] | {"worldCount": {"floorplanCount": _WORLDS}}),
+            store_url,
+            str(QUICKSTART.parent),
         )
         spec = SimulationBatch.model_validate(section(episodes))
         start_s = time.perf_counter()

@@ -24,7 +24,7 @@ from flows.workers.spread_batch import simulate_chunks
 from flows.workers.spread_worlds import write_worlds
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.digest import canonical_document
-from specs.pipeline.section_requests import generation_request, simulation_request
+from specs.pipeline.section_requests import generation_request, section_parts, simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import Workers
@@ -101,11 +101,12 @@ def costs(server_pid: int) -> Costs:
 def _opened(folder: Path) -> OpenBatch:
     """Returns a batch of 2,048 short episodes in 8 worlds, of which nothing is simulated yet."""
     store = open_store((folder / "store").as_uri())
-    asked = WorldGeneration.model_validate(yaml.safe_load(QUICKSTART.read_text())["worldGeneration"])
+    document = yaml.safe_load(QUICKSTART.read_text())["worldGeneration"]
+    asked = WorldGeneration.model_validate({**document, "worldCount": {"floorplanCount": 8}})
     template = find_template(asked.template, store, QUICKSTART.parent)
     worlds = run_generation_job(
         store,
-        generation_request(asked, template="arn:simyard:world-template:x:y", token=_TOKEN),
+        generation_request(asked, section_parts(asked)[0], template="arn:simyard:world-template:x:y", token=_TOKEN),
         template,
         seed=asked.seed,
         token=_TOKEN,

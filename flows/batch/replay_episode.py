@@ -17,7 +17,7 @@ from tasks.results.playback.deviations import ColumnDeviation, recording_deviati
 from tasks.results.playback.playback import Playback, Sight
 from tasks.results.tables.recordings import recording_table
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
-from tasks.results.tables.stored_rows import recorded_samples, stored_rows
+from tasks.results.tables.stored_rows import changed_tables, recorded_samples, stored_rows
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.batch.job import OpenBatch, job_of
 from tasks.simulate.batch.provenance import batch_metadata, recorded_machines, this_machine
@@ -79,7 +79,7 @@ def replay_job(store: Store, text: str) -> JobReplay:
             *row_deviations(recorded, batch.id, again.request, again.driven.row),
             *_in_recording(batch, location, recorded, again),
         ),
-        causes=tuple(_causes(record, recorded, again)),
+        causes=(*_tables_changed(batch, record, location), *_causes(record, recorded, again)),
         playback=playback(batch.id, again),
         robot=folders[again.request.robot.digest],
         traffic=again.driven.traffic,
@@ -136,6 +136,12 @@ def _in_recording(
     before = recorded_samples(batch.store, location, batch.id, name, again.request.index)
     after = before.slice(0, 0) if again.driven.samples is None else recording_table(again.driven.samples)
     return recording_deviations(before, after)
+
+
+def _tables_changed(batch: OpenBatch, record: JobRecord, location: OutputLocation) -> list[str]:
+    """Returns which of the batch's tables were changed since it wrote them: the row may be what somebody made of it."""
+    sha256s = cast("Mapping[str, str]", record.detail.get("sha256s", {}))
+    return changed_tables(batch.store, location, batch.id, sha256s, (RESULTS_FILE, FAILURES_FILE))
 
 
 def _causes(record: JobRecord, recorded: pa.Table, again: Replay) -> Iterator[str]:

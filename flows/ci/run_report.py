@@ -148,6 +148,7 @@ def batch_counts(
         verdict=verdict,
         bar=rate.atLeast if rate else None,
         confidence=rate.confidence if rate else _CONFIDENCE,
+        sequential=bool(gate and gate.stopEarly),
         compared_with=(baseline.digest,) if baseline and baseline.batch == record.id else (),
         job_arn=arn("simulation-job", store_id_of(record.arn), ""),
         store_option=store_option(store.url),

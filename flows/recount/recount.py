@@ -1,5 +1,6 @@
 """Counts again, right before something is shipped, all that its gate has judged by: worlds, plan, rows, verdict."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.section_requests import generation_request, section_parts
 from specs.pipeline.simulation_section import SimulationBatch
+from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import recount_episodes
 from specs.template.body import template_digest
 from tasks.documents.template_source import find_template
@@ -99,7 +101,29 @@ def _world_changes(asked: Asked, plan: BatchPlan, store: Store, run: JobRecord) 
     section = asked.spec.worldGeneration
     if section is None:
         return []
-    template = find_template(section.template, store, Path(asked.base))
+    return section_world_changes(section, asked.worlds, plan.world_digests, store=store, base=asked.base, run=run)
+
+
+def section_world_changes(
+    section: WorldGeneration,
+    worlds: Sequence[str],
+    digests: Mapping[str, str],
+    *,
+    store: Store,
+    base: str,
+    run: JobRecord,
+) -> list[str]:
+    """Returns which worlds of a run are not those that its section gives, one line each.
+
+    Args:
+        section: The document's section.
+        worlds: ``<generation>/<world>`` of each world of the run, in order.
+        digests: SHA-256 of each world's document, as they are driven in.
+        store: Where the template is.
+        base: Folder that the document's relative paths start from.
+        run: The run.
+    """
+    template = find_template(section.template, store, Path(base))
     named, parts = arn("world-template", store_id(store), template_digest(template)), section_parts(section)
     changes: list[str] = []
     seen = 0
@@ -111,12 +135,12 @@ def _world_changes(asked: Asked, plan: BatchPlan, store: Store, run: JobRecord) 
             generation=job_id(GENERATION, request.clientRequestToken or ""),
             robot_radius_m=section.robotRadius,
         )
-        own = [world for world in asked.worlds if len(parts) == 1 or world.startswith(f"{order.generation}/")]
+        own = [world for world in worlds if len(parts) == 1 or world.startswith(f"{order.generation}/")]
         seen += len(own)
         most = -(-MOST_REMADE // len(parts))
-        changes += world_changes(order, request, own, plan.world_digests, first=part.first, most=most)
-    if seen != len(asked.worlds):
-        changes.append(f"the run names worlds of generations that it did not ask for: {asked.worlds!r:.200}")
+        changes += world_changes(order, request, own, digests, first=part.first, most=most)
+    if seen != len(worlds):
+        changes.append(f"the run names worlds of generations that it did not ask for: {worlds!r:.200}")
     return changes
 
 

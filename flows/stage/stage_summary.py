@@ -64,7 +64,7 @@ def _certificates(record: JobRecord, store: Store) -> list[Certificate]:
     found: list[Certificate] = []
     for reference in texts(record.detail, "worlds")[:_WORLDS_READ]:
         with suppress(ResourceNotFound):
-            found.append(read_world(store, reference, reference.partition("/")[0]).certificate)
+            found.append(read_world(store, reference, record.id).certificate)
     return found
 
 

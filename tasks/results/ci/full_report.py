@@ -9,6 +9,9 @@ from specs.base import Fault, Spec
 from specs.data.run_report import StageName, StageReport, Verdict
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.statistics.intervals import Interval
+from tasks.results.statistics.rate_text import in_worlds
+from tasks.results.statistics.simultaneous import IntervalFamily
+from tasks.results.statistics.worlds_like_these import WorldsLikeThese
 
 FORMAT = "simyard-run/1"
 Answer = Literal["PASSED", "NOT PASSED", "INCONCLUSIVE", "FAILED", "REFUSED"]
@@ -51,7 +54,8 @@ class GroupReport(Spec):
         crashed: How many of them ended Failed, because code failed.
         canceled: How many more were canceled.
         rate: Share of them that passed; None of none.
-        interval: Wilson's, of the rate.
+        interval: Wilson's, of the rate in this world; each by itself.
+        together: The one that holds together with those of all other groups of the batch.
         simulated_s: Simulated seconds of all.
         reasons: Why episodes did not pass, most frequent first.
         examples: Some of these, each reason first once, the farthest from its goals first.
@@ -66,6 +70,7 @@ class GroupReport(Spec):
     canceled: int
     rate: float | None
     interval: Interval
+    together: Interval
     simulated_s: float
     reasons: tuple[ReasonCount, ...] = ()
     examples: tuple[FailureExample, ...] = ()
@@ -99,7 +104,11 @@ class CountedBatch(Spec):
 
     Attributes:
         arn: Of the batch.
-        confidence: Of the intervals of rates.
+        rate: Share that passed in these worlds; None of no episodes.
+        interval: Wilson's, of the rate.
+        confidence: Of the interval, of that of worlds like these, and of those of all groups together.
+        intervals: How many groups have episodes, those that are left out, too.
+        like_these: How much worlds differ, and the rate in worlds like these as far as anything is said of it.
         bar: The success rate that the gate asks for; None if it asks for none.
         worlds: With their groups, in the batch's order; at most so many groups as a page can hold.
         left_out: Groups more than that.
@@ -113,10 +122,20 @@ class CountedBatch(Spec):
     rate: float | None
     interval: Interval
     confidence: float
+    intervals: int
+    like_these: WorldsLikeThese
     bar: float | None
     worlds: tuple[WorldReport, ...]
     left_out: int = 0
     left_out_failed: int = 0
+
+    def where(self) -> str:
+        """Returns in which worlds the rate holds, in words."""
+        return in_worlds(self.like_these.spread.worlds)
+
+    def family(self) -> IntervalFamily:
+        """Returns how many intervals of groups there are, and how sure all of them together are."""
+        return IntervalFamily(size=self.intervals, confidence=self.confidence)
 
 
 class GateReport(Spec):

@@ -18,6 +18,8 @@ from tasks.results.ci.full_report import (
     WorldReport,
 )
 from tasks.results.statistics.intervals import Interval, wilson
+from tasks.results.statistics.simultaneous import IntervalFamily
+from tasks.results.statistics.worlds_like_these import WorldsLikeThese, worlds_like_these
 
 MOST_GROUPS = 5_000
 """More are counted and not listed: what shows a JUnit file reads some 10 MB and no more."""
@@ -46,6 +48,7 @@ class GroupRules(NamedTuple):
         verdict: The gate's; None if no gate answered.
         bar: The success rate that it asks for; None if it asks for none.
         confidence: Of the intervals.
+        sequential: Whether the batch might have ended early.
         compared_with: Digests of robot applications that the gate only compares with.
         job_arn: What the ARNs of jobs begin with, up to their id.
         store_option: What a command needs to find the store, such as ``--store s3://bucket/prefix``; or empty.
@@ -54,6 +57,7 @@ class GroupRules(NamedTuple):
     verdict: Verdict | None = None
     bar: float | None = None
     confidence: float = 0.95
+    sequential: bool = False
     compared_with: Collection[str] = ()
     job_arn: str = ""
     store_option: str = ""
@@ -91,6 +95,10 @@ def count_groups(arn: str, results: pa.Table, failures: pa.Table, rules: GroupRu
     states = {key: _state(key, group, rules) for key, group in groups.items()}
     shown = _shown(states)
     passed, ended = sum(each.passed for each in groups.values()), sum(map(_ended, groups.values()))
+    family = IntervalFamily(size=sum(map(bool, map(_ended, groups.values()))), confidence=rules.confidence)
+    reports = {
+        key: _report(names[key], each, states[key], rules, family) for key, each in groups.items() if key in shown
+    }
     return CountedBatch(
         arn=arn,
         episodes=ended,
@@ -99,8 +107,10 @@ def count_groups(arn: str, results: pa.Table, failures: pa.Table, rules: GroupRu
         rate=passed / ended if ended else None,
         interval=_interval(passed, ended, rules.confidence),
         confidence=rules.confidence,
+        intervals=family.size,
+        like_these=_like_these(groups, rules),
         bar=rules.bar,
-        worlds=tuple(_worlds({key: each for key, each in groups.items() if key in shown}, names, states, rules)),
+        worlds=tuple(_worlds(reports)),
         left_out=len(groups) - len(shown),
         left_out_failed=sum(state in {"failed", "error"} for key, (state, _) in states.items() if key not in shown),
     )
@@ -197,20 +207,33 @@ def _shown(states: Mapping[Hashable, tuple[GroupState, str]]) -> frozenset[Hasha
     return frozenset(order[:MOST_GROUPS])
 
 
-def _worlds(
-    groups: _Groups, names: Mapping[Hashable, str], states: Mapping[Hashable, tuple[GroupState, str]], rules: GroupRules
-) -> Iterator[WorldReport]:
-    by_world: dict[str, list[Hashable]] = defaultdict(list)
-    for key in groups:
-        by_world[cast("tuple[str, object, object]", key)[0]].append(key)
+def _like_these(groups: _Groups, rules: GroupRules) -> WorldsLikeThese:
+    worlds: dict[str, tuple[int, int]] = {}
+    for key, group in groups.items():
+        passed, ended = worlds.get(_world(key), (0, 0))
+        worlds[_world(key)] = passed + group.passed, ended + _ended(group)
+    early = "the batch might have ended early" if rules.sequential else ""
+    passed, ended = ([counts[at] for counts in worlds.values()] for at in (0, 1))
+    return worlds_like_these(passed, ended, rules.confidence, refused=early)
+
+
+def _worlds(groups: Mapping[Hashable, GroupReport]) -> Iterator[WorldReport]:
+    by_world: dict[str, list[GroupReport]] = defaultdict(list)
+    for key, group in groups.items():
+        by_world[_world(key)].append(group)
     one = len({world.partition("/")[0] for world in by_world}) == 1
-    for world, keys in by_world.items():
+    for world, found in by_world.items():
         label = world.partition("/")[2] or world if one else world
-        found = tuple(_report(names[key], groups[key], states[key], rules) for key in keys)
-        yield WorldReport(world=world, label=label, groups=found)
+        yield WorldReport(world=world, label=label, groups=tuple(found))
 
 
-def _report(name: str, group: _Group, state: tuple[GroupState, str], rules: GroupRules) -> GroupReport:
+def _world(key: Hashable) -> str:
+    return cast("tuple[str, object, object]", key)[0]
+
+
+def _report(
+    name: str, group: _Group, state: tuple[GroupState, str], rules: GroupRules, family: IntervalFamily
+) -> GroupReport:
     ended = _ended(group)
     return GroupReport(
         name=name,
@@ -222,6 +245,7 @@ def _report(name: str, group: _Group, state: tuple[GroupState, str], rules: Grou
         canceled=group.canceled,
         rate=group.passed / ended if ended else None,
         interval=_interval(group.passed, ended, rules.confidence),
+        together=_together(family.size, group.passed, ended, rules.confidence),
         simulated_s=group.simulated_s,
         reasons=tuple(ReasonCount(reason=reason, episodes=count) for reason, count in _most_frequent(group.reasons)),
         examples=tuple(_examples(group, rules)),
@@ -256,3 +280,8 @@ def _ended(group: _Group) -> int:
 @functools.lru_cache(maxsize=4096)
 def _interval(passed: int, episodes: int, confidence: float) -> Interval:
     return wilson(passed, episodes, confidence)
+
+
+@functools.lru_cache(maxsize=4096)
+def _together(size: int, passed: int, episodes: int, confidence: float) -> Interval:
+    return IntervalFamily(size=size, confidence=confidence).interval(passed, episodes)

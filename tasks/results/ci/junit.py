@@ -13,7 +13,8 @@ from specs.artifact_text import xml_text
 from specs.data.run_report import StageReport
 from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, GroupReport, RunFailure, WorldReport
 from tasks.results.gate.rules.rule import RuleVerdict
-from tasks.results.statistics.rate_text import percent, percent_range
+from tasks.results.statistics.rate_text import in_worlds, percent, percent_range
+from tasks.results.statistics.simultaneous import IntervalFamily
 
 Kind = Literal["failure", "error", "skipped"]
 _LONGEST = 1_000
@@ -126,7 +127,7 @@ def _world_suite(world: WorldReport, batch: CountedBatch) -> Suite:
 
 
 def _group_case(group: GroupReport, batch: CountedBatch) -> Case:
-    output = "\n".join(_group_lines(group, batch.confidence))
+    output = "\n".join(_group_lines(group, batch.family()))
     message = f"{group.passed} of {group.episodes} episodes passed"
     if group.state == "skipped":
         return Case(group.name, group.simulated_s, Trouble("skipped", "Canceled", group.note), output)
@@ -138,10 +139,15 @@ def _group_case(group: GroupReport, batch: CountedBatch) -> Case:
     return Case(group.name, group.simulated_s, Trouble(kind, name, f"{message}{asked}: {reasons}", output), output="")
 
 
-def _group_lines(group: GroupReport, confidence: float) -> Iterator[str]:
-    sure = f"{percent(confidence)} interval {percent_range(group.interval)}"
-    rate = "" if group.rate is None else f": {percent(group.rate)} ({sure})"
-    yield f"{group.passed} of {group.episodes} episodes passed{rate}"
+def _group_lines(group: GroupReport, family: IntervalFamily) -> Iterator[str]:
+    counts = f"{group.passed} of {group.episodes} episodes passed"
+    if group.rate is None:
+        yield counts
+    else:
+        where = in_worlds(1)
+        sure = f"interval {percent_range(group.together)}; {family.sentence('batches')}"
+        yield f"{counts}: {percent(group.rate)} {where} ({sure})"
+        yield f"by itself: {100 * family.confidence:g}\u00a0% interval {percent_range(group.interval)} {where}"
     if group.crashed:
         yield f"{group.crashed} failed because code failed"
     if group.canceled:

@@ -81,15 +81,20 @@ def _batch_blocks(batch: CountedBatch) -> Iterator[str]:
     why = ("world", "passed", "rate", "why not")
     rates = table(why, map(_world_row, worlds[:_MOST_WORLDS]))
     more = f"\n\n{len(worlds) - _MOST_WORLDS} worlds more." if len(worlds) > _MOST_WORLDS else ""
-    yield details(f"Rates of {len(batch.worlds)} worlds, the lowest first", rates + more) if rates else ""
+    yield (
+        details(f"Rates of {len(batch.worlds)} worlds, the lowest first, each in that world alone", rates + more)
+        if rates
+        else ""
+    )
     yield from _failures(batch, worlds)
 
 
 def _counts(batch: CountedBatch) -> str:
     rate = "" if batch.rate is None else f": {percent(batch.rate)}"
     canceled = f"; {batch.canceled:,} canceled" if batch.canceled else ""
-    sure = f"{percent(batch.confidence)} interval {percent_range(batch.interval)}"
-    return f"{batch.passed:,} of {batch.episodes:,} episodes passed{rate} ({sure}){canceled}."
+    sure = f"{100 * batch.confidence:g}\u00a0% interval {percent_range(batch.interval)}"
+    counts = f"{batch.passed:,} of {batch.episodes:,} episodes passed{rate} ({sure}) {batch.where()}{canceled}."
+    return " ".join([counts, *batch.like_these.sentences()])
 
 
 def _world_rate(world: WorldReport) -> float:

@@ -196,14 +196,9 @@ def _group(label: str, counts: _Counts, confidence: float) -> EpisodeGroup:
 
 
 def _row(prefix: str, group: EpisodeGroup, sure: Interval) -> tuple[str, str, str, str, str]:
-    rate, counts = "-" if group.rate is None else percent(group.rate), f"{group.successes}/{group.episodes}"
+    counts = f"{group.successes}/{group.episodes}"
+    rate = "-" if group.rate is None else percent(group.rate)
     reasons = [f"{count} {name}" for name, count in group.reasons]
     if group.canceled:
         reasons.append(f"{group.canceled} canceled")
-    return (
-        f"{prefix}{group.label}",
-        f"{group.successes}/{group.episodes}",
-        rate,
-        percent_range(sure),
-        ", ".join(reasons),
-    )
+    return f"{prefix}{group.label}", counts, rate, percent_range(sure), ", ".join(reasons)

@@ -1,7 +1,7 @@
 """Reads rows of a batch's files from where its document put them."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -62,6 +62,30 @@ def recorded_samples(store: Store, location: OutputLocation, batch_id: str, name
     """
     body = _read(store, location, f"{RECORDINGS_FOLDER}/{batch_id}/{name}")
     return pq.read_table(body, filters=_only(index))
+
+
+def changed_tables(
+    store: Store, location: OutputLocation, batch_id: str, sha256s: Mapping[str, str], names: Sequence[str]
+) -> list[str]:
+    """Returns a sentence for each of some of a batch's files that is not what the batch wrote.
+
+    Args:
+        store: The store that the output location's bucket belongs to.
+        location: The batch's output location.
+        batch_id: The batch.
+        sha256s: Of its files as they were written, by name; a file without one may be anything.
+        names: Of the files.
+
+    Raises:
+        ResourceNotFound: A file is gone.
+    """
+    told: list[str] = []
+    for name in names:
+        try:
+            _read(store, location, f"{batch_id}/{name}", sha256s.get(name, ""))
+        except StageFailed as changed:
+            told.append(changed.reason)
+    return told
 
 
 def require_as_written(found: str, sha256: str, url: str) -> None:

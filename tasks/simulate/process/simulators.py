@@ -67,14 +67,21 @@ atexit.register(_idle.end_all)
 def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
     """Yields a process that simulates with these applications, for this thread alone.
 
+    The bundles are compared with their digests each time, whether a process is there or a new one begins: what it reads
+    of files that were changed meanwhile must not pass for theirs.
+
     Args:
         bundles: Unpacked folders of the applications, by digest.
+
+    Raises:
+        BundleRefused: A folder has been changed since it was unpacked.
     """
+    _require_unchanged(bundles)
     settings = sorted(
         (name, value) for name, value in os.environ.items() if name.startswith(("SIMYARD_", "JAX_", "XLA_"))
     )
     key = tuple(sorted((digest, str(folder)) for digest, folder in bundles.items())), tuple(settings)
-    found = _idle.take(key) or _started(bundles)
+    found = _idle.take(key) or Simulator(bundles)
     try:
         yield found
     finally:
@@ -84,8 +91,8 @@ def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
             found.end()
 
 
-def _started(bundles: Mapping[str, Path]) -> Simulator:
-    """Returns a new process, if the bundles are what their digests say; a bundle that is no sealed one is a test's own.
+def _require_unchanged(bundles: Mapping[str, Path]) -> None:
+    """Lets bundles pass that are what their digests say; one that is no sealed one is a test's own.
 
     Raises:
         BundleRefused: A folder has been changed since it was unpacked.
@@ -93,4 +100,3 @@ def _started(bundles: Mapping[str, Path]) -> Simulator:
     for digest, folder in bundles.items():
         if folder.name == FILES_FOLDER and changed_bundle(folder):
             raise BundleRefused(f"{folder} is not the bundle {digest} any more; run it again, and it is unpacked anew")
-    return Simulator(bundles)

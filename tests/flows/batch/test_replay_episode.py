@@ -77,6 +77,10 @@ def test_the_answer_is_zero_in_every_column(again: JobReplay):
     ]
 
 
+def test_tables_as_they_were_written_are_no_cause(again: JobReplay):
+    assert not [cause for cause in again.causes if "SHA-256" in cause]
+
+
 def test_columns_that_are_not_shown_are_those_left_out_of_the_table(again: JobReplay):
     out = io.StringIO()
     show_replay(again, Console(file=out, width=200))
@@ -125,6 +129,8 @@ def test_a_number_that_is_off_in_its_last_bit_is_found(batch: OpenBatch, tampere
     (deviation,) = [each for each in found.deviations if not each.same]
     assert deviation.column == "final_x_m"
     assert 0.0 < deviation.most < 1e-12
+    assert replay_answer(found)[1].startswith("may be why: ")
+    assert "/failures.parquet is not what the batch wrote: its SHA-256 is " in replay_answer(found)[1]
 
 
 def test_a_word_that_differs_is_told_with_what_may_be_why(
@@ -139,10 +145,11 @@ def test_a_word_that_differs_is_told_with_what_may_be_why(
     monkeypatch.setattr(replay_episode, "this_machine", lambda: "abacus")
     told = replay_answer(replay_job(batch.store, f"{batch.id}/4"))
     assert told[0].endswith("columns deviate: outcome_reason differs")
-    assert told[1].startswith("may be why: jax was ")
-    assert told[1].endswith(", and is 9.9")
-    assert told[2].startswith("may be why: it ran on ")
-    assert told[2].endswith(", and this is abacus")
+    assert "failures.parquet is not what the batch wrote" in told[1]
+    assert told[2].startswith("may be why: jax was ")
+    assert told[2].endswith(", and is 9.9")
+    assert told[3].startswith("may be why: it ran on ")
+    assert told[3].endswith(", and this is abacus")
 
 
 def test_a_job_without_an_end_is_refused(file_store: Store):

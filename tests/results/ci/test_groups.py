@@ -5,6 +5,8 @@ import pytest
 from tasks.results.ci import groups
 from tasks.results.ci.full_report import CountedBatch, GroupReport
 from tasks.results.ci.groups import GroupRules
+from tasks.results.statistics.intervals import wilson
+from tasks.results.statistics.simultaneous import IntervalFamily
 from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed, request
 from tests.results.ci.full_reports import JOB_ARN, RULES, counted
 
@@ -53,6 +55,28 @@ def test_a_variable_that_is_called_like_a_column_is_told_apart():
         "courier go_to_goal in delivery rooms, robot_version=0",
         "courier go_to_goal in delivery rooms, robot_version=1",
     ]
+
+
+def test_a_group_has_an_interval_of_its_own_and_one_that_holds_together_with_those_of_all_others():
+    batch = counted()
+    assert batch.intervals == len([group for group in _groups(batch) if group.episodes]) == 2
+    for group in _groups(batch):
+        assert group.interval == wilson(group.passed, group.episodes, 0.95)
+        assert group.together == IntervalFamily(size=2, confidence=0.95).interval(group.passed, group.episodes)
+
+
+def test_groups_that_are_left_out_count_among_the_intervals(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(groups, "MOST_GROUPS", 1)
+    assert (len(_groups(counted())), counted().intervals) == (1, 2)
+
+
+def test_of_worlds_like_these_all_episodes_of_a_world_count_together():
+    asked = [request(index, environment={"SPEED": str(index % 2)}) for index in range(4)]
+    asked += [request(index, world="wgj-1/other") for index in range(4, 8)]
+    batch = counted(asked, [*map(passed, range(4)), *map(collided, range(4, 8))])
+    assert (batch.like_these.spread.worlds, batch.like_these.spread.icc, batch.where()) == (2, 1.0, "in these 2 worlds")
+    early = counted(asked, [passed(index) for index in range(8)], GroupRules(sequential=True))
+    assert early.like_these.refused == "the batch might have ended early"
 
 
 def test_worlds_of_one_generation_are_named_without_it():

@@ -14,6 +14,7 @@ from tasks.results.ci.junit import junit_xml
 from tests.factories.episodes import canceled, crashed, passed, request
 from tests.repository import ROOT
 from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
+from tests.results.estimands import intervals, without_estimand
 
 _SCHEMA = xmlschema.XMLSchema(str(ROOT / "tests/data/junit.xsd"))
 
@@ -55,6 +56,15 @@ def test_a_failed_case_has_counts_reasons_and_replay_commands():
     assert isinstance(said, Error)
     assert said.message == "0 of 4 episodes passed: 2 x RobotApplicationCrash, 2 x collision"
     assert "simyard replay arn:simyard:simulation-job:0123456789ab:simb-1/" in (said.text or "")
+
+
+def test_a_case_says_of_which_world_its_rate_is_and_how_many_intervals_there_are():
+    text = junit_xml(full_report()).decode().replace("\u00a0", " ")
+    together = "2 intervals of groups; all 2 hold together in 95 % of such batches"
+    assert f"6 of 6 episodes passed: 100.0 % in this 1 world (interval 48.1 to 100.0 %; {together})" in text
+    assert "by itself: 95 % interval 60.9 to 100.0 % in this 1 world" in text
+    assert intervals(text) == 4
+    assert without_estimand(text.replace("\n", "\n\n")) == []
 
 
 def test_code_that_failed_is_an_error_and_an_episode_that_did_not_pass_a_failure():

@@ -8,6 +8,7 @@ from tasks.results.ci.summary import SUMMARY_BYTES, summary_markdown
 from tests.factories.episodes import crashed, request
 from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
 from tests.results.ci.markdown_pages import markdown_parts
+from tests.results.estimands import intervals, without_estimand
 
 
 def test_it_shows_the_answer_the_rules_the_rates_and_how_to_replay():
@@ -17,6 +18,14 @@ def test_it_shows_the_answer_the_rules_the_rates_and_how_to_replay():
     assert "| `world-2-1` | 0 of 4 |" in text
     assert "`simyard replay arn:simyard:simulation-job:0123456789ab:simb-1/" in text
     assert "`file:///tmp/report.html`" in text
+
+
+def test_it_says_of_which_worlds_the_rate_is_and_what_it_is_in_worlds_like_these():
+    text = summary_markdown(full_report(gate=None)).replace("\u00a0", " ")
+    assert "6 of 10 episodes passed: 60.0 % (95 % interval 31.2 to 83.2 %) in these 2 worlds; 2 canceled." in text
+    assert "The rate in worlds like these 2: 95 % interval " in text
+    assert intervals(text) == 2
+    assert without_estimand(text) == []
 
 
 @pytest.mark.parametrize(

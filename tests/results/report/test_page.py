@@ -247,7 +247,7 @@ def test_the_page_says_how_many_intervals_it_shows_and_what_that_means(tmp_path:
     page = report_page(found).decode()
     assert found.family.size == sum(len(table.rows) for column in found.columns for table in column)
     assert f"<b>{found.family.size} intervals of groups; all {found.family.size} hold together in 95\u00a0%" in page
-    assert "so that some 0.2 of them miss.</b>" in page
+    assert "so that in the mean 0.2 of them miss.</b>" in page
 
 
 def test_it_says_what_the_episodes_tell_of_worlds_that_were_not_drawn(tmp_path: Path):

@@ -8,6 +8,7 @@ from specs.pipeline.section_requests import (
     export_request,
     generation_request,
     reference_arn,
+    section_parts,
 )
 from tests.factories.strategies import pipelines
 from tests.specs.pipeline.test_document import DEPLOYMENT, GENERATION, JOB, PLACE
@@ -35,7 +36,7 @@ def test_a_generation_request_has_the_templates_arn_and_spelt_out_counts():
     section = full().worldGeneration
     assert section is not None
 
-    request = generation_request(section, template=TEMPLATE, token=TOKEN)
+    request = generation_request(section, section_parts(section)[0], template=TEMPLATE, token=TOKEN)
 
     assert (request.template, request.clientRequestToken) == (TEMPLATE, TOKEN)
     assert request.worldCount.interiorCountPerFloorplan == 1
@@ -82,7 +83,8 @@ def test_every_section_of_every_pipeline_stands_for_a_request(document: dict[str
     spec = PipelineSpec.model_validate(document)
 
     if spec.worldGeneration:
-        assert generation_request(spec.worldGeneration, template=TEMPLATE, token=TOKEN).template == TEMPLATE
+        (part,) = section_parts(spec.worldGeneration)
+        assert generation_request(spec.worldGeneration, part, template=TEMPLATE, token=TOKEN).template == TEMPLATE
     if spec.worldExport:
         assert export_request(spec.worldExport, worlds=[WORLD], token=TOKEN).worlds == (WORLD,)
     if spec.simulationBatch:

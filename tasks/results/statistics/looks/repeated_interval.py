@@ -14,16 +14,16 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from tasks.results.statistics.intervals import Interval
 from tasks.results.statistics.looks.binomial_walk import least_successes
 from tasks.results.statistics.looks.spent_error import spent_error
 
-# The shares that are tested, in millionths: a step, and from how far from 0 and 1 on it is fine enough.
+# Tested are multiples of a step, in millionths: how far from 0 and 1 a step is fine enough, and the step.
 _WHOLE = 1_000_000
 _STEPS = ((100_000, 500), (10_000, 100), (1_000, 10), (0, 1))
-_RESERVE = 1e-8
+_RESERVE, _ABOVE, _ROUNDING = 1e-8, 1e-9, 1e-6
 
 
 @lru_cache(maxsize=4096)
@@ -45,8 +45,7 @@ def repeated_interval(successes: int, n: int, looks: tuple[int, ...], confidence
         raise ValueError(f"{successes} successes of {n}: 0 <= successes <= n, and n one of the looks {looks}")
     seen = looks[: looks.index(n) + 1]
     spent = spent_error(looks, (1.0 - confidence) / 2.0)[: len(seen)]
-    lower, upper = _lower(successes, seen, spent), _WHOLE - _lower(n - successes, seen, spent)
-    return Interval(lower=lower / _WHOLE, upper=upper / _WHOLE)
+    return Interval(lower=_bound(successes, seen, spent), upper=round(1.0 - _bound(n - successes, seen, spent), 9))
 
 
 def inner_interval(successes: int, n: int, looks: tuple[int, ...], confidence: float) -> Interval:
@@ -63,6 +62,25 @@ def inner_interval(successes: int, n: int, looks: tuple[int, ...], confidence: f
     lower = beta.ppf(spent, successes, n - successes + 1) if successes else 0.0
     upper = beta.isf(spent, successes + 1, n - successes) if successes < n else 1.0
     return Interval(lower=float(lower), upper=float(upper))
+
+
+def tested_shares(lowest: float, highest: float) -> Float[np.ndarray, " shares"]:
+    """Returns the shares that are tested between two; each stands for those from the one before it on.
+
+    Args:
+        lowest: The first is at or below it.
+        highest: The last is at or above it.
+    """
+    points = [_round_down(lowest)]
+    while points[-1] < highest * _WHOLE - _ROUNDING:
+        points.append(_next(points[-1]))
+    return np.array([point for point in points if point]) / _WHOLE
+
+
+def _bound(successes: int, looks: Sequence[int], spent: Sequence[float]) -> float:
+    """Returns the lower bound: right above the highest share that is rejected, as that is not in the interval."""
+    rejected = _lower(successes, looks, spent)
+    return rejected / _WHOLE + _ABOVE if rejected else 0.0
 
 
 def _lower(successes: int, looks: Sequence[int], spent: Sequence[float]) -> int:
@@ -96,9 +114,15 @@ def _round_down(share: float) -> int:
 def _grid(above: int, highest: int) -> Int[np.ndarray, " points"]:
     """Returns the shares that are tested, above one and up to another, in millionths."""
     points, point = list[int](), above
-    while (point := point + _step(point)) <= highest:
+    while (point := _next(point)) <= highest:
         points.append(point)
     return np.array(points, dtype=np.int64)
+
+
+def _next(millionths: int) -> int:
+    """Returns the next share that is tested; what is tested is the same wherever one begins."""
+    step = _step(millionths + 1)
+    return (millionths // step + 1) * step
 
 
 def _step(millionths: int) -> int:

@@ -1,10 +1,10 @@
 """What becomes of a batch that may be ended at any of its looks: how often it passes, and after how many episodes.
 
-Computed state by state, without drawing anything. The boundary is that of the test at one bar; the interval that a
-batch is judged by now and then asks for one success more (``repeated_interval``), which moves a chance by less than a
-tenth of a percent.
+Computed state by state, without drawing anything. The boundary is that of the interval by which a batch is judged: that
+of the test at the bar, and of the tests at shares below it, one of which may ask for one success more.
 """
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -12,7 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tasks.results.statistics.looks.binomial_walk import Walk, least_successes, start_walk, step_walk
+from tasks.results.statistics.looks.repeated_interval import tested_shares
 from tasks.results.statistics.looks.spent_error import spent_error
+
+_DEVIATIONS = 2.0
 
 
 class Chances(NamedTuple):
@@ -56,9 +59,23 @@ def boundary(looks: tuple[int, ...], bar: float, confidence: float) -> Boundary:
         confidence: Coverage of the two-sided interval.
     """
     spent = spent_error(looks, (1.0 - confidence) / 2.0)
-    above, below = least_successes(looks, spent, np.array([bar])), least_successes(looks, spent, np.array([1.0 - bar]))
-    fails = tuple(look - int(failures) for look, failures in zip(looks, below[0], strict=True))
-    return Boundary(tuple(int(successes) for successes in above[0]), fails)
+    above, below = (closed_boundary(looks, spent, share) for share in (bar, 1.0 - bar))
+    return Boundary(above, tuple(look - failures for look, failures in zip(looks, below, strict=True)))
+
+
+def closed_boundary(looks: Sequence[int], spent: Sequence[float], bar: float) -> tuple[int, ...]:
+    """Returns from how many successes on a bar and the shares below it are rejected, at each look.
+
+    Of shares further below than two standard deviations of the whole batch none asks for more.
+
+    Args:
+        looks: Episodes at each look, rising.
+        spent: How much error may be used up after each look.
+        bar: The share.
+    """
+    deviation = math.sqrt(bar * (1.0 - bar) / looks[-1])
+    shares = tested_shares(max(bar - _DEVIATIONS * deviation, bar / 2.0), bar)
+    return tuple(int(successes) for successes in least_successes(looks, spent, shares).max(axis=0))
 
 
 def chances(looks: tuple[int, ...], bar: float, confidence: float, rate: float) -> Chances:

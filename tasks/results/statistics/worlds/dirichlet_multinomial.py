@@ -93,7 +93,8 @@ def _by_spread(data: Tails, shares: Float[np.ndarray, "ends sets"]) -> Float[np.
     turns = np.arange(data.episodes.shape[1])[:, None] * SPREADS
     values = -(data.episodes @ np.log1p(turns))
     for end, share in zip(data.ends, shares, strict=True):
-        values = values + np.einsum("sm,smt->st", end, np.log(share[:, None, None] + turns))
+        some = int(end.any(axis=0).sum())  # seldom ends come to few episodes of a world
+        values = values + np.einsum("sm,smt->st", end[:, :some], np.log(share[:, None, None] + turns[:some]))
     return values
 
 

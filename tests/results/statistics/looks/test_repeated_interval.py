@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tasks.results.statistics.intervals import Interval
-from tasks.results.statistics.looks.repeated_interval import inner_interval, repeated_interval
+from tasks.results.statistics.looks.repeated_interval import inner_interval, repeated_interval, tested_shares
 from tasks.results.statistics.looks.stopped_batch import Boundary, boundary, chances_between, looks_of
 
 SCHEDULES = ((40,), (8, 16, 24, 32, 40), (5, 13, 40), (30, 35, 40))
@@ -43,11 +43,11 @@ def test_the_chance_to_err_is_at_most_half_of_what_confidence_leaves_at_any_bar(
         assert chances_between(looks, found._replace(passes=no_pass), bar).fails <= allowed
 
 
-def test_hardly_any_of_the_error_is_lost_in_a_batch_of_384():
-    looks = looks_of(384, 32)
+def test_most_of_the_error_is_spent_in_a_batch_of_384():
+    looks = looks_of(384, 16)
     found = boundary(looks, 0.9, 0.95)
     nothing = tuple(-1 for _ in looks)
-    assert 0.024 < chances_between(looks, found._replace(fails=nothing), 0.9).passes <= 0.025
+    assert 0.022 < chances_between(looks, found._replace(fails=nothing), 0.9).passes <= 0.025
 
 
 @settings(max_examples=30)
@@ -73,10 +73,18 @@ def test_more_successes_and_less_confidence_never_lower_a_bound(found: tuple[int
         assert repeated_interval(successes + 1, n, looks, 0.9).lower >= interval.lower
 
 
-def test_it_says_of_a_bar_what_the_boundary_says_or_asks_for_one_success_more():
+@pytest.mark.parametrize("bar", [0.8, 0.9, 0.95])
+def test_it_says_of_a_bar_what_the_boundary_says(bar: float):
     looks = looks_of(96, 24)
-    exact, found = boundary(looks, 0.9, 0.95).passes, ends(looks, 0.9, 0.95).passes
-    assert all(here <= there <= here + 1 for here, there in zip(exact, found, strict=True))
+    assert ends(looks, bar, 0.95) == boundary(looks, bar, 0.95)
+
+
+def test_shares_that_are_tested_are_the_same_wherever_one_begins():
+    everywhere = set((tested_shares(0.0, 1.0) * 1e6).round())
+    for lowest, highest in ((0.05, 0.15), (0.0123, 0.0124), (0.898, 0.9013), (0.98999, 0.9902)):
+        found = tested_shares(lowest, highest)
+        assert set((found * 1e6).round()) <= everywhere
+        assert found[0] <= lowest < highest <= found[-1] + 1e-9
 
 
 def test_with_one_look_it_is_the_exact_interval_of_a_share():

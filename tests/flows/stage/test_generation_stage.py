@@ -1,0 +1,79 @@
+"""A section of more worlds than one job makes: several jobs, one list of worlds, the same worlds."""
+
+import hashlib
+from typing import cast
+
+import pytest
+
+from flows.recount.recount import section_world_changes
+from flows.stage.generation_stage import world_generation
+from flows.stage.stage_summary import generation_report
+from specs.pipeline.world_sections import WorldGeneration
+from specs.settings import MAX_WORLDS
+from tasks.storage.base.keys import job_key, world_key
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import submit
+from tasks.storage.jobs.runs import jobs_of, stage_token
+from tests.repository import ROOT
+
+SECTION = WorldGeneration.model_validate(
+    {"template": "two-rooms.json", "worldCount": {"floorplanCount": 3}, "seed": 7, "worldTags": {"site": "test"}}
+)
+BASE = str(ROOT / "examples/templates")
+
+
+def made(store: Store, monkeypatch: pytest.MonkeyPatch, most: int, token: str) -> list[tuple[str, bytes]]:
+    monkeypatch.setenv(MAX_WORLDS, str(most))
+    record = world_generation(SECTION, store.url, BASE, token)
+    worlds = [*cast("list[str]", record.detail["worlds"])]
+    return [(world, store.get(world_key(*world.split("/"))).body) for world in worlds]
+
+
+def test_a_world_is_the_same_whichever_job_makes_it(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    several, one = made(file_store, monkeypatch, 2, "a"), made(file_store, monkeypatch, 3, "b")
+    assert [world.split("/")[1] for world, _ in several] == ["world-1-1", "world-2-1", "world-3-1"]
+    assert len({world.split("/")[0] for world, _ in several}) == 2
+    bare = [[body.replace(world.split("/")[0].encode(), b"") for world, body in found] for found in (several, one)]
+    assert bare[0] == bare[1]
+
+
+def test_a_section_that_was_cut_between_two_jobs_goes_on_with_the_second(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+):
+    whole = made(file_store, monkeypatch, 2, "c")
+    second = whole[-1][0].split("/")[0]
+    for key in (job_key("world-generation-job", second), world_key(*whole[-1][0].split("/"))):
+        file_store.delete(key)
+    assert made(file_store, monkeypatch, 2, "c") == whole
+
+
+def test_a_run_knows_all_its_generation_jobs_so_that_they_can_be_cancelled_and_kept(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+):
+    spec = {"name": "many", "worldGeneration": SECTION.model_dump(mode="json", exclude_none=True)}
+    run = submit(file_store, "pipeline-run", {"flow": "pipeline", "spec": spec}, "run")
+    found = made(file_store, monkeypatch, 2, stage_token(run, "worlds"))
+    assert [job for _, job in jobs_of(run)] == list(dict.fromkeys(world.split("/")[0] for world, _ in found))
+
+
+def test_the_stage_is_reported_once_with_all_its_worlds(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(MAX_WORLDS, "2")
+    record = world_generation(SECTION, file_store.url, BASE, "d")
+    report = generation_report(record, file_store, 1.0)
+    assert (report.status, report.summary.split(";")[0]) == ("Completed", "3 worlds")
+    assert [artefact.label for artefact in report.artefacts] == ["worlds"] * 2 + ["contact sheet"] * 2
+
+
+def test_worlds_that_several_jobs_made_are_recounted_job_by_job(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(MAX_WORLDS, "2")
+    run = submit(file_store, "pipeline-run", {}, "run")
+    found = made(file_store, monkeypatch, 2, stage_token(run, "worlds"))
+    digests = {world: hashlib.sha256(body).hexdigest() for world, body in found}
+    named = [world for world, _ in found]
+    assert section_world_changes(SECTION, named, digests, store=file_store, base=BASE, run=run) == []
+    (line,) = section_world_changes(
+        SECTION, named, digests | {named[2]: "0" * 64}, store=file_store, base=BASE, run=run
+    )
+    assert line.startswith(f"world {named[2]} has the SHA-256 000")
+    (line,) = section_world_changes(SECTION, [*named, "wgj-1/world-1-1"], digests, store=file_store, base=BASE, run=run)
+    assert line.startswith("the run names worlds of generations that it did not ask for")

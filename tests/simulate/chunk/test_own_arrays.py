@@ -1,0 +1,133 @@
+"""What an application gets is of its own episode alone, whatever else its chunk holds, and so are its rows."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.contract import HostMap, Placement
+from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.chunk.placed_chunk import alike
+from tasks.simulate.chunk.runner import simulate_lanes
+from tasks.simulate.lane.recording import Recorder
+from tasks.simulate.lane.staging import Lane, Stage, stage_worlds
+from tasks.simulate.plan.chunks import plan_chunks
+from tasks.simulate.sensor.lidar import NO_LIDAR
+from tests.factories.simulations import DRIFT, FOLDERS, delivery, pen, pushing
+
+# The maps have 128, 192 and 512 cells a side, the last for a world at the size limit of the finest grid.
+SIDES_M = {"hand/small": 6.0, "hand/also-small": 8.0, "hand/large": 14.0, "hand/largest": 51.2}
+WORLDS: Mapping[str, World] = {name: pen(side_m, number) for number, (name, side_m) in enumerate(SIDES_M.items())}
+LANES = 16
+COUNTED = ApplicationLaunch(name="drift", version="1", digest=DRIFT, package="drift", launch_file="counted")
+
+
+def looking(index: int, world: str, launch: str = "looking") -> EpisodeRequest:
+    asked = pushing(index, world=world, seed=index, duration_s=1.5, launch=launch)
+    return asked.model_copy(update={"scenario": COUNTED})
+
+
+def noisy(index: int, world: str) -> EpisodeRequest:
+    asked = delivery(index, world=world, seed=index, duration_s=8.0)
+    # So bad that a robot soon believes that it is beyond its map, where indices are clipped.
+    return asked.model_copy(update={"environment": {"ODOMETRY_SIGMA": "3", "LIDAR_SIGMA": "0.05"}})
+
+
+def simulated(
+    requests: Sequence[EpisodeRequest], *, lanes: int = LANES, engine: str = "planar", recorder: Recorder | None = None
+) -> dict[int, EpisodeResult]:
+    used = {name: WORLDS[name] for name in dict.fromkeys(request.world for request in requests)}
+    return {
+        row.index: row
+        for chunk in plan_chunks(requests, lanes)
+        for row in simulate_lanes(
+            chunk, used, FOLDERS, lanes=lanes, engine=engine, should_stop=lambda: False, recorder=recorder
+        )
+    }
+
+
+def blank_lane(cells: int, goals: int, given: int) -> Lane:
+    floor = HostMap(np.zeros((cells, cells), np.float32), *(np.zeros(size, np.float32) for size in (2, (), 4)))
+    placement = Placement(np.zeros(3), np.zeros((goals, 2)), (np.zeros(given),))
+    return Lane(looking(0, "hand/small"), Stage(*cast("Any", (None, None, floor, None))), placement, None)
+
+
+@given(st.lists(st.tuples(st.sampled_from((128, 192)), st.integers(1, 2), st.integers(1, 2)), max_size=8))
+def test_lanes_of_other_shapes_are_not_driven_together(shapes: list[tuple[int, int, int]]):
+    lanes = [blank_lane(*shape) for shape in shapes]
+    parts = alike(lanes)
+    assert sorted(map(id, lanes)) == sorted(id(lane) for part in parts for lane in part)
+    assert [len(part) for part in parts] == [shapes.count(shape) for shape in dict.fromkeys(shapes)]
+
+
+@given(st.sampled_from([*WORLDS]), st.sets(st.sampled_from([*WORLDS])))
+@settings(max_examples=5, deadline=None)
+def test_a_map_is_the_same_whatever_other_worlds_are_staged(name: str, others: set[str]):
+    staged = [
+        stage_worlds({each: WORLDS[each] for each in names}, Hull(0.18, 0.02, 0.38), NO_LIDAR)[name].floor
+        for names in ([name], [*others, name])
+    ]
+    assert all(np.array_equal(one, other) for one, other in zip(*staged, strict=True))
+
+
+@pytest.mark.long
+def test_an_application_that_looks_at_sizes_sees_those_of_its_own_episode():
+    worlds = ("hand/small", "hand/large")
+    requests = [looking(k, worlds[k % 2]) for k in range(12)]
+    told: list[int] = []
+    (chunk,) = plan_chunks(requests, LANES)
+    recorder = Recorder(4.0, lambda _: True)
+    rows = simulate_lanes(
+        chunk,
+        WORLDS,
+        FOLDERS,
+        lanes=LANES,
+        engine="mujoco",
+        should_stop=lambda: False,
+        progress=told.append,
+        recorder=recorder,
+    )
+    assert [row.index for row in rows] == list(range(12))
+    seen = [(row.metrics["rows"], row.metrics["columns"], row.metrics["goals"], row.goals_total) for row in rows]
+    assert seen == [(128.0, 128.0, 2.0, 2), (192.0, 192.0, 3.0, 3)] * 6
+    assert told == sorted(told)
+    assert told[-1] == 12
+    assert sorted(recorder.episodes) == list(range(12))
+    assert sorted({int(index) for part in recorder.parts() for index in part["index"]}) == list(range(12))
+    assert simulated([requests[3]], engine="mujoco")[3] == rows[3]
+
+
+def mixed(rng: np.random.Generator, count: int, names: Sequence[str]) -> list[EpisodeRequest]:
+    return [noisy(k, str(rng.choice(names))) for k in range(count)]
+
+
+@pytest.mark.long
+def test_noisy_rows_are_equal_in_any_order_with_any_lanes_and_alone():
+    rng = np.random.default_rng(18)
+    requests = mixed(rng, 12, ("hand/small", "hand/large"))
+    together = simulated(requests)
+    assert len({request.world for request in requests}) == 2
+    assert simulated([requests[k] for k in rng.permutation(len(requests))]) == together
+    for index in [k for k, request in enumerate(requests) if request.world == "hand/small"][:3]:
+        assert simulated([requests[index]], lanes=8)[index] == together[index]
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("engine", ["planar", "mujoco", "mjx"])
+def test_noisy_rows_of_random_batches_are_equal_and_20_replays_deviate_by_nothing(engine: str, seed: int):
+    if engine == "mjx" and seed:
+        pytest.skip("its programs take minutes to compile")
+    rng = np.random.default_rng([18, seed])
+    requests = mixed(rng, 64, tuple(WORLDS))
+    together = simulated(requests, lanes=64, engine=engine)
+    for lanes in rng.choice([16, 24, 32, 40, 96], 2, replace=False).tolist():
+        shuffled = [requests[k] for k in rng.permutation(len(requests))]
+        assert simulated(shuffled, lanes=lanes, engine=engine) == together
+    for index in rng.choice(len(requests), 20, replace=False).tolist():
+        assert simulated([requests[index]], lanes=64, engine=engine)[index] == together[index]
