@@ -82,7 +82,8 @@ def _power(at_least: float, confidence: float, rate: float, icc: float, per_worl
     by_rate = fit.max(axis=1)  # the spread between worlds at its best; the first rate is the bar
     all_good = drawn[:, -1] == worlds
     highest = np.where(all_good, 0.0, by_rate.max(axis=1))
-    return float(np.mean(highest - by_rate[:, 0] >= _near(confidence, worlds)))
+    near = np.array([_near(confidence, worlds, bad) for bad in range(worlds + 1)])
+    return float(np.mean(highest - by_rate[:, 0] >= near[worlds - drawn[:, -1]]))
 
 
 def _total(icc: float) -> Float[np.ndarray, " 1"]:
@@ -118,11 +119,25 @@ def _log_choices(n: int) -> Float[np.ndarray, " V"]:
 
 def _all_good(at_least: float, confidence: float, worlds: int) -> bool:
     """Returns whether worlds without a bad episode are enough; each might be good or bad as a whole."""
-    return -worlds * math.log(at_least) >= _near(confidence, worlds)
+    return -worlds * math.log(at_least) >= _near(confidence, worlds, 0)
 
 
-def _near(confidence: float, worlds: int) -> float:
-    return student_quantile((1.0 + confidence) / 2.0, worlds - 1) ** 2 / 2.0
+def _near(confidence: float, worlds: int, bad: int) -> float:
+    """Returns what ``tasks.results.statistics.worlds.nearness`` does, of worlds of which some had a bad episode."""
+    return max(student_quantile((1.0 + confidence) / 2.0, worlds - 1) ** 2 / 2.0, _few_bad(confidence, bad))
+
+
+@cache
+def _few_bad(confidence: float, bad: int) -> float:
+    """Returns how far the exact bound of a Poisson count (Garwood 1936, Biometrika 28:437) is below its likeliest."""
+    counts = np.arange(bad + 1)
+    factorials = np.concatenate([[0.0], np.cumsum(np.log(counts[1:]))])
+    lower, upper = float(bad), bad + 12.0 * math.sqrt(bad + 1.0) + 12.0
+    for _ in range(60):
+        middle = (lower + upper) / 2.0
+        below = float(np.exp(counts * math.log(middle) - middle - factorials).sum())
+        lower, upper = (middle, upper) if below > (1.0 - confidence) / 2.0 else (lower, middle)
+    return lower - bad - (bad * math.log(lower / bad) if bad else 0.0)
 
 
 @cache
