@@ -67,14 +67,15 @@ def by_world(rows: list[dict[str, object]]) -> Counts:
 
 
 def main() -> None:
-    """Drives all batches, and writes their counts beside this module."""
+    """Drives the batches whose counts are not in the file beside this module, and writes them there."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--store", type=Path, required=True)
     options = parser.parse_args()
-    counts = {}
+    counts: dict[str, Counts] = json.loads(COUNTS.read_text()) if COUNTS.exists() else {}
     for name in _BATCHES:
-        counts[name] = drive(name, options.store)
-        COUNTS.write_text(json.dumps(counts, indent=1))
+        if name not in counts:
+            counts[name] = drive(name, options.store)
+            COUNTS.write_text(json.dumps(counts) + "\n")
 
 
 def _application(named: tuple[str, str], environment: dict[str, str]) -> dict[str, object]:

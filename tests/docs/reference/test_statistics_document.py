@@ -1,4 +1,4 @@
-"""docs/reference/statistics.md says what the code does: its tables are those of the benchmarks, its figures are right."""
+"""docs/reference/statistics.md: its tables are those that benchmarks wrote, its figures those of the code."""
 
 import json
 import re

@@ -55,7 +55,9 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
     if not found.seen:
         return nothing_counted(label, f"no episode has a value of {asked.column}", facts)
     worlds = material.rows_by_world(ended)
-    if asked.over and (why := refusal("quantile", lacks, len(worlds))):
+    # The bound on the side of the bar needs two worlds' worth of its tail.
+    tail = asked.quantile if asked.atLeast is not None else 1.0 - asked.quantile
+    if asked.over and (why := refusal("quantile", lacks, len(worlds), tail)):
         return nothing_counted(label, why, facts)
     gone = unseen("quantiles", gaps(lacks))
     interval = _over_worlds(material, asked) if asked.over else _interval(found, asked, gone.best)

@@ -116,8 +116,15 @@ def cuts(unknown: Sequence[int], seen: Sequence[float]) -> Iterator[list[bool]]:
         yield [at in high for at in range(len(unknown))]
 
 
-def refusal(of: Literal["rate", "quantile", "difference"], lacks: Completeness, worlds: int) -> str:
-    """Returns why nothing can be said of worlds like these, and what to do; empty if it can."""
+def refusal(of: Literal["rate", "quantile", "difference"], lacks: Completeness, worlds: int, tail: float = 1.0) -> str:
+    """Returns why nothing can be said of worlds like these, and what to do; empty if it can.
+
+    Args:
+        of: What the interval is of.
+        lacks: What the batch lacks.
+        worlds: How many worlds have episodes.
+        tail: Of a quantile: the share of values beyond it on the side of the bound.
+    """
     if worlds == 0:
         return "the results do not say in which worlds the episodes were: run the document again"
     if lacks.sequential:
@@ -127,7 +134,7 @@ def refusal(of: Literal["rate", "quantile", "difference"], lacks: Completeness, 
         )
     if lacks.missing:
         return f"{lacks.missing} episodes have no row, and nothing says in which worlds: run the document again"
-    return why_refused(of, worlds)
+    return why_refused(of, worlds, tail)
 
 
 def gaps(lacks: Completeness) -> Mapping[Gap, int]:
