@@ -35,14 +35,15 @@ class Nights:
         self.robot, self.scenario = courier(store, folder, "one"), delivery(store, folder)
 
     def batch(
-        self, night: str, first_seed: int = 0, *, robot: ApplicationLaunch | None = None, **more: Any
+        self, night: str, first_seed: int = 0, *, robot: ApplicationLaunch | None = None, **more: object
     ) -> JobRecord:
         seeds = tuple(range(first_seed, first_seed + 40))
         more = {"simulate": half, "seeds": seeds, **more}
         return ended(self.store, robot or self.robot, scenario=self.scenario, name=f"batch-{night}", **more)
 
-    def run(self, night: str, first_seed: int = 0, gate: Gate = GATE, **more: Any) -> GateAnswer:
-        return gate_answer(gate, self.batch(night, first_seed, **more), self.store, run_of(self.store, f"run-{night}"))
+    def run(self, night: str, first_seed: int = 0, gate: Gate = GATE, **more: object) -> GateAnswer:
+        batch = self.batch(night, first_seed, **cast("dict[str, Any]", more))
+        return gate_answer(gate, batch, self.store, run_of(self.store, f"run-{night}"))
 
 
 @pytest.fixture
