@@ -5,7 +5,8 @@ import re
 import pytest
 import yaml
 
-from benchmarks.results.gate import ALPHA, BAR, EPISODES, saving, table
+from benchmarks.results.gate import ALPHA, BAR, BATCHES, CHUNKS, EPISODES, at_looks, table, worlds_table
+from benchmarks.results.gate_pairs import pairs_table
 from benchmarks.tables import markdown, with_tables
 from specs.data.result_columns import COURSES, MEASURES
 from specs.pipeline.gate_section import RULES, Gate
@@ -94,12 +95,21 @@ def test_rules_need_as_many_episodes_as_it_says():
 
 
 @pytest.mark.long
-def test_the_savings_are_what_the_benchmark_finds():
+def test_the_savings_and_errors_are_what_the_benchmark_finds():
     assert with_tables(DOCUMENT, "saving", markdown(table())) == DOCUMENT
+    assert with_tables(DOCUMENT, "shuffle", markdown(worlds_table())) == DOCUMENT
     assert f"For a bar of {100 * BAR:g} % and {EPISODES} episodes" in TEXT
+    assert f"{BATCHES:,} simulated batches" in TEXT
+
+
+@pytest.mark.long
+def test_what_comparisons_save_is_what_the_benchmark_finds():
+    head, *rows = pairs_table(margins=(0.03,))
+    said = [tuple(cell.strip() for cell in line.strip("|").split("|")) for line in DOCUMENT.splitlines()]
+    assert {head, *rows} <= set(said)
 
 
 def test_it_errs_as_seldom_as_it_says():
-    _, passed, failed = saving(BAR, 16)
-    assert passed + failed <= ALPHA
-    assert f"the figures below are {100 * (passed + failed):.1f} %" in TEXT
+    found = at_looks(BAR, CHUNKS[1])
+    assert max(found.passes, found.fails) <= ALPHA / 2.0
+    assert f"| {100 * BAR:g} % " in DOCUMENT
