@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from specs.data.result_columns import COURSES
 from specs.pipeline.gate_section import QuantileRule
-from tasks.results.gate.missing import ASSUMED, Assumed, Gap, gap_of, unseen
+from tasks.results.gate.missing_data import ASSUMED, Assumed, Gap, gap_of, unseen
 from tasks.results.gate.rules.metric_names import PREFIX
 from tasks.results.gate.rules.power_lines import power_line, worth_line
 from tasks.results.gate.rules.rates import cuts, gaps, refusal, where_text
