@@ -2,9 +2,11 @@ import json
 import math
 
 import pytest
+from pydantic import JsonValue
 
-from specs.digest import canonical_document, canonical_json, digest
+from specs.digest import canonical_document, canonical_json, digest, without_absent
 from specs.field_types import OutputLocation
+from specs.pipeline.gate_section import Gate
 
 
 def test_canonical_json_is_sorted_compact_and_utf_8():
@@ -26,3 +28,14 @@ def test_absent_fields_do_not_count():
     assert canonical_document(OutputLocation(s3Bucket="abc", s3Prefix=None)) == {"s3Bucket": "abc"}
     assert digest(OutputLocation(s3Bucket="abc")) == digest(OutputLocation(s3Bucket="abc", s3Prefix=None))
     assert len(digest(OutputLocation())) == 64
+
+
+def test_a_gate_that_an_older_version_noted_is_the_same_without_its_absent_fields():
+    gate = Gate.model_validate({"successRate": {"atLeast": 0.9}, "stopEarly": True})
+    noted: dict[str, JsonValue] = {
+        "successRate": {"atLeast": 0.9, "confidence": 0.95},  # there was no over yet
+        "noWorseThan": None,
+        "stopEarly": True,
+    }
+    assert without_absent(noted) == without_absent(gate.model_dump(mode="json")) == canonical_document(gate)
+    assert without_absent([{"a": None}, None, 1]) == [{}, None, 1]

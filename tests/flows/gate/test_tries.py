@@ -12,7 +12,7 @@ from flows.gate.tries import episodes_name, ledger_of, note_try, tries_before
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import read_evidence
-from tasks.simulate.batch.commit import ChunkPart
+from tasks.simulate.batch.commit import ChunkPart, Simulate
 from tasks.simulate.batch.job import plan_of
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
@@ -35,14 +35,28 @@ class Nights:
         self.robot, self.scenario = courier(store, folder, "one"), delivery(store, folder)
 
     def batch(
-        self, night: str, first_seed: int = 0, *, robot: ApplicationLaunch | None = None, **more: Any
+        self,
+        night: str,
+        first_seed: int = 0,
+        *,
+        robot: ApplicationLaunch | None = None,
+        simulate: Simulate = half,
+        lanes: int = 40,
     ) -> JobRecord:
-        seeds = tuple(range(first_seed, first_seed + 40))
-        more = {"simulate": half, "seeds": seeds, **more}
-        return ended(self.store, robot or self.robot, scenario=self.scenario, name=f"batch-{night}", **more)
+        seeds, name = tuple(range(first_seed, first_seed + 40)), f"batch-{night}"
+        return ended(
+            self.store,
+            robot or self.robot,
+            scenario=self.scenario,
+            simulate=simulate,
+            name=name,
+            seeds=seeds,
+            lanes=lanes,
+        )
 
-    def run(self, night: str, first_seed: int = 0, gate: Gate = GATE, **more: Any) -> GateAnswer:
-        return gate_answer(gate, self.batch(night, first_seed, **more), self.store, run_of(self.store, f"run-{night}"))
+    def run(self, night: str, first_seed: int = 0, gate: Gate = GATE, **more: Any) -> GateAnswer:  # noqa: ANN401 - what a batch takes
+        batch = self.batch(night, first_seed, **more)
+        return gate_answer(gate, batch, self.store, run_of(self.store, f"run-{night}"))
 
 
 @pytest.fixture

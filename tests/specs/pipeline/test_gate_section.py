@@ -113,7 +113,7 @@ OVER: dict[str, Any] = {
 
 def test_a_rule_over_worlds_is_refused_where_the_batch_certainly_has_one():
     allowed = "2 worlds or more in the batch; one world says nothing of others"
-    one = faults(OVER, matrix={"worlds": ["g/only", "g/only"]})
+    one = faults(OVER, matrix={"worlds": ["g/only"]})
     assert one == {"gate.successRate.over": allowed, "gate.quantiles.0.over": allowed}
     PipelineSpec.model_validate(
         {"name": "n", "simulationBatch": {**BATCH, "matrix": {"worlds": ["g/a", "g/b"]}}, "gate": OVER}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import NoWorseThan
-from tasks.results.gate.missing import unseen
+from tasks.results.gate.missing_data import unseen
 from tasks.results.gate.rules.pair_counts import PairCounts, WorldPairs
 from tasks.results.gate.rules.power_lines import power_line, worth_line
 from tasks.results.gate.rules.rates import cuts, gaps, refusal, where_text

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from specs.base import Spec
-from tasks.results.gate.missing import ASSUMED, gap_of
+from tasks.results.gate.missing_data import ASSUMED, gap_of
 from tasks.results.statistics.pairs import Drive, Drives
 
 

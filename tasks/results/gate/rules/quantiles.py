@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from specs.data.result_columns import COURSES
 from specs.pipeline.gate_section import QuantileRule
-from tasks.results.gate.missing import ASSUMED, Assumed, Gap, gap_of, unseen
+from tasks.results.gate.missing_data import ASSUMED, Assumed, Gap, gap_of, unseen
 from tasks.results.gate.rules.metric_names import PREFIX
 from tasks.results.gate.rules.power_lines import power_line, worth_line
 from tasks.results.gate.rules.rates import cuts, gaps, refusal, where_text
@@ -21,6 +21,7 @@ from tasks.results.gate.rules.sentences import (
 from tasks.results.statistics.intervals import Interval, quantile_interval
 from tasks.results.statistics.power.shares import quantile_needs
 from tasks.results.statistics.worlds.quantile_over_worlds import quantile_over_worlds
+from tasks.results.statistics.worlds.refusal import why_refused
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -68,11 +69,14 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
     unseen_text = f", unknown in {unknown}" if unknown else ""
     estimate = sorted(found.seen)[max(0, math.ceil(asked.quantile * len(found.seen)) - 1)]
     seen = f"{of}{unseen_text} is {estimate:.4g} ({100 * asked.confidence:g} % interval {_interval_text(interval)})"
+    # A bound that too few worlds leave open is the reason, and not the episodes.
+    tail = asked.quantile if at_least else 1.0 - asked.quantile
+    note = why_refused("quantile", len(worlds), tail) if asked.over else ""
     bar_text = f"at {'least' if at_least else 'most'} {bar:g} asked for"
     return RuleVerdict(
         rule=label,
         verdict=answer,
-        sentence=sentence(answer, seen, bar_text, lacks),
+        sentence=sentence(answer, seen, bar_text, lacks, note),
         method="order statistics over worlds" if asked.over else "order statistics",
         counted=n,
         estimate=estimate,

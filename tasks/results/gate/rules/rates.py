@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from pydantic import JsonValue
 
 from specs.pipeline.gate_section import CollisionRate, Over, SuccessRate
-from tasks.results.gate.missing import Gap, Rule, unseen
+from tasks.results.gate.missing_data import Gap, Rule, unseen
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, Share, WorldShare
 from tasks.results.gate.rules.sentences import percent_text, share_interval
 from tasks.results.statistics.intervals import Interval

@@ -1,7 +1,7 @@
 """What a rule of the gate is, what it judges by, and what it answers.
 
 Each rule answers PASS when its whole interval is within the bar, FAIL when the whole interval is beyond it, and else
-INCONCLUSIVE. What is not known speaks against whoever needs it: `tasks.results.gate.missing` says what a PASS and
+INCONCLUSIVE. What is not known speaks against whoever needs it: `tasks.results.gate.missing_data` says what a PASS and
 a FAIL take it for.
 """
 

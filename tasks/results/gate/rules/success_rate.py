@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import SuccessRate
-from tasks.results.gate.missing import ASSUMED, gap_of
+from tasks.results.gate.missing_data import ASSUMED, gap_of
 from tasks.results.gate.rules.power_lines import share_lines
 from tasks.results.gate.rules.rates import rate_of
 from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share

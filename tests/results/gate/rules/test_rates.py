@@ -1,6 +1,6 @@
 """A rate says in which worlds it holds; over worlds it counts worlds, whatever is missing, or says why it cannot."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from random import Random
 
 import pytest
@@ -27,7 +27,9 @@ ANY_RULE = [
 ]
 
 
-def batch(worlds: Sequence[Sequence[EpisodeResult]], *, alike: bool = False, **lacks: int) -> GateMaterial:
+def batch(
+    worlds: Sequence[Sequence[EpisodeResult]], *, alike: bool = False, left_out: int = 0, sequential: bool = False
+) -> GateMaterial:
     """Returns a batch by worlds; alike ones were generated in two generations, and have the same content."""
     rows = [each for world in worlds for each in world]
     names = [f"g{number}/w" for number, world in enumerate(worlds) for _ in world]
@@ -35,7 +37,7 @@ def batch(worlds: Sequence[Sequence[EpisodeResult]], *, alike: bool = False, **l
     asked = [request(at, world=name, seed=at) for at, name in enumerate(names)]
     counts = counted(results)
     known = dict.fromkeys(names, "same") if alike else {}
-    found = Completeness(canceled=counts.canceled - lacks.get("left_out", 0), **lacks)
+    found = Completeness(canceled=counts.canceled - left_out, left_out=left_out, sequential=sequential)
     return GateMaterial(counts, found, rows=results_table("simb-1", asked, results), worlds=known)
 
 
@@ -107,13 +109,13 @@ def test_a_canceled_episode_lets_no_rule_over_worlds_pass(rules: dict[str, objec
 
 
 def test_a_comparison_over_worlds_counts_worlds():
-    new = {k: Drive(f"w{k % 8}", k >= 24, "Completed", "") for k in range(240)}
-    old = {k: Drive(f"w{k % 8}", k >= 0, "Completed", "") for k in range(240)}
+    new: dict[Hashable, Drive] = {k: Drive(f"w{k % 8}", k >= 24, "Completed", "") for k in range(240)}
+    old: dict[Hashable, Drive] = {k: Drive(f"w{k % 8}", k >= 0, "Completed", "") for k in range(240)}
     rule: dict[str, object] = {"noWorseThan": {"applicationVersion": "1", "margin": 0.2, "over": "worlds"}}
     found = judged(rule, GateMaterial(counted([]), pairs=count_pairs(new, old)))
     assert found.verdict == "PASS"
     assert "on the same 240 episodes in worlds like these 8, 0 that failed" in found.sentence
-    one = {key: each._replace(world="w") for key, each in new.items()}
+    one: dict[Hashable, Drive] = {key: each._replace(world="w") for key, each in new.items()}
     why = judged(rule, GateMaterial(counted([]), pairs=count_pairs(one, old))).sentence
     assert why.startswith("INCONCLUSIVE: 1 world")
 

@@ -11,10 +11,10 @@ from specs.data.episode import EpisodeResult, unfinished_result
 from specs.pipeline.gate_section import RULES, Gate
 from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.results.gate.gate import judge
-from tasks.results.gate.missing import ASSUMED, ROBOTS_OWN, Gap, codes_of, gap_of
+from tasks.results.gate.missing_data import ASSUMED, ROBOTS_OWN, Gap, codes_of, gap_of
 from tasks.results.gate.rules.pair_counts import count_pairs
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
-from tasks.results.statistics.pairs import Drive
+from tasks.results.statistics.pairs import Drive, Drives
 from tasks.results.tables.tables import results_table
 from tests.factories.episodes import collided, counted, passed, request
 
@@ -59,8 +59,10 @@ def usual(index: int) -> EpisodeResult:
     return passed(index).model_copy(update={"metrics": {"waits": 2.0}})
 
 
-def lost(index: int, loss: Loss) -> EpisodeResult:
-    """Returns the row of a job that never ran."""
+def lost(index: int, loss: Loss) -> EpisodeResult | None:
+    """Returns the row of a job that never ran; None where it has none."""
+    if loss.status == "no row":
+        return None
     made = unfinished_result(index, "Failed", failure_code="", failure_reason="")
     return made.model_copy(update={"status": loss.status, "failure_code": loss.code})
 
@@ -69,14 +71,14 @@ def material(results: Sequence[EpisodeResult], loss: Loss | None, places: Sequen
     """Returns a batch of which some episodes got lost."""
     gone = set(places) if loss else set[int]()
     rows = [lost(each.index, loss) if loss and each.index in gone else each for each in results]
-    kept = [row for row in rows if row.status != "no row"]
+    kept = [row for row in rows if row]
     asked = [request(row.index, world=f"g/w{row.index % worlds}", seed=row.index) for row in kept]
     counts = counted(kept)
     lacks = Completeness(canceled=counts.canceled, missing=len(rows) - len(kept))
     return GateMaterial(counts, lacks, rows=results_table("simb-1", asked, kept))
 
 
-def drives(results: Sequence[EpisodeResult], loss: Loss | None = None, places: Sequence[int] = ()):
+def drives(results: Sequence[EpisodeResult], loss: Loss | None = None, places: Sequence[int] = ()) -> Drives:
     rows = [lost(each.index, loss) if loss and each.index in places else each for each in results]
     return {
         row.index: Drive(
@@ -86,7 +88,7 @@ def drives(results: Sequence[EpisodeResult], loss: Loss | None = None, places: S
             row.failure_code,
         )
         for row in rows
-        if row.status != "no row"
+        if row
     }
 
 
