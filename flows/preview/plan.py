@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import finder, pinned_shipment, pins
-from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources
+from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources, shuffle_if_endable
 from flows.document.version_room import version_lines
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
@@ -94,7 +94,9 @@ def _gate_lines(
         return
     worlds = len({world for template in batch.templates for world in batch.worlds_of(template)})
     icc = seen.icc if seen else None
-    yield from gate_lines(gate, judged, plan.audited, plan.compilations, worlds=worlds, lanes=plan.lanes, icc=icc)
+    pairs = shuffle_if_endable(batch, gate).shuffled == "pairs"
+    programs, lanes = plan.compilations, plan.lanes
+    yield from gate_lines(gate, judged, plan.audited, programs, worlds=worlds, lanes=lanes, pairs=pairs, icc=icc)
     advice = world_lines(gate, seen, episodes=judged.episodes, worlds=worlds, seeds=len(batch.seeds))
     yield from (f"                  {line}" for line in advice)
 

@@ -34,6 +34,12 @@ def test_a_batch_of_several_programs_is_told_that_it_runs_to_its_end():
     assert list(gate_lines(gate, GateBasis(384, 384), 16))[-1].strip() == "may end the batch early, after any chunk"
 
 
+def test_two_versions_that_are_compared_are_told_to_take_turns():
+    gate = Gate.model_validate({"noWorseThan": {"applicationVersion": "3", "margin": 0.02}, "stopEarly": True})
+    told = list(gate_lines(gate, GateBasis(384, 384), 16, programs=2, lanes=32, pairs=True))
+    assert told[-1].strip() == "may end the batch early, after any chunk of both versions"
+
+
 def test_too_few_are_said_to_be_so():
     assert lines(30, successRate={"atLeast": 0.9})[1].endswith("30 are NOT ENOUGH (0 %)")
     assert lines(260, successRate={"atLeast": 0.9})[3].endswith("260 are enough for 84 %")
