@@ -1,9 +1,11 @@
 """A section of more worlds than one job makes: several jobs, one list of worlds, the same worlds."""
 
 import hashlib
-from typing import cast
+from pathlib import Path
+from typing import Any, cast
 
 import pytest
+from pydantic import JsonValue
 
 from flows.recount.recount import section_world_changes
 from flows.stage.generation_stage import world_generation
@@ -14,6 +16,8 @@ from tasks.storage.base.keys import job_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import submit
 from tasks.storage.jobs.runs import jobs_of, stage_token
+from tasks.storage.store_url import open_store
+from tests.integration.runs import finished, small_document, tables, write_document
 from tests.repository import ROOT
 
 SECTION = WorldGeneration.model_validate(
@@ -50,7 +54,7 @@ def test_a_section_that_was_cut_between_two_jobs_goes_on_with_the_second(
 def test_a_run_knows_all_its_generation_jobs_so_that_they_can_be_cancelled_and_kept(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ):
-    spec = {"name": "many", "worldGeneration": SECTION.model_dump(mode="json", exclude_none=True)}
+    spec: dict[str, JsonValue] = {"worldGeneration": SECTION.model_dump(mode="json", exclude_none=True)}
     run = submit(file_store, "pipeline-run", {"flow": "pipeline", "spec": spec}, "run")
     found = made(file_store, monkeypatch, 2, stage_token(run, "worlds"))
     assert [job for _, job in jobs_of(run)] == list(dict.fromkeys(world.split("/")[0] for world, _ in found))
@@ -77,3 +81,21 @@ def test_worlds_that_several_jobs_made_are_recounted_job_by_job(file_store: Stor
     assert line.startswith(f"world {named[2]} has the SHA-256 000")
     (line,) = section_world_changes(SECTION, [*named, "wgj-1/world-1-1"], digests, store=file_store, base=BASE, run=run)
     assert line.startswith("the run names worlds of generations that it did not ask for")
+
+
+@pytest.mark.long
+def test_a_run_drives_one_batch_through_the_worlds_of_two_jobs(tmp_path: Path):
+    whole = cast("dict[str, Any]", small_document())
+    document = {key: value for key, value in whole.items() if key not in {"worldExport", "deployment", "gate"}}
+    document["worldGeneration"]["worldCount"] = {"floorplanCount": 3}
+    document["simulationBatch"]["matrix"]["seeds"] = 1
+    batch = document["simulationBatch"]
+    batch["matrix"]["environmentVariables"] = {"MAX_SPEED": ["0.6"]}
+    batch["batchPolicy"]["maxConcurrency"] = 4
+    batch["recordings"], batch["audit"] = {"episodes": "none"}, {"lanes": 0}
+    batch["createSimulationJobRequests"][0]["maxJobDurationInSeconds"] = 5
+    file, url = write_document(tmp_path, document), (tmp_path / "store").as_uri()
+    ended = finished("run", str(file), "--direct", "--store", url, SIMYARD_MAX_WORLDS="2")
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    rows = tables(open_store(url))["results"]
+    assert rows.num_rows == len(set(rows.column("world").to_pylist())) == 3
