@@ -8,10 +8,11 @@ import yaml
 from benchmarks.results.gate import ALPHA, BAR, BATCHES, CHUNKS, EPISODES, at_looks, table, worlds_table
 from benchmarks.results.gate_pairs import pairs_table
 from benchmarks.tables import markdown, with_tables
-from specs.data.result_columns import MEASURES
+from specs.data.result_columns import COURSES, MEASURES
 from specs.pipeline.gate_section import RULES, Gate
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
+from tasks.results.gate.missing import codes_line, rows_of_guide
 from tasks.results.statistics.intervals import quantile_ranks
 from tasks.results.statistics.power.paired import pair_needs
 from tasks.results.statistics.power.shares import quantile_needs, share_needs
@@ -54,7 +55,24 @@ def test_every_rule_is_explained():
 
 def test_every_field_of_the_evidence_is_explained():
     assert first_cells("field | says") == list(Evidence.model_fields)
-    assert f"| `version` | Of this list: {EVIDENCE_VERSION}. |" in DOCUMENT
+    assert f"| `version` | Of this list: {EVIDENCE_VERSION};" in DOCUMENT
+
+
+def test_what_is_assumed_of_missing_data_is_the_table_of_the_code():
+    assert with_tables(DOCUMENT, "missing", f"{markdown(rows_of_guide())}\n\n{codes_line()}") == DOCUMENT
+
+
+def test_the_measures_that_an_early_end_makes_better_are_named():
+    grow, fall = TEXT.split("makes better. ")[1].split(" grow while")[0], TEXT.split("to more. ")[1].split(" falls")[0]
+    named = dict.fromkeys(re.findall(r"`(\w+)`", grow), "grows") | dict.fromkeys(re.findall(r"`(\w+)`", fall), "falls")
+    assert named == COURSES
+
+
+def test_what_it_shows_of_worlds_is_a_gate():
+    shown = next(block for block in BLOCKS if "over: worlds" in block)
+    gate = Gate.model_validate(yaml.safe_load(shown)["gate"])
+    assert gate.successRate
+    assert gate.successRate.over == "worlds"
 
 
 def test_every_column_of_a_quantile_is_named():

@@ -49,7 +49,7 @@ def test_a_rate_in_worlds_like_these_is_told_in_worlds():
     gate = Gate.model_validate({"successRate": {"atLeast": 0.9, "over": "worlds"}})
     told = [line.strip() for line in gate_lines(gate, GateBasis(384, 384), 16, worlds=8)]
     assert told[0].endswith("at least 90 % pass in worlds like these, 95 % confidence")
-    assert told[1] == "if 100 % pass, 21 worlds give 90 % power: 8 are NOT ENOUGH (0 %)"
+    assert told[1] == "if 100 % pass, 36 worlds give 90 % power: 8 are NOT ENOUGH (0 %)"
     assert "if 95 % pass at an ICC of 0.05, " in told[3]
     assert " worlds x 48 give 80 % power, " in told[3]
 

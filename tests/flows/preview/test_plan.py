@@ -41,11 +41,14 @@ def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_the_quickstart_is_told_before_it_runs(lines: Tell):
     told = lines()
+    assert "worldGeneration   48 worlds (48 floor plans x 1 interior), seed 7" in told
     assert "384 episodes of at most 60 simulated seconds" in told
+    line = next(line.strip() for line in told.splitlines() if "if 2 % collide" in line)
+    assert f"`{line}`" in " ".join((ROOT / "README.md").read_text().split())
     assert "courier: engine planar, the fastest of all" in told
     assert re.search(r"2 chunks of 192 lanes on \d+ cpu devices?, 1 compiled program,", told)
     assert re.search(r"about \S+ to \S+ (s|min|h) and \S+ to \S+ GB of memory; a guess", told)
-    assert "recordings of failed episodes at 10 Hz; 16 episodes audited on C MuJoCo" in told
+    assert "recordings of failed episodes at 10 Hz; 32 episodes audited on C MuJoCo" in told
 
 
 def test_what_is_turned_off_is_said(lines: Tell):
@@ -127,7 +130,7 @@ def test_a_refusal_is_one_fault_without_its_heading_and_an_error_of_xml_is_one_l
 
 
 def test_rows_of_c_mujoco_itself_are_driven_twice_and_not_audited(lines: Tell):
-    assert "16 episodes driven twice, and no audit: mujoco is the reference itself" in lines(engine="mujoco")
+    assert "32 episodes driven twice, and no audit: mujoco is the reference itself" in lines(engine="mujoco")
 
 
 def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):

@@ -7,7 +7,9 @@ import pytest
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.audit.audit_drive import audit
+from tasks.simulate.audit import audit_drive
+from tasks.simulate.audit.audit_drive import audit, drive_sample
+from tasks.simulate.audit.audit_findings import DrivenEpisode
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.chunk.runner import simulate_lanes
@@ -103,3 +105,33 @@ def test_an_application_that_crashes_now_is_told(push: Simulate, pens: dict[str,
 def _mujoco(requests: list[EpisodeRequest], worlds: dict[str, World]) -> list[EpisodeResult]:
     (chunk,) = plan_chunks(requests, PUSHER_LANES)
     return simulate_lanes(chunk, worlds, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", should_stop=lambda: False)
+
+
+def test_an_engine_that_leaves_out_furniture_is_found(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
+    empty = {name: world.model_copy(update={"furniture": ()}) for name, world in pens.items()}
+    requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=10.0) for k in range(PUSHER_LANES)]
+
+    def without_furniture(*args: object, engine: str, **more: object) -> dict[int, DrivenEpisode]:
+        asked, worlds, *others = args
+        return drive_sample(asked, worlds if engine == "mujoco" else empty, *others, engine=engine, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(audit_drive, "drive_sample", without_furniture)
+    made = drive_sample(requests, empty, FOLDERS, lanes=PUSHER_LANES, engine="planar")
+    found = audit(sample(requests, [made[k].row for k in range(PUSHER_LANES)]), pens, FOLDERS, lanes=PUSHER_LANES)
+    assert (found.verdict, found.unreproduced) == ("SUSPECT", ())
+    assert found.control
+    assert found.control.parted > 1
+    assert "which stay together when they start a micrometre beside" in found.sentence
+
+
+def test_the_control_is_the_same_again_and_a_micrometre_beside(pens: dict[str, World]):
+    requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k) for k in range(2)]
+
+    def driven(beside_m: tuple[float, float]) -> dict[int, DrivenEpisode]:
+        return drive_sample(requests, pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", beside_m=beside_m)
+
+    one, again, straight = driven((1e-6, 0.0)), driven((1e-6, 0.0)), driven((0.0, 0.0))
+    assert [each.row for each in one.values()] == [each.row for each in again.values()]
+    first_m = one[0].places_m[0] - straight[0].places_m[0]
+    assert 5e-7 < first_m[0] < 2e-6
+    assert abs(first_m[1]) < 5e-7

@@ -121,7 +121,7 @@ def test_an_audit_and_more_episodes_take_longer():
     assert small.wall_s.high < large.wall_s.high
     assert small.wall_s.low < large.wall_s.low
     assert small.wall_s.low < audited.wall_s.low
-    assert audited.audited == 16
+    assert audited.audited == 32
 
 
 def test_planning_imports_no_jax():
