@@ -114,6 +114,34 @@ def test_any_beginning_of_a_shuffled_batch_has_episodes_of_all_its_worlds():
     assert [r.index for r in other.chunk(0).requests] != [r.index for r in Layout(plan).chunk(0).requests]
 
 
+@given(plans())
+def test_versions_that_take_turns_drive_the_same_episodes_in_each_two_chunks(plan: BatchPlan):
+    asked = plan.templates[0]
+    other = asked.model_copy(update={"robot": asked.robot.model_copy(update={"digest": "9" * 64})})
+    sweep = {name: ("1", "2") for name in plan.sweep}
+    layout = Layout(plan.model_copy(update={"templates": (asked, other), "sweep": sweep, "shuffled": "pairs"}))
+    if not layout.episodes:
+        return
+    assert layout.in_pairs()
+    chunks = [layout.chunk(number).requests for number in range(layout.chunks)]
+    for old, new in zip(chunks[::2], chunks[1::2], strict=True):
+        without = {"index": 0, "robot": asked.robot}
+        assert [each.model_copy(update=without) for each in old] == [each.model_copy(update=without) for each in new]
+    sizes = itertools.accumulate(len(chunk) for chunk in chunks[::2])
+    assert layout.looks() == tuple(sizes)
+    assert sorted(each.index for chunk in chunks for each in chunk) == [*range(layout.episodes)]
+    assert all(layout.chunk_of(each.index) == number for number, chunk in enumerate(chunks) for each in chunk)
+    assert [layout.chunk_size(number) for number in range(layout.chunks)] == [*map(len, chunks)]
+    assert layout.chunks_between(0, layout.episodes) == [*range(layout.chunks)]
+
+
+def test_programs_that_are_asked_for_other_episodes_are_no_pairs():
+    other = TEMPLATE.model_copy(update={"robot": TEMPLATE.robot.model_copy(update={"digest": "9" * 64})})
+    base = {"worlds": ("g/w0",), "seeds": (1, 2), "sweep": {}, "lanes": 4, "timeout_s": 1.0, "world_digests": {}}
+    for templates in ((TEMPLATE,), (TEMPLATE, other.model_copy(update={"duration_s": 2.0}))):
+        assert not Layout(BatchPlan.model_validate({**base, "engine": "auto", "templates": templates})).in_pairs()
+
+
 @given(plans(), st.data())
 def test_every_episode_is_found_in_its_chunk_and_its_request(plan: BatchPlan, data: st.DataObject):
     layout = Layout(plan)
