@@ -53,8 +53,12 @@ def compared(pairs: int, chunk: int, margin: float, gained: float, lost: float, 
     return Ended(passed, failed, driven)
 
 
-def pairs_table() -> list[tuple[str, ...]]:
-    """Returns a head, and a row a margin and a share of pairs that disagree."""
+def pairs_table(margins: tuple[float, ...] = MARGINS) -> list[tuple[str, ...]]:
+    """Returns a head, and a row a margin and a share of pairs that disagree.
+
+    Args:
+        margins: How much worse the tested version may be.
+    """
     sizes = ", ".join(str(size) for size, _ in SIZES)
     rows: list[tuple[str, ...]] = [
         (
@@ -66,7 +70,7 @@ def pairs_table() -> list[tuple[str, ...]]:
             "to its end: NO WORSE",
         )
     ]
-    for margin in MARGINS:
+    for margin in margins:
         for disagreeing in DISAGREEING:
             better, worse = (disagreeing - margin) / 2.0, (disagreeing + margin) / 2.0
             found = [compared(*size, margin, better, worse) for size in SIZES] if better >= 0.0 else []

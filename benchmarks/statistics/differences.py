@@ -39,7 +39,7 @@ def together(
 def apart(
     random: np.random.Generator, shares: tuple[float, float], icc: float, design: tuple[int, int], replicates: int
 ) -> tuple[Counts, Counts]:
-    """Returns gains and losses of worlds in which losses are beta distributed, and gains among the rest by themselves."""
+    """Returns gains and losses of worlds in which losses are beta distributed, and so are gains among the rest."""
     gain, loss = shares[0] / (1.0 - shares[1]), shares[1]
     if icc == 0.0:
         return together(random, shares, icc, design, replicates)

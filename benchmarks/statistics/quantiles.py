@@ -15,7 +15,7 @@ from benchmarks.statistics.table_file import Rows, keep, per_cent
 from tasks.results.statistics.worlds.rate_over_worlds import rates_shown
 from tasks.results.statistics.worlds.refusal import why_refused
 
-REPLICATES = 1_000
+REPLICATES = 4_000
 CORRELATIONS, QUANTILES = (0.0, 0.1, 0.3, 0.6), (0.05, 0.5, 0.95)
 _SEED, _EXACT = 18, 1e-9
 # Of the cuts at which a bound would be wrong, so many are tried, and the quantile itself.

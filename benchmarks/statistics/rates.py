@@ -80,7 +80,8 @@ def these_worlds() -> Rows:
     rows = [["worlds x episodes", "rate", *(f"ICC {icc:g}" for icc in ICCS)]]
     for worlds, n in DESIGNS[:3]:
         for rate in RATES[:2]:
-            rows.append([f"{worlds} x {n}", f"{rate:g}", *(per_cent(*wilsons(worlds, n, rate, icc)) for icc in ICCS)])
+            cells = [per_cent(*wilsons(worlds, n, rate, icc)) for icc in ICCS]
+            rows.append([f"{worlds} x {n}", f"{rate:g}", *cells])
     return rows
 
 

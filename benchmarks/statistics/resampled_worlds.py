@@ -48,6 +48,7 @@ def covered(found: Counts, counted: str, part: int, replicates: int = REPLICATES
         found: Counts by world, with as many episodes in each.
         counted: Which of them.
         part: Which part of a world's episodes is drawn: 2 is half of them.
+        replicates: How often.
     """
     random = np.random.default_rng(_SEED)
     n, events = np.array(found["episodes"]), np.array(found[counted])

@@ -18,6 +18,7 @@ def gate_lines(
     *,
     worlds: int = 1,
     lanes: int = 0,
+    pairs: bool = False,
     icc: float | None = None,
 ) -> Iterator[str]:
     """Yields lines for a person: each rule, and what it needs if episodes come out in some ways.
@@ -28,15 +29,16 @@ def gate_lines(
         audited: How many of the batch's episodes are driven again on C MuJoCo.
         programs: How many compiled programs the batch has; only of one its episodes can be shuffled, to end it early.
         worlds: In how many worlds the episodes are.
+        pairs: Whether two programs are the versions that the gate compares: they take turns on shuffled episodes.
         lanes: Episodes of a chunk, after each of which the gate is asked if it may end the batch early.
         icc: How alike episodes of one world were in earlier batches; None where nothing says that.
     """
-    any_look = bool(gate.stopEarly) and programs == 1
+    any_look = bool(gate.stopEarly) and (programs == 1 or pairs)
     looks = _looks(judged.episodes, lanes) if any_look and judged.episodes else ()
     planned = PlannedEpisodes(judged.episodes, judged.pairs, audited, judged.no_baseline, worlds, looks, icc)
     lines = [line for rule in GATE_RULES for _, asked in rule.asked(gate) for line in rule.plan(asked, planned)]
     if any_look:
-        lines.append("may end the batch early, after any chunk")
+        lines.append(f"may end the batch early, after any chunk{' of both versions' if pairs else ''}")
     elif gate.stopEarly:
         lines.append(f"runs the batch to its end: its {programs} programs cannot be shuffled into common chunks")
     for number, line in enumerate(lines):

@@ -5,15 +5,17 @@ from pathlib import Path
 
 from flows.document.output_buckets import new_bucket_lines
 from flows.document.references import finder, pinned_shipment, pins
-from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources
+from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources, shuffle_if_endable
 from flows.document.version_room import version_lines
 from flows.preview.baseline_plan import GateBasis, gate_basis
 from flows.preview.deployment_plan import deployment_lines
 from flows.preview.gate_plan import gate_lines
 from flows.preview.host_plan import HostPlan, host_failures, host_faults, host_lines, host_plan
+from flows.preview.world_advice import SeenSpread, seen_spread, world_lines
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
+from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import section_parts
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
@@ -60,11 +62,9 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         place = spec.worldExport.outputLocation
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
-    judged, audited, programs, worlds, lanes = GateBasis(0, 0), 0, 1, 1, 0
+    judged = GateBasis(0, 0)
     if spec.simulationBatch and batch and plan and beside:
         section, find = spec.simulationBatch, finder(trial, own)
-        audited, programs, lanes = plan.audited, plan.compilations, plan.lanes
-        worlds = len({world for template in batch.templates for world in batch.worlds_of(template)})
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
         yield from _batch_lines(plan, batch, section)
@@ -72,7 +72,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         for reason in (*failing_sources(section, trial, find), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
-        yield from gate_lines(spec.gate, judged, audited, programs, worlds=worlds, lanes=lanes)
+        yield from _gate_lines(spec.gate, judged, batch, plan, seen_spread(store, spec.name))
     ships = pinned_shipment(found)
     if spec.deployment and ships:
         find = finder(trial, own)
@@ -83,6 +83,22 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(lines))
     for field in (*inert_fields(spec), *_unused_in_template(spec.worldGeneration, base)):
         yield f"no effect         {field}"
+
+
+def _gate_lines(
+    gate: Gate, judged: GateBasis, batch: BatchPlan | None, plan: EnginePlan | None, seen: SeenSpread | None
+) -> Iterator[str]:
+    """Yields what the gate needs, and what the batch's layout is worth to it."""
+    if batch is None or plan is None:
+        yield from gate_lines(gate, judged, 0)
+        return
+    worlds = len({world for template in batch.templates for world in batch.worlds_of(template)})
+    icc = seen.icc if seen else None
+    pairs = shuffle_if_endable(batch, gate).shuffled == "pairs"
+    programs, lanes = plan.compilations, plan.lanes
+    yield from gate_lines(gate, judged, plan.audited, programs, worlds=worlds, lanes=lanes, pairs=pairs, icc=icc)
+    advice = world_lines(gate, seen, episodes=judged.episodes, worlds=worlds, seeds=len(batch.seeds))
+    yield from (f"                  {line}" for line in advice)
 
 
 def _unused_in_template(section: WorldGeneration | None, base: Path) -> list[str]:

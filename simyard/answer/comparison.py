@@ -40,7 +40,7 @@ class Comparison:
         flips = [(badge("gained" if each.gained else "lost"), flip_text(each)) for each in pairs.flips]
         return block(
             heading("Comparison", badge(self.answer), text(self.sentence.removeprefix(f"{self.answer}: "))),
-            table(("batch", "passed", "rate"), rates, len(rates)),
+            table(("batch", "passed", f"rate {self.found.where()}"), rates, len(rates)),
             *((table(("flip", "episode"), flips, len(flips)),) if flips else ()),
             *map(paragraph, self.notes),
         )

@@ -6,6 +6,7 @@ from simyard.answer.html import Html, badge, block, heading, paragraph, table, t
 from tasks.results.trend.view import Alarm, NightRow, TrendView
 
 _NIGHTS, _ALARMS = 24, 12
+_HEADINGS = ("night", "counted", "worlds", "rate in its own worlds", "95 % interval", "")
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,13 +44,13 @@ class Trend:
                 paragraph(Html(f"{badge('lower' if each.fell else 'higher')} {text(each.sentence)}"))
                 for each in self.alarms[:_ALARMS]
             ),
-            table(("night", "counted", "rate", "interval", ""), rows, self.view.nights, " nights; .page has them"),
+            table(_HEADINGS, rows, self.view.nights, " nights; .page has them"),
             *map(paragraph, filter(None, [self.view.notice])),
         )
 
 
 def _cells(row: NightRow) -> tuple[str, ...]:
     if row.rate is None or row.lower is None or row.upper is None:
-        return row.day, "", "", "", row.note
+        return row.day, "", "", "", "", row.note
     interval = f"{100 * row.lower:.1f} to {100 * row.upper:.1f} %"
-    return row.day, f"{row.passed} of {row.episodes}", f"{100 * row.rate:.1f} %", interval, row.note
+    return row.day, f"{row.passed} of {row.episodes}", str(row.worlds), f"{100 * row.rate:.1f} %", interval, row.note

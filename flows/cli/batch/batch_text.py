@@ -29,7 +29,7 @@ def show_comparison(found: Comparison, console: Console) -> None:
     """Shows the rates, the flips and the answer."""
     pairs = found.pairs
     table = Table(box=None, pad_edge=False)
-    for heading in ("batch", "passed", "rate", f"{100 * found.confidence:g} % interval"):
+    for heading in ("batch", "passed", "rate", f"{100 * found.confidence:g} % interval {found.where()}"):
         table.add_column(heading)
     for name, passed in ((found.first, pairs.first_passed), (found.second, pairs.second_passed)):
         sure = wilson(passed, pairs.pairs, found.confidence)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tasks.results.trend.view import NightRow, TrendView
 
 _SHOWN = 14
+_NUMBERS = {"counted", "worlds", "rate", "95 % interval"}
 
 
 def trend(
@@ -91,11 +92,12 @@ def _show(view: "TrendView", console: "Console") -> None:
 
     chosen = f", {view.chosen}" if view.chosen else ""
     table = Table(title=Text(f"{view.document}: {view.words}{chosen}"), title_justify="left", box=None, pad_edge=False)
-    for heading in ("night", "robot application", "counted", "rate", "interval", ""):
-        table.add_column(heading, justify="right" if heading in {"counted", "rate", "interval"} else "left")
+    for heading in ("night", "robot application", "counted", "worlds", "rate", "95 % interval", ""):
+        table.add_column(heading, justify="right" if heading in _NUMBERS else "left")
     for row in reversed(view.rows[:_SHOWN]):
         table.add_row(*map(Text, _cells(row)))
     console.print(table)
+    console.print("Each rate is of that night's own worlds; of a hundred such intervals some five miss.")
     if view.nights > _SHOWN:
         console.print(f"{view.nights - _SHOWN:,} nights before them are not printed; --output and --json have more.")
     for alarm in reversed(view.alarms):
@@ -106,7 +108,7 @@ def _show(view: "TrendView", console: "Console") -> None:
 
 def _cells(row: "NightRow") -> tuple[str, ...]:
     if row.rate is None or row.lower is None or row.upper is None:
-        return row.day, row.bundle, "", "", "", row.note
+        return row.day, row.bundle, "", "", "", "", row.note
     counted = f"{row.passed:,} of {row.episodes:,}"
     interval = f"{100 * row.lower:.1f} to {100 * row.upper:.1f}"
-    return row.day, row.bundle, counted, f"{100 * row.rate:.1f} %", interval, row.note
+    return row.day, row.bundle, counted, f"{row.worlds:,}", f"{100 * row.rate:.1f} %", interval, row.note

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from specs.artifact_text import code_span
 from tasks.results.ci.markdown_blocks import bounded_page, details, table
 from tasks.results.compare.comparison import EpisodeFlip
+from tasks.results.compare.comparison_sentences import other_worlds
 from tasks.results.compare.comparison_verdict import Comparison, ComparisonAnswer
 from tasks.results.statistics.intervals import wilson
 from tasks.results.statistics.rate_text import percent, percent_range
@@ -45,7 +46,9 @@ def comparison_markdown(
 def _blocks(found: Comparison, notes: Sequence[str], replays: tuple[Replay, Replay]) -> Iterator[str]:
     yield f"{MARKER}\n## {_SIGNS[found.answer]} {found.answer}"
     yield f"{_MEANINGS[found.answer].capitalize()}: {_difference(found)}."
-    yield table(("batch", "passed", "rate", f"{percent(found.confidence)} interval"), _rates(found))
+    yield f"{_upper_first(other_worlds(found))}."
+    sure = f"{100 * found.confidence:g}\u00a0% interval {found.where()}"
+    yield table(("batch", "passed", "rate", sure), _rates(found))
     yield "\n".join(f"- {code_span(note, 1_000)}" for note in notes)
     gains = [flip for flip in found.pairs.flips if flip.gained]
     losses = [flip for flip in found.pairs.flips if not flip.gained]
@@ -58,10 +61,14 @@ def _blocks(found: Comparison, notes: Sequence[str], replays: tuple[Replay, Repl
 def _difference(found: Comparison) -> str:
     low, high = 100 * found.interval.lower, 100 * found.interval.upper
     return (
-        f"difference {100 * found.difference:+.1f} points ({percent(found.confidence)} interval {low:+.1f} to "
-        f"{high:+.1f}), margin {100 * found.margin:g}; {found.pairs.gains} gained and {found.pairs.losses} lost of "
-        f"{found.pairs.pairs} pairs, McNemar p = {found.p_value:.3g}"
+        f"difference {100 * found.difference:+.1f} points ({100 * found.confidence:g}\u00a0% interval {low:+.1f} to "
+        f"{high:+.1f}) {found.where()}, margin {100 * found.margin:g}; {found.pairs.gains} gained and "
+        f"{found.pairs.losses} lost of {found.pairs.pairs} pairs, McNemar p = {found.p_value:.3g}"
     )
+
+
+def _upper_first(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _rates(found: Comparison) -> Iterator[tuple[str, ...]]:

@@ -120,6 +120,22 @@ class EpisodeFlip(Spec):
         return not self.after
 
 
+class WorldPairs(Spec):
+    """The pairs of one world.
+
+    Attributes:
+        world: In the second batch.
+        pairs: Episodes that both batches have in it and neither canceled.
+        gains: How many of them pass now and did not before.
+        losses: How many passed before and do not now.
+    """
+
+    world: str
+    pairs: int
+    gains: int
+    losses: int
+
+
 class CommonEpisodes(Spec):
     """What two batches have in common.
 
@@ -128,6 +144,7 @@ class CommonEpisodes(Spec):
         first_passed, second_passed: How many of them passed in each.
         first_alone, second_alone: Episodes that only one of them has.
         canceled: Episodes that both have and one canceled.
+        by_world: The pairs of each world that has some.
         flips: Those that came out differently, in the order of the second batch.
         origins: What is not the same in both batches, such as ``robot_version: 1 -> 2``.
         apart: What only one of them was asked for, such as ``MAX_SPEED: 0.7 only in the second``.
@@ -139,6 +156,7 @@ class CommonEpisodes(Spec):
     first_alone: int
     second_alone: int
     canceled: int
+    by_world: tuple[WorldPairs, ...]
     flips: tuple[EpisodeFlip, ...]
     origins: tuple[str, ...]
     apart: tuple[str, ...] = ()
@@ -177,9 +195,20 @@ def compare_tables(
         first_alone=len(ours) - len(both),
         second_alone=len(theirs) - len(both),
         canceled=len(both) - len(counted),
+        by_world=_by_world(counted),
         flips=tuple(_flip(one, other) for one, other in counted if one.passed != other.passed),
         origins=tuple(_origins(first, second)),
         apart=tuple(differences(first, second, worlds, others)),
+    )
+
+
+def _by_world(pairs: Sequence[tuple[ComparedEpisode, ComparedEpisode]]) -> tuple[WorldPairs, ...]:
+    found: dict[str, list[tuple[bool | None, bool | None]]] = {}
+    for one, other in pairs:
+        found.setdefault(other.world, []).append((one.passed, other.passed))
+    return tuple(
+        WorldPairs(world=world, pairs=len(ends), gains=ends.count((False, True)), losses=ends.count((True, False)))
+        for world, ends in found.items()
     )
 
 

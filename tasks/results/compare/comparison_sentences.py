@@ -30,10 +30,19 @@ def comparison_warning(found: Comparison) -> str:
 
 
 def comparison_answer(found: Comparison) -> str:
-    """Returns the answer and its figures in one sentence."""
+    """Returns the answer and its figures in one sentence, and what holds of other worlds."""
     low, high = found.interval.lower, found.interval.upper
     return (
         f"{found.answer}: {found.pairs.gains} gained and {found.pairs.losses} lost of {found.pairs.pairs} pairs; "
-        f"difference {found.difference:+.3f} ({low:+.3f} to {high:+.3f}), margin {found.margin:g}, "
-        f"McNemar p = {found.p_value:.3g}"
+        f"difference {found.difference:+.3f} ({low:+.3f} to {high:+.3f}) {found.where()}, margin {found.margin:g}, "
+        f"McNemar p = {found.p_value:.3g}; {other_worlds(found)}"
     )
+
+
+def other_worlds(found: Comparison) -> str:
+    """Returns what holds in worlds like these, with the answer that it gives; or why nothing is said of them."""
+    if found.over_worlds is None or found.answer_over_worlds is None:
+        return f"{found.elsewhere()} nothing is said: {found.refused}"
+    low, high = found.over_worlds.lower, found.over_worlds.upper
+    also = "too" if found.answer_over_worlds == found.answer else f"the answer would be {found.answer_over_worlds}"
+    return f"{found.elsewhere()} {also} ({low:+.3f} to {high:+.3f})"

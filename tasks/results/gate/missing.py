@@ -4,7 +4,7 @@ Missing data never helps: before a rule answers PASS it takes the worst for the 
 the best. Only what the robot did itself counts as what it is. To treat a case otherwise, change the table.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Literal, NamedTuple, get_args
 
 from specs.data.episode import CANCELED
@@ -93,6 +93,8 @@ _HEADS: Mapping[Rule, str] = {
     "failed: worst": "`quantiles`, `failed: worst`",
 }
 _CASES: Mapping[Gap, str] = {
+    "robot": "Failed, the robot's own code",
+    "elsewhere": "Failed, any other code",
     "canceled": "Canceled, with any code or none",
     "no result": "no row: it never ran",
     "left out": "left out by an early end",
@@ -104,22 +106,19 @@ _CASES: Mapping[Gap, str] = {
 def rows_of_guide() -> list[list[str]]:
     """Returns the table as docs/guide/gate.md has it: a row for each case, in each cell what PASS and FAIL assume."""
     rules = list(ASSUMED)
-    head = ["an episode that", *(_HEADS.get(rule, f"`{rule}`") for rule in rules)]
-    return [head, *([_case(gap), *(_cell(rule, gap) for rule in rules)] for gap in get_args(Gap))]
+    head = ["an episode that is", *(_HEADS.get(rule, f"`{rule}`") for rule in rules)]
+    return [head, *([_CASES[gap], *(_cell(rule, gap) for rule in rules)] for gap in get_args(Gap))]
+
+
+def codes_line() -> str:
+    """Returns which failure codes are the robot's own and which are not, as docs/guide/gate.md has it."""
+    own, others = (", ".join(f"`{code}`" for code in codes_of(gap)) for gap in ("robot", "elsewhere"))
+    return f"The robot's own codes are {own}. Any other code is one of {others}."
 
 
 def codes_of(gap: Gap) -> list[SimulationJobErrorCode]:
     """Returns the failure codes that a failed job of that kind has, in RoboMaker's order."""
     return [code for code in get_args(SimulationJobErrorCode) if gap_of("Failed", code) == gap]
-
-
-def _case(gap: Gap) -> str:
-    codes = codes_of(gap)
-    return f"Failed: {_listed(codes)}" if codes else _CASES[gap]
-
-
-def _listed(codes: Iterable[str]) -> str:
-    return ", ".join(f"`{code}`" for code in codes)
 
 
 def _cell(rule: Rule, gap: Gap) -> str:

@@ -271,6 +271,6 @@ def _words(shown: Sequence[tuple[int, Point]], nights: Sequence[Night]) -> str:
     (first, _), (last, point) = shown[0], shown[-1]
     rates = [each.rate for _, each in shown]
     return (
-        f"{len(shown)} nights from {day(nights[first].begun_at_s)} to {day(nights[last].begun_at_s)}; rates from "
-        f"{100 * min(rates):.1f} to {100 * max(rates):.1f} %, the last one {100 * point.rate:.1f} %."
+        f"{len(shown)} nights from {day(nights[first].begun_at_s)} to {day(nights[last].begun_at_s)}; rates between "
+        f"{100 * min(rates):.1f} and {100 * max(rates):.1f} %, the last one {100 * point.rate:.1f} %."
     )

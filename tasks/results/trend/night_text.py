@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
+from tasks.results.statistics.rate_text import in_worlds
 from tasks.results.trend.night import Night
 from tasks.results.trend.series import Point
 
@@ -31,7 +32,8 @@ def night_text(night: Night, point: Point | None) -> str:
     """Returns a night in one line."""
     if point is None:
         return f"{day(night.begun_at_s)}: {night.left_out or 'no episode'}"
-    rate = f"{100 * point.rate:.1f} % ({100 * point.lower:.1f} to {100 * point.upper:.1f})"
+    where = in_worlds(len(point.worlds))
+    rate = f"{100 * point.rate:.1f} % ({100 * point.lower:.1f} to {100 * point.upper:.1f}) {where}"
     said = (("drove the same as before", point.repeats), ("ended early", night.early))
     notes = [note for note, there in said if there]
     counts = f"{point.count.successes:,} of {point.count.n:,}"

@@ -43,12 +43,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Point:
-    """A night of a series: its count, and the bounds of its rate; no episodes, no rate."""
+    """A night of a series: its count, and the bounds of its rate in its own worlds; no episodes, no rate."""
 
     count: NightCount
     lower: float
     upper: float
-    repeats: bool = False
+    repeats: bool
+    worlds: frozenset[str]
 
     @property
     def rate(self) -> float:
@@ -225,7 +226,7 @@ def _named(labels: Iterable[str]) -> list[str]:
 def _series(key: tuple[str, str], cells: Sequence[_Cells], repeats: Sequence[bool], limit: float) -> Series:
     counts = _counts(cells)
     fresh = [NightCount(0, 0) if repeat else count for count, repeat in zip(counts, repeats, strict=True)]
-    return Series(*key, _points(counts, repeats), tuple(find_changes(fresh, limit)), limit)
+    return Series(*key, _points(counts, repeats, cells), tuple(find_changes(fresh, limit)), limit)
 
 
 def _counts(cells: Sequence[_Cells]) -> list[NightCount]:
@@ -252,11 +253,12 @@ def _night_count(worlds: Mapping[str, Sequence[int]], before: frozenset[str]) ->
     return NightCount(successes, n, scatter, len(new) - 1)
 
 
-def _points(counts: Sequence[NightCount], repeats: Sequence[bool]) -> tuple[Point | None, ...]:
+def _points(counts: Sequence[NightCount], repeats: Sequence[bool], cells: Sequence[_Cells]) -> tuple[Point | None, ...]:
     successes, n = (np.array([count[at] for count in counts], np.float64) for at in (0, 1))
     lower, upper = wilson_bounds(successes, np.maximum(n, 1.0), CONFIDENCE)
+    worlds = [frozenset(identity for identity, cell in some if cell.n) for some in cells]
     return tuple(
-        Point(count, float(lower[at]), float(upper[at]), repeats[at]) if count.n else None
+        Point(count, float(lower[at]), float(upper[at]), repeats[at], worlds[at]) if count.n else None
         for at, count in enumerate(counts)
     )
 

@@ -49,13 +49,14 @@ class Alarm(Spec):
 
 
 class NightRow(Spec):
-    """A night in the table."""
+    """A night in the table; its rate and the bounds are of its own worlds, of which ``worlds`` says how many."""
 
     day: str
     batch: str
     bundle: str
     passed: int | None
     episodes: int | None
+    worlds: int
     rate: float | None
     lower: float | None
     upper: float | None
@@ -64,7 +65,7 @@ class NightRow(Spec):
 
 
 class BundleRow(Spec):
-    """All nights of one bundle together; nights that drove the same again are counted once."""
+    """All nights of one bundle together, in their own worlds; nights that drove the same again are counted once."""
 
     name: str
     first: str
@@ -72,6 +73,7 @@ class BundleRow(Spec):
     nights: int
     passed: int
     episodes: int
+    worlds: int
     rate: float
     lower: float
     upper: float
@@ -224,6 +226,7 @@ def _row(night: Night, point: Point | None, base: str, when: str) -> NightRow:
         bundle=night.bundle_names(),
         passed=point.count.successes if point else None,
         episodes=point.count.n if point else None,
+        worlds=len(point.worlds) if point else 0,
         rate=point.rate if point else None,
         lower=point.lower if point else None,
         upper=point.upper if point else None,
@@ -252,6 +255,7 @@ def _bundle_row(found: Sequence[tuple[Night, Point]]) -> BundleRow:
         nights=len(found),
         passed=int(passed),
         episodes=int(n),
+        worlds=len(frozenset[str]().union(*(point.worlds for point in fresh))),
         rate=passed / n,
         lower=float(lower),
         upper=float(upper),

@@ -22,6 +22,8 @@ Environment = Mapping[str, "str | Float[jax.Array, '']"]
 class FloorMap(NamedTuple):
     """What is free for the robot, on a square grid; ``clearance_m[row, column]`` is at row y, column x.
 
+    Its size follows from the world alone.
+
     Attributes:
         clearance_m: Distance from each cell's centre to the nearest solid, 0 inside one and outside the apartment.
         origin_m: Centre (x, y) of the cell (0, 0).
@@ -146,9 +148,9 @@ class Placement(NamedTuple):
 class Scenario(Protocol):
     """What ``scenario(environment)`` in a simulation application returns.
 
-    ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX. Where episodes have different
-    numbers of goals, ``init`` gets the last one repeated until all have as many: ``given`` can hold the number. It may
-    also have ``arrived_m`` (how near to a goal is there; 0 without it, None for goals that are no destinations) and
+    ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX, and get the episode's own goals and
+    arrays, whatever other episodes have. In training alone, where all episodes share a program, ``init`` gets the last
+    goal repeated until all have as many: ``given`` can hold the number. It may also have ``arrived_m`` (how near to a goal is there; 0 without it, None for goals that are no destinations) and
     ``metrics(state)``, a dictionary of scalars.
     """
 

@@ -172,7 +172,10 @@ def _stacked(arrays: Sequence[np.ndarray]) -> Float32[jnp.ndarray, "lanes ..."]:
 
 
 def filled_up(goals_m: Float64[np.ndarray, "goals 2"], count: int) -> Float64[np.ndarray, "count 2"]:
-    """Returns the goals, the last one repeated until there are as many as in the lane that has most."""
+    """Returns the goals, the last one repeated until there are as many as in the lane that has most.
+
+    In a batch all lanes that run together have as many; in a pool for training they may not.
+    """
     return np.concatenate([goals_m, np.repeat(goals_m[-1:], count - len(goals_m), axis=0)])
 
 

@@ -24,8 +24,8 @@ WORLDS = {f"hand/apartment-{seed}": cluttered(seed) for seed in range(4)}
 WORLD, BARE = WORLDS["hand/apartment-2"], hall(2.0)
 
 
-def mapped(world: World, cells: int = 128) -> HostMap:
-    return floor_map(world, obstacles(world, 0.02, 0.38), cells)
+def mapped(world: World) -> HostMap:
+    return floor_map(world, obstacles(world, 0.02, 0.38))
 
 
 def placed(world: World, seed: int = 0, range_m: float = 2.5, share: float = 0.95) -> Placement:

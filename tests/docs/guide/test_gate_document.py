@@ -5,12 +5,14 @@ import re
 import pytest
 import yaml
 
-from benchmarks.results.gate import ALPHA, BAR, EPISODES, saving, table
+from benchmarks.results.gate import ALPHA, BAR, BATCHES, CHUNKS, EPISODES, at_looks, table, worlds_table
+from benchmarks.results.gate_pairs import pairs_table
 from benchmarks.tables import markdown, with_tables
-from specs.data.result_columns import MEASURES
+from specs.data.result_columns import COURSES, MEASURES
 from specs.pipeline.gate_section import RULES, Gate
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
+from tasks.results.gate.missing import codes_line, rows_of_guide
 from tasks.results.statistics.intervals import quantile_ranks
 from tasks.results.statistics.power.paired import pair_needs
 from tasks.results.statistics.power.shares import quantile_needs, share_needs
@@ -53,7 +55,24 @@ def test_every_rule_is_explained():
 
 def test_every_field_of_the_evidence_is_explained():
     assert first_cells("field | says") == list(Evidence.model_fields)
-    assert f"| `version` | Of this list: {EVIDENCE_VERSION}. |" in DOCUMENT
+    assert f"| `version` | Of this list: {EVIDENCE_VERSION};" in DOCUMENT
+
+
+def test_what_is_assumed_of_missing_data_is_the_table_of_the_code():
+    assert with_tables(DOCUMENT, "missing", f"{markdown(rows_of_guide())}\n\n{codes_line()}") == DOCUMENT
+
+
+def test_the_measures_that_an_early_end_makes_better_are_named():
+    grow, fall = TEXT.split("makes better. ")[1].split(" grow while")[0], TEXT.split("to more. ")[1].split(" falls")[0]
+    named = dict.fromkeys(re.findall(r"`(\w+)`", grow), "grows") | dict.fromkeys(re.findall(r"`(\w+)`", fall), "falls")
+    assert named == COURSES
+
+
+def test_what_it_shows_of_worlds_is_a_gate():
+    shown = next(block for block in BLOCKS if "over: worlds" in block)
+    gate = Gate.model_validate(yaml.safe_load(shown)["gate"])
+    assert gate.successRate
+    assert gate.successRate.over == "worlds"
 
 
 def test_every_column_of_a_quantile_is_named():
@@ -76,12 +95,21 @@ def test_rules_need_as_many_episodes_as_it_says():
 
 
 @pytest.mark.long
-def test_the_savings_are_what_the_benchmark_finds():
+def test_the_savings_and_errors_are_what_the_benchmark_finds():
     assert with_tables(DOCUMENT, "saving", markdown(table())) == DOCUMENT
+    assert with_tables(DOCUMENT, "shuffle", markdown(worlds_table())) == DOCUMENT
     assert f"For a bar of {100 * BAR:g} % and {EPISODES} episodes" in TEXT
+    assert f"{BATCHES:,} simulated batches" in TEXT
+
+
+@pytest.mark.long
+def test_what_comparisons_save_is_what_the_benchmark_finds():
+    head, *rows = pairs_table(margins=(0.03,))
+    said = [tuple(cell.strip() for cell in line.strip("|").split("|")) for line in DOCUMENT.splitlines()]
+    assert {head, *rows} <= set(said)
 
 
 def test_it_errs_as_seldom_as_it_says():
-    _, passed, failed = saving(BAR, 16)
-    assert passed + failed <= ALPHA
-    assert f"the figures below are {100 * (passed + failed):.1f} %" in TEXT
+    found = at_looks(BAR, CHUNKS[1])
+    assert max(found.passes, found.fails) <= ALPHA / 2.0
+    assert f"| {100 * BAR:g} % " in DOCUMENT

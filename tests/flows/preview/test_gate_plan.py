@@ -34,6 +34,12 @@ def test_a_batch_of_several_programs_is_told_that_it_runs_to_its_end():
     assert list(gate_lines(gate, GateBasis(384, 384), 16))[-1].strip() == "may end the batch early, after any chunk"
 
 
+def test_two_versions_that_are_compared_are_told_to_take_turns():
+    gate = Gate.model_validate({"noWorseThan": {"applicationVersion": "3", "margin": 0.02}, "stopEarly": True})
+    told = list(gate_lines(gate, GateBasis(384, 384), 16, programs=2, lanes=32, pairs=True))
+    assert told[-1].strip() == "may end the batch early, after any chunk of both versions"
+
+
 def test_too_few_are_said_to_be_so():
     assert lines(30, successRate={"atLeast": 0.9})[1].endswith("30 are NOT ENOUGH (0 %)")
     assert lines(260, successRate={"atLeast": 0.9})[3].endswith("260 are enough for 84 %")
@@ -43,7 +49,7 @@ def test_a_rate_in_worlds_like_these_is_told_in_worlds():
     gate = Gate.model_validate({"successRate": {"atLeast": 0.9, "over": "worlds"}})
     told = [line.strip() for line in gate_lines(gate, GateBasis(384, 384), 16, worlds=8)]
     assert told[0].endswith("at least 90 % pass in worlds like these, 95 % confidence")
-    assert told[1] == "if 100 % pass, 21 worlds give 90 % power: 8 are NOT ENOUGH (0 %)"
+    assert told[1] == "if 100 % pass, 36 worlds give 90 % power: 8 are NOT ENOUGH (0 %)"
     assert "if 95 % pass at an ICC of 0.05, " in told[3]
     assert " worlds x 48 give 80 % power, " in told[3]
 

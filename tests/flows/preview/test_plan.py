@@ -41,7 +41,10 @@ def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_the_quickstart_is_told_before_it_runs(lines: Tell):
     told = lines()
+    assert "worldGeneration   48 worlds (48 floor plans x 1 interior), seed 7" in told
     assert "384 episodes of at most 60 simulated seconds" in told
+    line = next(line.strip() for line in told.splitlines() if "if 2 % collide" in line)
+    assert f"`{line}`" in " ".join((ROOT / "README.md").read_text().split())
     assert "courier: engine planar, the fastest of all" in told
     assert re.search(r"2 chunks of 192 lanes on \d+ cpu devices?, 1 compiled program,", told)
     assert re.search(r"about \S+ to \S+ (s|min|h) and \S+ to \S+ GB of memory; a guess", told)

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import pytest
 
 from tasks.results.ci.comparison_markdown import COMMENT_CHARACTERS, MARKER, comparison_markdown
-from tasks.results.compare.comparison import CommonEpisodes, EpisodeFlip
+from tasks.results.compare.comparison import CommonEpisodes, EpisodeFlip, WorldPairs
 from tasks.results.compare.comparison_verdict import comparison
 from tests.results.ci.full_reports import HOSTILE
 from tests.results.ci.markdown_pages import markdown_parts
+from tests.results.estimands import intervals, without_estimand
 
 
 def _flip(number: int, before: str, after: str, world: str = "g/w") -> EpisodeFlip:
@@ -27,6 +28,7 @@ def _comment(flips: Sequence[EpisodeFlip], pairs: int = 2_000, name: str = "simb
         first_alone=0,
         second_alone=0,
         canceled=0,
+        by_world=tuple(WorldPairs(world=f"g/{world}", pairs=48, gains=0, losses=0) for world in range(4)),
         flips=tuple(flips),
         origins=(),
     )
@@ -37,12 +39,20 @@ def _comment(flips: Sequence[EpisodeFlip], pairs: int = 2_000, name: str = "simb
 def test_it_shows_the_answer_the_rates_and_the_pairs_that_changed_in_both_directions():
     text = _comment([_flip(1, "", "collision"), _flip(2, "timeout", "")])
     assert text.startswith(f"{MARKER}\n## ✅ NO WORSE\n\n")
-    assert "difference +0.0 points (95.0\u00a0% interval" in text
+    assert "difference +0.0 points (95\u00a0% interval" in text
     lost, gained = text.split("### ")[1:]
     assert lost.startswith("1 episode lost: ")
     assert gained.startswith("1 episode gained: ")
     assert "| `g/w` | 1 | `MAX_SPEED=0.6` | `passed` | `collision` | `simyard replay a/1` | `b/101` |" in lost
     assert "| `timeout` | `passed` |" in gained
+
+
+def test_it_says_of_which_worlds_each_interval_is():
+    text = _comment([_flip(1, "", "collision"), _flip(2, "timeout", "")])
+    assert "in these 4 worlds, margin 2;" in text
+    assert "\n\nIn worlds like these 4 the answer would be INCONCLUSIVE (" in text
+    assert intervals(text) == 2 + 2
+    assert without_estimand(text) == []
 
 
 def test_long_lists_are_folded_and_what_is_left_out_is_counted():

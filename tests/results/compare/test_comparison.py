@@ -6,9 +6,11 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.compare.comparison import CommonEpisodes, compare_tables
+from tasks.results.compare.comparison_sentences import comparison_answer
 from tasks.results.compare.comparison_verdict import comparison
 from tasks.results.tables.tables import results_table
 from tests.factories.episodes import ROBOT, SCENARIO, canceled, collided, crashed, passed, request
+from tests.results.estimands import without_estimand
 
 Row = tuple[EpisodeRequest, EpisodeResult]
 
@@ -136,3 +138,26 @@ def test_the_answer_follows_from_interval_and_margin(gains: int, losses: int, ag
     assert found.answer == answer
     assert found.difference == pytest.approx((gains - losses) / (gains + losses + agreed))
     assert found.interval.lower <= found.difference <= found.interval.upper
+
+
+def test_worlds_that_changed_alone_leave_the_answer_for_worlds_like_these_open():
+    rows = [(f"g/{world}", seed) for world in range(8) for seed in range(48)]
+    first = [(request(at, world=world, seed=seed), passed(at)) for at, (world, seed) in enumerate(rows)]
+    second = [
+        (asked, collided(at) if asked.world == "g/0" and asked.seed < 12 else passed(at))
+        for at, (asked, _) in enumerate(first)
+    ]
+    found = comparison("a", "b", _pairs(first, second), margin=0.06, confidence=0.95)
+    assert [(each.pairs, each.gains, each.losses) for each in found.pairs.by_world] == [(48, 0, 12), *[(48, 0, 0)] * 7]
+    assert (found.answer, found.answer_over_worlds) == ("NO WORSE", "INCONCLUSIVE")
+    answer = comparison_answer(found)
+    assert ") in these 8 worlds, margin 0.06, McNemar" in answer
+    assert "; in worlds like these 8 the answer would be INCONCLUSIVE (-" in answer
+    assert without_estimand(answer) == []
+
+
+def test_one_world_says_nothing_of_others():
+    found = comparison("a", "b", _counted(3, 5, 192), margin=0.02, confidence=0.95)
+    assert (found.over_worlds, found.answer_over_worlds) == (None, None)
+    assert "in this 1 world, margin" in comparison_answer(found)
+    assert f"in worlds like this 1 nothing is said: {found.refused}" in comparison_answer(found)

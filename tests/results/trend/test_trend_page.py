@@ -11,6 +11,7 @@ from tasks.results.trend.night_text import day, night_times
 from tasks.results.trend.page import trend_page
 from tasks.results.trend.series import MOST_SERIES, WHOLE, Choice, make_trend, raised_alarms
 from tasks.results.trend.view import TrendView, trend_view
+from tests.results.estimands import blocks_without_estimand, intervals
 from tests.results.trend.histories import SPEEDS, WORLDS, history
 
 BASE = "file:///store/buckets/results"
@@ -95,6 +96,17 @@ def test_a_choice_leaves_the_other_episodes_out():
 def test_a_choice_of_nothing_is_refused_with_what_there_is(choice: Choice, said: str):
     with pytest.raises(DocumentError, match=re.escape(said)):
         make_trend(history(3), choice)
+
+
+def test_every_interval_is_of_the_worlds_of_its_night_and_the_page_says_so():
+    nights = [each.model_copy(update={"worlds_made": str(at // 3)}) for at, each in enumerate(history(6))]
+    shown = view(nights)
+    assert {row.worlds for row in shown.rows} == {len(WORLDS)}
+    assert [row.worlds for row in shown.bundles] == [2 * len(WORLDS)]
+    page = trend_page(shown)
+    assert f"in these {len(WORLDS)} worlds, " in page.decode()
+    assert intervals(page.decode()) > 2 * 6
+    assert blocks_without_estimand(page) == []
 
 
 def test_fewer_nights_may_be_shown_and_all_are_tested():

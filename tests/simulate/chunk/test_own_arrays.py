@@ -35,7 +35,7 @@ def looking(index: int, world: str, launch: str = "looking") -> EpisodeRequest:
 def noisy(index: int, world: str) -> EpisodeRequest:
     asked = delivery(index, world=world, seed=index, duration_s=8.0)
     # So bad that a robot soon believes that it is beyond its map, where indices are clipped.
-    return asked.model_copy(update={"environment": {"ODOMETRY_SIGMA": "3", "LIDAR_SIGMA": "0.05"}})
+    return asked.model_copy(update={"environment": {"ODOMETRY_SIGMA": "20", "LIDAR_SIGMA": "0.05"}})
 
 
 def simulated(

@@ -103,3 +103,31 @@ def test_all_faults_are_told_at_once():
         "gate.quantiles.0.quantile",
         "gate.quantiles.0",
     }
+
+
+OVER: dict[str, Any] = {
+    "successRate": {"atLeast": 0.9, "over": "worlds"},
+    "quantiles": [{**QUANTILE, "over": "worlds"}],
+}
+
+
+def test_a_rule_over_worlds_is_refused_where_the_batch_certainly_has_one():
+    allowed = "2 worlds or more in the batch; one world says nothing of others"
+    one = faults(OVER, matrix={"worlds": ["g/only", "g/only"]})
+    assert one == {"gate.successRate.over": allowed, "gate.quantiles.0.over": allowed}
+    PipelineSpec.model_validate(
+        {"name": "n", "simulationBatch": {**BATCH, "matrix": {"worlds": ["g/a", "g/b"]}}, "gate": OVER}
+    )
+
+
+def test_a_rule_over_worlds_needs_the_whole_batch():
+    found = faults({**OVER, "stopEarly": True})
+    assert set(found) == {"gate.successRate.over", "gate.quantiles.0.over"}
+    assert all("stopEarly" in allowed for allowed in found.values())
+
+
+def test_what_a_document_does_not_say_is_no_part_of_its_digest():
+    quantile = Gate.model_validate({"quantiles": [QUANTILE]})
+    assert canonical_document(quantile) == {"quantiles": [{**QUANTILE, "confidence": 0.95}]}
+    worst = Gate.model_validate({"quantiles": [{**QUANTILE, "failed": "worst"}]})
+    assert canonical_document(worst) == {"quantiles": [{**QUANTILE, "confidence": 0.95, "failed": "worst"}]}

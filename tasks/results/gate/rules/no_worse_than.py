@@ -97,23 +97,16 @@ def _interval(
 
 def _over_worlds(worlds: Sequence[WorldPairs], confidence: float) -> Interval:
     """Returns the interval in worlds like these; unknown ends are tried as by `rates.over_worlds`."""
-    found = [
-        difference_over_worlds(
-            [
-                each.gains_at_best + each.canceled if best else each.gains
-                for each, best in zip(worlds, cut, strict=True)
-            ],
-            [
-                each.losses_at_best if best else each.losses + each.canceled
-                for each, best in zip(worlds, cut, strict=True)
-            ],
-            [each.n + each.canceled for each in worlds],
-            confidence,
-        )
-        for cut in cuts(
-            [each.unknown() for each in worlds], [(each.gains - each.losses) / max(1, each.n) for each in worlds]
-        )
-    ]
+    n = [each.n + each.canceled for each in worlds]
+    worst = [(each.gains, each.losses + each.canceled) for each in worlds]
+    best = [(each.gains_at_best + each.canceled, each.losses_at_best) for each in worlds]
+    found: list[Interval] = []
+    for ends in (worst, best):
+        seen = [(gains - losses) / pairs for (gains, losses), pairs in zip(ends, n, strict=True)]
+        for cut in cuts([each.unknown() for each in worlds], seen):
+            taken = [good if high else bad for bad, good, high in zip(worst, best, cut, strict=True)]
+            gains, losses = ([each[at] for each in taken] for at in (0, 1))
+            found.append(difference_over_worlds(gains, losses, n, confidence))
     return Interval(lower=min(each.lower for each in found), upper=max(each.upper for each in found))
 
 

@@ -81,7 +81,8 @@ def over_worlds(shares: Sequence[Share], confidence: float) -> Interval:
     """Returns the interval of a share in worlds like these, whatever the unknown episodes would have shown.
 
     A world that is worse than it seems moves the rate, and its distance from the others widens the interval. So the
-    unknown episodes are tried as showing it in no world, in the highest one, in the two highest, and so on to all.
+    unknown episodes are tried as showing it in no world, in the highest one, in the two highest, and so on to all;
+    highest without them, and highest with them.
 
     Args:
         shares: Of each world, with one episode at least.
@@ -92,7 +93,11 @@ def over_worlds(shares: Sequence[Share], confidence: float) -> Interval:
         rate_over_worlds(
             [share.shown + share.unknown * high for share, high in zip(shares, cut, strict=True)], n, confidence
         )
-        for cut in cuts([share.unknown for share in shares], [share.shown / max(1, share.n) for share in shares])
+        for seen in (
+            [share.shown / share.n for share in shares],
+            [(share.shown + share.unknown) / share.n for share in shares],
+        )
+        for cut in cuts([share.unknown for share in shares], seen)
     ]
     return Interval(lower=min(each.lower for each in found), upper=max(each.upper for each in found))
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tasks.results.statistics.power.shares import PowerNeeds, effective_episodes, share_needs
+from tasks.results.statistics.worlds.refusal import why_refused
 
 _DRAWS = 400
 _SEED = 18
@@ -43,17 +44,22 @@ def world_needs(
     if rate <= at_least:
         return None
     if at_least == 0.0:
-        return PowerNeeds(2, 2, float(there >= 2))
+        return PowerNeeds(_fewest(), _fewest(), float(there >= _fewest()))
     if rate >= 1.0:
-        fewest = next((worlds for worlds in range(2, _MOST) if _all_good(at_least, confidence, worlds)), None)
+        fewest = next((worlds for worlds in range(_fewest(), _MOST) if _all_good(at_least, confidence, worlds)), None)
         return PowerNeeds(fewest, fewest, float(there >= fewest)) if fewest else None
     question = (at_least, confidence, rate, icc, per_world)
     independent = share_needs(at_least, confidence, rate, 0)
     guess = independent.for_80 / effective_episodes(1, per_world, icc) if independent else _MOST
     if guess > _MOST:
         return None
-    needed = _crossings(question, max(4, round(guess)))
-    return PowerNeeds(needed[0], needed[1], _power(*question, there) if there >= 2 else 0.0)
+    needed = [max(_fewest(), each) for each in _crossings(question, max(4, round(guess)))]
+    return PowerNeeds(needed[0], needed[1], _power(*question, there) if there >= _fewest() else 0.0)
+
+
+def _fewest() -> int:
+    """Returns from how many worlds on the interval says anything."""
+    return next(worlds for worlds in range(2, _MOST) if not why_refused("rate", worlds))
 
 
 def _crossings(question: tuple[float, float, float, float, int], guess: int) -> tuple[int, int]:
@@ -80,9 +86,13 @@ def _power(at_least: float, confidence: float, rate: float, icc: float, per_worl
     likelihood, counts = _grid(at_least, per_world)[seen], drawn[:, seen].astype(np.float64)
     fit = (counts @ likelihood.reshape(len(seen), -1)).reshape(_DRAWS, *likelihood.shape[1:])
     by_rate = fit.max(axis=1)  # the spread between worlds at its best; the first rate is the bar
-    all_good = drawn[:, -1] == worlds
-    highest = np.where(all_good, 0.0, by_rate.max(axis=1))
-    return float(np.mean(highest - by_rate[:, 0] >= _near(confidence, worlds)))
+    bad_worlds = worlds - drawn[:, -1]
+    highest = np.where(bad_worlds == 0, 0.0, by_rate.max(axis=1))
+    near = np.array([_near(confidence, worlds, int(bad)) for bad in range(int(bad_worlds.max()) + 1)])
+    share = drawn @ np.arange(per_world + 1) / (worlds * per_world)
+    score = (share - at_least) * math.sqrt(worlds * per_world / (at_least * (1.0 - at_least)))
+    shown = (highest - by_rate[:, 0] > near[bad_worlds]) & (score > _NORMAL.inv_cdf((1.0 + confidence) / 2.0))
+    return float(np.mean(shown))
 
 
 def _total(icc: float) -> Float[np.ndarray, " 1"]:
@@ -118,11 +128,26 @@ def _log_choices(n: int) -> Float[np.ndarray, " V"]:
 
 def _all_good(at_least: float, confidence: float, worlds: int) -> bool:
     """Returns whether worlds without a bad episode are enough; each might be good or bad as a whole."""
-    return -worlds * math.log(at_least) >= _near(confidence, worlds)
+    return -worlds * math.log(at_least) >= _near(confidence, worlds, 0)
 
 
-def _near(confidence: float, worlds: int) -> float:
-    return student_quantile((1.0 + confidence) / 2.0, worlds - 1) ** 2 / 2.0
+def _near(confidence: float, worlds: int, bad: int) -> float:
+    """Returns what ``tasks.results.statistics.worlds.nearness`` does for so many worlds with a bad episode."""
+    sure = (1.0 + confidence) / 2.0
+    bound = _poisson_bound(bad, 1.0 - sure)
+    few_events = bound - bad - (bad * math.log(bound / bad) if bad else 0.0)
+    return max(student_quantile(sure, worlds - 1) ** 2 / 2.0, few_events)
+
+
+@cache
+def _poisson_bound(count: int, chance: float) -> float:
+    """Returns the mean at which a Poisson number is at most so large with that chance (Garwood 1936)."""
+    low, high = float(count), 3.0 * count + 40.0
+    for _ in range(60):
+        mean = (low + high) / 2.0
+        logs = (each * math.log(mean) - mean - math.lgamma(each + 1) for each in range(count + 1))
+        low, high = (mean, high) if sum(map(math.exp, logs)) > chance else (low, mean)
+    return high
 
 
 @cache

@@ -18,10 +18,9 @@ def nearness(seldom: Float[np.ndarray, " sets"], worlds: int, confidence: float)
         worlds: Two at least.
         confidence: Coverage, between 0 and 1.
     """
-    from scipy.special import xlogy  # noqa: PLC0415 - most commands judge nothing
-    from scipy.stats import chi2, t  # noqa: PLC0415
+    from scipy.special import gammaincinv, stdtrit, xlogy  # noqa: PLC0415 - most commands judge nothing
 
     sure = (1.0 + confidence) / 2.0
-    bound = chi2.ppf(sure, 2.0 * seldom + 2.0) / 2.0
+    bound = gammaincinv(seldom + 1.0, sure)
     few_events = bound - seldom - xlogy(seldom, bound) + xlogy(seldom, seldom)
-    return np.maximum(float(t.ppf(sure, worlds - 1)) ** 2 / 2.0, few_events)
+    return np.maximum(float(stdtrit(worlds - 1, sure)) ** 2 / 2.0, few_events)

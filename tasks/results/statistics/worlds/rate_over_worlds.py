@@ -65,7 +65,7 @@ def rates_shown(
         rate: Between 0 and 1.
         confidence: Coverage, between 0 and 1.
     """
-    from scipy.stats import norm  # noqa: PLC0415 - most commands judge nothing
+    from scipy.special import ndtri  # noqa: PLC0415 - most commands judge nothing
 
     data = _data(successes, n)
     best = best_rates(data)
@@ -74,7 +74,7 @@ def rates_shown(
     seldom = np.where(above, data.ends[1][:, 0], data.ends[0][:, 0])
     unlike = doubt > nearness(seldom, len(n), confidence)
     score = (successes.sum(axis=1) / n.sum() - rate) / math.sqrt(rate * (1.0 - rate) / n.sum())
-    z = float(norm.ppf((1.0 + confidence) / 2.0))
+    z = float(ndtri((1.0 + confidence) / 2.0))
     return unlike & above & (score > z), unlike & ~above & (score < -z)
 
 

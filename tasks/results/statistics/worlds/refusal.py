@@ -21,5 +21,5 @@ def why_refused(of: Literal["rate", "quantile", "difference"], worlds: int, tail
         return f"{worlds} {'world says' if worlds == 1 else 'worlds say'} nothing of other worlds: draw 2 or more"
     fewest = math.ceil(_WORLDS_IN_THE_TAIL / tail - _EXACT)
     if of == "quantile" and worlds < fewest:
-        return f"{worlds} worlds show too little of what {100.0 * tail:g} % of the values are beyond: draw {fewest} or more"
+        return f"{worlds} worlds show too little of where {100.0 * tail:g} % of the values end: draw {fewest} or more"
     return ""

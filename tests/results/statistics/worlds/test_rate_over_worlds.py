@@ -38,10 +38,10 @@ def test_failures_instead_of_successes_turn_it_over(counts: list[tuple[int, int]
     assert turned.upper == pytest.approx(1.0 - found.lower, abs=1e-6)
 
 
-@given(worlds, st.randoms())
+@given(worlds, st.integers(0, 99))
 @few
-def test_the_order_of_worlds_does_not_matter(counts: list[tuple[int, int]], random):
-    mixed = random.sample(counts, len(counts))
+def test_the_order_of_worlds_does_not_matter(counts: list[tuple[int, int]], seed: int):
+    mixed = [counts[k] for k in np.random.default_rng(seed).permutation(len(counts))]
     assert interval(mixed).lower == pytest.approx(interval(counts).lower, abs=1e-6)
     assert interval(mixed).upper == pytest.approx(interval(counts).upper, abs=1e-6)
 
@@ -110,10 +110,10 @@ def test_one_world_says_nothing_of_others():
 
 @pytest.mark.parametrize(
     ("successes", "n", "confidence"),
-    [([2, 1], [1, 1], 0.9), ([-1, 1], [1, 1], 0.9), ([0, 0], [0, 1], 0.9), ([1], [1, 1], 0.9), ([1, 1], [1, 1], 1.0)],
+    [([2, 1], [1, 1], 0.9), ([-1, 1], [1, 1], 0.9), ([0, 0], [0, 1], 0.9), ([1], [1, 1], 0.9), ([1, 2], [1, 1], 0.9)],
 )
 def test_numbers_that_are_no_counts_are_refused(successes: list[int], n: list[int], confidence: float):
-    with pytest.raises(ValueError, match="successes of|confidence"):
+    with pytest.raises(ValueError, match="successes"):
         rate_over_worlds(successes, n, confidence)
 
 

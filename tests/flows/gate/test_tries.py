@@ -1,0 +1,119 @@
+"""A gate that is asked again on other episodes counts its tries with one listing, and sticks to what it said."""
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from flows.gate.judge import GateAnswer, gate_answer, read_gate_answer
+from flows.gate.tries import episodes_name, ledger_of, note_try, tries_before
+from specs.data.episode import ApplicationLaunch, EpisodeResult
+from specs.pipeline.gate_section import Gate
+from tasks.results.gate.evidence import read_evidence
+from tasks.simulate.batch.commit import ChunkPart
+from tasks.simulate.batch.job import plan_of
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord, advance
+from tests.factories.episodes import collided, passed
+from tests.factories.judged_batches import courier, delivery, ended, run_of
+
+GATE = Gate.model_validate({"successRate": {"atLeast": 0.9}})
+OTHER = Gate.model_validate({"successRate": {"atLeast": 0.8}})
+
+
+def half(part: ChunkPart) -> list[EpisodeResult]:
+    return [(collided if each.index % 2 else passed)(each.index) for each in part.chunk.requests]
+
+
+class Nights:
+    """Runs of one document, each on other seeds if it is said so."""
+
+    def __init__(self, store: Store, folder: Path) -> None:
+        self.store = store
+        self.robot, self.scenario = courier(store, folder, "one"), delivery(store, folder)
+
+    def batch(
+        self, night: str, first_seed: int = 0, *, robot: ApplicationLaunch | None = None, **more: Any
+    ) -> JobRecord:
+        seeds = tuple(range(first_seed, first_seed + 40))
+        more = {"simulate": half, "seeds": seeds, **more}
+        return ended(self.store, robot or self.robot, scenario=self.scenario, name=f"batch-{night}", **more)
+
+    def run(self, night: str, first_seed: int = 0, gate: Gate = GATE, **more: Any) -> GateAnswer:
+        return gate_answer(gate, self.batch(night, first_seed, **more), self.store, run_of(self.store, f"run-{night}"))
+
+
+@pytest.fixture
+def nights(file_store: Store, tmp_path: Path) -> Nights:
+    return Nights(file_store, tmp_path)
+
+
+def test_a_third_try_on_other_episodes_says_what_it_does_to_the_error(nights: Nights):
+    assert nights.run("mon", 0).tries == 0
+    assert nights.run("tue", 100).tries == 1
+    third = nights.run("wed", 200, simulate=lambda part: [passed(each.index) for each in part.chunk.requests])
+    assert third.verdict == "PASS"
+    assert third.sentence.splitlines()[-1] == (
+        "try 3 of this gate on other episodes, none passed before: a false PASS by chance up to 3 x 2.5 % = 7.5 %"
+    )
+    assert read_evidence(nights.store, third.batch).tries == 2
+
+
+def test_the_same_episodes_judged_again_are_no_new_try(nights: Nights):
+    assert [nights.run(night, 0, lanes=lanes).tries for night, lanes in (("mon", 40), ("tue", 40), ("wed", 16))] == [
+        0,
+        0,
+        0,
+    ]
+
+
+def test_a_pass_leaves_no_try(nights: Nights):
+    nights.run("mon", 0, simulate=lambda part: [passed(each.index) for each in part.chunk.requests])
+    assert nights.run("tue", 100).tries == 0
+
+
+@pytest.mark.parametrize("other", ["gate", "robot"])
+def test_another_bar_or_another_bundle_begins_anew(nights: Nights, tmp_path: Path, other: str):
+    nights.run("mon", 0)
+    robot = courier(nights.store, tmp_path, "two") if other == "robot" else None
+    assert nights.run("tue", 100, OTHER if other == "gate" else GATE, robot=robot).tries == 0
+
+
+def test_a_run_that_goes_on_says_what_it_said(nights: Nights, monkeypatch: pytest.MonkeyPatch):
+    batch, run = nights.batch("mon"), run_of(nights.store, "run-mon")
+    first = gate_answer(GATE, batch, nights.store, run)
+    nights.run("tue", 100)
+    assert gate_answer(GATE, batch, nights.store, run) == first
+    monkeypatch.setattr("flows.gate.judge._is_vouched", lambda *_: False)  # as on a machine without the owner's key
+    assert gate_answer(GATE, batch, nights.store, run) == first
+    advance(nights.store, "pipeline-run", run.id, "Completed")
+    assert read_gate_answer(nights.store, run) == first
+
+
+class CountedStore:
+    """A store that counts what is asked of it."""
+
+    def __init__(self, store: Store) -> None:
+        self.calls = Counter[str]()
+        self._store = store
+
+    def __getattr__(self, name: str) -> Callable[..., object]:
+        def request(*arguments: object) -> object:
+            self.calls[name] += 1
+            return getattr(self._store, name)(*arguments)
+
+        return request
+
+
+def test_a_hundred_tries_are_counted_with_one_listing_and_no_record_is_opened(nights: Nights):
+    batch, counted = nights.batch("mon"), CountedStore(nights.store)
+    ledger, store = ledger_of(run_of(nights.store), GATE, batch, ""), cast("Store", counted)
+    for number in range(100):
+        note_try(nights.store, ledger, f"{number:032x}", "simb-0")
+    assert tries_before(store, ledger, lambda: episodes_name(store, plan_of(batch))) == 100
+    assert counted.calls == {"keys": 1, "get": len(plan_of(batch).worlds_used())}
+    counted.calls.clear()
+    assert tries_before(store, "0" * 32, lambda: episodes_name(store, plan_of(batch))) == 0
+    assert counted.calls == {"keys": 1}

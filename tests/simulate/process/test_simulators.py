@@ -1,0 +1,62 @@
+"""Processes that simulate are used again, but never for bundles that are not what their digests say any more."""
+
+import hashlib
+import io
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from specs.errors import BundleRefused
+from tasks.simulate.process import simulators
+from tasks.simulate.process.simulators import simulator
+from tasks.storage.sealed_bundle import seal
+
+
+class Idle:
+    """A process that does nothing."""
+
+    alive = True
+
+    def __init__(self, bundles: object) -> None:
+        self.bundles = bundles
+
+    def end(self) -> None:
+        self.alive = False
+
+
+@pytest.fixture
+def bundles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
+    """A bundle of one file in a cache folder."""
+    monkeypatch.setattr(simulators, "Simulator", Idle)
+    archive = tmp_path / "bundle.tar"
+    with tarfile.open(archive, "w") as tar:
+        header = tarfile.TarInfo("courier/drive.py")
+        header.size, header.mode = 9, 0o644
+        tar.addfile(header, io.BytesIO(b"SPEED = 1"))
+    digest = hashlib.sha256(archive.read_bytes()).hexdigest()
+    return {digest: seal(archive, tmp_path / digest, digest)}
+
+
+def edit(files: Path) -> None:
+    for path in (files / "courier", files / "courier/drive.py"):
+        path.chmod(0o755)
+    (files / "courier/drive.py").write_bytes(b"SPEED = 9")
+
+
+def test_a_process_is_used_again_while_its_bundles_are_what_they_were(bundles: dict[str, Path]):
+    with simulator(bundles) as first:
+        pass
+    with simulator(bundles) as second:
+        assert second is first
+
+
+@pytest.mark.parametrize("used_before", [False, True])
+def test_no_process_simulates_with_a_bundle_that_somebody_edited(bundles: dict[str, Path], *, used_before: bool):
+    (files,) = bundles.values()
+    if used_before:
+        with simulator(bundles):
+            pass
+    edit(files)
+    with pytest.raises(BundleRefused, match=r"is not the bundle .* any more; run it again"), simulator(bundles):
+        pass
