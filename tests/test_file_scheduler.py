@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.file_scheduler import unit
+from tests.file_scheduler import unit, weight
 from tests.repository import ROOT
 from tests.servers.tools import need_tool
 
@@ -43,3 +43,9 @@ def test_ci_installs_what_the_tests_look_for():
 )
 def test_a_file_stays_together_and_so_do_those_that_share_a_server(test: str, expected: str):
     assert unit(test) == expected
+
+
+def test_what_lasts_long_begins_first_so_that_no_process_waits_for_it_at_the_end():
+    tests = {"tests/specs/a.py": 200, "tests/attacks/run/b.py": 2, "Prefect": 1, "tests/specs/c.py": 3}
+    order = sorted(tests, key=lambda each: weight(each, tests[each]), reverse=True)
+    assert order == ["Prefect", "tests/attacks/run/b.py", "tests/specs/a.py", "tests/specs/c.py"]

@@ -16,6 +16,7 @@ from uuid import uuid4
 import pytest
 
 from tests.attacks.bucket_writer import BucketWriter, allow_writer
+from tests.integration.runs import own_cache
 from tests.servers.seaweed import Seaweed
 
 _ATTACKED = "SIMYARD_ATTACKED"
@@ -123,8 +124,8 @@ def _command() -> Sequence[str]:
 
 @pytest.fixture(scope="session")
 def attack_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The owner's cache folder; one for all attacks, so that each program is compiled once."""
-    return tmp_path_factory.mktemp("attack-cache")
+    """The owner's cache folder; one for all attacks."""
+    return Path(own_cache(tmp_path_factory.mktemp("attack-cache")))
 
 
 @pytest.fixture(scope="session")

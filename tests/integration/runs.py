@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 
+from tasks.simulate.devices import compilation_cache
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, records
 from tests.repository import ROOT
@@ -40,6 +41,19 @@ def write_document(folder: Path, document: Mapping[str, object]) -> Path:
     file = folder / "document.yaml"
     file.write_text(json.dumps(document, indent=1))  # JSON is YAML, and never has aliases
     return file
+
+
+def own_cache(folder: Path) -> str:
+    """Returns a new cache folder but for its compiled programs, which are this machine's: none is compiled twice.
+
+    They lie by the digests of the applications that they are made of, and are no part of what a cache says.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    programs = compilation_cache()
+    programs.mkdir(parents=True, exist_ok=True)
+    if not (folder / "programs").exists():
+        (folder / "programs").symlink_to(programs)
+    return str(folder)
 
 
 def simyard(*arguments: str, **environment: str) -> subprocess.Popen[str]:

@@ -11,6 +11,7 @@ import pytest
 from tasks.storage.store_url import open_store
 from tests.attacks.conftest import Owner
 from tests.attacks.run.small_robots import FLEET, ROBOT, bundle, document, done, publish
+from tests.integration.runs import own_cache
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 
@@ -21,7 +22,7 @@ def owner(tmp_path: Path, prefect_server: str) -> Owner:
     folder, url = tmp_path / "owner", (tmp_path / "store").as_uri()
     folder.mkdir()
     assert prefect_server
-    made = Owner(url, folder, {**os.environ, "SIMYARD_STORE": url, "SIMYARD_CACHE": str(tmp_path / "cache")})
+    made = Owner(url, folder, {**os.environ, "SIMYARD_STORE": url, "SIMYARD_CACHE": own_cache(tmp_path / "cache")})
     done(made, "fleet", "create", FLEET)
     done(made, "fleet", "register", FLEET, ROBOT, "--architecture", "ARM64")
     return made

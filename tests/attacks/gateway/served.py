@@ -15,6 +15,7 @@ from tasks.gateway.access.access_key import AccessKey
 from tasks.gateway.access.key_file import add_key, first_key
 from tasks.gateway.messages import HttpRequest
 from tests.gateway.signed_requests import signed_request
+from tests.integration.runs import own_cache
 from tests.repository import ROOT
 
 _START_S = 60
@@ -106,7 +107,7 @@ def served(
     port = free_port()
     keys, owner, store = (beside.keys, beside.owner, beside.store) if beside else _new_yard(folder)
     environment = os.environ | {
-        "SIMYARD_CACHE": str(folder / "cache"),
+        "SIMYARD_CACHE": own_cache(folder / "cache"),
         "PREFECT_HOME": str(folder / "prefect"),
         "PYTHONPATH": str(ROOT),
         **(settings or {}),

@@ -17,6 +17,8 @@ from tests.repository import ROOT
 # Whatever a controller does, it does not do to the store.
 pytestmark = [pytest.mark.integration, pytest.mark.parametrize("attacked_store", ["file"], indirect=True)]
 _INCONCLUSIVE, _INTERRUPTED = 4, 130
+# From the beginning of the batch's chunk to a controller's third step; before it, the run can be interrupted anyway.
+_UNTIL_IT_HANGS_S = 10.0
 _CONTROLLER = """
 import os
 import sys
@@ -89,10 +91,13 @@ def test_a_controller_that_ends_its_process_turns_no_pipeline_green(owner: Owner
     assert said in ended.stdout or any(said.encode() in writer.get(key) for key in writer.keys("jobs/"))
 
 
-def test_a_run_whose_controller_hangs_can_be_interrupted(owner: Owner):
+def test_a_run_whose_controller_hangs_can_be_interrupted(owner: Owner, writer: Writer):
     """A controller sleeps for ever, so that the run can be neither ended nor cancelled; its process is killed."""
     run = owner.start("run", _document(owner, "time.sleep(1000)"))
-    time.sleep(25.0)
+    while not any("/000000.started" in key for key in writer.keys("chunks/")):
+        assert run.poll() is None, run.communicate()[0]
+        time.sleep(0.1)
+    time.sleep(_UNTIL_IT_HANGS_S)
     run.send_signal(signal.SIGINT)
     began_s = time.monotonic()
     out, _ = run.communicate(timeout=120)

@@ -95,6 +95,7 @@ def _github(folder: Path, event: str) -> dict[str, subprocess.CompletedProcess[s
 @pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(250)
+@pytest.mark.usefixtures("prefect_server")
 def test_the_steps_of_github_run_on_a_push_and_then_on_a_pull_request(clone: Path):
     pushed = _github(clone, "push")
     assert {name: done.returncode for name, done in pushed.items()} == {
@@ -120,6 +121,7 @@ def test_the_steps_of_github_run_on_a_push_and_then_on_a_pull_request(clone: Pat
 @pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(250)
+@pytest.mark.usefixtures("prefect_server")
 def test_the_lines_of_gitlab_run_on_main_and_then_in_a_merge_request(clone: Path):
     shutil.rmtree(clone / "reports", ignore_errors=True)
     for job, code in (("main", 0), ("merge-request", 4)):
@@ -134,6 +136,7 @@ def test_the_lines_of_gitlab_run_on_main_and_then_in_a_merge_request(clone: Path
 @pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(250)
+@pytest.mark.usefixtures("prefect_server")
 def test_the_commands_of_the_page_run(clone: Path):
     first, second = re.findall(r"^```sh\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
     ran = _shell(first, clone)

@@ -40,7 +40,7 @@ def test_every_block_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert told[5].startswith("/odom 1.0 ")
     batch, _, index = job.partition("/")
     assert next(Path(".simyard/buckets/results").glob(f"**/bags/{batch}/{int(index):06d}.bag")).is_file()
-    assert "of 8 pairs; difference" in told[6]
+    assert "of 12 pairs; difference" in told[6]
     assert f"{job}: {reason}, in " in told[7]
     assert told[8].startswith("shrunk/")
     assert "1 episode of at most" in told[8]

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tasks.server.process import Server, run_server, wait_until_healthy
+from tests.integration.runs import own_cache
 from tests.repository import ROOT
 
 
@@ -82,5 +83,5 @@ def _environment(server: Server, folder: Path) -> dict[str, str]:
         "PREFECT_HOME": str(folder / "home"),
         "PYTHONPATH": str(ROOT),
         "SIMYARD_STORE": (folder / "store").as_uri(),
-        "SIMYARD_CACHE": str(folder / "cache"),
+        "SIMYARD_CACHE": own_cache(folder / "cache"),
     }

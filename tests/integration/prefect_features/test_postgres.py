@@ -19,7 +19,7 @@ import yaml
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, records
 from tasks.storage.store_url import open_store
-from tests.integration.runs import ROOT, finished, kill_when, small_document, write_document
+from tests.integration.runs import ROOT, finished, kill_when, own_cache, small_document, write_document
 from tests.integration.stopped.operated import (
     ENDED,
     asked,
@@ -114,7 +114,7 @@ def operated(served: Served, tmp_path_factory: pytest.TempPathFactory) -> Genera
         PREFECT_HOME=str(folder / "worker"),
         SIMYARD_STORE=(folder / "store").as_uri(),
         SIMYARD_BUCKETS=(folder / "buckets").as_uri(),
-        SIMYARD_CACHE=str(folder / "cache"),
+        SIMYARD_CACHE=own_cache(folder / "cache"),
         SIMYARD_KEYS="",
     )
     del worker["PREFECT_DEFAULT_RESULT_STORAGE_BLOCK"]  # there is no bucket here
