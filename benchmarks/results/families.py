@@ -55,7 +55,7 @@ def together(n: int, family: IntervalFamily, method: _Method) -> Float[np.ndarra
 
 def independent_table() -> str:
     """Returns the lowest and the mean coverage of families of independent groups."""
-    rows = [("groups x episodes", "Wilson, each 95 %", "Wilson, shared", "exact, shared")]
+    rows: list[tuple[str, ...]] = [("groups x episodes", "Wilson, each 95 %", "Wilson, shared", "exact, shared")]
     for groups in GROUPS:
         for n in EPISODES:
             family = IntervalFamily(size=groups, confidence=0.95)
@@ -66,7 +66,7 @@ def independent_table() -> str:
 
 def mixed_table(rng: np.random.Generator) -> str:
     """Returns the coverage of the worlds and values of a batch, in worlds that differ."""
-    rows = [("rate", "correlation", "Wilson, each 95 %", "Wilson, shared", "exact, shared")]
+    rows: list[tuple[str, ...]] = [("rate", "correlation", "Wilson, each 95 %", "Wilson, shared", "exact, shared")]
     for rate, icc in MIXED:
         held = np.mean([_batch_held(rng, rate, icc) for _ in range(BATCHES)], axis=0)
         rows.append((f"{100 * rate:g} %", f"{icc:g}", *(f"{100 * each:.1f} %" for each in held)))
