@@ -46,7 +46,6 @@ class SuccessRate(Spec):
 
     Attributes:
         confidence: How sure it must be.
-        over: What the answer is about: worlds like these, or these worlds.
     """
 
     atLeast: Annotated[Number, Field(ge=0, lt=1)] = Field(title="At least", description="Such as 0.99.")
@@ -59,7 +58,6 @@ class NoWorseThan(Spec):
 
     Attributes:
         confidence: How sure it must be.
-        over: What the answer is about: worlds like these, or these worlds.
     """
 
     applicationVersion: DeploymentVersion = Field(title="Version", description='A number such as "3".')
@@ -75,7 +73,6 @@ class CollisionRate(Spec):
 
     Attributes:
         confidence: How sure it must be.
-        over: What the answer is about: worlds like these, or these worlds.
     """
 
     atMost: Bar = Field(title="At most", description="Such as 0.05.")
@@ -101,8 +98,6 @@ class QuantileRule(Ruled):
         atLeast: The quantile's lowest value, in the column's unit; either this or the highest.
         atMost: Its highest value.
         confidence: How sure it must be.
-        over: What the answer is about: worlds like these, or these worlds.
-        failed: What an episode that did not pass counts as, whatever the rule asks for.
     """
 
     column: Annotated[str, AfterValidator(_column)] = Field(title="Column", description="Such as min_clearance_m.")

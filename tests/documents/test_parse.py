@@ -162,7 +162,7 @@ def test_all_faults_of_a_document_are_told_at_once():
     found = faults(
         {
             "name": "my nights",
-            "worldGeneration": {"template": template, "worldCount": {"floorplanCount": 300}, "sead": 1},
+            "worldGeneration": {"template": template, "worldCount": {"floorplanCount": 10_001}, "sead": 1},
             "worldExport": {"formats": ["mjfc"], "outputLocation": {"s3Bucket": "B"}},
             "gate": {"successRate": {"atLeast": 2}},
         }

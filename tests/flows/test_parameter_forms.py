@@ -171,7 +171,7 @@ def test_the_server_takes_every_example(file: Path):
         ("gate", None),
         ("gate", ...),
         ("gate.quantiles", None),
-        ("gate.stopEarly", True),
+        ("gate", {"collisionRate": {"atMost": 0.05}, "stopEarly": True}),
         ("gate.stopEarly", None),
         ("worldExport.iamRole", None),
         ("worldExport.worlds", ["wgj-0123456789abcdef/world-1-1"]),

@@ -107,6 +107,7 @@ def test_a_gate_that_does_not_pass_is_an_answer_and_no_exception(tmp_path: Path)
     document["worldGeneration"]["worldCount"] = {"floorplanCount": 1}
     document["simulationBatch"]["matrix"] = {"worlds": "all", "seeds": 2}
     del document["worldExport"], document["deployment"]
+    document["gate"] = {"successRate": {"atLeast": 0.9}}
     run = simyard.run(document, base=ROOT / "examples", store=tmp_path / "s", direct=True)
     assert (run.passed, run.verdict) == (False, "INCONCLUSIVE")
     assert "INCONCLUSIVE" in run._repr_html_()
