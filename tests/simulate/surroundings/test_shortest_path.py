@@ -116,7 +116,7 @@ def test_lanes_of_many_worlds_are_measured_together_as_alone():
     assert together.tolist() == alone
 
 
-@pytest.mark.parametrize("seed", [1, 12, 25])
+@pytest.mark.parametrize("seed", [3, 9, 25])
 def test_a_length_is_the_same_bits_whatever_other_tasks_are_measured(seed: int):
     # On a map's cells goals lie in one line; each seed has a way that led over another task's goal once.
     rng = np.random.default_rng(seed)
