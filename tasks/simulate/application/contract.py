@@ -150,8 +150,9 @@ class Scenario(Protocol):
 
     ``place`` runs once an episode in NumPy; ``init`` and ``step`` are pure JAX, and get the episode's own goals and
     arrays, whatever other episodes have. In training alone, where all episodes share a program, ``init`` gets the last
-    goal repeated until all have as many: ``given`` can hold the number. It may also have ``arrived_m`` (how near to a goal is there; 0 without it, None for goals that are no destinations) and
-    ``metrics(state)``, a dictionary of scalars.
+    goal repeated until all have as many: ``given`` can hold the number. It may also have ``arrived_m`` (how near to a
+    goal is there; 0 without it, None for goals that are no destinations) and ``metrics(state)``, a dictionary of
+    scalars.
     """
 
     def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:

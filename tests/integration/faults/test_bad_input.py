@@ -37,7 +37,7 @@ def _contradictory_connections(document: dict[str, Any]) -> None:
 
 
 def _too_many_worlds(document: dict[str, Any]) -> None:
-    document["worldGeneration"]["worldCount"] = {"floorplanCount": 30, "interiorCountPerFloorplan": 10}
+    document["worldGeneration"]["worldCount"] = {"floorplanCount": 200, "interiorCountPerFloorplan": 100}
 
 
 def _missing_template(document: dict[str, Any]) -> None:
@@ -55,7 +55,7 @@ def _unknown_application(document: dict[str, Any]) -> None:
         (_unknown_key, ("simulationBatch.matrix.sedes", "seeds")),
         (_wrong_enum, ("failureBehavior", "Explode", "Continue")),
         (_contradictory_connections, ("DesiredConnections", "Opening", "Doorway")),
-        (_too_many_worlds, ("300", "50")),
+        (_too_many_worlds, ("20000", "10000")),
         (_missing_template, ("worldGeneration.template", "nowhere.json")),
         (_unknown_application, ("application", "nobody")),
     ],

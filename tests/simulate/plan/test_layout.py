@@ -118,7 +118,7 @@ def test_any_beginning_of_a_shuffled_batch_has_episodes_of_all_its_worlds():
 def test_versions_that_take_turns_drive_the_same_episodes_in_each_two_chunks(plan: BatchPlan):
     asked = plan.templates[0]
     other = asked.model_copy(update={"robot": asked.robot.model_copy(update={"digest": "9" * 64})})
-    sweep = {name: ("1", "2") for name in plan.sweep}
+    sweep = dict.fromkeys(plan.sweep, ("1", "2"))
     layout = Layout(plan.model_copy(update={"templates": (asked, other), "sweep": sweep, "shuffled": "pairs"}))
     if not layout.episodes:
         return
