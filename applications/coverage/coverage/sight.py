@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 MOST_SQUARES = 1024
 WORD_BITS = 32
 _LEAST_SIDE_CELLS = 2
-# Rows and columns of squares: those of a map of 256 cells, or of one of 512; worlds up to 25 m share a shape.
-_SQUARES_A_SIDE = (128, 256)
+# Rows and columns of squares: those of a map of 192 cells, so that worlds up to 19 m share a shape, or of a larger one.
+_SQUARES_A_SIDE = (96, 128, 256)
 # A robot may stand where no square's floor is, close to a solid; it then sees what is seen from the nearest square.
 _NEAREST_SQUARES = 2.0
 _RAYS = 256

@@ -97,14 +97,14 @@ def _lines(graph: TangentGraph, stops: Float64[np.ndarray, "tasks stops 2"]) -> 
     corners = len(graph.corners_m)
     sources = np.unique(nodes[:, :-1])
     ways = distance_matrix(graph, points, (pairs[0], pairs[1]))
-    _, before = dijkstra(ways, directed=False, indices=corners + sources, return_predecessors=True)
-    places = np.vstack([graph.corners_m, points])
+    _, before = dijkstra(ways, indices=corners + sources, return_predecessors=True)
+    places = np.vstack([graph.corners_m, points, points])
     rows = {int(node): before[row] for row, node in enumerate(sources)}
 
     def line(start: int, end: int) -> Line:
         if start == end:
             return points[[start, end]]
-        reached = [corners + end]
+        reached = [corners + len(points) + end]
         while reached[-1] != corners + start:
             previous = int(rows[start][reached[-1]])
             if previous == _NOWHERE:

@@ -61,7 +61,9 @@ def tangent_graph(solids: Solids, radius_m: float) -> TangentGraph:
 
 def ways_from(graph: TangentGraph, points: Points) -> tuple[Int[np.ndarray, "ways"], Int[np.ndarray, "ways"]]:
     """Returns which points have a straight way to which corners, as pairs of indices."""
-    outwards_m = points @ graph.outward.T - np.sum(graph.outward * graph.corners_m, axis=1)
+    # No matrix product: how it rounds may hang on how many points there are.
+    outwards_m = points[:, :1] * graph.outward[:, 0] + points[:, 1:] * graph.outward[:, 1]
+    outwards_m -= np.sum(graph.outward * graph.corners_m, axis=1)
     apart_m = np.hypot(*(points[:, None, axis] - graph.corners_m[None, :, axis] for axis in (0, 1)))
     point, corner = np.nonzero(np.abs(outwards_m) <= _TOUCHING * apart_m)
     open_ways = is_free(graph.solids, points[point], graph.corners_m[corner], graph.radius_m)
@@ -76,17 +78,27 @@ def is_free_place(graph: TangentGraph, points: Points) -> Bool[np.ndarray, "poin
 def distance_matrix(
     graph: TangentGraph, points: Points, pairs: tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]
 ) -> csr_array:
-    """Returns lengths between all corners and, after them, points; straight between points only for the given pairs."""
-    corners = len(graph.corners_m)
+    """Returns lengths from node to node: all corners, then points as places to leave, then points as places to reach.
+
+    No way leads through a point: it would hang on which other points were asked about.
+
+    Args:
+        graph: The ways around the solids.
+        points: Places (x, y).
+        pairs: Which points may be joined by a straight way: from the one to the other.
+    """
+    corners, count = len(graph.corners_m), len(points)
     point, corner = ways_from(graph, points)
     one, other = pairs
     straight = is_free(graph.solids, points[one], points[other], graph.radius_m)
     one, other = one[straight], other[straight]
-    starts = np.concatenate([graph.starts, corners + point, corners + one])
-    ends = np.concatenate([graph.ends, corner, corners + other])
-    to_corners, to_points = points[point] - graph.corners_m[corner], points[one] - points[other]
-    lengths = np.concatenate([graph.lengths_m, np.hypot(*to_corners.T), np.hypot(*to_points.T)])
-    size = corners + len(points)
+    leave, reach = corners, corners + count
+    starts = np.concatenate([graph.starts, graph.ends, leave + point, corner, leave + one])
+    ends = np.concatenate([graph.ends, graph.starts, corner, reach + point, reach + other])
+    to_corners = np.hypot(*(points[point] - graph.corners_m[corner]).T)
+    to_points = np.hypot(*(points[one] - points[other]).T)
+    lengths = np.concatenate([graph.lengths_m, graph.lengths_m, to_corners, to_corners, to_points])
+    size = corners + 2 * count
     # A length of 0 would be no way at all to SciPy.
     return coo_array((np.maximum(lengths, 1e-12), (starts, ends)), shape=(size, size)).tocsr()
 

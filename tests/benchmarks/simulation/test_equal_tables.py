@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from benchmarks.simulation.equal_tables import TEMPLATES, noisy_deliveries, table_digest
+from benchmarks.simulation.equal_tables import FLOORPLANS, INTERIORS, noisy_deliveries, table_digest
 from tests.factories.episodes import passed
 from tests.repository import ROOT
 
@@ -14,7 +14,9 @@ DOCUMENT = (ROOT / "docs/reference/engines.md").read_text()
 def test_all_tables_of_the_document_have_one_digest():
     table = DOCUMENT.partition("<!-- equal tables planar -->")[2].partition("<!-- end of equal tables planar -->")[0]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in re.findall(r"^\|.*\|$", table, re.M)[2:]]
-    assert {row[1] for row in rows} == {"given", "shuffled"}
+    assert {(int(row[0]), row[1]) for row in rows} == {
+        (lanes, order) for lanes in (16, 32, 192, 768) for order in ("given", "shuffled")
+    }
     assert {(row[3], row[4]) for row in rows} == {("0", "0")}
     assert len({row[5] for row in rows}) == 1
 
@@ -26,5 +28,5 @@ def test_a_digest_sees_the_last_bit_of_one_row():
 
 
 def test_the_document_counts_768_episodes():
-    worlds = [f"mixed/{k}" for k in range(sum(TEMPLATES.values()))]
-    assert [request.index for request in noisy_deliveries(worlds, 64)] == list(range(768))
+    worlds = [f"mixed/{k}" for k in range(FLOORPLANS * INTERIORS)]
+    assert [request.index for request in noisy_deliveries(worlds, 48)] == list(range(768))

@@ -116,6 +116,18 @@ def test_lanes_of_many_worlds_are_measured_together_as_alone():
     assert together.tolist() == alone
 
 
+@pytest.mark.parametrize("seed", [3, 9, 25])
+def test_a_length_is_the_same_bits_whatever_other_tasks_are_measured(seed: int):
+    # On a map's cells goals lie in one line; each seed has a way that led over another task's goal once.
+    rng = np.random.default_rng(seed)
+    cells = np.stack([rng.integers(-22, 23, (40, 2)), rng.integers(-10, 15, (40, 2))], axis=-1)
+    placements = [Placement(np.zeros(3), 0.1 * goals) for goals in cells]
+    world = obstacles(cluttered(seed % 4), 0.02, 0.38)
+    together = shortest_paths_m([world] * len(placements), placements, RADIUS_M, [0.3] * len(placements))
+    alone = [shortest_paths_m([world], [each], RADIUS_M, [0.3])[0] for each in placements]
+    assert together.tolist() == alone
+
+
 # A grid's ways go in 40 directions, which makes them up to 0.6 % too long, and they end at cells.
 CELL_M, LONGER = 0.03, 1.006
 MOVES = [(x, y) for x in range(6) for y in range(-5, 6) if gcd(x, abs(y)) == 1 and (x or y > 0)]
