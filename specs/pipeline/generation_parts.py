@@ -4,6 +4,7 @@ Each job makes a block of the document's floor plans and interiors, under their 
 whichever job makes it, and no two worlds of a document have one name.
 """
 
+import hashlib
 from typing import NamedTuple
 
 from pydantic import JsonValue
@@ -12,6 +13,7 @@ from specs.settings import ROBOMAKERS_MAX_WORLDS, max_worlds_of_job
 
 MAX_WORLDS_OF_DOCUMENT = 10_000
 _LONGEST_TOKEN = 64
+_DIGEST_CHARACTERS = 16
 
 
 class GenerationPart(NamedTuple):
@@ -37,10 +39,17 @@ class GenerationPart(NamedTuple):
         return self.first_floorplan, self.first_interior
 
     def token(self, token: str) -> str:
-        """Returns the client request token of the job, given that of the section: the first job has it as it is."""
+        """Returns the client request token of the job, given that of the section: the first job has it as it is.
+
+        A token that leaves no room for the number is cut, and a digest of all of it stands for what is cut off:
+        sections whose tokens differ at their ends alone have jobs of their own.
+        """
         if self.number == 1:
             return token
         end = f"-{self.number}"
+        if len(token) + len(end) > _LONGEST_TOKEN:
+            digest = hashlib.sha256(token.encode()).hexdigest()[:_DIGEST_CHARACTERS]
+            end = f"-{digest}{end}"
         return token[: _LONGEST_TOKEN - len(end)] + end
 
 

@@ -36,3 +36,11 @@ def test_later_jobs_have_tokens_of_their_own_that_are_not_too_long():
     assert max(map(len, tokens)) == 64
     assert generation_tokens(section, "run-1-worlds")[1] == "run-1-worlds-2"
     assert generation_tokens({"worldCount": {}}, "own") == ["own"]
+
+
+def test_long_tokens_that_differ_at_their_ends_alone_share_no_job():
+    section = {"worldCount": {"floorplanCount": 600}}
+    one, other = (generation_tokens(section, "t" * 63 + end) for end in "ab")
+    assert not {*one} & {*other}
+    assert len({*one, *other}) == 24
+    assert max(map(len, one + other)) == 64
