@@ -1,6 +1,7 @@
 """The evidence of a verdict: what was judged, by which rules, with which answer, all named by digests.
 
-It holds no time and no place: the same pipeline gives the same evidence, byte for byte, on any store and at any hour.
+It holds no time and no place: the same pipeline gives the same evidence, byte for byte, at any hour and on any store in
+which its gate was tried as often.
 """
 
 import hashlib

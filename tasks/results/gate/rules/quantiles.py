@@ -21,7 +21,6 @@ from tasks.results.gate.rules.sentences import (
 from tasks.results.statistics.intervals import Interval, quantile_interval
 from tasks.results.statistics.power.shares import quantile_needs
 from tasks.results.statistics.worlds.quantile_over_worlds import quantile_over_worlds
-from tasks.results.statistics.worlds.refusal import why_refused
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -69,14 +68,11 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
     unseen_text = f", unknown in {unknown}" if unknown else ""
     estimate = sorted(found.seen)[max(0, math.ceil(asked.quantile * len(found.seen)) - 1)]
     seen = f"{of}{unseen_text} is {estimate:.4g} ({100 * asked.confidence:g} % interval {_interval_text(interval)})"
-    # A bound that too few worlds leave open is the reason, and not the episodes.
-    tail = asked.quantile if at_least else 1.0 - asked.quantile
-    note = why_refused("quantile", len(worlds), tail) if asked.over else ""
     bar_text = f"at {'least' if at_least else 'most'} {bar:g} asked for"
     return RuleVerdict(
         rule=label,
         verdict=answer,
-        sentence=sentence(answer, seen, bar_text, lacks, note),
+        sentence=sentence(answer, seen, bar_text, lacks),
         method="order statistics over worlds" if asked.over else "order statistics",
         counted=n,
         estimate=estimate,
@@ -162,9 +158,16 @@ def _over_worlds(material: GateMaterial, asked: QuantileRule) -> Interval:
             asked.quantile,
             asked.confidence,
         )
-        for cut in cuts(unknown, [-count for count in unknown])
+        for values in (found.proof, found.blame)
+        for cut in cuts(unknown, [_share_within(asked, [values[at] for at in places]) for places in worlds])
     ]
     return Interval(lower=min(each.lower for each in intervals), upper=max(each.upper for each in intervals))
+
+
+def _share_within(asked: QuantileRule, values: Sequence[float]) -> float:
+    """Returns the share of a world's values that are on the right side of the bar, by which worlds are ranked."""
+    at_least, bar = asked.atLeast is not None, asked.atLeast if asked.atLeast is not None else asked.atMost or 0.0
+    return sum(value >= bar if at_least else value <= bar for value in values) / len(values)
 
 
 def _plan(asked: QuantileRule, planned: PlannedEpisodes) -> Iterator[str]:

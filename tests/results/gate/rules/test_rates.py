@@ -143,3 +143,12 @@ def test_whatever_the_unknown_episodes_were_their_interval_is_within(found: list
     one = rate_over_worlds(guess, [share.n for share in worlds], 0.95)
     assert whole.lower <= one.lower + 2e-3
     assert one.upper - 2e-3 <= whole.upper
+
+
+def test_an_unknown_value_is_also_tried_as_what_makes_worlds_differ_most():
+    near, lost = passed(0).model_copy(update={"min_clearance_m": 0.05}), world(0, 0, lost=1)
+    far = passed(0).model_copy(update={"min_clearance_m": 0.5})
+    counts = [(0, 4), (4, 1), (0, 2), (0, 4), (0, 1), (0, 1), (0, 0), (2, 0)]
+    found = batch([[near] * close + lost * gone + [far] * (12 - close - gone) for close, gone in counts])
+    asked = {"column": "min_clearance_m", "quantile": 0.4, "atLeast": 0.1, "over": "worlds"}
+    assert judged({"quantiles": [asked]}, found).verdict == "INCONCLUSIVE"
