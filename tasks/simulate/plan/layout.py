@@ -1,10 +1,8 @@
 """The layout of a batch: which episode stands where in its plan, computed for any place and never written out.
 
 Episodes are numbered by request, world, parameter set and seed. Those that share a program form a group, in the order
-of their numbers, and a group is cut into chunks of as many as there are lanes
-(``tasks.simulate.plan.chunks.plan_chunks``
-says the same of a list). A batch that may be ended early is shuffled before it is cut; numbers stay what they are. Two
-versions that are compared are two programs: they take turns, chunk by chunk, on the same episodes.
+of their numbers, and a group is cut into chunks of as many as there are lanes. A batch that may be ended early is
+shuffled before it is cut. Versions that are compared are two programs, and take turns on the same shuffled episodes.
 """
 
 import bisect

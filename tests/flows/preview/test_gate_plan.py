@@ -99,3 +99,10 @@ def test_quantiles_need_enough_beyond_them():
 def test_several_rules_stand_one_below_the_other():
     told = lines(successRate={"atLeast": 0.9}, collisionRate={"atMost": 0.1})
     assert [line.startswith("gate") for line in told] == [True] + [False] * (len(told) - 1)
+
+
+def test_a_tail_that_too_few_worlds_show_is_refused_before_the_run():
+    rule = {"column": "min_clearance_m", "quantile": 0.05, "atLeast": 0.1, "over": "worlds"}
+    told = list(gate_lines(Gate.model_validate({"quantiles": [rule]}), GateBasis(384, 384), 16, worlds=8))
+    assert told[1].strip().startswith("will be INCONCLUSIVE: 8 worlds show too little")
+    assert len(told) == 2

@@ -21,6 +21,7 @@ from tasks.results.gate.rules.sentences import (
 from tasks.results.statistics.intervals import Interval, quantile_interval
 from tasks.results.statistics.power.shares import quantile_needs
 from tasks.results.statistics.worlds.quantile_over_worlds import quantile_over_worlds
+from tasks.results.statistics.worlds.refusal import why_refused
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -175,6 +176,9 @@ def _plan(asked: QuantileRule, planned: PlannedEpisodes) -> Iterator[str]:
     bar = f"at least {asked.atLeast:g}" if asked.atLeast is not None else f"at most {asked.atMost:g}"
     yield f"the {asked.quantile:g} quantile of {asked.column} {bar}, {confidence_text(asked.confidence)}"
     tail = asked.quantile if at_least else 1.0 - asked.quantile
+    if asked.over and (why := why_refused("quantile", planned.worlds, tail)):
+        yield f"will be INCONCLUSIVE: {why}"
+        return
     for share in (0.0, tail / 2.0):
         needs = quantile_needs(tail, asked.confidence, share, planned.episodes)
         yield from power_line(f"if {100 * share:g} % are beyond", needs, planned.episodes)

@@ -88,7 +88,7 @@ def _power(at_least: float, confidence: float, rate: float, icc: float, per_worl
     by_rate = fit.max(axis=1)  # the spread between worlds at its best; the first rate is the bar
     bad_worlds = worlds - drawn[:, -1]
     highest = np.where(bad_worlds == 0, 0.0, by_rate.max(axis=1))
-    near = np.array([_near(confidence, worlds, int(bad)) for bad in range(int(bad_worlds.max()) + 1)])
+    near = np.array([needed_nearness(confidence, worlds, int(bad)) for bad in range(int(bad_worlds.max()) + 1)])
     share = drawn @ np.arange(per_world + 1) / (worlds * per_world)
     score = (share - at_least) * math.sqrt(worlds * per_world / (at_least * (1.0 - at_least)))
     shown = (highest - by_rate[:, 0] > near[bad_worlds]) & (score > _NORMAL.inv_cdf((1.0 + confidence) / 2.0))
@@ -128,10 +128,10 @@ def _log_choices(n: int) -> Float[np.ndarray, " V"]:
 
 def _all_good(at_least: float, confidence: float, worlds: int) -> bool:
     """Returns whether worlds without a bad episode are enough; each might be good or bad as a whole."""
-    return -worlds * math.log(at_least) >= _near(confidence, worlds, 0)
+    return -worlds * math.log(at_least) >= needed_nearness(confidence, worlds, 0)
 
 
-def _near(confidence: float, worlds: int, bad: int) -> float:
+def needed_nearness(confidence: float, worlds: int, bad: int) -> float:
     """Returns what ``tasks.results.statistics.worlds.nearness`` does for so many worlds with a bad episode."""
     sure = (1.0 + confidence) / 2.0
     bound = _poisson_bound(bad, 1.0 - sure)
