@@ -1,121 +1,145 @@
-"""How long the quickstart takes, stage by stage, with nothing cached and with everything cached.
+"""Where the time of `simyard run examples/quickstart.yaml` goes: the wall's and the processor's, step by step.
 
-    .venv/bin/python benchmarks/quickstart.py [--json FILE] [--warm-runs N]
+    .venv/bin/python -m benchmarks.quickstart [--warm-runs N] [--cache FOLDER] [--direct] [--document PAGE]
 
-Each run is a process of its own with a new store. `cold` has an empty cache folder (no compiled programs, no Prefect
-database, no unpacked bundles); the warm runs share the cache that the cold one left. What counts as Prefect: importing
-it, waiting for its server beyond the imports of JAX and MJX, what flows and tasks take beyond the work of the jobs that
-they run, and ending the server.
+Each run is the command itself, with a new store. The first one has an empty cache folder (no compiled programs, no
+Prefect database, no unpacked bundles) and is not timed if FOLDER is kept from before; the warm runs share what it left.
+The steps and their times are those of the run's log (SIMYARD_LOG_FORMAT); the processor's are the kernel's, of the run
+and of all that it starts. Where several steps pass at a time, a line names them all. The table is of the median run.
 """
 
 import argparse
+import itertools
 import json
 import os
-import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Mapping
-from importlib import import_module
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple
 
+from benchmarks.machine import machine
+from benchmarks.process_times import KINDS, Ran, run_watched, spent_between
 from benchmarks.repository import ROOT
-from flows.server.prefect_server import prefect_home
-from specs.job_kinds import JobKind
-from tasks.documents.pipeline_file import read_pipeline
-from tasks.server.process import run_server, wait_until_healthy
-from tasks.simulate.devices import prepare_devices
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import records
-from tasks.storage.store_url import open_store
+from benchmarks.tables import markdown, with_tables
 
-DOCUMENT = ROOT / "examples/quickstart.yaml"
-JOBS: Mapping[JobKind, str] = {
-    "world-generation-job": "worldGeneration",
-    "world-export-job": "worldExport",
-    "simulation-job-batch": "simulationBatch",
-    "deployment-job": "deployment",
-}
+DOCUMENT = "examples/quickstart.yaml"
+AIM_S = 18.0
+_KINDS = ("run", *KINDS.values(), "others")
+# Stages as the log names them; their steps are in the table instead.
+_AROUND = frozenset({"world_generation", "world_export", "simulation_batch", "deployment_sync"})
+_LEAST_S = 0.05
 
 
-def measure_once(store_url: str) -> dict[str, float]:
-    """Returns the seconds of each phase of one run in this process, by name."""
-    start_s = time.perf_counter()
-    spec = read_pipeline(DOCUMENT)
-    store = open_store(store_url)
-    home = prefect_home()
-    phases = {"read document": time.perf_counter() - start_s}
-    with run_server(home) as (server, child):
-        os.environ.update(server.environment(), PREFECT_HOME=str(home))
-        phases["import jax, mjx"] = _timed(lambda: (prepare_devices(), import_module("tasks.simulate.chunk.episodes")))
-        phases["import prefect"] = _timed(lambda: import_module("flows.pipeline"))
-        phases["wait for server"] = _timed(lambda: wait_until_healthy(server, child))
-        pipeline = import_module("flows.pipeline").pipeline
-        phases["pipeline flow"] = _timed(lambda: pipeline(spec, store=store.url, base=str(DOCUMENT.parent)))
-        from flows.server.unsent_events import flush_prefect  # noqa: PLC0415 - only once Prefect is loaded anyway
+class Step(NamedTuple):
+    """A step of a run, in seconds since the run began."""
 
-        phases["flush logs"] = _timed(flush_prefect)
-        ending_s = time.perf_counter()
-    phases["end server"] = time.perf_counter() - ending_s
-    return {**phases, **_work(store)}
+    name: str
+    begin_s: float
+    end_s: float
 
 
-def _work(store: Store) -> dict[str, float]:
-    return {
-        name: sum(job.updated_at_s - job.created_at_s for job in records(store, kind)) for kind, name in JOBS.items()
-    }
+class Span(NamedTuple):
+    """A time in which the same steps were under way, and what each kind of process took in it."""
+
+    name: str
+    begin_s: float
+    end_s: float
+    spent_s: Mapping[str, float]
 
 
-def _timed(work: Callable[[], object]) -> float:
-    start_s = time.perf_counter()
-    work()
-    return time.perf_counter() - start_s
-
-
-def run_once(cache: Path) -> dict[str, float]:
-    """Returns the phases of a run in a process of its own, with its wall time."""
+def run_once(cache: Path, *options: str) -> Ran:
+    """Returns what one run took, with a store of its own."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "SIMYARD_"))}
+    settings = {"SIMYARD_CACHE": str(cache), "SIMYARD_LOG_FORMAT": "json", "PYTHONPATH": str(ROOT)}
     with tempfile.TemporaryDirectory(prefix="simyard-bench-") as folder:
-        environment = {
-            key: value for key, value in os.environ.items() if key not in {"PREFECT_API_URL", "PREFECT_HOME"}
-        }
-        environment |= {"SIMYARD_CACHE": str(cache), "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}
-        command = [
-            sys.executable,
-            __file__,
-            "--once",
-            (Path(folder) / "store").as_uri(),
-            "--json",
-            f"{folder}/phases.json",
-        ]
-        start_s = time.perf_counter()
-        subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
-        wall_s = time.perf_counter() - start_s
-        phases = json.loads((Path(folder) / "phases.json").read_text())
-    work_s = sum(phases[name] for name in JOBS.values())
-    prefect = ("import prefect", "wait for server", "flush logs", "end server")
-    phases["of which Prefect"] = phases["pipeline flow"] - work_s + sum(phases[name] for name in prefect)
-    phases["wall"] = wall_s
-    return phases
+        command = [sys.executable, "-m", "simyard", "run", DOCUMENT, "--store", (Path(folder) / "store").as_uri()]
+        return run_watched([*command, *options], {**kept, **settings}, ROOT)
+
+
+def steps_of(ran: Ran) -> list[Step]:
+    """Returns the steps that a run's log names, by their beginnings."""
+    found: list[Step] = []
+    for line in ran.lines:
+        if not line.startswith("{"):
+            continue
+        event = json.loads(line)
+        if "step" in event and event["step"] not in _AROUND:
+            end_s = datetime.fromisoformat(event["time"]).timestamp() - ran.began_s
+            found.append(Step(event["step"], end_s - event["seconds"], end_s))
+    return sorted(found, key=lambda step: step.begin_s)
+
+
+def spans_of(ran: Ran) -> list[Span]:
+    """Returns the whole time of a run, cut where a step begins or ends."""
+    steps, wall_s = steps_of(ran), ran.ended_s - ran.began_s
+    marks = sorted({0.0, wall_s, *(step.begin_s for step in steps), *(step.end_s for step in steps)})
+    spans = list(_spans(ran, steps, marks))
+    joined: list[Span] = []
+    for span in spans:
+        if joined and joined[-1].name == span.name:
+            before = joined.pop()
+            both = {kind: before.spent_s.get(kind, 0.0) + span.spent_s.get(kind, 0.0) for kind in _KINDS}
+            joined.append(Span(span.name, before.begin_s, span.end_s, both))
+        else:
+            joined.append(span)
+    return joined
+
+
+def _spans(ran: Ran, steps: Sequence[Step], marks: Sequence[float]) -> Iterator[Span]:
+    for begin_s, end_s in itertools.pairwise(marks):
+        middle_s = (begin_s + end_s) / 2
+        names = dict.fromkeys(step.name for step in steps if step.begin_s < middle_s < step.end_s)
+        after = next((f"before {step.name}" for step in steps if step.begin_s >= end_s), "the rest")
+        spent_s = spent_between(ran.looks, ran.began_s + begin_s, ran.began_s + end_s)
+        yield Span(" + ".join(names) or after, begin_s, end_s, spent_s)
+
+
+def timeline(ran: Ran) -> str:
+    """Returns the table of a run."""
+    spans, wall_s = spans_of(ran), ran.ended_s - ran.began_s
+    total = {kind: sum(span.spent_s.get(kind, 0.0) for span in spans) for kind in _KINDS}
+    head = ("step", "begins, s", "wall, s", *(f"{kind}, CPU s" for kind in _KINDS))
+    rows = [_row(span.name, f"{span.begin_s:.1f}", span.end_s - span.begin_s, span.spent_s) for span in spans]
+    shown = [row for row, span in zip(rows, spans, strict=True) if span.end_s - span.begin_s >= _LEAST_S]
+    return markdown([head, *shown, _row("all", "", wall_s, total)])
+
+
+def _row(name: str, begin: str, wall_s: float, spent_s: Mapping[str, float]) -> tuple[str, ...]:
+    spent = (f"{spent_s.get(kind, 0.0):.1f}" if spent_s.get(kind, 0.0) >= _LEAST_S else "" for kind in _KINDS)
+    return (name, begin, f"{wall_s:.1f}", *spent)
+
+
+def report(cold: Ran | None, warm: Sequence[Ran]) -> str:
+    """Returns the tables: the runs, and the timeline of the median one."""
+    head = ("run", "wall, s", "CPU, s", "aim, wall, s")
+    named = ([("cold", cold)] if cold else []) + [(f"warm {number + 1}", ran) for number, ran in enumerate(warm)]
+    rows = [
+        (name, f"{ran.ended_s - ran.began_s:.1f}", f"{ran.spent_s:.1f}", f"{AIM_S:.0f}" if name != "cold" else "")
+        for name, ran in named
+    ]
+    middle = sorted(warm, key=lambda ran: ran.ended_s - ran.began_s)[(len(warm) - 1) // 2]
+    return "\n\n".join([machine(), markdown([head, *rows]), timeline(middle)])
 
 
 def main() -> None:
-    """Prints the table."""
+    """Prints the tables, and writes them into a page."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--once")
     parser.add_argument("--warm-runs", type=int, default=3)
-    options = parser.parse_args()
-    if options.once:
-        options.json.write_text(json.dumps(measure_once(options.once)))
-        return
-    with tempfile.TemporaryDirectory(prefix="simyard-cache-") as cache:
-        runs = {"cold": run_once(Path(cache))}
-        runs |= {f"warm {number + 1}": run_once(Path(cache)) for number in range(options.warm_runs)}
-    print(f"{'seconds':<20}" + "".join(f"{name:>10}" for name in runs))
-    for phase in runs["cold"]:
-        print(f"{phase:<20}" + "".join(f"{run[phase]:>10.1f}" for run in runs.values()))
-    if options.json:
-        options.json.write_text(json.dumps(runs, indent=2))
+    parser.add_argument("--cache", type=Path)
+    parser.add_argument("--direct", action="store_true")
+    parser.add_argument("--document", type=Path)
+    chosen = parser.parse_args()
+    options = ["--direct"] if chosen.direct else []
+    with tempfile.TemporaryDirectory(prefix="simyard-cache-") as folder:
+        cold = None if chosen.cache else run_once(Path(folder), *options)
+        warm = [run_once(chosen.cache or Path(folder), *options) for _ in range(chosen.warm_runs)]
+    tables = report(cold, warm)
+    print(tables)
+    if chosen.document:
+        page = chosen.document.read_text()
+        chosen.document.write_text(with_tables(page, "quickstart", tables))
 
 
 if __name__ == "__main__":

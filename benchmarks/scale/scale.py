@@ -1,23 +1,26 @@
 """One batch on this process, on one and two Dask workers, and on Ray: the same tables, how fast, and what it costs.
 
-    .venv/bin/python -m benchmarks.scale.scale [--episodes N ...] [--crew WORKERS ...] [--document
-    docs/operate/scale.md]
+    .venv/bin/python -m benchmarks.scale.scale [--part crews pinned small large] [--document docs/operate/scale.md]
 
 Each run is a process of its own with a new store, and a cache that an earlier run of the same kind has filled. Workers
 are processes that are reached over TCP. The wall clock runs from the call of the flow `simulation-batch` to its end:
 plan, workers' start, episodes, tables, audit, report. What workers spend on loading, compiling and driving is
-simulation; the rest of the seconds that they had is orchestration.
+simulation; the rest of the seconds that they had is orchestration. `pinned` gives each of one and two Dask workers a
+core of its own, as two machines of one core have; `large` is 100,000 episodes. Each part writes a table of its own.
 """
 
 import argparse
 import hashlib
 import json
 import os
+import resource
+import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -30,8 +33,11 @@ from benchmarks.tables import markdown, with_tables
 
 QUICKSTART = ROOT / "examples/quickstart.yaml"
 CREWS = ("", "dask:1", "dask:2", "ray:2")
-SIZES = (1_000, 10_000, 100_000)
-_SPREAD_EPISODES = 10_000
+# Dask workers, each on a core of its own.
+PINNED = ("pinned:1", "pinned:2")
+SMALL, LARGE = (1_000, 10_000), (100_000,)
+PARTS = ("crews", "pinned", "small", "large")
+_SPREAD_EPISODES, _WARM_EPISODES = 10_000, 512
 # Short ones are the harder case: the less there is to simulate, the more the rest weighs.
 _DURATION_S = 5
 _WORLDS, _SETTINGS = 8, 2
@@ -46,6 +52,8 @@ class Run(NamedTuple):
         spread_s: Of its episodes alone: from the first chunk's beginning to the last one's end.
         simulated_s: That all workers together spent on loading, compiling and driving.
         workers: How many did something.
+        own_mb: The most memory that the flow's process held.
+        child_mb: The most that one of its children held, such as the process that simulates.
         tables: A digest of all rows of results and failures.
     """
 
@@ -55,6 +63,8 @@ class Run(NamedTuple):
     spread_s: float
     simulated_s: float
     workers: int
+    own_mb: float
+    child_mb: float
     tables: str
 
     def orchestration(self) -> float:
@@ -75,11 +85,55 @@ def section(episodes: int) -> dict[str, object]:
 def measured(crew: str, episodes: int, cache: Path) -> Run:
     """Returns what a run in a process of its own took, the first one of its kind having filled the cache."""
     with tempfile.TemporaryDirectory(prefix="simyard-scale-") as folder:
-        environment = {**os.environ, "SIMYARD_WORKERS": crew, "SIMYARD_CACHE": str(cache)}
+        environment = {**os.environ, "SIMYARD_CACHE": str(cache)}
         told = Path(folder) / "run.json"
         command = [sys.executable, "-m", "benchmarks.scale.scale", "--child", str(episodes), "--store", folder]
-        subprocess.run(command, env=environment, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+        with _crew(crew, environment) as workers:
+            own = {**environment, "SIMYARD_WORKERS": workers}
+            subprocess.run(command, env=own, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
         return Run(crew, episodes, **json.loads(told.read_text()))
+
+
+@contextmanager
+def _crew(crew: str, environment: Mapping[str, str]) -> Generator[str]:
+    """Starts pinned workers and a scheduler for the length of the ``with`` block; yields SIMYARD_WORKERS."""
+    if not crew.startswith("pinned:"):
+        yield crew
+        return
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    cores = sorted(os.sched_getaffinity(0))[: int(crew.partition(":")[2])]
+    host, _, port = address.removeprefix("tcp://").partition(":")
+    dask = [sys.executable, "-m", "dask"]
+    with ExitStack() as stack:
+        stack.enter_context(
+            _running([*dask, "scheduler", "--host", host, "--port", port, "--no-dashboard"], environment)
+        )
+        for core in cores:
+            worker = [
+                *dask,
+                "worker",
+                address,
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+                "--memory-limit",
+                "0",
+            ]
+            stack.enter_context(_running(["taskset", "-c", str(core), *worker], environment))
+        yield address
+
+
+@contextmanager
+def _running(command: Sequence[str], environment: Mapping[str, str]) -> Generator[None]:
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen(command, env=dict(environment), cwd=ROOT, stdout=quiet, stderr=quiet)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(30)
 
 
 def run_child(episodes: int, folder: Path) -> None:
@@ -109,6 +163,8 @@ def run_child(episodes: int, folder: Path) -> None:
         "spread_s": metrics["wall_s"],
         "simulated_s": metrics["ready_s"] + metrics["compile_s"] + metrics["drive_s"],
         "workers": metrics["workers"],
+        "own_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "child_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
         "tables": _digest(folder / "store"),
     }
     (folder / "run.json").write_text(json.dumps(figures))
@@ -154,18 +210,32 @@ def crew_table(runs: Sequence[Run]) -> str:
 
 def size_table(runs: Sequence[Run]) -> str:
     """Returns the table of batches of several sizes."""
-    rows = [["episodes", "flow, s", "simulation, s", "not simulation, %"]]
+    rows = [["episodes", "flow, s", "simulation, s", "not simulation, %", "flow, MB", "simulation, MB"]]
     for run in runs:
         share = f"{100 * run.orchestration():.1f}"
-        rows.append([f"{run.episodes:,}", f"{run.wall_s:.1f}", f"{run.simulated_s / run.workers:.1f}", share])
+        times = [f"{run.wall_s:.1f}", f"{run.simulated_s / run.workers:.1f}"]
+        rows.append([f"{run.episodes:,}", *times, share, f"{run.own_mb:.0f}", f"{run.child_mb:.0f}"])
     return markdown(rows)
 
 
+def part_tables(part: str, cache: Path) -> str:
+    """Returns what one part of the benchmark measures."""
+    if part in {"crews", "pinned"}:
+        crews = CREWS if part == "crews" else PINNED
+        for crew in crews:
+            measured(crew, _WARM_EPISODES, cache)  # compiles
+        table = crew_table([measured(crew, _SPREAD_EPISODES, cache) for crew in crews])
+        where = "" if part == "crews" else ", each worker on a core of its own"
+        return f"{machine()} A batch of {_SPREAD_EPISODES:,} episodes{where}:\n\n{table}"
+    measured("", _WARM_EPISODES, cache)
+    sizes = SMALL if part == "small" else LARGE
+    return f"{machine()} In the flow's own process:\n\n{size_table([measured('', size, cache) for size in sizes])}"
+
+
 def main() -> None:
-    """Prints the tables, or writes them into a document."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--crew", nargs="+", default=CREWS)
+    """Prints the tables of some parts, or writes them into a document."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", nargs="+", choices=PARTS, default=PARTS)
     parser.add_argument("--document", type=Path)
     parser.add_argument("--child", type=int)
     parser.add_argument("--store", type=Path)
@@ -174,16 +244,12 @@ def main() -> None:
         run_child(given.child, given.store)
         return
     with tempfile.TemporaryDirectory(prefix="simyard-scale-cache-") as cache:
-        spread = min(max(given.episodes), _SPREAD_EPISODES)
-        for crew in given.crew:
-            measured(crew, 512, Path(cache))  # compiles
-        crews = crew_table([measured(crew, spread, Path(cache)) for crew in given.crew])
-        sizes = size_table([measured("", episodes, Path(cache)) for episodes in given.episodes])
-    tables = f"{machine()} A batch of {spread:,} episodes:\n\n{crews}\n\nIn the flow's own process:\n\n{sizes}"
-    if given.document:
-        given.document.write_text(with_tables(given.document.read_text(), "scale", tables))
-    else:
-        sys.stdout.write(f"{tables}\n")
+        for part in given.part:
+            tables = part_tables(part, Path(cache))
+            if given.document:
+                given.document.write_text(with_tables(given.document.read_text(), f"scale {part}", tables))
+            else:
+                sys.stdout.write(f"{part}\n\n{tables}\n\n")
 
 
 if __name__ == "__main__":

@@ -9,10 +9,12 @@ import time
 from collections import Counter
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, cast
 from unittest.mock import patch
 
+import numpy as np
 import yaml
 
 from benchmarks.scale.scale import QUICKSTART, section
@@ -22,7 +24,7 @@ from flows.workers.crew import Width, on_workers
 from flows.workers.spread import Numbers, PieceOutcome, spread
 from flows.workers.spread_batch import simulate_chunks
 from flows.workers.spread_worlds import write_worlds
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode_columns import EpisodeColumns, RequestColumns
 from specs.digest import canonical_document
 from specs.pipeline.section_requests import generation_request, section_parts, simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
@@ -30,8 +32,10 @@ from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import Workers
 from tasks.documents.template_source import find_template
 from tasks.results.tables.table_record import write_batch_tables
-from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.chunk_store import counted_columns
 from tasks.simulate.batch.job import OpenBatch, load_batch, open_batch
+from tasks.simulate.batch.result_stream import PART_EPISODES
+from tasks.simulate.plan.request_columns import request_columns
 from tasks.simulate.plan.resolve import output_location
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import chunk_key, job_key
@@ -146,20 +150,28 @@ def _counted(name: str, counted: Counter[str]) -> Callable[..., object]:
 
 
 def _tables(batch: OpenBatch) -> tuple[float, float]:
-    """Returns how many rows of some chunks, taken again and again, are written in a second, and the bytes of one."""
-    chunks = range(_ROWS // batch.plan.lanes)
+    """Returns how many rows of some chunks, taken again and again, are written in a second, and the bytes of one.
 
-    def parts() -> Generator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
-        for number in chunks:
-            rows = committed_chunk(batch.store, batch.id, number % 6) or []
-            yield [batch.layout.request(row.index) for row in rows], rows
+    A chunk is read, vouched for and decoded each time that it is taken.
+    """
+    lanes = batch.plan.lanes
+    chunks = range(_ROWS // lanes)
+
+    def parts() -> Generator[tuple[RequestColumns, EpisodeColumns]]:
+        for first in range(0, len(chunks), PART_EPISODES // lanes):
+            numbers = chunks[first : first + PART_EPISODES // lanes]
+            found = [counted_columns(batch.store, batch.id, number % 6, batch.voucher) for number in numbers]
+            results = EpisodeColumns.join([each for each in found if each is not None])
+            index = first * lanes + np.arange(len(results))
+            asked = request_columns(batch.layout, 0, 6 * lanes).take(index % (6 * lanes))
+            yield replace(asked, index=index), results.renumbered(index)
 
     location = output_location(SimulationBatch.model_validate(section(2048)))
     start_s = time.perf_counter()
     write_batch_tables(batch.store, batch.id, parts(), variables=batch.plan.variables(), location=location, metadata={})
     took_s = time.perf_counter() - start_s
     written = Path(batch.store.url.removeprefix("file://")).glob("buckets/results/**/*.parquet")
-    rows = len(chunks) * batch.plan.lanes
+    rows = len(chunks) * lanes
     return rows / took_s, sum(file.stat().st_size for file in written) / rows
 
 

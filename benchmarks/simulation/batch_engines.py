@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/simulation/engines.py --batch
 
 ``exploring`` simulates every step of 60 s. ``delivering`` is what a user runs: the shipped courier plans and drives
-deliveries in generated apartments, and lanes whose delivery is done wait for the others of their chunk.
+deliveries in generated apartments, and lanes whose delivery is done take those of the chunks that follow.
 """
 
 import json
@@ -20,6 +20,7 @@ from benchmarks.simulation.engine_worlds import FOLDERS, bench_world, exploratio
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.template.body import template_body
+from tasks.simulate.batch.chunk_runner import chunks_ahead
 from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.chunks import plan_chunks
@@ -52,9 +53,15 @@ def run_batch(kind: str, folder: Path) -> None:
     worlds = {f"bench/{k}": World.model_validate_json((folder / f"{k}.json").read_bytes()) for k in range(WORLDS)}
     requests = explorations(EPISODES, WORLDS, DURATION_S) if kind == "exploring" else _deliveries()
     rows: list[EpisodeResult] = []
-    programs = _watched()
-    for chunk in plan_chunks(requests, LANES):
-        rows += simulate_lanes(chunk, worlds, folders, lanes=LANES, should_stop=lambda: False)
+    programs, chunks = _watched(), plan_chunks(requests, LANES)
+    from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415 - imports JAX, after its settings
+
+    under_way = ChunksUnderWay()
+    for place, chunk in enumerate(chunks):
+        ahead = [chunks[number] for number in chunks_ahead(range(place + 1, len(chunks)))]
+        rows += simulate_lanes(
+            chunk, worlds, folders, lanes=LANES, should_stop=lambda: False, under_way=under_way, ahead=ahead
+        )
     figures = {
         "finished": sum(row.status == "Completed" for row in rows),
         "lane_steps": sum(row.simulated_s for row in rows) * PHYSICS_HZ,
@@ -133,10 +140,15 @@ def _watched() -> Sequence[str]:
     prepare_devices()
     import jax  # noqa: PLC0415 - reads its settings when it is imported
 
+    # As a process that simulates keeps them (``tasks.simulate.simulation_process``).
+    from tasks.simulate.engine.kept_program.keeper import use_program_folder  # noqa: PLC0415 - likewise
+
+    use_program_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept")
+
     found: list[str] = []
 
     def tell(event: str, duration_secs: float, **about: str | int) -> None:  # noqa: ARG001 - JAX's own form
-        if event == _COMPILED and "_advance_slice" in str(about.get("fun_name")):
+        if event == _COMPILED and "advance" in str(about.get("fun_name")):
             found.append(event)
 
     jax.monitoring.register_event_duration_secs_listener(tell)

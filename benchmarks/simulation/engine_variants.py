@@ -18,8 +18,10 @@ from benchmarks.applications.explorer.explorer.reactive import Lidar, control
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT_FILE, bench_world, explorations, starts
 from specs.data.episode import CONTROL_S
 from tasks.simulate.chunk.episodes import ready_chunk
+from tasks.simulate.engine.compiled_program import CompiledProgram, CompiledRun
 from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mujoco.model import host_robot, world_model
+from tasks.simulate.lane.lane_state import LaneInputs, LaneState
 from tasks.simulate.plan.chunks import SLICE_STEPS
 
 WORLDS = 16
@@ -50,6 +52,16 @@ class Ours:
         if run is None:
             raise RuntimeError(f"{engine}: {chunk.rows[0].failure_reason}")
         self.lanes, self._run, self._state = lanes, run, run.begin()
+
+    def under_way(self) -> tuple[CompiledProgram, LaneInputs, LaneState]:
+        """Returns the program of a JAX engine, what its lanes are given, and where they are.
+
+        Raises:
+            TypeError: The engine is another.
+        """
+        if not isinstance(self._run, CompiledRun):
+            raise TypeError("only engines of JAX have one program for all")
+        return self._run.program, self._run.inputs, self._state
 
     def run(self, control_steps: int) -> int:
         """Advances whole slices."""

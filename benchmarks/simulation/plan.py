@@ -22,27 +22,37 @@ from benchmarks.repository import ROOT
 from benchmarks.tables import markdown
 
 SIMYARD = str(Path(sys.executable).with_name("simyard"))
-CASES = {"planar, 64": ("planar", 4), "planar, 384": ("planar", 24), "mujoco, 64": ("mujoco", 4)}
+# Engine, worlds, seeds, and the longest time of an episode.
+CASES = {
+    "planar, 64": ("planar", 8, 4, 60),
+    "planar, 384": ("planar", 8, 24, 60),
+    "planar, 384 in 48 worlds": ("planar", 48, 4, 60),
+    "planar, 2,048": ("planar", 8, 128, 60),
+    "planar, 384 of 10 s": ("planar", 8, 24, 10),
+    "mujoco, 64": ("mujoco", 8, 4, 60),
+    "mjx, 64": ("mjx", 8, 4, 60),
+}
 RUNS = 2
-_ABOUT = re.compile(r"about (\S+) to (\S+) (s|min|h) and (\S+) to (\S+) GB")
+_ABOUT = re.compile(r"about (\S+) (s|min|h) \((\S+) to (\S+)\) and (\S+) to (\S+) GB")
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 class Turn(NamedTuple):
     """One prediction, from and to, and what the run took after it (seconds, GB)."""
 
+    told_s: float
     wall_s: tuple[float, float]
     memory_gb: tuple[float, float]
     took_s: float
     peak_gb: float
 
 
-def document(engine: str, seeds: int) -> str:
-    """Returns a pipeline of eight worlds, so many seeds and two speeds."""
+def document(engine: str, worlds: int, seeds: int, duration_s: int) -> str:
+    """Returns a pipeline of so many worlds and seeds, and two speeds."""
     launch = {"packageName": "courier", "launchFile": "go_to_goal"}
     goals = {"packageName": "delivery", "launchFile": "rooms"}
     job = {
-        "maxJobDurationInSeconds": 60,
+        "maxJobDurationInSeconds": duration_s,
         "robotApplications": [{"application": "courier", "launchConfig": launch}],
         "simulationApplications": [{"application": "delivery", "launchConfig": goals}],
     }
@@ -52,7 +62,7 @@ def document(engine: str, seeds: int) -> str:
         "createSimulationJobRequests": [job],
     }
     template = str(ROOT / "examples/templates/two-rooms.json")
-    count = {"floorplanCount": 8, "interiorCountPerFloorplan": 1}
+    count = {"floorplanCount": worlds, "interiorCountPerFloorplan": 1}
     generation = {"template": template, "worldCount": count, "seed": 7}
     return json.dumps({"name": "predicted", "worldGeneration": generation, "simulationBatch": batch})
 
@@ -63,7 +73,7 @@ def measured(file: Path, store: str, environment: Mapping[str, str]) -> Turn:
     found = _ABOUT.search(told)
     if found is None:
         raise SystemExit(f"no prediction: {told}")
-    low, high, unit, least, most = found.groups()
+    told_as, unit, low, high, least, most = found.groups()
     scale = _SECONDS[unit]
     start_s = time.perf_counter()
     process = subprocess.Popen(
@@ -75,7 +85,7 @@ def measured(file: Path, store: str, environment: Mapping[str, str]) -> Turn:
         raise SystemExit("the run failed")
     took_s = time.perf_counter() - start_s
     wall_s = (float(low) * scale, float(high) * scale)
-    return Turn(wall_s, (float(least), float(most)), took_s, usage.ru_maxrss * 1024 / 1e9)
+    return Turn(float(told_as) * scale, wall_s, (float(least), float(most)), took_s, usage.ru_maxrss * 1024 / 1e9)
 
 
 def main() -> None:
@@ -84,7 +94,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
     options = parser.parse_args()
-    rows = [("case", "wall predicted", "taken", "memory predicted", "taken")]
+    rows = [("case", "wall predicted", "taken", "ratio", "memory predicted", "taken")]
     figures: dict[str, Turn] = {}
     for name in options.case:
         with tempfile.TemporaryDirectory(prefix="simyard-bench-") as folder:
@@ -95,9 +105,11 @@ def main() -> None:
                 turn = measured(file, (Path(folder) / f"store-{run}").as_uri(), environment)
                 figures[f"{name}, run {run + 1}"] = turn
     for name, turn in figures.items():
-        wall = f"{turn.wall_s[0]:.0f} - {turn.wall_s[1]:.0f} s"
+        wall = f"{turn.told_s:.0f} s ({turn.wall_s[0]:.0f} - {turn.wall_s[1]:.0f})"
         memory = f"{turn.memory_gb[0]:.1f} - {turn.memory_gb[1]:.1f} GB"
-        rows.append((name, wall, f"{turn.took_s:.0f} s", memory, f"{turn.peak_gb:.1f} GB"))
+        rows.append(
+            (name, wall, f"{turn.took_s:.0f} s", f"{turn.told_s / turn.took_s:.2f}", memory, f"{turn.peak_gb:.1f} GB")
+        )
     print(markdown(rows))
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2))

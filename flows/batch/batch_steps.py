@@ -23,7 +23,7 @@ from tasks.results.statistics.summary import summary_note, summary_rows
 from tasks.results.tables.application_output import write_output
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.audit.audit_run import write_audit
-from tasks.simulate.batch.chunk_runner import ChunkRunner, tag_jobs
+from tasks.simulate.batch.chunk_runner import ChunkRunner, coming_chunks, tag_jobs
 from tasks.simulate.batch.commit import ChunkEnd, run_chunk
 from tasks.simulate.batch.job import OpenBatch, load_batch
 from tasks.simulate.batch.provenance import batch_metadata
@@ -59,6 +59,7 @@ def simulate_chunk(
     left_s: float,
     spent_s: float,
     done: int = 0,
+    ahead: tuple[int, ...] = (),
     voucher: Voucher | None = None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
@@ -72,6 +73,8 @@ def simulate_chunk(
         left_s: Wall seconds that the batch has left; lanes that need longer are cancelled.
         spent_s: Wall seconds that were spent on the batch before.
         done: Episodes of the chunks before, for whoever listens to progress.
+        ahead: The chunks that this process is going to be asked for next: while this one drives, they are made ready,
+            and their episodes begin as soon as lanes are free.
         voucher: Vouches for the results on a worker; None on a machine of the owner.
     """
     work = load_batch(open_store(store_url), batch, voucher)
@@ -86,7 +89,8 @@ def simulate_chunk(
         report_progress(EPISODES, done + finished, work.layout.episodes)
 
     tagged = functools.partial(tag_jobs, work)
-    runner = ChunkRunner(bundles.folders, work.plan.engine, work.plan.recordings.rateHz, progress, tagged)
+    coming = coming_chunks(work, ahead, bundles.failures)
+    runner = ChunkRunner(bundles.folders, work.plan.engine, work.plan.recordings.rateHz, progress, tagged, coming)
     ended = run_chunk(
         work,
         number,

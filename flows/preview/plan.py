@@ -181,8 +181,9 @@ def _count(number: int, thing: str) -> str:
 def _time(span: Span) -> str:
     for unit, seconds in (("h", 3600.0), ("min", 60.0)):
         if span.high >= 2 * seconds:
-            return f"{span.low / seconds:.1f} to {span.high / seconds:.1f} {unit}"
-    return f"{span.low:.0f} to {span.high:.0f} s"
+            low, middle, high = (each / seconds for each in (span.low, span.middle, span.high))
+            return f"{middle:.1f} {unit} ({low:.1f} to {high:.1f})"
+    return f"{span.middle:.0f} s ({span.low:.0f} to {span.high:.0f})"
 
 
 def _gigabytes(span: Span) -> str:

@@ -71,6 +71,7 @@ def simulate_chunk(
     left_s: float,
     spent_s: float,
     done: int = 0,
+    ahead: tuple[int, ...] = (),
     voucher: Voucher | None = None,
 ) -> ChunkEnd:
     """Returns what `flows.batch.batch_steps.simulate_chunk` does."""
@@ -83,6 +84,7 @@ def simulate_chunk(
         left_s=left_s,
         spent_s=spent_s,
         done=done,
+        ahead=ahead,
         voucher=voucher,
     )
 

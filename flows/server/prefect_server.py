@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
 from specs.settings import server_wait_s
+from tasks.progress.durations import log_duration
 from tasks.server import process
 from tasks.server.health import (
     is_answering,
@@ -56,8 +57,10 @@ def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[Serv
         process.run_server(home) as (server, child),
         _environment(**server.environment(), PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
-        prepare()
-        process.wait_until_healthy(server, child)
+        with log_duration("prepare"):
+            prepare()
+        with log_duration("wait_for_server"):
+            process.wait_until_healthy(server, child)
         yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
 
 

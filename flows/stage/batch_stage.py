@@ -2,6 +2,8 @@
 
 import logging
 import time
+from collections.abc import Sequence
+from threading import Thread
 
 from pydantic import JsonValue
 
@@ -14,14 +16,15 @@ from flows.document.tested_batch import batch_plan
 from flows.stage.orchestrator import orchestrator, run_step
 from flows.stage.stage_run import require_success, run_stage
 from specs.digest import canonical_document
-from specs.errors import DocumentError, StageFailed
+from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
 from tasks.applications.bundle_failure import BUNDLE_ERRORS
 from tasks.applications.step import unpack_application
-from tasks.simulate.batch.chunk_store import spent_s
+from tasks.simulate.batch.chunk_runner import chunks_ahead
+from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s
 from tasks.simulate.batch.job import (
     GOING,
     KIND,
@@ -35,7 +38,10 @@ from tasks.simulate.batch.job import (
 )
 from tasks.simulate.batch.metrics import METRICS, BatchMeter, BatchMetrics
 from tasks.simulate.batch.provenance import note_machine
+from tasks.simulate.chunk.timings import collect_timings
+from tasks.simulate.forecast.batch_watch import BatchWatch
 from tasks.simulate.plan.resolve import output_location
+from tasks.simulate.process.simulators import prepare_simulator
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
@@ -72,6 +78,25 @@ def simulation_batch(
     return run_stage(at, "simulation-batch", identity, token, work)
 
 
+def begin_simulation_process(store: Store, digests: Sequence[str]) -> None:
+    """Begins the process that simulates before there is anything to simulate: it imports JAX while worlds are made.
+
+    Returns at once. What hinders it hinders the stage as well, which says so.
+
+    Args:
+        store: Where the bundles are.
+        digests: Of all applications of the batch.
+    """
+
+    def begin() -> None:
+        try:
+            prepare_simulator({digest: unpack_application(store.url, digest) for digest in digests})
+        except (SimyardError, OSError) as exc:
+            logger.debug("no process simulates before there are worlds: %s", exc)
+
+    Thread(target=begin, name="simyard simulation process", daemon=True).start()
+
+
 def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:
     """Returns the record of a batch that was opened, in its terminal state; one that was killed is continued.
 
@@ -88,11 +113,16 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
             return record
         try:
             _unpack_bundles(work)
+            watch = BatchWatch()
             early = _simulate(work, location, gate)
-            return _close(work, location, early)
+            watch.drove()
+            with collect_timings() as audited:
+                end = _close(work, location, early)
         except (DocumentError, StageFailed) as exc:
             close_refused(work, exc)
             raise
+        watch.keep(work, end, audited)
+        return end
 
 
 def _unpack_bundles(batch: OpenBatch) -> None:
@@ -126,6 +156,7 @@ def _simulate_here(batch: OpenBatch, location: OutputLocation, early: EarlyEnd, 
     """Commits the chunks one after the other in this process."""
     layout, before_s, start_s = batch.layout, spent_s(batch.store, batch.id), time.monotonic()
     lanes, done = batch.plan.lanes, 0
+    committed = chunk_numbers(batch.store, batch.id).committed
     with orchestrator().progress(EPISODES, "episodes-progress") as progress:
         for number in range(layout.chunks):
             worked_s = before_s + time.monotonic() - start_s
@@ -146,6 +177,7 @@ def _simulate_here(batch: OpenBatch, location: OutputLocation, early: EarlyEnd, 
                 left_s=left_s,
                 spent_s=worked_s,
                 done=done,
+                ahead=chunks_ahead([each for each in range(number + 1, layout.chunks) if each not in committed]),
             )
             lanes, done = ended.lanes, done + ended.episodes
             meter.add(ended.work, "")

@@ -12,10 +12,20 @@ from flows.recount.recount import Asked
 from flows.resource.cancel import require_not_canceled
 from flows.resource.withdrawal import renew_metadata_here
 from flows.stage.cancellation import cancelable_run
-from flows.stage.orchestrator import orchestrator
+from flows.stage.orchestrator import at_a_time, orchestrator
 from flows.stage.run_owner import begin_run_in_turn
 from flows.stage.stage_summary import recorded_report, run_with_alarm, with_alarm
-from flows.stage.stages import Reports, deploy, export, generate, judge_batch_stage, simulate, skip_deployment, vouch
+from flows.stage.stages import (
+    Reports,
+    deploy,
+    export,
+    generate,
+    judge_batch_stage,
+    prepare_simulation,
+    simulate,
+    skip_deployment,
+    vouch,
+)
 from flows.trend.trend_page import write_trend_of_run
 from specs.data.run_report import Artefact, PipelineReport
 from specs.digest import canonical_document
@@ -82,11 +92,11 @@ def _stages(
 def _report(
     spec: PipelineSpec, store: Store, base: str, versions: Numbers, run: JobRecord, *, ships: Shipment | None
 ) -> PipelineReport:
+    prepare_simulation(spec, store, run)
     worlds, generation = generate(spec, store, base, run)
     require_not_canceled(store, run)
-    exported = export(spec, worlds, store, run)
+    exported, (batch, simulated) = _export_and_simulate(spec, worlds, store, versions, run)
     require_not_canceled(store, run)
-    batch, simulated = simulate(spec, worlds, store, versions, run)
     batch = vouch(spec, batch, worlds, store, versions)
     judged = judge_batch_stage(spec, batch, store, run, ships)
     if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
@@ -107,6 +117,17 @@ def _report(
             "shipped": deployed[0].status == "Succeeded" if deployed and passed else None,
         }
     )
+
+
+def _export_and_simulate(
+    spec: PipelineSpec, worlds: list[str], store: Store, versions: Numbers, run: JobRecord
+) -> tuple[Reports, tuple[JobRecord | None, Reports]]:
+    """Returns the report of the export, and the batch with its own; neither stage needs the other."""
+    if orchestrator().wanted_workers():  # which do one stage after the other
+        exported = export(spec, worlds, store, run)
+        require_not_canceled(store, run)
+        return exported, simulate(spec, worlds, store, versions, run)
+    return at_a_time(lambda: export(spec, worlds, store, run), lambda: simulate(spec, worlds, store, versions, run))
 
 
 def _show_trend(simulated: Reports, store: Store, run: JobRecord, batch: JobRecord) -> Reports:

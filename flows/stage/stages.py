@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from flows.document.references import Numbers, deployed_version, numbered_finder
 from flows.gate.judge import GateAnswer, gate_answer, judge_batch
@@ -15,7 +15,7 @@ from flows.gate.shipment import evidence_changes, refusal_report, shippable, wit
 from flows.recount.batch_recount import vouched_record
 from flows.recount.recount import Asked, asked_plan, recount_changes
 from flows.stage.assets import evidence_of
-from flows.stage.batch_stage import simulation_batch
+from flows.stage.batch_stage import begin_simulation_process, simulation_batch
 from flows.stage.deployment_stage import deployment_sync
 from flows.stage.export_stage import world_export
 from flows.stage.generation_stage import world_generation
@@ -49,6 +49,21 @@ _WORDS: Mapping[StageName, str] = {
     "deployment": "deployment",
 }
 logger = logging.getLogger(__name__)
+
+
+def prepare_simulation(spec: PipelineSpec, store: Store, run: JobRecord) -> None:
+    """Begins the process that simulates, if the run is going to simulate here after other stages; returns at once.
+
+    Args:
+        spec: The document.
+        store: The run's store.
+        run: The run's record, which names what it tests.
+    """
+    before = spec.worldGeneration or spec.worldExport
+    if spec.simulationBatch is None or not before or orchestrator().wanted_workers() or _ended_batch(store, run):
+        return
+    pinned = cast("Mapping[str, Mapping[str, Mapping[str, list[str]]]]", run.request)["pins"]["batch"]["bundles"]
+    begin_simulation_process(store, pinned)
 
 
 def generate(spec: PipelineSpec, store: Store, base: str, run: JobRecord) -> tuple[list[str], Reports]:

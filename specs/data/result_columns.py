@@ -1,4 +1,4 @@
-"""The columns of the result tables: each a record with its type, unit, meaning, and how it is read from an episode.
+"""The columns of the result tables: each a record with its type, unit, meaning, and how it is made from episodes.
 
 Everything else follows from these records: the Parquet schemas and rows (``tasks.results.tables``), the measures that a
 gate's quantile may ask for, and the tables of docs/reference/results-schema.md.
@@ -8,10 +8,16 @@ To add a column, add a `Column` below and raise ``SCHEMA_VERSION``.
 
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.outcome_reasons import OUTCOME_REASONS
+
+if TYPE_CHECKING:  # who checks a document needs the names of columns, and no NumPy
+    import numpy as np
+
+    from specs.data.cells import Cells
+    from specs.data.episode_columns import EpisodeColumns, RequestColumns
 
 SCHEMA_VERSION = "5"
 """Of names, types and meanings: they change only together with it."""
@@ -32,12 +38,12 @@ ColumnType = Literal[
 Course = Literal["", "grows", "falls"]
 
 
-class BatchEpisode(NamedTuple):
-    """What a row is made from: an episode of a batch, with what was asked for and what came of it."""
+class BatchColumns(NamedTuple):
+    """What rows are made from: episodes of a batch in their order, with what was asked for and what came of each."""
 
     batch: str
-    request: EpisodeRequest
-    result: EpisodeResult
+    requests: "RequestColumns"
+    results: "EpisodeColumns"
 
 
 class Column(NamedTuple):
@@ -48,7 +54,7 @@ class Column(NamedTuple):
         type: The Arrow type.
         unit: Such as ``m``; empty for none.
         meaning: A sentence for the file's metadata and the documentation.
-        value: Reads the column's value from an episode.
+        cells: Makes the column of some episodes.
         nullable: Whether a value may be missing.
         measure: Whether it measures the episode with one number, so that a gate may ask for a quantile of it.
         course: What time makes of it while an episode goes on. Who ends early has less of what grows, and more of what
@@ -59,20 +65,35 @@ class Column(NamedTuple):
     type: ColumnType
     unit: str
     meaning: str
-    value: Callable[[BatchEpisode], object]
+    cells: "Callable[[BatchColumns], Cells]"
     nullable: bool = False
     measure: bool = False
     course: Course = ""
 
 
 def _requested(name: str, kind: ColumnType, unit: str, meaning: str) -> Column:
-    """Returns a column that is a field of the request."""
-    return Column(name, kind, unit, meaning, attrgetter(f"request.{name}"))
+    """Returns a column that is a field of the request; index, seed and world have their own."""
+    return Column(name, kind, unit, meaning, _shared(attrgetter(name)))
+
+
+def _shared(value: Callable[[EpisodeRequest], object]) -> "Callable[[BatchColumns], Cells]":
+    """Returns what makes a column of something that many requests share."""
+    return lambda episodes: episodes.requests.shared(value)
+
+
+def _field(name: str) -> "Callable[[BatchColumns], Cells]":
+    """Returns what makes the column of a field of the result."""
+    return lambda episodes: episodes.results.cells[name]
+
+
+def _of_ending(value: Callable[[EpisodeResult], object]) -> "Callable[[BatchColumns], Cells]":
+    """Returns what makes a column of something that follows from how an episode ended."""
+    return lambda episodes: episodes.results.of_ending(value)
 
 
 def _answered(name: str, kind: ColumnType, unit: str, meaning: str) -> Column:
     """Returns a column that is a field of the result."""
-    return Column(name, kind, unit, meaning, attrgetter(f"result.{name}"))
+    return Column(name, kind, unit, meaning, _field(name))
 
 
 def _measured(
@@ -80,14 +101,14 @@ def _measured(
 ) -> Column:
     """Returns a column that is a field of the result; a gate may ask for it if it is a number."""
     measure = kind in {"int32", "double"}
-    return Column(name, kind, unit, meaning, attrgetter(f"result.{name}"), nullable, measure, course)
+    return Column(name, kind, unit, meaning, _field(name), nullable, measure, course)
 
 
 def _launch(prefix: str, what: str, field: str) -> tuple[Column, ...]:
     """Returns the columns of an application that took part; ``field`` is the request's field."""
 
     def part(suffix: str, attribute: str, meaning: str) -> Column:
-        return Column(f"{prefix}_{suffix}", "string", "", meaning, attrgetter(f"request.{field}.{attribute}"))
+        return Column(f"{prefix}_{suffix}", "string", "", meaning, _shared(attrgetter(f"{field}.{attribute}")))
 
     return (
         part("application", "name", f"Name of the {what} application."),
@@ -101,24 +122,45 @@ def _launch(prefix: str, what: str, field: str) -> tuple[Column, ...]:
 def _trajectory(name: str, axis: int, unit: str, meaning: str) -> Column:
     """Returns a column with one number of each pose of the trajectory (t_s, x_m, y_m, yaw_rad)."""
 
-    def values(episode: BatchEpisode) -> list[float]:
-        return [pose[axis] for pose in episode.result.trajectory]
+    def cells(episodes: BatchColumns) -> "Cells":
+        poses = episodes.results.cells["trajectory"]
+        return poses._replace(numbers=cast("np.ndarray", poses.numbers)[:, axis])
 
-    return Column(name, "list<double>", unit, meaning, values)
+    return Column(name, "list<double>", unit, meaning, cells)
+
+
+def _batch(episodes: BatchColumns) -> "Cells":
+    return episodes.requests.shared(lambda _: episodes.batch)
+
+
+def _jobs(episodes: BatchColumns) -> "Cells":
+    return episodes.requests.named(lambda index: f"{episodes.batch}/{index}")
 
 
 REQUESTED = (
-    Column("batch", "string", "", "Id of the simulation job batch.", attrgetter("batch")),
+    Column("batch", "string", "", "Id of the simulation job batch.", _batch),
     Column(
         "job",
         "string",
         "",
         "Id of the simulation job, <batch>/<index>; the last part of its ARN.",
-        lambda episode: f"{episode.batch}/{episode.request.index}",
+        _jobs,
     ),
-    _requested("index", "int32", "", "Position of the job in the batch, from 0."),
-    _requested("world", "string", "", "The world, <generation>/<name>."),
-    _requested("seed", "int64", "", "Seed that draws the scenario's goals and the sensors' noise."),
+    Column(
+        "index",
+        "int32",
+        "",
+        "Position of the job in the batch, from 0.",
+        lambda episodes: episodes.requests.number_cells("index"),
+    ),
+    Column("world", "string", "", "The world, <generation>/<name>.", lambda episodes: episodes.requests.worlds),
+    Column(
+        "seed",
+        "int64",
+        "",
+        "Seed that draws the scenario's goals and the sensors' noise.",
+        lambda episodes: episodes.requests.number_cells("seeds"),
+    ),
     *_launch("robot", "robot", "robot"),
     *_launch("simulation", "simulation", "scenario"),
     Column(
@@ -126,7 +168,7 @@ REQUESTED = (
         "map<string, string>",
         "",
         "Environment variables, sorted by name.",
-        lambda episode: sorted(episode.request.environment.items()),
+        _shared(lambda request: tuple(sorted(request.environment.items()))),
     ),
     _requested("duration_s", "double", "s", "Simulated time at most (maxJobDurationInSeconds)."),
     _requested("failure_behavior", "string", "", "What a crash does to the job: Fail or Continue."),
@@ -144,7 +186,7 @@ ANSWERED = (
         "bool",
         "",
         "Completed and Passed: what the gate counts; null for Canceled.",
-        lambda episode: success(episode.result),
+        _of_ending(success),
         nullable=True,
     ),
     _answered(
@@ -163,7 +205,7 @@ EXPLAINED = (
         "string",
         "",
         "The failure code of a job that failed, else the outcome's reason; to group by.",
-        lambda episode: reason(episode.result),
+        _of_ending(reason),
     ),
     _answered("failure_reason", "string", "", "What happened, for a person, or empty."),
     _trajectory("trajectory_t_s", 0, "s", "Times of the downsampled trajectory."),

@@ -9,6 +9,7 @@ from uuid import UUID
 
 from httpx import TransportError
 from prefect.artifacts import create_progress_artifact, update_progress_artifact
+from prefect.context import SettingsContext, get_settings_context
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 
@@ -58,6 +59,7 @@ class _Bar:
         self._artifact: UUID | None = None
         self._shown_s = 0.0
         self._is_away = False
+        self._settings: tuple[SettingsContext, SettingsContext] | None = None
 
     def is_due(self) -> bool:
         """Returns whether the bar was not moved for a while."""
@@ -66,7 +68,7 @@ class _Bar:
     def show(self, percent: float) -> None:
         """Moves the bar; an update that the server does not take is dropped, for the next one says more."""
         try:
-            with temporary_settings({PREFECT_CLIENT_MAX_RETRIES: 0}):
+            with self._without_retries():
                 self._send(percent)
         except (TransportError, PrefectHTTPStatusError) as exc:
             if isinstance(exc, PrefectHTTPStatusError) and exc.response.status_code < 500:
@@ -79,6 +81,14 @@ class _Bar:
         else:
             self._is_away = False
         self._shown_s = time.monotonic()
+
+    def _without_retries(self) -> SettingsContext:
+        """Returns the settings as they are, without retries; made once, because they take as long as a few updates."""
+        now = get_settings_context()
+        if self._settings is None or self._settings[0] is not now:
+            with temporary_settings({PREFECT_CLIENT_MAX_RETRIES: 0}):
+                self._settings = now, get_settings_context()
+        return self._settings[1]
 
     def _send(self, percent: float) -> None:
         if self._artifact is None:

@@ -9,6 +9,7 @@ import sys
 
 from tasks.server.collector_pause import pause_collector
 from tasks.server.own_origin import OwnOrigin
+from tasks.server.waits import BusyDatabase, LeftReader
 
 with pause_collector():
     import uvicorn
@@ -23,9 +24,9 @@ def main(arguments: list[str]) -> None:
     port = int(arguments[0])
     settings = get_current_settings().server
     with pause_collector():
-        application = create_app(final=True)
+        guarded = LeftReader(BusyDatabase(create_app(final=True)))
     uvicorn.run(
-        OwnOrigin(application, [f"{name}:{port}" for name in _HERE]),  # pyright: ignore[reportArgumentType]
+        OwnOrigin(guarded, [f"{name}:{port}" for name in _HERE]),  # pyright: ignore[reportArgumentType]
         host=_HERE[0],
         port=port,
         timeout_keep_alive=settings.api.keepalive_timeout,

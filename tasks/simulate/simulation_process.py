@@ -31,7 +31,7 @@ from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.chunk.job_tags import collect_tags
 from tasks.simulate.chunk.timings import hand_over_timings
 from tasks.simulate.devices import prepare_devices
-from tasks.simulate.lane.samples import Ends, Steps, sample_stride, slice_samples
+from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
 from tasks.simulate.process.sent_log import log_parts
 from tasks.simulate.process.wire import receive, send
 from tasks.simulate.process.work import (
@@ -55,9 +55,12 @@ from tasks.simulate.process.work import (
 )
 
 if TYPE_CHECKING:
+    from tasks.simulate.chunk.under_way import ChunksUnderWay
     from tasks.simulate.replay.replay_drive import DrivenAgain
 
 _PR_SET_PDEATHSIG = 1
+PROGRAMS = "SIMYARD_PROGRAMS"
+"""Where it is ``trace``, each process traces its programs anew."""
 
 
 def main(connection: socket.socket, calls: int) -> None:
@@ -71,15 +74,26 @@ def main(connection: socket.socket, calls: int) -> None:
     prepare_devices()
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
         importlib.import_module("tasks.simulate.chunk.episodes")  # which imports JAX, which reads its settings then
+    _keep_programs()
     service = Service(connection)
     service.say(Ready())
     while True:
+        while not service.asked() and service.work_ahead():
+            pass
         try:
             document = receive(connection).document
         except (EOFError, OSError):
             return
         if "work" in document:  # else it is told to stop what it has ended already
             service.answer(WORK.validate_json(str(document["work"])))
+
+
+def _keep_programs() -> None:
+    """Lets programs be kept for processes to come, where those of these applications alone are, unless told not to."""
+    from tasks.simulate.engine.kept_program.keeper import use_program_folder  # noqa: PLC0415 - after JAX's settings
+
+    if os.environ.get(PROGRAMS, "") != "trace":
+        use_program_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept")
 
 
 class Service:
@@ -89,7 +103,16 @@ class Service:
         """Begins without worlds."""
         self._connection, self._worlds = connection, dict[str, World]()
         self._stopped, self._poll = False, select.poll()
+        self._under_way: ChunksUnderWay | None = None
         self._poll.register(connection, select.POLLIN)
+
+    def asked(self) -> bool:
+        """Returns whether a question waits."""
+        return bool(self._poll.poll(0))
+
+    def work_ahead(self) -> bool:
+        """Simulates a slice of what is going to be asked for; returns False if nothing is known of that."""
+        return self._under_way is not None and self._under_way.work_ahead()
 
     def say(self, answer: Spec, arrays: Sequence[np.ndarray] = ()) -> None:
         """Sends an answer."""
@@ -111,6 +134,8 @@ class Service:
 
     def _work(self, work: LanesWork | AuditWork | AgainWork) -> None:
         bundles = {digest: Path(folder) for digest, folder in work.bundles.items()}
+        if not isinstance(work, LanesWork) and self._under_way is not None:
+            self._under_way.forget()
         match work:
             case LanesWork():
                 self._lanes(work, bundles)
@@ -126,7 +151,9 @@ class Service:
 
     def _lanes(self, work: LanesWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.chunk.runner import simulate_lanes  # noqa: PLC0415 - after JAX's settings
+        from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415
 
+        self._under_way = self._under_way or ChunksUnderWay()
         with hand_over_timings() as timings, collect_tags() as tags:
             rows = simulate_lanes(
                 work.chunk,
@@ -138,6 +165,8 @@ class Service:
                 progress=self._progress,
                 recorder=None if work.rate_hz is None else _Forward(self.say, work.rate_hz),
                 timed_as=work.timed_as,
+                under_way=self._under_way,
+                ahead=work.ahead,
             )
         self.say(Rows(rows=tuple(rows), timings=_remembered(timings), tags=tags))
 
@@ -180,16 +209,19 @@ class _Forward:
     """Tells a recorder in another process what lanes do."""
 
     def __init__(self, say: Callable[[Spec, Sequence[np.ndarray]], None], rate_hz: float) -> None:
-        self._say, self._rate_hz = say, rate_hz
+        self._say, self.rate_hz = say, rate_hz
         self._lanes, self._stride, self._before = 0, 1, 0
 
     def begin(self, lanes: int, control_s: float) -> None:
-        self._lanes, self._stride, self._before = lanes, sample_stride(self._rate_hz, control_s), 0
+        self._lanes, self._stride, self._before = lanes, sample_stride(self.rate_hz, control_s), 0
         self._say(RecordingBegins(lanes=lanes, control_s=control_s), ())
 
     def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
         samples = slice_samples(slice_, steps, lanes=self._lanes, before=self._before, stride=self._stride)
         self._before += samples.steps
+        self.add(samples, steps)
+
+    def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
         self._say(Samples(steps=samples.steps), (*samples[1:], np.asarray(steps)))
 
     def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:

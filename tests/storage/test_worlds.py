@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+import math
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from specs.data.world import World
+from specs.data.world import Furniture, World
+from specs.digest import canonical_json
 from specs.errors import DocumentError, ObjectExists, ResourceNotFound, WorldChanged
 from specs.template.body import TemplateBody
 from tasks.storage.base.store import Store
@@ -33,6 +35,26 @@ def test_the_bytes_are_sorted_json_without_spaces() -> None:
     encoded = encode_world(make(sample("two-rooms")))
     document = json.loads(encoded)
     assert encoded == json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode()
+
+
+@settings(max_examples=8, deadline=None)
+@given(templates(), st.text(max_size=8), st.tuples(*[st.floats(-9.0, 9.0)] * 3))
+def test_a_world_is_written_as_canonical_json_writes_any_document(
+    body: TemplateBody, name: str, center_m: tuple[float, float, float]
+) -> None:
+    world = make(body)
+    solid = world.walls[0].model_copy(update={"name": name, "center_m": center_m})
+    piece = Furniture(name=name, model_type=name, room=name, center_m=(1e-9, 1e17), yaw_rad=-0.0, solids=(solid,))
+    world = world.model_copy(update={"walls": (solid,), "furniture": (*world.furniture, piece)})
+    assert encode_world(world) == canonical_json(world.model_dump(mode="json"))
+
+
+@pytest.mark.parametrize("yaw_rad", [math.nan, math.inf])
+def test_a_world_of_numbers_that_json_has_not_is_refused(yaw_rad: float) -> None:
+    world = make(sample("one-room"))
+    wall = world.walls[0].model_copy(update={"yaw_rad": yaw_rad})
+    with pytest.raises(ValueError, match="JSON"):
+        encode_world(world.model_copy(update={"walls": (wall,)}))
 
 
 def test_numbers_have_at_most_six_decimals_and_no_negative_zero() -> None:

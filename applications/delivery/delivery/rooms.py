@@ -1,6 +1,6 @@
 """The delivery scenario: from the origin to goals in other rooms, one after the other, without hitting anything."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import jax
@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
 
 if TYPE_CHECKING:
-    from specs.data.world import Rectangle, World
+    from specs.data.world import Rectangle, Room, World
     from tasks.simulate.application.contract import HostMap
 
 DEFAULT_GOALS = 2
@@ -31,6 +31,26 @@ class Placement(NamedTuple):
     start: Float64[np.ndarray, "3"]
     goals_m: Float64[np.ndarray, "goals 2"]
     given: tuple[np.ndarray]
+
+
+class _Ground(NamedTuple):
+    """Where goals may be in a world.
+
+    Attributes:
+        clearance_m: Of its map; as long as it is kept, no other array can have its identity.
+        points: The centres of all cells that the robot gets to.
+        within: The floor of each room, and those of the points that lie on it.
+    """
+
+    clearance_m: np.ndarray
+    rooms: "Sequence[Room]"
+    hull_radius_m: float
+    points: Float64[np.ndarray, "points 2"]
+    within: "list[tuple[Rectangle, Float64[np.ndarray, 'points 2']]]"
+
+
+_GROUNDS_KEPT = 64
+_grounds: dict[int, _Ground] = {}
 
 
 class Progress(NamedTuple):
@@ -68,14 +88,13 @@ class Rooms:
         count = round(float(self._goals))
         if count != float(self._goals) or not 1 <= count <= MOST_GOALS:
             raise ValueError(f"GOALS: {float(self._goals):g}: must be a whole number from 1 to {MOST_GOALS}")
-        reachable = _reachable(floor, hull_radius_m + _ROOM_M)
-        if not reachable.any():
+        ground = _ground(world.rooms, floor, hull_radius_m)
+        if not len(ground.points):
             raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around the origin")
-        points = _points(floor, reachable)
         goals: list[Float64[np.ndarray, 2]] = []
         here = np.zeros(2)
         for _ in range(count):
-            here = _draw_goal(world, points, here, rng)
+            here = _draw_goal(ground, here, rng)
             goals.append(here)
         start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
         return Placement(start, np.stack(goals), (np.array(count, np.int32),))
@@ -118,6 +137,23 @@ def scenario(environment: Mapping[str, "str | Float[jax.Array, '']"]) -> Rooms:
     return Rooms(goals)
 
 
+def _ground(rooms: "Sequence[Room]", floor: "HostMap", hull_radius_m: float) -> _Ground:
+    """Returns where goals may be in a world; kept, since many episodes take place in it."""
+    key = id(floor.clearance_m)
+    kept = _grounds.get(key)
+    if kept is None or kept.rooms is not rooms or kept.hull_radius_m != hull_radius_m:
+        points = _points(floor, _reachable(floor, hull_radius_m + _ROOM_M))
+        within = [(room.floor, points[_inside(points, room.floor)]) for room in rooms]
+        kept = _Ground(floor.clearance_m, rooms, hull_radius_m, points, within)
+        # A map that can be written to may be another one tomorrow.
+        if not floor.clearance_m.flags.writeable:
+            _grounds.pop(key, None)
+            _grounds[key] = kept
+            while len(_grounds) > _GROUNDS_KEPT:
+                del _grounds[next(iter(_grounds))]
+    return kept
+
+
 def _reachable(floor: "HostMap", radius_m: float) -> np.ndarray:
     """Returns where a disc of that radius gets to from the origin."""
     parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(floor.clearance_m >= radius_m, structure=np.ones((3, 3))))
@@ -131,24 +167,20 @@ def _points(floor: "HostMap", cells: np.ndarray) -> Float64[np.ndarray, "points 
     return floor.origin_m.astype(np.float64) + float(floor.cell_m) * np.stack([columns, rows], axis=1)
 
 
-def _draw_goal(
-    world: "World", points: Float64[np.ndarray, "points 2"], here: Float64[np.ndarray, "2"], rng: np.random.Generator
-) -> Float64[np.ndarray, "2"]:
+def _draw_goal(ground: _Ground, here: Float64[np.ndarray, "2"], rng: np.random.Generator) -> Float64[np.ndarray, "2"]:
     """Returns a point in another room than ``here``; where there is none to go to, a point far away.
 
     Args:
-        world: Its rooms are drawn from, each as likely as the other.
-        points: Where a goal may be.
+        ground: Its rooms are drawn from, each as likely as the other.
         here: Where the robot comes from.
         rng: Draws the room, then the point.
     """
-    rooms = [points[_inside(points, room.floor)] for room in world.rooms if not _inside(here[None], room.floor)[0]]
-    rooms = [room for room in rooms if len(room)]
+    rooms = [points for floor, points in ground.within if len(points) and not _inside(here[None], floor)[0]]
     if rooms:
         candidates = rooms[int(rng.integers(len(rooms)))]
     else:
-        distance = np.hypot(*(points - here).T)
-        candidates = points[distance >= distance.max() / 2]
+        distance = np.hypot(*(ground.points - here).T)
+        candidates = ground.points[distance >= distance.max() / 2]
     return candidates[int(rng.integers(len(candidates)))]
 
 

@@ -120,12 +120,14 @@ def _prepare_engine(spec: PipelineSpec) -> None:
 
 
 def _computing_modules(spec: PipelineSpec) -> list[str]:
-    """Returns what a run of the document imports that many others do not: SciPy, MuJoCo, and JAX with MJX."""
+    """Returns what a run of the document imports that many others do not: SciPy and MuJoCo.
+
+    JAX is none of it: only the process that simulates imports that, see
+    ``flows.stage.batch_stage.begin_simulation_process``.
+    """
     modules: list[str] = []
     if spec.worldGeneration:
         modules.append("scipy.ndimage")
     if spec.worldExport and "mjcf" in spec.worldExport.formats:
         modules.append("tasks.export.format.mjcf")
-    if spec.simulationBatch:
-        modules.append("tasks.simulate.chunk.episodes")
     return modules

@@ -7,12 +7,10 @@ whoever finds an older state than the copy knows that somebody has put it back.
 from collections.abc import Mapping
 from contextlib import suppress
 
-from tuf.api.serialization import DeserializationError
-
 from specs.errors import ObjectNotFound, ObjectTooBig, TrustRefused
 from tasks.deploy.trust.keyring import KeptMetadata, Keyring, SignerNotes, refused_keys
 from tasks.deploy.trust.metadata import MOST_METADATA_BYTES, Published, part_name, read_published, read_root
-from tasks.deploy.trust.tuf_names import Metadata, Timestamp
+from tasks.deploy.trust.tuf_names import DeserializationError, Metadata, Timestamp
 from tasks.storage.base.keys import claim_key, trust_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim

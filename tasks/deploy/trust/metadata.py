@@ -12,17 +12,16 @@ from datetime import datetime
 from functools import partial
 from typing import TypeVar
 
-from tuf.api.exceptions import RepositoryError
-from tuf.api.serialization import DeserializationError
-
 from specs.errors import ObjectNotFound, ObjectTooBig, TrustRefused
 from tasks.deploy.trust.keyring import Role
 from tasks.deploy.trust.tuf_names import (
     CryptoSigner,
     DelegatedRole,
     Delegations,
+    DeserializationError,
     Metadata,
     MetaFile,
+    RepositoryError,
     Root,
     Snapshot,
     TargetFile,

@@ -11,18 +11,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeGuard
 
-from tuf.api.exceptions import (
-    BadVersionNumberError,
-    DownloadError,
-    DownloadHTTPError,
-    DownloadLengthMismatchError,
-    ExpiredMetadataError,
-    LengthOrHashMismatchError,
-    RepositoryError,
-    UnsignedMetadataError,
-)
-from tuf.ngclient import FetcherInterface, Updater, UpdaterConfig
-
 from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustRefused
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.trust.keyring import Role
@@ -34,7 +22,21 @@ from tasks.deploy.trust.metadata import (
     repository_of,
 )
 from tasks.deploy.trust.signature import verify
-from tasks.deploy.trust.tuf_names import Metadata, Targets
+from tasks.deploy.trust.tuf_names import (
+    BadVersionNumberError,
+    DownloadError,
+    DownloadHTTPError,
+    DownloadLengthMismatchError,
+    ExpiredMetadataError,
+    FetcherInterface,
+    LengthOrHashMismatchError,
+    Metadata,
+    RepositoryError,
+    Targets,
+    UnsignedMetadataError,
+    Updater,
+    UpdaterConfig,
+)
 from tasks.deploy.trust.vouched_fleets import read_fleets
 from tasks.storage.base.atomic_file import make_folder, settle_names
 from tasks.storage.base.store import Store

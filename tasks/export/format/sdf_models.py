@@ -3,10 +3,12 @@
 Furniture as SDF models that worlds share: pieces of one make are one model, wherever they stand.
 """
 
+import functools
 import hashlib
 import math
 import re
 from collections.abc import Iterable
+from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
 from specs.data.world import Color, Furniture, Solid
@@ -24,7 +26,7 @@ def document() -> ET.Element:
 def encode_xml(root: ET.Element) -> bytes:
     """Returns a document as bytes, indented."""
     ET.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="utf-8") + b"\n"
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode").encode() + b"\n"
 
 
 def add_text(parent: ET.Element, tag: str, value: object) -> ET.Element:
@@ -43,8 +45,17 @@ def numbers(values: Iterable[float]) -> str:
 
 def add_pose(parent: ET.Element, pose: Pose) -> None:
     """Adds a pose."""
-    x_m, y_m, z_m, yaw_rad = pose
-    add_text(parent, "pose", numbers((x_m, y_m, z_m, 0.0, 0.0, yaw_rad)))
+    add_text(parent, "pose", _pose_text(pose))
+
+
+def _pose_text(pose: Pose) -> str:
+    return _upright(numbers(pose))
+
+
+def _upright(pose: str) -> str:
+    """Returns a pose of four numbers as one of six, which is turned about z alone."""
+    place, _, yaw = pose.rpartition(" ")
+    return f"{place} {numbers((0.0, 0.0))} {yaw}"
 
 
 def add_solid_to_link(link: ET.Element, solid: Solid, pose: Pose, *, touched: bool = True) -> None:
@@ -57,11 +68,7 @@ def add_solid_to_link(link: ET.Element, solid: Solid, pose: Pose, *, touched: bo
         touched: Whether it collides.
     """
     for kind in ("collision", "visual") if touched else ("visual",):
-        element = ET.SubElement(link, kind, name=f"{solid.name}_{kind}")  # names of siblings differ
-        add_pose(element, pose)
-        _geometry(element, solid)
-        if kind == "visual":
-            add_color(element, solid.color)
+        _add_shape(link, kind, solid.name, _pose_text(pose), solid)
 
 
 def add_mesh(link: ET.Element, name: str, uri: str) -> None:
@@ -85,7 +92,15 @@ def turn(x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
     return cos * x_m - sin * y_m, sin * x_m + cos * y_m
 
 
-def _geometry(parent: ET.Element, solid: Solid) -> None:
+def _add_shape(link: ET.Element, kind: str, name: str, pose: str, shape: "Solid | _Part") -> None:
+    element = ET.SubElement(link, kind, name=f"{name}_{kind}")  # names of siblings differ
+    add_text(element, "pose", pose)
+    _geometry(element, shape)
+    if kind == "visual":
+        add_color(element, shape.color)
+
+
+def _geometry(parent: ET.Element, solid: "Solid | _Part") -> None:
     x_m, y_m, z_m = solid.half_extents_m
     geometry = ET.SubElement(parent, "geometry")
     if solid.shape == "cylinder":
@@ -97,6 +112,7 @@ def _geometry(parent: ET.Element, solid: Solid) -> None:
 
 
 _DIGEST_CHARACTERS = 12
+_MODELS_KEPT = 1024
 _NOT_IN_A_NAME = re.compile(r"[^a-z0-9]+")
 
 
@@ -105,18 +121,34 @@ def furniture_model(piece: Furniture) -> tuple[str, dict[str, bytes]]:
 
     The name says what kind of piece it is and, by a digest, its shape and colours: equal pieces, equal models.
     """
-    kind = _NOT_IN_A_NAME.sub("_", piece.model_type.lower()).strip("_")
-    parts = [(_part_name(piece, solid), solid, _pose_in(piece, solid)) for solid in piece.solids]
-    described = [(name, solid.shape, solid.half_extents_m, solid.color, numbers(pose)) for name, solid, pose in parts]
-    shape = hashlib.sha256(repr(described).encode()).hexdigest()[:_DIGEST_CHARACTERS]
+    parts = tuple(_part(piece, solid) for solid in piece.solids)
+    return _shared_model(piece.model_type, parts)
+
+
+class _Part(NamedTuple):
+    """All that a model says of a solid, the pose as text: parts that are equal are the same in a model."""
+
+    name: str
+    shape: Literal["box", "cylinder"]
+    half_extents_m: tuple[float, float, float]
+    color: Color
+    pose: str
+
+
+@functools.lru_cache(maxsize=_MODELS_KEPT)
+def _shared_model(model_type: str, parts: tuple[_Part, ...]) -> tuple[str, dict[str, bytes]]:
+    """Returns a model's name and files; kept, since most pieces of a world are of a make that another world has."""
+    kind = _NOT_IN_A_NAME.sub("_", model_type.lower()).strip("_")
+    shape = hashlib.sha256(repr([tuple(part) for part in parts]).encode()).hexdigest()[:_DIGEST_CHARACTERS]
     model_name = f"aws_robomaker_{kind}_{shape}"
     root = document()
     model = ET.SubElement(root, "model", name=model_name)
     add_text(model, "static", "true")
     link = ET.SubElement(model, "link", name="link")
-    for name, solid, pose in parts:
-        add_solid_to_link(link, solid.model_copy(update={"name": name}), pose)
-    return model_name, {"model.config": model_config(model_name, piece.model_type), "model.sdf": encode_xml(root)}
+    for part in parts:
+        for seen in ("collision", "visual"):
+            _add_shape(link, seen, part.name, _upright(part.pose), part)
+    return model_name, {"model.config": model_config(model_name, model_type), "model.sdf": encode_xml(root)}
 
 
 def model_config(name: str, description: str) -> bytes:
@@ -129,6 +161,11 @@ def model_config(name: str, description: str) -> bytes:
     add_text(ET.SubElement(root, "author"), "name", "Simyard")
     add_text(root, "description", description)
     return encode_xml(root)
+
+
+def _part(piece: Furniture, solid: Solid) -> _Part:
+    pose = numbers(_pose_in(piece, solid))
+    return _Part(_part_name(piece, solid), solid.shape, solid.half_extents_m, solid.color, pose)
 
 
 def _part_name(piece: Furniture, solid: Solid) -> str:

@@ -4,10 +4,15 @@ A success rate says nothing about rooms in which no robot was: a batch may pass 
 """
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self, cast
+
+import numpy as np
+from jaxtyping import Int
 
 from specs.base import Spec
+from specs.data.cells import Cells, distinct
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.data.episode_columns import EpisodeColumns, RequestColumns
 
 if TYPE_CHECKING:
     import pyarrow as pa  # a run's report reads figures, and must not wait for Arrow
@@ -117,6 +122,24 @@ class RoomTally:
             self._goals += row.goals_total
             self._goals_reachable += row.goals_reachable
 
+    def add_columns(self, asked: RequestColumns, answered: EpisodeColumns) -> None:
+        """Counts episodes that come as columns, request and result of each in the same row."""
+        rows = np.flatnonzero(answered.numbers("rooms_total"))
+        asked, answered = asked.take(rows), answered.take(rows)
+        worlds, totals = cast("np.ndarray", asked.worlds.codes), answered.numbers("rooms_total")
+        for row in distinct([worlds, totals.astype(np.int64)])[0] if len(rows) else ():
+            self._rooms.setdefault(str(asked.worlds.labels[worlds[row]]), int(totals[row]))
+        entered = _room_names(self._entered, asked, answered.cells["rooms_entered"])
+        _room_names(self._unreachable, asked, answered.cells["rooms_unreachable"])
+        ways, ways_of = answered.endings
+        passed = np.array([success(way) is True for way in ways], np.bool_)[ways_of] if ways else np.zeros(0, np.bool_)
+        self._passed += int(passed.sum())
+        self._in_one_room += int((passed & (totals > 1) & (entered < 2)).sum())
+        goals = answered.cells["goals_reachable"]
+        known = np.ones(len(rows), np.bool_) if goals.there is None else goals.there
+        self._goals += int(answered.numbers("goals_total")[known].sum())
+        self._goals_reachable += int(answered.numbers("goals_reachable")[known].sum())
+
     def coverage(self) -> RoomCoverage | None:
         """Returns what was counted; None if no episode said anything of rooms."""
         if not self._rooms:
@@ -143,6 +166,21 @@ class RoomTally:
             entered=tuple(sorted(entered)),
             unreachable=tuple(sorted(self._unreachable[name] - entered)),
         )
+
+
+def _room_names(found: dict[str, set[str]], asked: RequestColumns, rooms: Cells) -> Int[np.ndarray, " rows"]:
+    """Adds the rooms that episodes name to those of their worlds; returns how many each episode names."""
+    worlds, codes = cast("np.ndarray", asked.worlds.codes), cast("np.ndarray", rooms.codes)
+    for world in np.unique(worlds).tolist():
+        found.setdefault(str(asked.worlds.labels[world]), set())
+    rows = np.repeat(np.arange(len(worlds)), cast("np.ndarray", rooms.lengths))
+    if not len(rows):
+        return np.zeros(len(worlds), np.int64)
+    of_row, _ = distinct([rows, codes])
+    of_world, _ = distinct([worlds[rows], codes])
+    for entry in of_world:
+        found[str(asked.worlds.labels[worlds[rows[entry]]])].add(str(rooms.labels[codes[entry]]))
+    return np.bincount(rows[of_row], minlength=len(worlds))
 
 
 def table_coverage(rows: "pa.Table") -> RoomCoverage | None:

@@ -1,10 +1,10 @@
 """Counts how episodes ended: the one place for the tables, the gate, the report and what is printed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from specs.base import Spec
-from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
+from specs.data.episode import EpisodeResult, reason, success
 
 
 class EpisodeCounts(Spec):
@@ -51,22 +51,3 @@ def count_endings(endings: Mapping[Ending, int]) -> EpisodeCounts:
         failed_jobs=sum(count for each, count in endings.items() if each.failed_job),
         canceled=canceled,
     )
-
-
-def pair_results(
-    requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]
-) -> list[tuple[EpisodeRequest, EpisodeResult]]:
-    """Returns every request with its result, by index.
-
-    Raises:
-        ValueError: An index comes twice, or a request has no result or the reverse.
-    """
-    asked = {request.index: request for request in requests}
-    answered = {result.index: result for result in results}
-    if len(asked) != len(requests) or len(answered) != len(results) or asked.keys() != answered.keys():
-        lone = sorted(asked.keys() ^ answered.keys())[:5]
-        raise ValueError(
-            f"{len(requests)} requests and {len(results)} results do not pair up; the first indices without a partner "
-            f"are {lone}"
-        )
-    return [(asked[index], answered[index]) for index in sorted(asked)]

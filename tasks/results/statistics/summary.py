@@ -2,15 +2,19 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Self
+from typing import Self, cast
+
+import numpy as np
 
 from specs.base import Spec
+from specs.data.cells import distinct
 from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode_columns import EpisodeColumns, RequestColumns, pair_columns
 from tasks.results.statistics.intervals import Interval, wilson
 from tasks.results.statistics.rate_text import in_worlds, percent, percent_range
-from tasks.results.statistics.room_coverage import RoomCoverage, RoomRow, RoomTally
+from tasks.results.statistics.room_coverage import RoomCoverage, RoomTally
 from tasks.results.statistics.simultaneous import IntervalFamily
-from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending_of, pair_results
+from tasks.results.statistics.success import Ending, EpisodeCounts, count_endings, ending_of
 
 _NOT_SET = "(not set)"
 _Counts = Counter[Ending]
@@ -107,24 +111,39 @@ class EpisodeTally:
         self._devices: set[str] = set()
         self._rooms = RoomTally()
 
-    def add(self, requests: Sequence[EpisodeRequest], results: Sequence[EpisodeResult]) -> None:
+    def add(
+        self, requests: Sequence[EpisodeRequest] | RequestColumns, results: Sequence[EpisodeResult] | EpisodeColumns
+    ) -> None:
         """Counts episodes.
 
         Raises:
             ValueError: The requests and results do not pair up.
         """
-        for request, result in pair_results(requests, results):
-            ended = ending_of(result)
-            self.simulated_s += result.simulated_s
-            self._engines.add(result.engine)
-            self._devices.add(result.device)
-            self._rooms.add(RoomRow.of_episode(request, result))
-            self._total[ended] += 1
-            self._worlds.setdefault(request.world, Counter())[ended] += 1
+        asked, answered = pair_columns(requests, results)
+        if not len(asked):
+            return
+        # One after the other, so that the last bit does not depend on how the episodes come in parts.
+        self.simulated_s = float(np.cumsum([self.simulated_s, *answered.numbers("simulated_s").tolist()])[-1])
+        self._engines.update(answered.labels("engine"))
+        self._devices.update(answered.labels("device"))
+        self._rooms.add_columns(asked, answered)
+        self._count(asked, answered)
+
+    def _count(self, asked: RequestColumns, answered: EpisodeColumns) -> None:
+        """Counts how episodes ended, all that share a world, a launch and an ending at once."""
+        ways, ways_of = answered.endings
+        endings = [ending_of(way) for way in ways]
+        worlds = cast("np.ndarray", asked.worlds.codes)
+        first, alike = distinct([ways_of, worlds, asked.launch])
+        for row, count in zip(first, np.bincount(alike).tolist(), strict=True):
+            ended, environment = endings[ways_of[row]], asked.launches[asked.launch[row]].environment
+            self._total[ended] += count
+            self._worlds.setdefault(str(asked.worlds.labels[worlds[row]]), Counter())[ended] += count
             for name, groups in self._variables.items():
-                groups.setdefault(request.environment.get(name, _NOT_SET), Counter())[ended] += 1
+                groups.setdefault(environment.get(name, _NOT_SET), Counter())[ended] += count
+        for ended, way in zip(endings, ways, strict=True):
             if ended.success is False:
-                self._samples.setdefault(ended.reason, result.failure_reason)
+                self._samples.setdefault(ended.reason, way.failure_reason)
 
     def counts(self) -> EpisodeCounts:
         """Returns what a gate judges by."""

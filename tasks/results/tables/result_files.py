@@ -2,21 +2,23 @@
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pyarrow as pa
 from pydantic import JsonValue
 
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode_columns import pair_columns
 from tasks.results.statistics.summary import EpisodeTally
 from tasks.results.tables.parquet import ParquetFile
-from tasks.results.tables.tables import extended_schemas, failures_table, results_table, sweep_variables
+from tasks.results.tables.tables import Requests, Results, both_tables, extended_schemas, sweep_variables
 from tasks.storage.base.key_rules import checked_name
 from tasks.storage.base.keys import output_key
 from tasks.storage.base.store import Store
 
 RESULTS_FILE = "results.parquet"
 FAILURES_FILE = "failures.parquet"
-EpisodePart = tuple[Sequence[EpisodeRequest], Sequence[EpisodeResult]]
+EpisodePart = tuple[Requests, Results]
 Variables = Mapping[str, Sequence[str | None]]
 
 
@@ -32,8 +34,8 @@ def write_results(
     """Writes both tables; returns where they lie, and what the episodes came to.
 
     Where they lie is ``results_url``, ``failures_url``, and ``sha256s`` by file name. Each file appears whole under
-    ``<prefix>/<batch>/``; the same batch again writes the same bytes over them. No more than a part and a row group is
-    held in memory.
+    ``<prefix>/<batch>/``; the same batch again writes the same bytes over them. No more than two
+    parts and a row group is held in memory.
 
     Args:
         bucket: The output location's bucket.
@@ -85,12 +87,38 @@ def _write(
     results_schema, failures_schema = extended_schemas(swept)
     with (
         ParquetFile(folder / RESULTS_FILE, results_schema, metadata) as results,
-        ParquetFile(folder / FAILURES_FILE, failures_schema, metadata) as failures,
+        ParquetFile(
+            folder / FAILURES_FILE, failures_schema, metadata, dictionary=_repeated(failures_schema)
+        ) as failures,
     ):
-        for requests, answers in parts:
-            tally.add(requests, answers)
-            results.add(results_table(batch_id, requests, answers, swept))
-            failures.add(failures_table(batch_id, requests, answers, swept))
+        with ThreadPoolExecutor(1) as writer:
+            written = None
+            for requests, answers in parts:
+                asked, answered = pair_columns(requests, answers)
+                tally.add(asked, answered)
+                tables = both_tables(batch_id, asked, answered, swept)
+                if written:
+                    written.result()  # one part at most waits
+                written = writer.submit(_add, (results, failures), tables)
+            if written:
+                written.result()
         for table in (results, failures):
             table.note(tally.ran_on())
         return {RESULTS_FILE: results.sha256(), FAILURES_FILE: failures.sha256()}, tally
+
+
+def _add(files: Sequence[ParquetFile], tables: Sequence[pa.Table]) -> None:
+    for file, table in zip(files, tables, strict=True):
+        file.add(table)
+
+
+def _repeated(schema: pa.Schema) -> list[str]:
+    """Returns the columns in which values are repeated: all but the poses, whose numbers hardly are."""
+    return [leaf for field in schema if not field.name.startswith("trajectory_") for leaf in _leaves(field)]
+
+
+def _leaves(field: pa.Field) -> list[str]:
+    """Returns what Parquet calls the columns of a field."""
+    if pa.types.is_map(field.type):
+        return [f"{field.name}.key_value.{part}" for part in ("key", "value")]
+    return [f"{field.name}.list.element" if pa.types.is_list(field.type) else field.name]

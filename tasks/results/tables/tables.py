@@ -6,19 +6,22 @@ everywhere (`sweep_variables`).
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import cast
 
+import numpy as np
 import pyarrow as pa
 
+from specs.data.cells import Cells
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.data.episode_columns import EpisodeColumns, RequestColumns, pair_columns
 from specs.data.result_columns import (
     FAILURES_COLUMNS,
     RESULTS_COLUMNS,
     SCHEMA_VERSION,
-    BatchEpisode,
+    BatchColumns,
     Column,
     ColumnType,
 )
-from tasks.results.statistics.success import pair_results
 
 SWEEP_PREFIX = "env_"
 _ARROW_TYPES: Mapping[ColumnType, pa.DataType] = {
@@ -34,12 +37,11 @@ _ARROW_TYPES: Mapping[ColumnType, pa.DataType] = {
 }
 
 
-def results_table(
-    batch_id: str,
-    requests: Sequence[EpisodeRequest],
-    results: Sequence[EpisodeResult],
-    variables: Sequence[str] = (),
-) -> pa.Table:
+Requests = Sequence[EpisodeRequest] | RequestColumns
+Results = Sequence[EpisodeResult] | EpisodeColumns
+
+
+def results_table(batch_id: str, requests: Requests, results: Results, variables: Sequence[str] = ()) -> pa.Table:
     """Returns a row an episode in the order of their indices, with the columns of ``RESULTS`` and the sweep's.
 
     Args:
@@ -51,16 +53,10 @@ def results_table(
     Raises:
         ValueError: The requests and results do not pair up.
     """
-    episodes = [BatchEpisode(batch_id, *pair) for pair in pair_results(requests, results)]
-    return _table("results", RESULTS_COLUMNS, variables, episodes)
+    return both_tables(batch_id, requests, results, variables)[0]
 
 
-def failures_table(
-    batch_id: str,
-    requests: Sequence[EpisodeRequest],
-    results: Sequence[EpisodeResult],
-    variables: Sequence[str] = (),
-) -> pa.Table:
+def failures_table(batch_id: str, requests: Requests, results: Results, variables: Sequence[str] = ()) -> pa.Table:
     """Returns a row an episode that did not pass (canceled ones apart), with the columns of ``FAILURES``.
 
     Args:
@@ -72,9 +68,24 @@ def failures_table(
     Raises:
         ValueError: The requests and results do not pair up.
     """
-    pairs = pair_results(requests, results)
-    episodes = [BatchEpisode(batch_id, *pair) for pair in pairs if success(pair[1]) is False]
-    return _table("failures", FAILURES_COLUMNS, variables, episodes)
+    return both_tables(batch_id, requests, results, variables)[1]
+
+
+def both_tables(
+    batch_id: str, requests: Requests, results: Results, variables: Sequence[str] = ()
+) -> tuple[pa.Table, pa.Table]:
+    """Returns the rows of results and of failures; see `results_table` and `failures_table`.
+
+    Raises:
+        ValueError: The requests and results do not pair up.
+    """
+    episodes = BatchColumns(batch_id, *pair_columns(requests, results))
+    columns, schemas = (*FAILURES_COLUMNS, *_sweep_columns(variables)), extended_schemas(variables)
+    arrays = {each.name: _array(each.cells(episodes), _ARROW_TYPES[each.type]) for each in columns}
+    whole, explained = (pa.table([arrays[name] for name in schema.names], schema=schema) for schema in schemas)
+    ways, codes = episodes.results.endings
+    failed = np.array([success(way) is False for way in ways], np.bool_)[codes] if ways else np.zeros(0, np.bool_)
+    return whole, explained if failed.all() else explained.filter(pa.array(failed))
 
 
 def sweep_variables(variables: Mapping[str, Iterable[str | None]]) -> list[str]:
@@ -117,16 +128,25 @@ def _schema(table: str, columns: Iterable[Column]) -> pa.Schema:
     return pa.schema(fields, metadata={"simyard.table": table, "simyard.schema_version": SCHEMA_VERSION})
 
 
-def _table(
-    name: str, columns: Sequence[Column], variables: Sequence[str], episodes: Sequence[BatchEpisode]
-) -> pa.Table:
-    wanted = (*columns, *_sweep_columns(variables))
-    schema = _schema(name, wanted)
-    arrays = [
-        pa.array(list(map(column.value, episodes)), type=field.type)
-        for column, field in zip(wanted, schema, strict=True)
-    ]
-    return pa.table(arrays, schema=schema)
+def _array(cells: Cells, kind: pa.DataType) -> pa.Array:
+    """Returns cells as Arrow has them."""
+    if cells.lengths is None:
+        return _flat(cells, kind)
+    ends = pa.array(cells.ends().astype(np.int32))
+    if pa.types.is_map(kind):
+        found = cast("pa.MapType", kind)
+        names = _flat(Cells(codes=cells.codes, labels=cells.labels), found.key_type)
+        return pa.MapArray.from_arrays(ends, names, pa.array(cells.numbers, found.item_type)).cast(kind)
+    return pa.ListArray.from_arrays(ends, _flat(cells, cast("pa.ListType", kind).value_type)).cast(kind)
+
+
+def _flat(cells: Cells, kind: pa.DataType) -> pa.Array:
+    """Returns one value an entry."""
+    if cells.numbers is not None:
+        missing = None if cells.there is None else ~cells.there
+        return pa.array(np.ascontiguousarray(cells.numbers), mask=missing).cast(kind)
+    labels = pa.array(cells.labels, kind)
+    return labels if cells.codes is None else labels.take(pa.array(cells.codes))
 
 
 def _sweep_columns(variables: Sequence[str]) -> tuple[Column, ...]:
@@ -136,11 +156,11 @@ def _sweep_columns(variables: Sequence[str]) -> tuple[Column, ...]:
 def _sweep_column(variable: str) -> Column:
     """Returns the column of an environment variable that is a number in every episode that has it."""
 
-    def value(episode: BatchEpisode) -> float | None:
-        return _number(episode.request.environment.get(variable))
+    def cells(episodes: BatchColumns) -> Cells:
+        return episodes.requests.shared(lambda request: _number(request.environment.get(variable)))
 
     meaning = f"Environment variable {variable} as a number; null where it is not set."
-    return Column(f"{SWEEP_PREFIX}{variable}", "double", "", meaning, value, nullable=True)
+    return Column(f"{SWEEP_PREFIX}{variable}", "double", "", meaning, cells, nullable=True)
 
 
 def _number(text: str | None) -> float | None:

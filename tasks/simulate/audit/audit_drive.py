@@ -93,7 +93,7 @@ def _driven_part(chunk: ReadyChunk) -> list[DrivenEpisode]:
     return [
         DrivenEpisode(
             engine=chunk.program.engine,
-            row=lane_row(chunk.program, chunk.run, lane, position, end, poses),
+            row=lane_row(chunk.program, chunk.run.host, lane, position, end, poses),
             places_m=path[position, : int(end.step[position]), :2],
         )
         for position, lane in enumerate(chunk.lanes)
@@ -116,7 +116,9 @@ def audit(
         sample: At least one episode.
         worlds: At least those of the sample.
         bundles: Unpacked folders of the applications, by digest.
-        lanes: Lanes of a program: no more than there are episodes, since a program's idle lanes cost as much.
+        lanes: Of the batch's programs. The engine drives the sample in the batch's own programs, which are there
+            already, or in one of a quarter of the lanes, which whoever recounts the batch takes, too; C MuJoCo in one
+            with no more lanes than there are episodes.
         engine: What the batch asked for.
         drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
         progress: Told how many of two drives for each episode are done, or will not be made.
@@ -128,18 +130,19 @@ def audit(
     ours = drive_sample([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)
     progress(len(here))
     others = [each.request for each in sample if each.row.engine != REFERENCE]
+    few = min(lanes, len(sample))
     theirs: Driven = {}
     why = f"the rows were made by {REFERENCE}, the reference itself"
     if others:
         try:
-            theirs = drive_sample(others, worlds, bundles, lanes=lanes, engine=REFERENCE)
+            theirs = drive_sample(others, worlds, bundles, lanes=few, engine=REFERENCE)
         except BundleCrash as crash:
             why = crash.reason
     progress(2 * len(sample))
     found = findings(sample, ours, theirs, (), max(drawn, len(sample)))
     if needs_control(found):
         again = [each for each in others if each.index in theirs]
-        found = findings(sample, ours, theirs, _control(again, worlds, bundles, lanes), found.sampled)
+        found = findings(sample, ours, theirs, _control(again, worlds, bundles, few), found.sampled)
     return with_verdict(found, why)
 
 

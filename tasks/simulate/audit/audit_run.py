@@ -97,11 +97,9 @@ def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) 
     ]
     if not sample:
         return not_run(str(next(iter(missing.values()), "no episode was driven to an end")))
-    lanes = min(batch.plan.audit, batch.plan.lanes)
+    lanes, engine = batch.plan.lanes, batch.plan.engine
     try:
-        return audit_apart(
-            sample, worlds, bundles, lanes=lanes, engine=batch.plan.engine, drawn=len(found), progress=progress
-        )
+        return audit_apart(sample, worlds, bundles, lanes=lanes, engine=engine, drawn=len(found), progress=progress)
     except BundleCrash as crash:
         return not_run(str(crash))
     except SimulatorEnded as ended:

@@ -3,18 +3,20 @@
 What their applications ask for besides, tags of their jobs, is done here.
 """
 
+import functools
+import itertools
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
 from specs.arn import Reference
-from specs.data.episode import EpisodeResult
+from specs.data.episode import EpisodeResult, Failure
 from specs.data.outcome_tags import MOST_OWN_TAGS
 from specs.errors import DocumentError
 from specs.terminal_text import terminal_line
-from tasks.simulate.batch.commit import ChunkPart
+from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, prepared_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.chunk.job_tags import JobTags
 from tasks.simulate.plan.request import entries
@@ -22,6 +24,8 @@ from tasks.simulate.process.lanes import ConfinedLanes
 from tasks.storage.tags import change_tags, with_tags
 
 logger = logging.getLogger(__name__)
+# Deliveries rest for half of a chunk's time: with one chunk ahead lanes would still rest, a third would find none.
+_AHEAD = 2
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,7 @@ class ChunkRunner:
         rate_hz: Samples of recordings in a simulated second.
         progress: Told how many of a part's episodes are done.
         tagged: Given the tags that applications gave to their jobs, by the index of the episode, before their rows.
+        coming: Returns the chunks that are going to be run next, in their order, and their worlds.
         printed: What applications printed until now, piece by piece.
     """
 
@@ -42,10 +47,13 @@ class ChunkRunner:
     rate_hz: float
     progress: Callable[[int], None]
     tagged: Callable[[JobTags], None] = lambda _: None
+    coming: Callable[[], Sequence[PreparedChunk]] = tuple
     printed: list[str] = field(default_factory=list[str])
 
     def run(self, part: ChunkPart) -> list[EpisodeResult]:
         """Returns the rows of a part, in request order."""
+        # What does not fit into memory is not driven beside more.
+        coming = self.coming() if part.whole and len(part.chunk.requests) <= part.lanes else ()
         lanes = ConfinedLanes(
             bundles=self.bundles,
             lanes=part.lanes,
@@ -57,8 +65,34 @@ class ChunkRunner:
             timed_as=part.program,
             printed=self.printed.append,
             tagged=self.tagged,
+            ahead=[each.able for each in coming],
         )
-        return lanes.simulate(part.chunk, part.worlds)
+        worlds = {name: world for each in coming for name, world in each.worlds.items()}
+        return lanes.simulate(part.chunk, {**worlds, **part.worlds})
+
+
+def chunks_ahead(numbers: Sequence[int]) -> tuple[int, ...]:
+    """Returns the chunks to make ready while one drives, of those that are going to be run after it."""
+    return tuple(numbers[:_AHEAD])
+
+
+def coming_chunks(
+    batch: OpenBatch, numbers: Iterable[int], unusable: Mapping[str, Failure]
+) -> Callable[[], list[PreparedChunk]]:
+    """Returns what returns the next chunks of a batch of which anything can be simulated, made ready once.
+
+    Args:
+        batch: The batch.
+        numbers: Of chunks that are going to be run, in their order.
+        unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
+    """
+
+    @functools.cache
+    def coming() -> list[PreparedChunk]:
+        found = (prepared_chunk(batch, number, unusable) for number in numbers)
+        return list(itertools.takewhile(lambda each: each.able.requests, found))
+
+    return coming
 
 
 def tag_jobs(batch: OpenBatch, tags: Mapping[int, Mapping[str, str]]) -> None:

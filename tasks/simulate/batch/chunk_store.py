@@ -6,21 +6,20 @@ else has written there. One that this owner cannot vouch for is simulated anew a
 
 import time
 from collections.abc import Sequence
-from typing import NamedTuple
-
-from pydantic import TypeAdapter, ValidationError
+from typing import TYPE_CHECKING, NamedTuple
 
 from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.errors import ObjectExists, ObjectNotFound, StageFailed
+from tasks.simulate.chunk.chunk_bytes import is_vouched, results_in, vouched_bytes
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import chunk_key, chunk_start_key, chunks_prefix
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.voucher import MAC_LENGTH, Voucher
+from tasks.storage.jobs.voucher import Voucher
 
-_ROWS = TypeAdapter(list[EpisodeResult])
-# A chunk is JSON that begins and ends with these bytes, so that what is vouched for is exactly what stands between.
-_BEGIN, _MIDDLE, _END = b'{"mac":"', b'","rows":', b"}"
+if TYPE_CHECKING:  # lists ask which chunks there are, and need no NumPy
+    from specs.data.episode_columns import EpisodeColumns
+
 _BEGUN = ".started"
 _ROWS_SHOWN = 3
 # What an exchange with ROS nodes saw of this machine does not follow from the request: how they kept up, and what a
@@ -90,12 +89,17 @@ class StoredChunk(NamedTuple):
     """A chunk as it lies in the store.
 
     Attributes:
-        rows: Its results; None if they are not results at all.
+        results: Its results; None if they are not results at all.
         vouched: Whether this owner vouches for them.
     """
 
-    rows: list[EpisodeResult] | None
+    results: "EpisodeColumns | None"
     vouched: bool
+
+    @property
+    def rows(self) -> list[EpisodeResult] | None:
+        """Returns its results as rows."""
+        return _rows(self.results)
 
 
 def commit(
@@ -115,7 +119,7 @@ def commit(
     Raises:
         StageFailed: There are other results, which nobody vouches for.
     """
-    body = _vouched_body(results, number, voucher)
+    body = vouched_bytes(results, number, voucher)
     try:
         store.create(chunk_key(batch, number), body)
     except ObjectExists:
@@ -131,7 +135,7 @@ def commit(
 def commit_missing(store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: Voucher) -> None:
     """Commits a chunk if nobody else has: for a batch that was stopped, whose results are not judged."""
     try:
-        store.create(chunk_key(batch, number), _vouched_body(results, number, voucher))
+        store.create(chunk_key(batch, number), vouched_bytes(results, number, voucher))
     except ObjectExists:
         return
 
@@ -142,15 +146,13 @@ def stored_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> Sto
         body = store.get(chunk_key(batch, number)).body
     except ObjectNotFound:
         return None
-    mac, rows = _parts(body)
-    vouched = voucher.vouches(mac, _name(number), rows)
     try:
-        return StoredChunk(_ROWS.validate_json(rows), vouched)
-    except ValidationError:
+        return StoredChunk(results_in(body), is_vouched(body, number, voucher))
+    except ValueError:
         return StoredChunk(None, vouched=False)
 
 
-def counted_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> list[EpisodeResult] | None:
+def counted_columns(store: Store, batch: str, number: int, voucher: Voucher) -> "EpisodeColumns | None":
     """Returns the results of a chunk to be counted, or None if it is not committed.
 
     Raises:
@@ -160,15 +162,29 @@ def counted_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> li
     if found is not None and not found.vouched:
         why = f"{store.url}/{chunk_key(batch, number)} is not what this owner's process wrote there"
         raise StageFailed("MismatchedEtag", f"{why}. Somebody has changed it: run the document again")
-    return found.rows if found else None
+    return found.results if found else None
+
+
+def counted_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> list[EpisodeResult] | None:
+    """Returns what `counted_columns` does, as rows."""
+    return _rows(counted_columns(store, batch, number, voucher))
+
+
+def committed_columns(store: Store, batch: str, number: int) -> "EpisodeColumns | None":
+    """Returns the results of a chunk that was committed, whoever wrote them, or None; to be shown, not to be judged.
+
+    Raises:
+        ValueError: What lies there are no results.
+    """
+    try:
+        return results_in(store.get(chunk_key(batch, number)).body)
+    except ObjectNotFound:
+        return None
 
 
 def committed_chunk(store: Store, batch: str, number: int) -> list[EpisodeResult] | None:
-    """Returns the results of a chunk that was committed, whoever wrote them, or None; to be shown, not to be judged."""
-    try:
-        return _ROWS.validate_json(_parts(store.get(chunk_key(batch, number)).body)[1])
-    except ObjectNotFound:
-        return None
+    """Returns what `committed_columns` does, as rows."""
+    return _rows(committed_columns(store, batch, number))
 
 
 def row_changes(found: Sequence[EpisodeResult] | None, computed: Sequence[EpisodeResult]) -> list[str]:
@@ -250,19 +266,5 @@ def _short(value: object) -> str:
     return repr(value)[:80]
 
 
-def _vouched_body(results: Sequence[EpisodeResult], number: int, voucher: Voucher) -> bytes:
-    rows = _ROWS.dump_json(list(results))
-    return _BEGIN + voucher.mac(_name(number), rows).encode() + _MIDDLE + rows + _END
-
-
-def _parts(body: bytes) -> tuple[str, bytes]:
-    """Returns what vouches for a chunk's results, and their bytes; of older versions, nothing vouches for a chunk."""
-    start = len(_BEGIN) + MAC_LENGTH + len(_MIDDLE)
-    mac, middle = body[len(_BEGIN) : len(_BEGIN) + MAC_LENGTH], body[len(_BEGIN) + MAC_LENGTH : start]
-    if not (body.startswith(_BEGIN) and middle == _MIDDLE and body.endswith(_END)):
-        return "", body
-    return mac.decode(errors="replace"), body[start : -len(_END)]
-
-
-def _name(number: int) -> str:
-    return f"chunk {number}"
+def _rows(results: "EpisodeColumns | None") -> list[EpisodeResult] | None:
+    return None if results is None else results.rows()

@@ -18,7 +18,6 @@ from specs.data.episode import (
     unfinished_result,
 )
 from specs.data.world import World
-from specs.errors import ObjectNotFound, WorldChanged
 from specs.settings import region
 from specs.terminal_text import terminal_line
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
@@ -28,16 +27,14 @@ from tasks.simulate.batch.stop import StopWatch, canceled_row
 from tasks.simulate.chunk.memory_fit import after_deaths, simulate_fitting
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.data.mounts import Mounts
+from tasks.simulate.data.pinned_worlds import pinned_worlds
 from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
 from tasks.simulate.plan.job_variables import job_variables
 from tasks.storage.base.cache_folder import cache_folder
-from tasks.storage.store_url import open_store, store_id
-from tasks.storage.worlds import decode_world, pinned_world_bytes
+from tasks.storage.store_url import store_id
 
 logger = logging.getLogger(__name__)
-# As many as a chunk of the default size has at most.
-_WORLDS_KEPT = 256
 # Different reasons why jobs of a chunk failed that the log gets, the most frequent first.
 _REASONS_TOLD = 3
 
@@ -50,6 +47,7 @@ class ChunkPart(NamedTuple):
         watch: Says when to stop.
         recorder: Is given what the lanes do; None if nothing of the batch is recorded.
         program: What plans know the part's program by, whose variables name no folders of this machine yet.
+        whole: Whether it is all of a chunk that can be simulated.
     """
 
     chunk: Chunk
@@ -58,6 +56,23 @@ class ChunkPart(NamedTuple):
     watch: StopWatch
     recorder: Recorder | None
     program: ProgramKey
+    whole: bool = False
+
+
+class PreparedChunk(NamedTuple):
+    """A chunk, and what of it can be simulated.
+
+    Attributes:
+        asked: As the plan has it.
+        able: The episodes that can be simulated, with the folders of their data sources.
+        worlds: Theirs.
+        unable: Why others cannot, by index.
+    """
+
+    asked: Chunk
+    able: Chunk
+    worlds: dict[str, World]
+    unable: dict[int, Failure]
 
 
 Simulate = Callable[[ChunkPart], list[EpisodeResult]]
@@ -112,11 +127,8 @@ def run_chunk(
     if committed is not None and committed.vouched:
         return ChunkEnd(batch.layout.chunk_size(number), lanes)
     start_s, start = time.monotonic(), begin_chunk(batch.store, batch.id, number, spent_s)
-    chunk = batch.layout.chunk(number)
-    worlds, missing = load_worlds(batch, chunk.requests)
-    mounted, program = batch_mounts(batch), program_key(chunk.requests[0])
-    unable = _unable(chunk, missing, mounted, unusable or {})
-    able = _able(chunk, unable, mounted)
+    chunk, able, worlds, unable = prepared_chunk(batch, number, unusable or {})
+    program = program_key(chunk.requests[0])
     work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
     with collect_timings() as timings:
         by_index, lanes = _simulated(work, after_deaths(lanes, start.attempts))
@@ -178,7 +190,8 @@ class _Work:
         """Returns the rows of a part; what it recorded is kept if it comes to its end."""
         rate_hz = self._batch.plan.recordings.rateHz
         recorder = Recorder(rate_hz, self._wanted, self._samples) if self._recording else None
-        rows = self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, recorder, self._program))
+        whole = chunk.requests == self.sound.requests
+        rows = self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, recorder, self._program, whole))
         if recorder is not None:
             self.recorders.append(recorder)
         return rows
@@ -248,10 +261,16 @@ def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
     return row
 
 
-def _unable(
-    chunk: Chunk, missing: Mapping[str, Failure], mounted: Mounts, unusable: Mapping[str, Failure]
-) -> dict[int, Failure]:
-    """Returns why episodes cannot be simulated: their world, what they read, or what they run."""
+def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure]) -> PreparedChunk:
+    """Returns a chunk, and what of it can be simulated.
+
+    Args:
+        batch: The batch.
+        number: The chunk's.
+        unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
+    """
+    chunk, mounted = batch.layout.chunk(number), batch_mounts(batch)
+    worlds, missing = load_worlds(batch, chunk.requests)
     why = {
         each.index: missing.get(each.world)
         or mounted.failure(each)
@@ -259,13 +278,9 @@ def _unable(
         or unusable.get(each.scenario.digest)
         for each in chunk.requests
     }
-    return {index: failure for index, failure in why.items() if failure}
-
-
-def _able(chunk: Chunk, unable: Mapping[int, Failure], mounted: Mounts) -> Chunk:
-    """Returns the episodes that can be simulated, with the folders of their data sources."""
+    unable = {index: failure for index, failure in why.items() if failure}
     able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
-    return chunk.model_copy(update={"requests": tuple(able)})
+    return PreparedChunk(chunk, chunk.model_copy(update={"requests": tuple(able)}), worlds, unable)
 
 
 def batch_mounts(batch: OpenBatch) -> Mounts:
@@ -276,20 +291,4 @@ def batch_mounts(batch: OpenBatch) -> Mounts:
 
 def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, Failure]]:
     """Returns the episodes' worlds, and why others of them cannot be used."""
-    worlds: dict[str, World] = {}
-    missing: dict[str, Failure] = {}
-    for reference in dict.fromkeys(request.world for request in requests):
-        try:
-            worlds[reference] = _world(batch.store.url, reference, batch.plan.world_digests[reference])
-        except ObjectNotFound:
-            missing[reference] = Failure("InvalidS3Resource", f"world {reference} does not exist")
-        except WorldChanged:
-            why = f"world {reference} is not what it was when the batch was planned"
-            missing[reference] = Failure("MismatchedEtag", why)
-    return worlds, missing
-
-
-@functools.lru_cache(maxsize=_WORLDS_KEPT)
-def _world(store_url: str, reference: str, digest: str) -> World:
-    """Returns a world; the last ones are kept, since chunks that follow one another share theirs."""
-    return decode_world(pinned_world_bytes(open_store(store_url), reference, digest))
+    return pinned_worlds(batch.store.url, batch.plan.world_digests, requests)

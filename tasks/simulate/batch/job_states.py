@@ -33,7 +33,7 @@ from tasks.simulate.batch.job import (
     plan_of,
     restarted_jobs,
 )
-from tasks.simulate.batch.result_stream import STOP_CODES
+from tasks.simulate.batch.stop import STOP_CODES
 from tasks.simulate.plan.layout import Layout
 from tasks.simulate.plan.request import entries, is_single
 from tasks.storage.base.store import Store

@@ -3,27 +3,25 @@
 A batch that is stopped while nobody works on it is given up here: its unfinished chunks are committed as Canceled.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, unfinished_result
+import numpy as np
+
+from specs.data.episode import EpisodeResult, unfinished_result
+from specs.data.episode_columns import EpisodeColumns, RequestColumns
 from specs.errors import ObjectNotFound
-from tasks.simulate.batch.chunk_store import chunk_numbers, commit_missing, committed_chunk, counted_chunk
+from tasks.simulate.batch.chunk_store import chunk_numbers, commit_missing, committed_columns, counted_columns
 from tasks.simulate.batch.job import OpenBatch, canceled_jobs
-from tasks.simulate.batch.stop import StopCode, canceled_row
+from tasks.simulate.batch.stop import STOP_CODES, StopCode, canceled_row
+from tasks.simulate.plan.request_columns import request_columns
 
-# Some 40 MB if all of them failed and left long trajectories.
-PART_EPISODES = 2048
+# Some 40 MB if all of them failed and left long trajectories; as many as a row group of a table.
+PART_EPISODES = 8192
 # Each part of a shuffled batch is spread over all of its chunks, which are read again for the next one.
 SHUFFLED_PART_EPISODES = 16_384
-STOP_CODES: Mapping[str, StopCode] = {
-    "Canceling": "BatchCanceled",
-    "Canceled": "BatchCanceled",
-    "TimingOut": "BatchTimedOut",
-    "TimedOut": "BatchTimedOut",
-}
 
 
-def result_parts(batch: OpenBatch, status: str) -> Iterator[tuple[list[EpisodeRequest], list[EpisodeResult]]]:
+def result_parts(batch: OpenBatch, status: str) -> Iterator[tuple[RequestColumns, EpisodeColumns]]:
     """Yields a batch's episodes by index, some at a time, and a result for each.
 
     Episodes of a batch that was stopped before they began are Canceled.
@@ -38,26 +36,50 @@ def result_parts(batch: OpenBatch, status: str) -> Iterator[tuple[list[EpisodeRe
     """
     code = STOP_CODES.get(status, "")
     size = SHUFFLED_PART_EPISODES if batch.plan.shuffled else PART_EPISODES
+    last: dict[int, EpisodeColumns | None] = {}
     for first in range(0, batch.layout.episodes, size):
         end = min(first + size, batch.layout.episodes)
-        requests = list(batch.layout.requests(first, end))
-        yield requests, _results(batch, first, end, code)
+        yield request_columns(batch.layout, first, end), _results(batch, first, end, code, last)
 
 
-def _results(batch: OpenBatch, first: int, end: int, code: StopCode) -> list[EpisodeResult]:
-    found: dict[int, EpisodeResult] = {}
+def _results(
+    batch: OpenBatch, first: int, end: int, code: StopCode, last: dict[int, EpisodeColumns | None]
+) -> EpisodeColumns:
+    """Returns the results of a stretch of episodes; ``last`` keeps the one chunk that the next stretch begins in."""
+    found: list[EpisodeColumns] = []
     for number in batch.layout.chunks_between(first, end):
-        rows = _rows(batch, number, code)
-        if rows is None and not code:
+        columns = last.get(number) or _columns(batch, number, code)
+        last.clear()
+        last[number] = columns
+        if columns is None and not code:
             raise ObjectNotFound(f"{batch.store.url}: chunk {number} of {batch.id} is not committed")
-        found.update((row.index, row) for row in rows or () if first <= row.index < end)
-    return [found.get(index) or canceled_row(index, code) for index in range(first, end)]
+        if columns is not None:
+            found.append(_between(columns, first, end))
+    return _in_order(found, first, end, code)
 
 
-def _rows(batch: OpenBatch, number: int, code: StopCode) -> list[EpisodeResult] | None:
+def _between(columns: EpisodeColumns, first: int, end: int) -> EpisodeColumns:
+    inside = (columns.index >= first) & (columns.index < end)
+    return columns if inside.all() else columns.take(np.flatnonzero(inside))
+
+
+def _in_order(found: Sequence[EpisodeColumns], first: int, end: int, code: StopCode) -> EpisodeColumns:
+    """Returns a result for each index: the last that says it, or that it was canceled."""
+    rows = EpisodeColumns.join(found)
+    place = np.full(end - first, -1)
+    place[rows.index - first] = np.arange(len(rows))
+    missing = np.flatnonzero(place < 0)
+    if len(missing):
+        place[missing] = len(rows) + np.arange(len(missing))
+        canceled = EpisodeColumns.of([canceled_row(index, code) for index in (missing + first).tolist()])
+        rows = EpisodeColumns.join([rows, canceled])
+    return rows.take(place)
+
+
+def _columns(batch: OpenBatch, number: int, code: StopCode) -> EpisodeColumns | None:
     if code:
-        return committed_chunk(batch.store, batch.id, number)
-    return counted_chunk(batch.store, batch.id, number, batch.voucher)
+        return committed_columns(batch.store, batch.id, number)
+    return counted_columns(batch.store, batch.id, number, batch.voucher)
 
 
 def give_up(batch: OpenBatch) -> None:

@@ -5,7 +5,7 @@ calls such jobs.
 """
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Literal
 
 from specs.data.episode import EpisodeResult, unfinished_result
@@ -14,6 +14,13 @@ from tasks.simulate.batch.job import OpenBatch, canceled_jobs
 from tasks.storage.jobs.records import JobRecord
 
 StopCode = Literal["", "BatchTimedOut", "BatchCanceled"]
+STOP_CODES: Mapping[str, StopCode] = {
+    "Canceling": "BatchCanceled",
+    "Canceled": "BatchCanceled",
+    "TimingOut": "BatchTimedOut",
+    "TimedOut": "BatchTimedOut",
+}
+"""Why the episodes of a batch in such a state are Canceled."""
 _POLL_S = 1.0
 LEFT_OUT = "the batch was ended before it began: the gate was certain"
 

@@ -16,14 +16,15 @@ from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, Epi
 from specs.data.world import World
 from tasks.simulate.application.call_clock import CallKind, timed_call
 from tasks.simulate.application.code import BundleCrash, CrashCode, crash_of
+from tasks.simulate.chunk.application_check import check_applications
 from tasks.simulate.chunk.placed_chunk import part_program, place_chunk
 from tasks.simulate.chunk.run_rows import lane_ends, lane_row, open_run
 from tasks.simulate.chunk.timings import ChunkWatch, remember_timing
+from tasks.simulate.chunk.under_way import ChunksUnderWay, LaneSetting
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.program import Program, Run
-from tasks.simulate.lane.calls import check_robot, check_scenario
 from tasks.simulate.lane.lane_state import LaneState
-from tasks.simulate.lane.recording import LaneRecorder
+from tasks.simulate.lane.recording import LaneRecorder, SampleRecorder
 from tasks.simulate.lane.result_rows import stopped_row
 from tasks.simulate.lane.staging import Lane, last_step, moved_lane, stack_lanes
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key
@@ -57,8 +58,10 @@ def simulate_episodes(
     engine: str,
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
-    recorder: LaneRecorder | None = None,
+    recorder: SampleRecorder | None = None,
     timed_as: ProgramKey | None = None,
+    under_way: ChunksUnderWay | None = None,
+    ahead: Sequence[Chunk] = (),
 ) -> list[EpisodeResult]:
     """Returns a chunk's rows in request order.
 
@@ -72,7 +75,23 @@ def simulate_episodes(
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
         timed_as: Program to remember the time for, if requests name folders that plans do not know.
+        under_way: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
+        ahead: Chunks that are going to be asked for after it.
     """
+    if under_way is not None:
+        setting = LaneSetting(bundles, lanes, engine, recorder.rate_hz if recorder else None)
+        found = under_way.simulated(
+            chunk,
+            ahead,
+            worlds,
+            setting,
+            should_stop=should_stop,
+            progress=progress,
+            recorder=recorder,
+            timed_as=timed_as,
+        )
+        if found is not None:
+            return found
     missing = [request for request in chunk.requests if request.world not in worlds]
     rows = {
         each.index: failed_result(each.index, Failure("InvalidS3Resource", f"world {each.world} does not exist"))
@@ -168,11 +187,8 @@ def ready_parts(
 
 def _ready(program: Program, part: list[Lane], worlds: Mapping[str, World], watch: ChunkWatch) -> ReadyChunk:
     """Returns lanes of one shape made ready to run, their applications checked."""
+    check_applications(program, part[0])
     inputs = stack_lanes(part, program.applications.names, program.lanes)
-    one = jax.tree.map(lambda array: array[0], inputs)
-    joints = program.body().joints
-    check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.actuators, joints=joints)
-    check_scenario(program.applications, one.goals_m, one.numbers, one.given)
     run = program.ready(inputs, part, worlds)
     watch.mark()
     return ReadyChunk(program, part, run, [], watch)
@@ -198,7 +214,7 @@ def run_ready(
     if np.all(state.done):
         keep_timing(chunk)
     rows = [
-        lane_row(chunk.program, chunk.run, lane, position, state, poses)
+        lane_row(chunk.program, chunk.run.host, lane, position, state, poses)
         if state.done[position]
         else stopped_row(lane.request)
         for position, lane in enumerate(chunk.lanes)
@@ -236,6 +252,7 @@ def _advance_until_done(
     if recorder is not None:
         recorder.begin(len(chunk.lanes), CONTROL_S)
     poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
+    before = np.asarray(state.done)
     while not np.all(state.done) and not should_stop():
         kind: CallKind = "slice" if poses else "compile"
         with timed_call(kind, "", f"a slice of {SLICE_STEPS} control steps"):
@@ -243,6 +260,8 @@ def _advance_until_done(
             poses.append(np.asarray(record.pose))
         chunk.watch.mark()
         if recorder is not None:
-            recorder.keep(record, np.asarray(state.step))
+            # Of a lane that was done before, nothing more is told: others may end earlier, or later.
+            recorder.keep(record, np.where(before, -1, np.asarray(state.step)))
+            before = np.asarray(state.done)
         progress(len(chunk.rows) + int(np.count_nonzero(np.asarray(state.done)[: len(chunk.lanes)])))
     return jax.device_get(state._replace(controller=None, scenario=None)), poses

@@ -6,10 +6,11 @@ one shape for each, so episodes of other shapes are a part of their own, run aft
 """
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, failed_result
@@ -19,23 +20,27 @@ from tasks.simulate.application.contract import Placement
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.engine.engines import ENGINES
+from tasks.simulate.engine.kept_program.identity import applications_identity
 from tasks.simulate.engine.program import Program
 from tasks.simulate.host.controller_kind import controller_kind
 from tasks.simulate.host.controllers import HostBundle
 from tasks.simulate.host.kinds import HOST_KINDS
 from tasks.simulate.lane.calls import Applications
-from tasks.simulate.lane.staging import Lane, Stage, place, stage_worlds, with_shortest_paths
+from tasks.simulate.lane.staging import Lane, place, with_shortest_paths
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.plan.job_variables import without_job_variables
 from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.sensor.lidar import Lidar
 from tasks.simulate.sensor.sensors import read_sensors
+from tasks.simulate.surroundings.stages import Stage, stage_worlds
 
 _PROGRAMS_KEPT = 8
+_NUMBERS_KEPT = 1024
 # A part that fits into a quarter of the lanes takes no more: halves would spare less time than their programs take to
 # load, and idle lanes cost as much as others.
 _NARROW = 4
 Shape = tuple[object, ...]
+_Placed = tuple[EpisodeRequest, Stage, Placement, Lidar]
 
 
 class PlacedChunk(NamedTuple):
@@ -74,11 +79,38 @@ def place_chunk(
     Raises:
         BundleCrash: The applications do not import, or the engine refuses the robot.
     """
-    program = _program_of(requests[0], bundles, lanes, engine)
+    steps = placing(requests, worlds, bundles, lanes=lanes, engine=engine)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def placing(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+) -> Generator[None, None, PlacedChunk]:
+    """Returns what ``place_chunk`` does, and yields after each piece of work: others can be done between."""
+    program = program_of(requests[0], bundles, lanes, engine)
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    stages = stage_worlds(used, program.hull, program.applications.lidar)
-    placed, rows = _place_all(program, requests, used, stages)
-    return PlacedChunk(program, alike(placed), rows, used)
+    yield
+    stages = stage_worlds(used, program.hull, program.applications.lidar.height_m)
+    yield
+    placed, rows = yield from _place_all(program, requests, used, stages)
+    found: dict[int, Lane] = {}
+    # Ways in one world cost less together.
+    for world in used:
+        there = [each[:3] for each in placed if each[0].world == world]
+        if there:
+            found |= {lane.request.index: lane for lane in with_shortest_paths(there)}
+            yield
+    lasting = [found[each[0].index]._replace(lidar=each[3]) for each in placed]
+    return PlacedChunk(program, alike(lasting), rows, used)
 
 
 def part_program(
@@ -90,7 +122,7 @@ def part_program(
     """
     if len(placed.parts) == 1 or len(part) > lanes // _NARROW:
         return placed.program
-    return _program_of(part[0].request, bundles, lanes // _NARROW, engine)
+    return program_of(part[0].request, bundles, lanes // _NARROW, engine)
 
 
 def alike(lanes: Sequence[Lane]) -> list[list[Lane]]:
@@ -108,7 +140,12 @@ def _shape(lane: Lane) -> Shape:
     return (lane.stage.floor.clearance_m.shape, placement.goals_m.shape, given)
 
 
-def _program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
+def program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
+    """Returns the program for episodes like one; kept, so that chunks share one.
+
+    Raises:
+        BundleCrash: The applications do not import, or the engine refuses the robot.
+    """
     numbers, texts = split_environment(without_job_variables(request.environment))
     folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
     environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
@@ -135,7 +172,8 @@ def _program(
     make_controller = host.declare if host else load_factory(*bundle, "controller", "RobotApplicationCrash")
     make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
     sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
-    applications = Applications(make_controller, make_scenario, dict(texts), names, sensors)
+    identity = applications_identity(launches, folders, names, dict(texts))
+    applications = Applications(make_controller, make_scenario, dict(texts), names, sensors, identity)
     try:
         choice = choose_engine(engine, bundle.robot, kind, device_kind())
         return ENGINES[choice.engine].load(bundle.robot, applications, lanes, host)
@@ -145,22 +183,27 @@ def _program(
 
 def _place_all(
     program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, Stage]
-) -> tuple[list[Lane], list[EpisodeResult]]:
+) -> Generator[None, None, tuple[list[_Placed], list[EpisodeResult]]]:
     """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
-    placed: list[tuple[EpisodeRequest, Stage, Placement]] = []
+    placed: list[_Placed] = []
     rows: list[EpisodeResult] = []
-    lidars: dict[int, Lidar] = {}
     for request in requests:
         numbers, texts = split_environment(request.environment)
-        environment = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
+        environment = {**texts, **{name: _on_device(value.hex()) for name, value in numbers.items()}}
         try:
-            lidars[request.index] = program.applications.episode_sensors(environment).lidar
+            lidar = program.applications.episode_sensors(environment).lidar
             scenario = program.applications.placing_scenario(environment)
             stage = stages[request.world]
             placement = place(scenario, request, worlds[request.world], stage, program.hull)
         except BundleCrash as crash:
             rows.append(failed_result(request.index, crash.failure))
         else:
-            placed.append((request, stage, placement))
-    lanes = with_shortest_paths(placed, program.hull)
-    return [lane._replace(lidar=lidars[lane.request.index]) for lane in lanes], rows
+            placed.append((request, stage, placement, lidar))
+        yield
+    return placed, rows
+
+
+@functools.lru_cache(maxsize=_NUMBERS_KEPT)
+def _on_device(number: str) -> jax.Array:
+    """Returns a number, as ``float.hex`` writes it; kept, since the episodes of a batch have few values."""
+    return jnp.float32(float.fromhex(number))

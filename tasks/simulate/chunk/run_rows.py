@@ -10,7 +10,7 @@ from specs.data.episode import EpisodeResult
 from tasks.simulate.chunk.job_tags import give_tags
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.program import Program, Run
-from tasks.simulate.host.controllers import TagsJobs
+from tasks.simulate.host.controllers import HostControllers, TagsJobs
 from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
 from tasks.simulate.lane.result_rows import finished_row, withdrawn_row
 from tasks.simulate.lane.samples import Ends
@@ -30,7 +30,7 @@ def open_run(run: Run) -> Generator[Run]:
 
 def lane_row(  # noqa: PLR0917 - a lane of a run
     program: Program,
-    run: Run,
+    host: HostControllers | None,
     lane: Lane,
     position: int,
     state: LaneState,
@@ -40,7 +40,7 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
 
     Args:
         program: That ran it.
-        run: Its controllers on the host may know why it crashed, or that it asked for its end.
+        host: Controllers on the host, which may know why it crashed, or that it asked for its end.
         lane: The episode.
         position: The lane's position in the chunk.
         state: All lanes' states, on the host.
@@ -49,14 +49,14 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
     row = finished_row(lane, position, state, poses).model_copy(
         update={"engine": program.engine, "device": device_kind()}
     )
-    if run.host is None:
+    if host is None:
         return row
-    if isinstance(run.host, TagsJobs):
-        give_tags(lane.request.index, run.host.tags(position))
-    if position in run.host.cancelled:
+    if isinstance(host, TagsJobs):
+        give_tags(lane.request.index, host.tags(position))
+    if position in host.cancelled:
         return withdrawn_row(lane.request)
-    known = {"failure_reason": run.host.crashes[position]} if position in run.host.crashes else {}
-    return row.model_copy(update={**run.host.measures(position), **known})
+    known = {"failure_reason": host.crashes[position]} if position in host.crashes else {}
+    return row.model_copy(update={**host.measures(position), **known})
 
 
 def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:

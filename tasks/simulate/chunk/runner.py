@@ -5,14 +5,18 @@ This module imports no JAX itself, so that importing it is cheap and JAX's setti
 
 import contextlib
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.devices import prepare_devices
-from tasks.simulate.lane.recording import LaneRecorder
+from tasks.simulate.lane.recording import SampleRecorder
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
+
+if TYPE_CHECKING:
+    from tasks.simulate.chunk.under_way import ChunksUnderWay
 
 
 def simulate_lanes(
@@ -24,8 +28,10 @@ def simulate_lanes(
     engine: str = "auto",
     should_stop: Callable[[], bool],
     progress: Callable[[int], None] = lambda _: None,
-    recorder: LaneRecorder | None = None,
+    recorder: SampleRecorder | None = None,
     timed_as: ProgramKey | None = None,
+    under_way: "ChunksUnderWay | None" = None,
+    ahead: Sequence[Chunk] = (),
 ) -> list[EpisodeResult]:
     """Returns the results of a chunk's episodes, in request order.
 
@@ -42,6 +48,8 @@ def simulate_lanes(
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
         timed_as: Program to remember the time for, if requests name folders that plans do not know.
+        under_way: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
+        ahead: Chunks that are going to be asked for after it, in their order; ``worlds`` has theirs, too.
 
     Raises:
         JaxAlreadyImported: JAX was imported before its settings could be made.
@@ -60,4 +68,6 @@ def simulate_lanes(
         progress=progress,
         recorder=recorder,
         timed_as=timed_as,
+        under_way=under_way,
+        ahead=ahead,
     )

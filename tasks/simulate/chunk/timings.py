@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from specs.base import Spec
 from specs.pipeline.simulation_section import EngineName
+from tasks.simulate.devices import device_kind
 from tasks.simulate.plan.chunks import ProgramKey
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.cache_folder import cache_folder
@@ -98,9 +99,48 @@ class ChunkWatch:
             slices=len(self._marks_s) - 3,
             slices_s=self._marks_s[-1] - first_s,
             most_slices=most_slices,
-            peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _PEAK_UNIT,
+            peak_bytes=peak_bytes(),
             host=host,
         )
+
+
+class TurnWatch:
+    """Takes the times of chunks that share lanes: what went by from the end of one to the end of the next."""
+
+    def __init__(self) -> None:
+        """Begins at zero."""
+        self._ready_s, self._slices_s = 0.0, list[float]()
+
+    def placed(self, took_s: float) -> None:
+        """Adds time in which nothing but placing was done."""
+        self._ready_s += took_s
+
+    def drove(self, took_s: float) -> None:
+        """Adds a slice, with what had to be done before it."""
+        self._slices_s.append(took_s)
+
+    def timing(self, engine: EngineName, *, lanes: int, episodes: int, most_slices: int) -> ChunkTiming | None:
+        """Returns what the chunk took; None of one that no slice was driven for. The rest as ``ChunkWatch.timing``."""
+        if not self._slices_s:
+            return None
+        first_s, *others_s = self._slices_s
+        return ChunkTiming(
+            engine=engine,
+            device=device_kind(),
+            lanes=lanes,
+            episodes=episodes,
+            ready_s=self._ready_s,
+            first_s=first_s,
+            slices=len(others_s),
+            slices_s=sum(others_s),
+            most_slices=most_slices,
+            peak_bytes=peak_bytes(),
+        )
+
+
+def peak_bytes() -> int:
+    """Returns the most memory that this process held until now."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _PEAK_UNIT
 
 
 @contextmanager

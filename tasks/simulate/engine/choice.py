@@ -5,7 +5,7 @@ every chunk of a batch, and a batch that is resumed, gets the same one.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
@@ -50,22 +50,38 @@ def choose_engine(asked: str, robot: Path, controller: ControllerKind, device: D
     """
     order = fastest_first(device) if asked == "auto" else (cast("EngineName", asked),)
     refusals: dict[EngineName, str] = {}
+    hindered: list[str] = []
     for engine in order:
         try:
-            ENGINES[engine].read(robot)
+            slower = _why_slower(engine, asked, robot, device)
         except RobotRefused as refused:
             refusals[engine] = str(refused)
+            hindered.append(f"{engine} cannot represent {_culprits(str(refused))}")
         else:
-            return EngineChoice(engine=engine, device=device, why=_why(asked, refusals), controller=controller)
+            if not slower:
+                return EngineChoice(engine=engine, device=device, why=_why(asked, hindered), controller=controller)
+            hindered.append(f"{engine} is slower: {slower}")
     raise RobotRefused("\n".join(dict.fromkeys(refusals.values())))
 
 
-def _why(asked: str, refusals: Mapping[EngineName, str]) -> str:
+def _why_slower(engine: EngineName, asked: str, robot: Path, device: DeviceKind) -> str:
+    """Returns why an engine that can run a robot is slower than the next; nothing where it is faster, or asked for.
+
+    Raises:
+        RobotRefused: The engine cannot run it.
+    """
+    rule = ENGINES[engine].why_slower
+    if rule is not None and asked == "auto" and device == "cpu":
+        return rule(robot)
+    ENGINES[engine].read(robot)
+    return ""
+
+
+def _why(asked: str, hindered: Sequence[str]) -> str:
     if asked != "auto":
         return "asked for"
-    if not refusals:
+    if not hindered:
         return "the fastest of all"
-    hindered = (f"{engine} cannot represent {_culprits(refusal)}" for engine, refusal in refusals.items())
     return f"the fastest for this robot: {', '.join(hindered)}"
 
 

@@ -17,9 +17,13 @@ from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.engine.kept_program.keeper import ProgramKeeper, program_keeper
+from tasks.simulate.engine.kept_program.sealed_state import one_lane, opened, sealed
+from tasks.simulate.engine.lane_refill import LaneRefill, lane_refill
 from tasks.simulate.engine.packed_lanes import pack_lane, unpack_lane
 from tasks.simulate.engine.program import (
     lane_mesh,
+    lane_sharding,
     padded_lanes,
     put_lanes,
     split_over,
@@ -45,6 +49,8 @@ class CompiledProgram:
         advance: Returns the state a slice later, and the records of the slice, (lanes, steps) first; the state that
             was given is used up.
         stepwise: The functions for a robot application that runs on the host.
+        keeper: Of the functions, for processes to come.
+        refill: Puts episodes into lanes that are free.
         host: The robot application, if it runs on the host.
     """
 
@@ -55,6 +61,8 @@ class CompiledProgram:
     begin: Callable[[LaneInputs], LaneState]
     advance: Callable[[LaneInputs, LaneState], tuple[LaneState, StepRecord]]
     stepwise: StepwiseCalls
+    keeper: ProgramKeeper
+    refill: LaneRefill
     host: HostApplication | None = None
 
     @property
@@ -120,15 +128,20 @@ def compiled_program(
     """
     mesh = lane_mesh()
     seen = with_stand_in(applications, mechanics.actuators, host=host is not None)
-    begin = jax.jit(split_over(mesh, jax.vmap(functools.partial(_begin_lane, mechanics, seen)), 1))
+    keeper = program_keeper(lane_sharding(mesh), seen, mechanics.engine, host=host is not None)
+    begin_lanes, whole = jax.vmap(functools.partial(_begin_lane, mechanics, seen)), padded_lanes(lanes, mesh.size)
+    begin = jax.jit(keeper.kept("begin", split_over(mesh, begin_lanes, 1)))
+    advance = split_over(mesh, functools.partial(_advance_slice, mechanics, seen), 2)
     return CompiledProgram(
         mechanics=mechanics,
         applications=seen,
-        lanes=padded_lanes(lanes, mesh.size),
+        lanes=whole,
         mesh=mesh,
         begin=begin,
-        advance=jax.jit(split_over(mesh, functools.partial(_advance_slice, mechanics, seen), 2), donate_argnums=1),
+        advance=jax.jit(keeper.kept("advance", advance), donate_argnums=1),
+        keeper=keeper,
         stepwise=_stepwise_calls(mechanics, seen, mesh, begin),
+        refill=lane_refill(mesh, whole, begin_lanes, keeper),
         host=host,
     )
 
@@ -150,7 +163,7 @@ def _stepwise_calls(
 
 
 def _begin_lane(mechanics: Mechanics, applications: Applications, inputs: LaneInputs) -> LaneState:
-    return strong_types(begin_lane(applications, inputs, mechanics.first_body(inputs.start)))
+    return sealed(strong_types(begin_lane(applications, inputs, mechanics.first_body(inputs.start))))
 
 
 def _advance_slice(
@@ -160,8 +173,9 @@ def _advance_slice(
     control_step = jax.vmap(functools.partial(advance_lane, mechanics, applications))
 
     def run(lanes: LaneState) -> tuple[LaneState, StepRecord]:
+        lanes = opened(applications, one_lane(inputs), lanes)
         lanes, records = jax.lax.scan(lambda s, _: control_step(inputs, s), lanes, None, length=SLICE_STEPS)
-        return lanes, jax.tree.map(lambda array: jnp.swapaxes(array, 0, 1), records)
+        return sealed(lanes), jax.tree.map(lambda array: jnp.swapaxes(array, 0, 1), records)
 
     def rest(lanes: LaneState) -> tuple[LaneState, StepRecord]:
         one = StepRecord(

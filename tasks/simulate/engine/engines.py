@@ -69,6 +69,8 @@ class Engine(NamedTuple):
             (docs/reference/engines.md).
         read: Reads a ``robot.xml``; raises RobotRefused, with the remedy, if the engine cannot represent the robot.
         load: Makes the program.
+        why_slower: Says why the next engine is faster with a ``robot.xml`` on a CPU, nothing where this one is; raises
+            RobotRefused as ``read`` does.
         cost: Measured on two cores of a Xeon at 2.x GHz, courier and delivery, 2026-11
             (benchmarks/simulation/plan.py).
     """
@@ -77,6 +79,7 @@ class Engine(NamedTuple):
     read: Callable[[Path], object]
     load: ProgramLoader
     cost: EngineCost
+    why_slower: Callable[[Path], str] | None = None
 
 
 def _read_planar(robot: Path) -> object:
@@ -96,6 +99,12 @@ def _read_mjx(robot: Path) -> object:
     from tasks.simulate.engine.mjx.model import load_robot
 
     return load_robot(robot)
+
+
+def _why_mjx_is_slower(robot: Path) -> str:
+    from tasks.simulate.engine.mjx.rule import why_slower_on_a_cpu
+
+    return why_slower_on_a_cpu(robot)
 
 
 def _load_mjx(robot: Path, applications: "Applications", lanes: int, host: "HostApplication | None") -> "Program":
@@ -122,19 +131,20 @@ ENGINES: Mapping[EngineName, Engine] = {
         rank={"cpu": 1, "gpu": 1},
         read=_read_planar,
         load=_load_planar,
-        cost=EngineCost(6.5, 1.5, 90e-6, 4.5e-6, 4e-3, 900 * _MIB, _MIB),
+        cost=EngineCost(6.5, 1.5, 90e-6, 4.5e-6, 1e-3, 900 * _MIB, _MIB),
     ),
     "mjx": Engine(
-        rank={"cpu": 3, "gpu": 2},
+        rank={"cpu": 2, "gpu": 2},
         read=_read_mjx,
         load=_load_mjx,
-        cost=EngineCost(11.0, 2.0, 90e-6, 42e-6, 4e-3, 1350 * _MIB, _MIB),
+        cost=EngineCost(11.0, 2.0, 90e-6, 42e-6, 1e-3, 1350 * _MIB, _MIB),
+        why_slower=_why_mjx_is_slower,
     ),
     "mujoco": Engine(
-        rank={"cpu": 2, "gpu": 3},
+        rank={"cpu": 3, "gpu": 3},
         read=_read_mujoco,
         load=_load_mujoco,
-        cost=EngineCost(4.5, 1.5, 2.2e-3, 80e-6, 4e-3, 750 * _MIB, _MIB),
+        cost=EngineCost(4.5, 1.5, 2.2e-3, 80e-6, 1e-3, 750 * _MIB, _MIB),
     ),
 }
 # The engine that the others are compared with: it represents every robot, and runs every controller.

@@ -17,6 +17,7 @@ from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.engine.kept_program.keeper import ProgramKeeper
 from tasks.simulate.host.controllers import HostControllers, StandIn
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord
@@ -74,6 +75,11 @@ class Program(Protocol):
         """Returns the lanes that a run always has, filled up with idle ones."""
         ...
 
+    @property
+    def keeper(self) -> ProgramKeeper:
+        """Returns what keeps its functions for processes to come."""
+        ...
+
     def body(self) -> Body:
         """Returns a robot at rest, to check applications with."""
         ...
@@ -103,9 +109,14 @@ def strong_types(state: LaneState) -> LaneState:
     return jax.tree.map(lambda array: jax.lax.convert_element_type(array, jnp.asarray(array).dtype), state)
 
 
-def lane_mesh() -> Mesh:
-    """Returns all devices, to split lanes over."""
-    return jax.make_mesh((len(jax.devices()),), (_AXIS,), axis_types=(AxisType.Auto,))
+def lane_mesh(most: int | None = None) -> Mesh:
+    """Returns devices to split lanes over.
+
+    Args:
+        most: So many; None for all.
+    """
+    devices = jax.devices()[:most]
+    return jax.make_mesh((len(devices),), (_AXIS,), axis_types=(AxisType.Auto,), devices=devices)
 
 
 def split_over(mesh: Mesh, kernel: Callable[..., Any], arguments: int) -> Callable[..., Any]:

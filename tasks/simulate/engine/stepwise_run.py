@@ -16,6 +16,7 @@ from jax.sharding import Mesh
 from jaxtyping import Bool, Float, Float32
 
 from tasks.simulate.application.contract import Observation
+from tasks.simulate.engine.kept_program.sealed_state import opened, sealed
 from tasks.simulate.engine.lane_transfer import LaneTransfer
 from tasks.simulate.engine.packed_lanes import PackedLanes, pack_lane, unpack_lane
 from tasks.simulate.host.controllers import HostControllers
@@ -140,13 +141,16 @@ def step_lane(
     control: Float[jax.Array, "actuators"],
 ) -> tuple[PackedState, Row]:
     """Returns a lane a control step later that the host decided, and what is sensed then and recorded of it."""
-    inputs, before = unpack_lane(packed_inputs), unpack_lane(packed)
+    inputs = unpack_lane(packed_inputs)
+    before = opened(applications, inputs, unpack_lane(packed))
     # The host has the scan that the controller saw, for the record.
     decided = Decision(before.controller, control, jnp.zeros(0))
     motion = mechanics.drive(inputs, before.body, control)
     state, record = settle(applications, inputs, before, decided, motion)
     recorded = (record.pose, record.velocity, record.goal_index, record.impulse_ns)
-    return pack_lane(state), jnp.concatenate([sense_lane(applications, inputs, state), *map(_numbers, recorded)])
+    return pack_lane(sealed(state)), jnp.concatenate(
+        [sense_lane(applications, inputs, state), *map(_numbers, recorded)]
+    )
 
 
 def sense_lane(applications: Applications, inputs: LaneInputs, state: LaneState) -> Row:

@@ -5,6 +5,7 @@ A simple model of each engine, measured once, says how costs grow with lanes and
 probe compares this machine with the one of the measurements, and the range is wide.
 """
 
+import math
 import time
 from collections.abc import Sequence
 from statistics import median
@@ -27,6 +28,11 @@ class Span(Spec):
 
     low: float
     high: float
+
+    @property
+    def middle(self) -> float:
+        """Returns what is as many times the least as the most is times it."""
+        return math.sqrt(max(self.low, 0.0) * self.high)
 
     def plus(self, other: "Span") -> "Span":
         """Returns the sum of what both may be."""
@@ -83,8 +89,8 @@ def probed_speed(devices: int) -> Speed:
     """Returns a guess from a hundredth of a second of arithmetic; the applications may be anything."""
     slower = _probe_s() / _PROBE_S * _MEASURED_DEVICES / max(1, devices)
     return Speed(
-        drive=Span(low=0.4 * slower, high=4.0 * slower),
-        ready=Span(low=0.4 * slower, high=3.0 * slower),
+        drive=Span(low=0.5 * slower, high=2.0 * slower),
+        ready=Span(low=0.5 * slower, high=2.0 * slower),
         share=Span(low=0.5, high=1.0),
     )
 
@@ -108,12 +114,12 @@ def driving_s(engine: EngineName, speed: Speed, *, episodes: int, lanes: int, ch
 
 
 def compiling_s(engine: EngineName, speed: Speed) -> Span:
-    """Returns the wall seconds until a program's first step: little if it is in the cache, more if it must be made."""
+    """Returns the wall seconds until a program's first step; one that never ran here is not in the cache."""
     if speed.first is not None:
         return speed.first
     cost = ENGINES[engine].cost
     ready = max(0.5, min(2.0, median([speed.ready.low, speed.ready.high])))
-    return Span(low=0.5 * cost.load_s * ready, high=2.5 * cost.compile_s * ready)
+    return Span(low=0.6 * cost.compile_s * ready, high=1.6 * cost.compile_s * ready)
 
 
 def memory_bytes(engine: EngineName, speed: Speed, lanes: int) -> Span:

@@ -12,7 +12,7 @@ from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import recall_engine_timings, recall_timings
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engine.choice import EngineChoice
-from tasks.simulate.engine.engines import REFERENCE
+from tasks.simulate.engine.engines import ENGINES, REFERENCE
 from tasks.simulate.forecast.cost import (
     Span,
     Speed,
@@ -24,6 +24,7 @@ from tasks.simulate.forecast.cost import (
 )
 from tasks.simulate.forecast.node_cost import nodes_s
 from tasks.simulate.forecast.remembered_engine import recall_choice
+from tasks.simulate.forecast.run_memory import recall_batches, remembered_wall_s
 from tasks.simulate.host.controller_kind import ControllerKind, controller_kind
 from tasks.simulate.host.policy.policy_check import check_policy
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -37,7 +38,7 @@ Basis = Literal["this very program", "other programs", "nothing"]
 _BASES: Sequence[Basis] = ("this very program", "other programs", "nothing")
 # Importing JAX and Prefect, the server's start, and for each episode its row in chunk and tables.
 _NODES = ("ros", "ros2")
-_START_S = Span(low=4.0, high=20.0)
+_START_S = Span(low=4.0, high=12.0)
 _ROW_S = Span(low=0.2e-3, high=1e-3)
 
 
@@ -117,7 +118,8 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
         compilations=len(layout.programs()),
         audited=audited,
         lane_steps_at_most=_lane_steps(plan),
-        wall_s=_wall_s(programs, layout.episodes, plan.lanes, longest_s, audited),
+        wall_s=_remembered_wall_s(plan, programs, layout.episodes)
+        or _wall_s(programs, layout.episodes, plan.lanes, longest_s, audited),
         memory_bytes=_most(programs, plan.lanes, audited),
         known_from=_BASES[max((_BASES.index(each.basis) for each in programs), default=-1)],
     )
@@ -223,6 +225,12 @@ def _lane_steps(plan: BatchPlan) -> int:
         settings *= len(values)
     each = settings * len(plan.seeds) * PHYSICS_HZ
     return round(sum(len(plan.worlds_of(template)) * template.duration_s * each for template in plan.templates))
+
+
+def _remembered_wall_s(plan: BatchPlan, programs: Sequence[_Program], episodes: int) -> Span | None:
+    """Returns what whole batches of these programs took here; None if none has come to its end."""
+    load_s = sum(ENGINES[each.engine].cost.load_s for each in programs)
+    return remembered_wall_s(recall_batches(plan), plan, episodes, load_s) if programs else None
 
 
 def _wall_s(programs: Sequence[_Program], episodes: int, lanes: int, longest_s: float, audited: int) -> Span:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from tasks.simulate.application.code import BundleCrash, CrashCode, call_bundle, load_factory
-from tasks.simulate.application.contract import Observation
+from tasks.simulate.application.contract import HostMap, Observation
 from tasks.simulate.host.controllers import HostApplication, HostBundle, HostStart
 from tasks.simulate.host.host_control import real_control
 from tasks.simulate.lane.staging import Lane
@@ -71,7 +71,8 @@ class PlainControllers:
         try:
             _require_same(self._sensors, read_sensors(self._make, environment))
             made: Any = call_bundle(_ROBOT, "controller(environment)", self._make, environment)
-            call_bundle(_ROBOT, "controller.reset", lambda: made.reset(lane.stage.floor, lane.placement.goals_m))
+            floor = HostMap(*(array.copy() for array in lane.stage.floor))  # one that it may write to
+            call_bundle(_ROBOT, "controller.reset", lambda: made.reset(floor, lane.placement.goals_m))
         except BundleCrash as crash:
             self.crashes[number] = crash.reason
             return None

@@ -37,6 +37,7 @@ class Applications:
         texts: Environment variables that are no numbers.
         names: Names of the numeric ones; their values come with each lane.
         sensors: As the robot application defines them; ``lane_sensors`` has a lane's own.
+        identity: What all of this follows from, so that what was traced of it can be kept; empty if nobody can tell.
     """
 
     make_controller: Callable[..., object]
@@ -44,6 +45,7 @@ class Applications:
     texts: Mapping[str, str]
     names: tuple[str, ...]
     sensors: Sensors
+    identity: str = ""
 
     @property
     def lidar(self) -> Lidar:

@@ -30,11 +30,24 @@ class LaneRecorder(Protocol):
         ...
 
     def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
-        """Is given a slice, and how many control steps each lane has done by its end."""
+        """Is given a slice, and the control steps that each lane has done by its end; -1 if it had ended before."""
         ...
 
     def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
         """Is told how the lanes ended."""
+        ...
+
+
+class SampleRecorder(LaneRecorder, Protocol):
+    """A recorder that also takes samples that others made of the lanes."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Returns how many samples a simulated second are wanted."""
+        ...
+
+    def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
+        """Is given a slice's samples instead of the slice."""
         ...
 
 
@@ -54,7 +67,7 @@ class Recorder:
             wanted: Whether an episode with such a result is kept.
             memory: Holds the samples; by default what no other recorder shares.
         """
-        self._rate_hz = rate_hz
+        self.rate_hz = rate_hz
         self._wanted = wanted
         self._overflow = memory or sample_memory()
         self._runs: list[_RunSamples] = []
@@ -66,14 +79,14 @@ class Recorder:
             lanes: How many hold episodes.
             control_s: Length of a control step.
         """
-        self._runs.append(_RunSamples(lanes, control_s, sample_stride(self._rate_hz, control_s), self._overflow))
+        self._runs.append(_RunSamples(lanes, control_s, sample_stride(self.rate_hz, control_s), self._overflow))
 
     def keep(self, slice_: Steps, steps: Int[np.ndarray, "lanes"]) -> None:
         """Keeps the samples of a slice.
 
         Args:
             slice_: Its control steps.
-            steps: How many control steps each lane has done by its end.
+            steps: How many control steps each lane has done by its end; below 0 if it had ended before.
         """
         run = self._runs[-1]
         self.add(slice_samples(slice_, steps, lanes=run.lanes, before=run.steps, stride=run.stride), np.asarray(steps))
@@ -83,7 +96,7 @@ class Recorder:
 
         Args:
             samples: As ``slice_samples`` makes them with this recorder's rate.
-            steps: How many control steps each lane has done by the slice's end.
+            steps: How many control steps each lane has done by the slice's end; below 0 if it had ended before.
         """
         self._runs[-1].add(samples, steps)
 
@@ -95,6 +108,11 @@ class Recorder:
             rows: The lanes' results, in their order.
         """
         self._runs[-1].end(ends, [(lane, row.index) for lane, row in enumerate(rows) if self._wanted(row)])
+
+    @property
+    def untouched(self) -> bool:
+        """Returns whether nothing was recorded yet."""
+        return not self._runs
 
     @property
     def episodes(self) -> list[int]:

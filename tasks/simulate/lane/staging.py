@@ -1,38 +1,25 @@
-"""Stages episodes on the host: turns worlds into arrays, draws starts and goals, stacks everything lane by lane."""
+"""Stages episodes on the host: draws starts and goals, finds shortest ways, stacks everything lane by lane."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash, call_bundle
-from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Scenario
+from tasks.simulate.application.contract import FloorMap, Placement, Scenario
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensor.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensor.noise import seed_words
-from tasks.simulate.surroundings.floor_map import floor_map
-from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
-from tasks.simulate.surroundings.rooms import RoomMap, room_map
-from tasks.simulate.surroundings.shortest_path import shortest_paths_m
-from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, pad_silhouettes, silhouettes
-
-_SEEN_M = 1e-3  # half the thickness of the lidar's plane
-
-
-class Stage(NamedTuple):
-    """One world as arrays: what is touched, what is seen, the map, and the rooms on it."""
-
-    touched: Obstacles
-    seen: HostSilhouettes
-    floor: HostMap
-    rooms: RoomMap
+from tasks.simulate.surroundings.silhouettes import Silhouettes
+from tasks.simulate.surroundings.stages import Stage
+from tasks.simulate.surroundings.ways.shortest_path import shortest_paths_m
 
 
 class Lane(NamedTuple):
@@ -48,19 +35,6 @@ class Lane(NamedTuple):
     placement: Placement
     shortest_path_m: float | None
     lidar: Lidar = NO_LIDAR
-
-
-def stage_worlds(worlds: Mapping[str, World], hull: Hull, lidar: Lidar) -> dict[str, Stage]:
-    """Returns the worlds as arrays; each its own map, and obstacles filled up to the same, bucketed counts.
-
-    What fills them up is out of reach and no application ever gets it.
-    """
-    touched = [obstacles(world, hull.low_m, hull.high_m) for world in worlds.values()]
-    seen = [obstacles(world, lidar.height_m - _SEEN_M, lidar.height_m + _SEEN_M) for world in worlds.values()]
-    floors = list(map(floor_map, worlds.values(), touched))
-    rooms = [room_map(world.rooms, floor, hull.radius_m) for world, floor in zip(worlds.values(), floors, strict=True)]
-    stages = map(Stage, pad_obstacles(touched), pad_silhouettes(map(silhouettes, seen)), floors, rooms)
-    return dict(zip(worlds, stages, strict=True))
 
 
 def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stage, hull: Hull) -> Placement:
@@ -100,7 +74,7 @@ def _arrived_m(scenario: Scenario) -> float | None:
     return arrived_m
 
 
-def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]], hull: Hull) -> list[Lane]:
+def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> list[Lane]:
     """Returns the episodes with the length of their shortest ways, None where there is none; equal tasks count once."""
     tasks: dict[bytes, tuple[Stage, Placement]] = {}
     keys = [_task_key(request.world, placement) for request, _, placement in placed]
@@ -109,7 +83,7 @@ def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]
             tasks.setdefault(key, (stage, placement))
     placements = [placement for _, placement in tasks.values()]
     arrived_m = [placement.arrived_m or 0.0 for placement in placements]
-    found_m = shortest_paths_m([stage.touched for stage, _ in tasks.values()], placements, hull.radius_m, arrived_m)
+    found_m = shortest_paths_m([stage.ways for stage, _ in tasks.values()], placements, arrived_m)
     shortest_m = {key: float(length) for key, length in zip(tasks, found_m, strict=True) if np.isfinite(length)}
     return [Lane(*each, shortest_m.get(key)) for each, key in zip(placed, keys, strict=True)]
 
@@ -134,6 +108,8 @@ def moved_lane(lane: Lane, beside_m: tuple[float, float]) -> Lane:
 def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> LaneInputs:
     """Returns the inputs of ``count`` lanes, lanes first; those beyond the episodes repeat the first, and rest.
 
+    They are NumPy's: what is computed on a device would be compiled, for each array.
+
     Args:
         lanes: The episodes, at least one and at most ``count``.
         names: The numeric environment variables, in the program's order.
@@ -146,19 +122,15 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
     return LaneInputs(
         boxes=_stacked([lane.stage.touched.boxes for lane in filled]),
         cylinders=_stacked([lane.stage.touched.cylinders for lane in filled]),
-        seen=Silhouettes(
-            *(jnp.asarray(np.stack(each)) for each in zip(*(lane.stage.seen for lane in filled), strict=True))
-        ),
+        seen=Silhouettes(*(_canonical(each) for each in zip(*(lane.stage.seen for lane in filled), strict=True))),
         floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
         start=_stacked([lane.placement.start for lane in filled]),
         goals_m=_stacked([filled_up(lane.placement.goals_m, most_goals) for lane in filled]),
-        given=tuple(
-            jnp.asarray(np.stack(arrays)) for arrays in zip(*(lane.placement.given for lane in filled), strict=True)
-        ),
-        seed=jnp.asarray(np.stack([seed_words(lane.request.seed) for lane in filled])),
-        numbers=jnp.asarray(numbers, jnp.float32).reshape(count, len(names)),
-        last_step=jnp.asarray([last_step(lane.request) for lane in filled], jnp.int32),
-        alive=jnp.arange(count) < len(lanes),
+        given=tuple(_canonical(arrays) for arrays in zip(*(lane.placement.given for lane in filled), strict=True)),
+        seed=_canonical([seed_words(lane.request.seed) for lane in filled]),
+        numbers=_stacked([np.asarray(each, np.float32) for each in numbers]),
+        last_step=_canonical([np.int32(last_step(lane.request)) for lane in filled]),
+        alive=_canonical([np.bool_(place < len(lanes)) for place in range(count)]),
     )
 
 
@@ -167,8 +139,14 @@ def last_step(request: EpisodeRequest) -> int:
     return max(1, round(request.duration_s / CONTROL_S))
 
 
-def _stacked(arrays: Sequence[np.ndarray]) -> Float32[jnp.ndarray, "lanes ..."]:
-    return jnp.asarray(np.stack(arrays), jnp.float32)
+def _stacked(arrays: Sequence[np.ndarray]) -> Any:  # noqa: ANN401 - NumPy's, which JAX takes for its own
+    return np.stack(arrays).astype(np.float32)
+
+
+def _canonical(arrays: Sequence[np.ndarray | np.generic]) -> Any:  # noqa: ANN401 - likewise
+    """Returns arrays as one, of the type that JAX has for theirs."""
+    stacked = np.stack(arrays)
+    return stacked.astype(jax.dtypes.canonicalize_dtype(stacked.dtype))
 
 
 def filled_up(goals_m: Float64[np.ndarray, "goals 2"], count: int) -> Float64[np.ndarray, "count 2"]:

@@ -66,7 +66,7 @@ class Layout:
     @cached_property
     def episodes(self) -> int:
         """How many episodes there are."""
-        return self._offsets[-1]
+        return self.offsets[-1]
 
     @cached_property
     def chunks(self) -> int:
@@ -80,9 +80,9 @@ class Layout:
             IndexError: There are fewer.
         """
         self._require(index, self.episodes, "episode")
-        template = bisect.bisect_right(self._offsets, index) - 1
-        rest, seed = divmod(index - self._offsets[template], len(self.plan.seeds))
-        world, setting = divmod(rest, self._settings)
+        template = bisect.bisect_right(self.offsets, index) - 1
+        rest, seed = divmod(index - self.offsets[template], len(self.plan.seeds))
+        world, setting = divmod(rest, self.settings)
         return self._made(index, template, world, setting, seed)
 
     def requests(self, first: int = 0, end: int | None = None) -> Iterator[EpisodeRequest]:
@@ -95,7 +95,7 @@ class Layout:
 
     def template_of(self, index: int) -> int:
         """Returns the position of the request that an episode came from."""
-        return bisect.bisect_right(self._offsets, index) - 1
+        return bisect.bisect_right(self.offsets, index) - 1
 
     def chunk(self, number: int) -> Chunk:
         """Returns one chunk, its episodes in the order of their numbers.
@@ -187,14 +187,15 @@ class Layout:
         return tuple(sorted(self.plan.sweep))
 
     @cached_property
-    def _settings(self) -> int:
+    def settings(self) -> int:
+        """How many sets of values there are."""
         return math.prod(len(self.plan.sweep[name]) for name in self._names)
 
     @cached_property
-    def _offsets(self) -> list[int]:
+    def offsets(self) -> list[int]:
         """Returns the number of each template's first episode, and at the end the number of all."""
-        each = self._settings * len(self.plan.seeds)
-        sizes = (len(self.plan.worlds_of(template)) * each for template in self.plan.templates)
+        of_world = self.settings * len(self.plan.seeds)
+        sizes = (len(self.plan.worlds_of(template)) * of_world for template in self.plan.templates)
         return list(itertools.accumulate(sizes, initial=0))
 
     @cached_property
@@ -229,14 +230,14 @@ class Layout:
         """Returns the settings' numbers, those together that differ in numbers alone and so share a program."""
         kinds = {name: [_kind(name, value) for value in self.plan.sweep[name]] for name in self._names}
         if all(kind is None for each in kinds.values() for kind in each):
-            return [range(self._settings)]
+            return [range(self.settings)]
         found: dict[tuple[str | None, ...], list[int]] = {}
         for number, kind in enumerate(itertools.product(*kinds.values())):
             found.setdefault(kind, []).append(number)
         return list(found.values())
 
     def _first_index(self, block: _Block) -> int:
-        return self._offsets[block.template] + block.settings[0] * len(self.plan.seeds)
+        return self.offsets[block.template] + block.settings[0] * len(self.plan.seeds)
 
     def _at(self, group: _Group, position: int) -> EpisodeRequest:
         number = bisect.bisect_right(group.starts, position) - 1
@@ -244,23 +245,22 @@ class Layout:
         rest, seed = divmod(position - group.starts[number], len(self.plan.seeds))
         world, turn = divmod(rest, len(block.settings))
         setting = block.settings[turn]
-        index = self._offsets[block.template] + (world * self._settings + setting) * len(self.plan.seeds) + seed
+        index = self.offsets[block.template] + (world * self.settings + setting) * len(self.plan.seeds) + seed
         return self._made(index, block.template, world, setting, seed)
 
     def _position(self, group: _Group, index: int) -> int:
         """Returns how many episodes of a group have a lower number."""
         found = 0
         for block in group.blocks:
-            below = index - self._offsets[block.template]
-            if below <= 0:
+            if index <= self.offsets[block.template]:
                 break
-            found += min(self._below(block, below), block.size)
+            found += min(self._below(block, index - self.offsets[block.template]), block.size)
         return found
 
     def _below(self, block: _Block, below: int) -> int:
         seeds = len(self.plan.seeds)
         rest, seed = divmod(below, seeds)
-        world, setting = divmod(rest, self._settings)
+        world, setting = divmod(rest, self.settings)
         turn = bisect.bisect_left(block.settings, setting)
         own = seed if turn < len(block.settings) and block.settings[turn] == setting else 0
         return (world * len(block.settings) + turn) * seeds + own

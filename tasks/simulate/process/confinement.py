@@ -37,7 +37,7 @@ _KEPT = frozenset({"PATH", "LANG", "LANGUAGE", "TZ", "VIRTUAL_ENV", "LD_LIBRARY_
 _KEPT_BEGINNINGS = ("LC_", "JAX_", "XLA_", "MUJOCO_", "CUDA_", "NVIDIA_", "TF_", "OMP_", "OPENBLAS_", "MKL_", "ROCR_")
 # Where ROS is, where that is not where it usually is: its Python, and the folder share/ros within its own.
 _ROS_PYTHON, _ROS_ROOT = "SIMYARD_ROS_PYTHON", "ROS_ROOT"
-_OWN_SETTINGS = ("SIMYARD_IMPORT_LIMIT_S", "SIMYARD_STEP_LIMIT_S", _ROS_PYTHON, _ROS_ROOT)
+_OWN_SETTINGS = ("SIMYARD_IMPORT_LIMIT_S", "SIMYARD_STEP_LIMIT_S", "SIMYARD_PROGRAMS", _ROS_PYTHON, _ROS_ROOT)
 # Of memory, what /tmp may take: nodes of ROS have their home folders there.
 _TMP_SHARE = 0.25
 

@@ -60,6 +60,7 @@ class ConfinedLanes:
         timed_as: Program to remember the time for.
         printed: Given what applications print.
         tagged: Given the tags that applications gave to their jobs, by the index of the episode.
+        ahead: Chunks that are going to be simulated next, in their order; the process begins them when lanes are free.
     """
 
     bundles: Mapping[str, Path]
@@ -72,6 +73,7 @@ class ConfinedLanes:
     timed_as: ProgramKey | None = None
     printed: Callable[[str], None] = lambda _: None
     tagged: Callable[[JobTags], None] = lambda _: None
+    ahead: Sequence[Chunk] = ()
     _endings: int = field(default=0, init=False)
 
     def simulate(self, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
@@ -87,9 +89,20 @@ class ConfinedLanes:
                 f"{asked} ROS applications at once are too many for this machine's memory and cores", most
             )
         try:
-            return self._rows(chunk, worlds, self.recorder)
+            return self._beside_others(chunk, worlds)
         except SimulatorEnded as ended:
             return self._after(ended, chunk, worlds)
+
+    def _beside_others(self, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
+        """Returns the rows; if the process ends, the chunks ahead may be to blame, and it is asked again without."""
+        try:
+            return self._rows(chunk, worlds, self.recorder, self.ahead)
+        except SimulatorEnded as ended:
+            if ended.killed == "stop" or not ended.beside_others:
+                raise
+            logger.warning("chunk %d: %s; once more, without the chunks after it", chunk.number, ended.reason)
+        recorder = self.recorder if self.recorder and self.recorder.untouched else None
+        return self._rows(chunk, worlds, recorder)
 
     def _after(self, ended: SimulatorEnded, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
         """Returns the rows of a part whose process ended."""
@@ -116,9 +129,11 @@ class ConfinedLanes:
         except SimulatorEnded as ended:
             return self._after(ended, chunk, worlds)
 
-    def _rows(self, chunk: Chunk, worlds: Mapping[str, World], recorder: Recorder | None) -> list[EpisodeResult]:
+    def _rows(
+        self, chunk: Chunk, worlds: Mapping[str, World], recorder: Recorder | None, ahead: Sequence[Chunk] = ()
+    ) -> list[EpisodeResult]:
         with simulator(self.bundles) as process:
-            used = dict.fromkeys(request.world for request in chunk.requests)
+            used = dict.fromkeys(request.world for each in (chunk, *ahead) for request in each.requests)
             work = LanesWork(
                 chunk=chunk,
                 worlds=process.sent_worlds({name: worlds[name] for name in used if name in worlds}),
@@ -127,6 +142,7 @@ class ConfinedLanes:
                 engine=self.engine,
                 timed_as=self.timed_as,
                 rate_hz=self.rate_hz if recorder else None,
+                ahead=tuple(ahead),
             )
             hear = _Listener(self.progress, recorder)
             try:

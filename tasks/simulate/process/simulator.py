@@ -73,7 +73,10 @@ class SimulatorEnded(SimyardError):  # noqa: N818 - a state
         reason: How it ended, while doing what, and what it printed last, for a person.
         killed: ``limit`` if a call took too long, ``stop`` if it was told to stop and did not.
         out_of_memory: Whether it ended as the kernel ends a process for want of memory, in no application's code.
+        beside_others: Whether it knew of chunks ahead, whose episodes may be to blame.
     """
+
+    beside_others = False
 
     def __init__(
         self, how: str, call: RunningCall | None, printed: str, *, killed: Killed = "", status: int = 0
@@ -109,7 +112,7 @@ class Simulator:
         self._poll.register(self._connection, select.POLLIN)
         assert self._process.stdout is not None  # noqa: S101 - asked for
         self.output = CapturedOutput(self._process.stdout)
-        self._ready = False
+        self._ready, self._knows_ahead = False, False
 
     @property
     def alive(self) -> bool:
@@ -134,8 +137,14 @@ class Simulator:
             SimulatorEnded: The process ended, took too long over a call, or answered what is no answer.
             SimulatorDefect: It met a defect.
         """
+        ahead = isinstance(work, LanesWork) and bool(work.ahead)
+        before, self._knows_ahead = self._knows_ahead, ahead
         try:
             return self._asked(work, on_answer, should_stop)
+        except SimulatorEnded as ended:
+            self.end()
+            ended.beside_others = before or ahead
+            raise
         except BaseException:  # also an interrupt: what it answers later is no answer to another question
             self.end()
             raise

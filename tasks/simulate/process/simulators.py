@@ -14,6 +14,8 @@ from tasks.storage.sealed_bundle import FILES_FOLDER, changed_bundle
 
 # A batch asks again within seconds; between batches its memory is of more use to others.
 _IDLE_S = 20.0
+# One that was begun before its batch is asked when the worlds are made.
+_PREPARED_S = 180.0
 _IDLE_AT_MOST = 2
 _Wanted = Callable[[int, float], bool]
 _Key = tuple[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]]
@@ -24,7 +26,7 @@ class _Idle:
 
     def __init__(self) -> None:
         self._lock, self._owner = threading.Lock(), os.getpid()
-        self._kept: list[tuple[_Key, Simulator, float]] = []
+        self._kept: list[tuple[_Key, Simulator, float]] = []  # until when it is kept, if nobody asks
 
     def take(self, key: _Key) -> Simulator | None:
         with self._lock:
@@ -36,20 +38,20 @@ class _Idle:
                     return entry[1]
         return None
 
-    def keep(self, key: _Key, simulator: Simulator) -> None:
+    def keep(self, key: _Key, simulator: Simulator, idle_s: float = _IDLE_S) -> None:
         with self._lock:
-            self._kept.append((key, simulator, time.monotonic()))
+            self._kept.append((key, simulator, time.monotonic() + idle_s))
         self._end(lambda place, _: place < len(self._kept) - _IDLE_AT_MOST)
-        timer = threading.Timer(_IDLE_S + 1.0, self.end_unused)
+        timer = threading.Timer(idle_s + 1.0, self.end_unused)
         timer.daemon = True
         timer.start()
 
     def end_unused(self) -> None:
         now_s = time.monotonic()
-        self._end(lambda _, since_s: now_s - since_s >= _IDLE_S)
+        self._end(lambda _, until_s: now_s >= until_s)
 
     def end_all(self) -> None:
-        self._end(lambda _place, _since_s: True)
+        self._end(lambda _place, _until_s: True)
 
     def _end(self, wanted: _Wanted) -> None:
         with self._lock:
@@ -77,10 +79,7 @@ def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
         BundleRefused: A folder has been changed since it was unpacked.
     """
     _require_unchanged(bundles)
-    settings = sorted(
-        (name, value) for name, value in os.environ.items() if name.startswith(("SIMYARD_", "JAX_", "XLA_"))
-    )
-    key = tuple(sorted((digest, str(folder)) for digest, folder in bundles.items())), tuple(settings)
+    key = _key(bundles)
     found = _idle.take(key) or Simulator(bundles)
     try:
         yield found
@@ -89,6 +88,26 @@ def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
             _idle.keep(key, found)
         else:
             found.end()
+
+
+def prepare_simulator(bundles: Mapping[str, Path]) -> None:
+    """Begins a process that simulates with these applications, for who asks for it within minutes; returns at once.
+
+    Nothing of theirs is imported or run before that. It costs a second or two of the processor, most of it for JAX.
+
+    Args:
+        bundles: Unpacked folders of the applications, by digest.
+    """
+    key = _key(bundles)
+    _idle.keep(key, _idle.take(key) or Simulator(bundles), _PREPARED_S)
+
+
+def _key(bundles: Mapping[str, Path]) -> _Key:
+    """Returns what a process has to have in common with who asks for it: its bundles, and how it simulates."""
+    settings = sorted(
+        (name, value) for name, value in os.environ.items() if name.startswith(("SIMYARD_", "JAX_", "XLA_"))
+    )
+    return tuple(sorted((digest, str(folder)) for digest, folder in bundles.items())), tuple(settings)
 
 
 def _require_unchanged(bundles: Mapping[str, Path]) -> None:

@@ -32,6 +32,7 @@ class LanesWork(Spec):
         bundles: Unpacked folders of the applications, by digest.
         timed_as: Program to remember the time for.
         rate_hz: How many samples a simulated second to tell; None if nobody records.
+        ahead: Chunks that are going to be asked for after this one, in their order; the worlds have theirs, too.
     """
 
     kind: Literal["lanes"] = "lanes"
@@ -42,6 +43,7 @@ class LanesWork(Spec):
     engine: str
     timed_as: ProgramKey | None = None
     rate_hz: float | None = None
+    ahead: tuple[Chunk, ...] = ()
 
 
 class AuditedEpisode(Spec):

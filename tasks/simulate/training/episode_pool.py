@@ -18,8 +18,9 @@ from tasks.simulate.application.contract import HostMap
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.calls import Applications
 from tasks.simulate.lane.lane_state import LaneInputs
-from tasks.simulate.lane.staging import Lane, Stage, place, stack_lanes, stage_worlds
+from tasks.simulate.lane.staging import Lane, place, stack_lanes
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.surroundings.stages import Stage, stage_worlds
 from tasks.simulate.training.observation import EpisodeBounds
 from tasks.simulate.training.way_field import WayFields, ways_left_mm
 
@@ -71,12 +72,12 @@ def stage_pool(
         BundleCrash: The scenario finds a start and goals for none of them, or gives arrays of other shapes in some.
     """
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    stages = stage_worlds(used, hull, applications.lidar)
+    stages = stage_worlds(used, hull, applications.lidar.height_m)
     lanes = _placed(applications, hull, requests, used, stages)
     _require_same_given(lanes)
     ways = _ways(lanes, hull)
     small = [lane._replace(stage=lane.stage._replace(floor=_one_cell(lane.stage.floor))) for lane in lanes]
-    inputs = stack_lanes(small, applications.names, len(small))
+    inputs = jax.tree.map(jnp.asarray, stack_lanes(small, applications.names, len(small)))
     goals = tuple(len(lane.placement.goals_m) for lane in lanes)
     bounds = EpisodeBounds(max(lane.request.duration_s for lane in lanes), max(goals), _reach_m(lanes))
     return StagedPool(EpisodePool(inputs, ways), tuple(lane.request for lane in lanes), goals, bounds)

@@ -1,5 +1,6 @@
 """What a world guarantees, measured on its finished geometry."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,13 +11,20 @@ from tasks.worlds.brief import Brief
 from tasks.worlds.certificate.wishes import weigh_wishes
 from tasks.worlds.floorplan.doors import LEAF_PLAY_M, LEAF_THICKNESS_M, open_leaves
 from tasks.worlds.floorplan.scoring import WALL_M
-from tasks.worlds.geometry.boxes import Box, bounding_box, rounded
-from tasks.worlds.geometry.clearance import HEADROOM_M, Clearance, connected_share, measure_clearance, reaches_room
+from tasks.worlds.geometry.boxes import EPSILON_M, Box, bounding_box, rounded
+from tasks.worlds.geometry.clearance import (
+    CELL_M,
+    HEADROOM_M,
+    RADIUS_MAX_M,
+    Clearance,
+    connected_share,
+    measure_clearance,
+    reaches_room,
+)
 from tasks.worlds.geometry.overlaps import count_overlaps
 
 START_RADIUS_M = 1.0
 _RADIUS_STEP_M = 0.01
-_RADIUS_MAX_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,7 @@ def certify(
     clear = surveyed or survey(rooms, passages, walls, furniture, doors)
     floors = [_box(room) for room in rooms]
     figures = tuple(_figures(brief, clear.opened, rooms))
-    reachable, as_set = _reachable_radii(clear, floors)
+    reachable, as_set = _reachable_radii(clear, rooms, passages)
     in_the_way = [*walls, *(door.leaf for door in doors), *(solid for piece in furniture for solid in piece.solids)]
     return Certificate(
         origin_clear_radius_m=rounded(distance_to_origin(in_the_way)),
@@ -108,10 +116,10 @@ def _area_error_mean(brief: Brief, floors: Sequence[Box]) -> float:
     return float(np.mean(errors))
 
 
-def _reachable_radii(clear: Survey, floors: Sequence[Box]) -> tuple[float, float]:
+def _reachable_radii(clear: Survey, rooms: Sequence[Room], passages: Sequence[Passage]) -> tuple[float, float]:
     """Returns the reachable radius with all doors fully open, and with the doors as they stand."""
-    opened = reachable_radius(clear.opened, floors)
-    return opened, opened if clear.as_set is clear.opened else reachable_radius(clear.as_set, floors)
+    opened = _reachable_radius(clear.opened, rooms, passages)
+    return opened, opened if clear.as_set is clear.opened else _reachable_radius(clear.as_set, rooms, passages)
 
 
 def narrowest_passage(passages: Sequence[Passage], doors: Sequence[Door]) -> float:
@@ -140,26 +148,61 @@ def _figures(brief: Brief, clear: Clearance, rooms: Sequence[Room]) -> Iterator[
 def distance_to_origin(solids: Sequence[Solid]) -> float:
     """Returns the distance on the floor from (0, 0) to the nearest solid that is not above head height (metres)."""
     low = [solid for solid in solids if solid.center_m[2] - solid.half_extents_m[2] < HEADROOM_M]
-    x, y = np.array([solid.center_m[:2] for solid in low]).T
-    half_x, half_y = np.array([solid.half_extents_m[:2] for solid in low]).T
-    yaw = np.array([solid.yaw_rad for solid in low])
-    ahead = np.maximum(np.abs(np.cos(yaw) * x + np.sin(yaw) * y) - half_x, 0.0)
-    aside = np.maximum(np.abs(np.cos(yaw) * y - np.sin(yaw) * x) - half_y, 0.0)
+    x, y, half_x, half_y, yaw = np.array(
+        [(*solid.center_m[:2], *solid.half_extents_m[:2], solid.yaw_rad) for solid in low]
+    ).T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead = np.maximum(np.abs(cos * x + sin * y) - half_x, 0.0)
+    aside = np.maximum(np.abs(cos * y - sin * x) - half_y, 0.0)
     round_ones = np.array([solid.shape == "cylinder" for solid in low])
     distances = np.where(round_ones, np.sqrt(x * x + y * y) - half_x, np.sqrt(ahead * ahead + aside * aside))
     return max(float(distances.min()), 0.0)
 
 
-def reachable_radius(clearance: Clearance, floors: Sequence[Box]) -> float:
-    """Returns the largest radius (whole centimetres) with which every room is reached, by bisection; 0 for none."""
-    low, high = 0, round(_RADIUS_MAX_M / _RADIUS_STEP_M) + 1
+def _reachable_radius(clearance: Clearance, rooms: Sequence[Room], passages: Sequence[Passage]) -> float:
+    """Returns the largest radius (whole centimetres) with which every room is reached, by bisection; 0 for none.
+
+    Most often the passages alone decide it, so what they let through is tried first.
+    """
+    floors = [_box(room) for room in rooms]
+    middle = math.floor(_most_through(clearance, rooms, passages) / _RADIUS_STEP_M + EPSILON_M)
+    low, high = 0, middle + 1
     while high - low > 1:
-        middle = (low + high) // 2
         radius = middle * _RADIUS_STEP_M
         reached = clearance.reached(radius)
         holds = all(reaches_room(reached, clearance, floor, radius) for floor in floors)
         low, high = (middle, high) if holds else (low, middle)
+        middle = (low + high) // 2
     return low * _RADIUS_STEP_M
+
+
+def _most_through(clearance: Clearance, rooms: Sequence[Room], passages: Sequence[Passage]) -> float:
+    """Returns a radius that no robot exceeds which gets into every room: each has to be entered by a passage of its."""
+    through = [clearance.widest_radius(_threshold(passage)) for passage in passages]
+    starts = [
+        room.name
+        for room in rooms
+        if room.floor.x_min_m < 0 < room.floor.x_max_m and room.floor.y_min_m < 0 < room.floor.y_max_m
+    ]
+    widest = [
+        max(
+            (radius for radius, passage in zip(through, passages, strict=True) if room.name in passage.rooms),
+            default=0.0,
+        )
+        for room in rooms
+        if room.name not in starts
+    ]
+    return max(min([*widest, RADIUS_MAX_M]), 0.0)
+
+
+def _threshold(passage: Passage) -> Box:
+    """Returns the strip of floor, in the middle of a passage's wall, that whoever takes it has to cross."""
+    (x, y), half = passage.center_m, passage.width_m / 2 + CELL_M
+    return (
+        Box(x - half, y - CELL_M, x + half, y + CELL_M)
+        if passage.along == "x"
+        else Box(x - CELL_M, y - half, x + CELL_M, y + half)
+    )
 
 
 def broken_guarantees(certificate: Certificate) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
 from tasks.worlds.furnishing.spots import Spots, find_spots
 from tasks.worlds.furnishing.suitability import placement_cost
 from tasks.worlds.furniture.catalogue import CATALOGUE
-from tasks.worlds.geometry.boxes import EPSILON_M, Box, find_meetings
+from tasks.worlds.geometry.boxes import Box, find_meetings
 
 _CAREFUL_TRIES = 4
 _TWICE = np.array([0, 1, 0, 1])
@@ -29,6 +29,8 @@ def place_group(
         radius_m: Radius of a robot that must still get around in the room; 0 for no such check.
     """
     spots = find_spots(rng, scene, group)
+    if spots.quarters.size == 0:
+        return None
     boxes = group.boxes[:, spots.quarters] + spots.centers.T[_TWICE][..., None]
     free = _free_members(scene, group, boxes)
     fitting = np.flatnonzero(free[:, group.needed].all(axis=1))
@@ -90,22 +92,18 @@ def _free_members(
 ) -> Bool[np.ndarray, "many members"]:
     """Returns which members stand on the floor, in nobody's way and usable, at each place."""
     count = len(group.members)
-    x_min, y_min, x_max, y_max = boxes
-    low_x, low_y, high_x, high_y = scene.floor.grown(EPSILON_M)
-    inside = (x_min >= low_x) & (y_min >= low_y) & (x_max <= high_x) & (y_max <= high_y)
-    meeting = find_meetings(boxes, scene.taken)
     # Bodies keep off everything; what they use may lie where others walk, but nothing may stand there.
-    inside[:, :count] &= ~meeting[:, :count].any(axis=2)
-    inside[:, count:] &= ~meeting[:, count:, : len(scene.pieces)].any(axis=2)
-    free, usable = inside[:, :count], inside[:, count:]
+    free = np.logical_not(find_meetings(boxes[:, :, :count], scene.barred[:, : scene.bars_low]).any(axis=2))
     if scene.holds_start:
         free &= _clear_of_start(boxes[:, :, :count])
-    for sill in scene.sills:
+    for number, sill in enumerate(scene.sills, start=scene.bars_low):
         tall = [member.size[2] > sill.height and not CATALOGUE[member.kind].under_window for member in group.members]
         if any(tall):
-            free &= ~(find_meetings(boxes[:, :, :count], np.array(sill.zone)[:, None])[..., 0] & np.array(tall))
-    for number, zone in enumerate(group.zones):
-        free[:, zone.member] &= usable[:, number]
+            free &= ~(find_meetings(boxes[:, :, :count], scene.barred[:, number : number + 1])[..., 0] & np.array(tall))
+    if group.zones:
+        usable = np.logical_not(find_meetings(boxes[:, :, count:], scene.barred[:, : scene.bars_zones]).any(axis=2))
+        for number, zone in enumerate(group.zones):
+            free[:, zone.member] &= usable[:, number]
     return free
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry.clearance import CROSS
 
 _CELL_M = 0.1
 # What the clearance grid takes from a way at most: see GRID_SLACK there, and half of its cell.
@@ -39,7 +40,7 @@ def robot_gets_around(
         )
         free[rows, columns] = 0
     labels: Int[np.ndarray, "x y"] = np.zeros(size, dtype=np.int32)
-    ndimage.label(free, output=labels)
+    ndimage.label(free, structure=CROSS, output=labels)
     found = {_label(labels, room, entry) for entry in entries}
     sizes = np.bincount(labels.ravel())[1:]
     if not entries:

@@ -11,7 +11,7 @@ from tasks.worlds.floorplan.floorplan import START_CLEAR_M
 from tasks.worlds.floorplan.windows import Pane
 from tasks.worlds.furniture.furniture_type import TypeName
 from tasks.worlds.furniture.primitives import Size
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry.boxes import Box, inset
 
 _WINDOW_DEPTH_M = 0.6
 # Rooms at least this deep have lines in their middle, so far from each other at least, along which things stand back
@@ -20,6 +20,7 @@ _BAY_M = 2.7
 _SPINE_END_M = 1.2
 _SPINE_M = 4.0
 _WRONG_CORNER = 0.7
+_FAR, _SIDES = 1e9, 4
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class LineTable(NamedTuple):
         axis: 0 for lines along x, 1 for lines along y.
         inward: 1 where the room lies on the line's upper side, else -1.
         ahead: 1 where what faces that way has its left at the line's start, else -1.
+        rows: Of each line: at, start, end, inward, ahead, left and right, for what is quicker one by one.
         left: How well what stands at the line's start is held there, 1 in a corner that is on its left.
         right: The same of the line's end.
     """
@@ -76,13 +78,15 @@ class LineTable(NamedTuple):
     ahead: Float[np.ndarray, " lines"]
     left: Float[np.ndarray, " lines"]
     right: Float[np.ndarray, " lines"]
+    rows: list[tuple[float, float, float, float, float, float, float]]
 
     def only(self, quarters: tuple[int, ...], *, walls: bool) -> "LineTable":
         """Returns the lines that face one of these ways, without those in the middle of the room if need be."""
         if len(quarters) == 4 and (not walls or len(self.wall) == 4):
             return self
         kept = np.isin(self.quarter, quarters) & (self.wall | (not walls))
-        return LineTable(*(column[kept] for column in self))
+        rows = [self.rows[row] for row in kept.nonzero()[0].tolist()]
+        return LineTable._make([*(column[kept] for column in self[:-1]), rows])
 
 
 def _table(lines: Sequence[BackLine]) -> LineTable:
@@ -90,7 +94,8 @@ def _table(lines: Sequence[BackLine]) -> LineTable:
     inward = np.where((quarter == 0) | (quarter == 3), 1.0, -1.0)
     ahead = np.where(quarter < 2, 1.0, -1.0)
     left, right = (wall * np.where(side * ahead > 0, 1.0, _WRONG_CORNER) for side in (1, -1))
-    return LineTable(quarter, quarter % 2, at, start, end, inward, wall, ahead, left, right)
+    rows = list(zip(*(column.tolist() for column in (at, start, end, inward, ahead, left, right)), strict=True))
+    return LineTable(quarter, quarter % 2, at, start, end, inward, wall, ahead, left, right, rows)
 
 
 class Sill(NamedTuple):
@@ -135,18 +140,20 @@ class RoomScene:
     groups: list[PlacedGroup] = field(default_factory=list[PlacedGroup])
     pieces: list[Piece] = field(default_factory=list[Piece])
     _taken: Float[np.ndarray, "4 boxes"] | None = None
+    _barred: Float[np.ndarray, "4 more"] | None = None
+    _beside: list[list[tuple[float, float, float, float]]] | None = None
 
     def add(self, group: PlacedGroup) -> None:
         """Puts a group into the room."""
         self.groups.append(group)
         self.pieces += group.pieces
-        self._taken = None
+        self._taken = self._barred = self._beside = None
 
     def remove(self, number: int) -> PlacedGroup:
         """Takes a group out of the room again."""
         group = self.groups.pop(number)
         self.pieces = [piece for each in self.groups for piece in each.pieces]
-        self._taken = None
+        self._taken = self._barred = self._beside = None
         return group
 
     @property
@@ -157,6 +164,37 @@ class RoomScene:
             boxes = [*[piece.body for piece in self.pieces], *zones, *self.keep_clear]
             self._taken = np.array(boxes, dtype=np.float64).reshape(-1, 4).T.copy()
         return self._taken
+
+    @property
+    def barred(self) -> Float[np.ndarray, "4 more"]:
+        """What is around the floor, then what is taken, then the floor below windows; all without their borders."""
+        if self._barred is None:
+            low_x, low_y, high_x, high_y = self.floor
+            around = ((-_FAR, -_FAR, low_x, _FAR), (-_FAR, -_FAR, _FAR, low_y))
+            around += ((high_x, -_FAR, _FAR, _FAR), (-_FAR, high_y, _FAR, _FAR))
+            sills = np.array([sill.zone for sill in self.sills], dtype=np.float64).reshape(-1, 4)
+            self._barred = inset(np.concatenate([np.array(around).T, self.taken, sills.T], axis=1))
+        return self._barred
+
+    @property
+    def bars_zones(self) -> int:
+        """How many of what is barred also bars floor that is used: what is around the floor, and pieces."""
+        return _SIDES + len(self.pieces)
+
+    @property
+    def bars_low(self) -> int:
+        """How many of what is barred bars things that are lower than window sills: all but the floor below these."""
+        return _SIDES + self.taken.shape[1]
+
+    def beside(self, lines: LineTable) -> list[list[tuple[float, float, float, float]]]:
+        """Returns what is taken as each line has it: low and high across the line, low and high along it."""
+        if self._beside is None:
+            columns = self.taken.tolist()
+            self._beside = [
+                list(zip(*(columns[side] for side in (1 - axis, 3 - axis, axis, 2 + axis)), strict=True))
+                for axis in (0, 1)
+            ]
+        return [self._beside[axis] for axis in lines.axis.tolist()]
 
     def count(self, kind: TypeName) -> int:
         """Returns how many pieces of a type stand there."""

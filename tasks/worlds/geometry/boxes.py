@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 EPSILON_M = 1e-6
 QUARTER_TURN_RAD = 1.5707963267948966
+_INWARDS = np.array([[EPSILON_M], [EPSILON_M], [-EPSILON_M], [-EPSILON_M]])
 
 
 class Box(NamedTuple):
@@ -62,15 +63,20 @@ def bounding_box(boxes: Iterable[Box]) -> Box:
     return Box(min(low_x), min(low_y), max(high_x), max(high_y))
 
 
+def inset(boxes: Float[np.ndarray, "4 many"]) -> Float[np.ndarray, "4 many"]:
+    """Returns boxes without their borders, so that what only touches them does not meet them."""
+    return boxes + _INWARDS
+
+
 def find_meetings(
-    boxes: Float[np.ndarray, "4 many some"], others: Float[np.ndarray, "4 others"]
-) -> Bool[np.ndarray, "many some others"]:
-    """Returns which boxes share more than a border with which of the others (first axis: sides, as in ``Box``)."""
+    boxes: Float[np.ndarray, "4 *many"], others: Float[np.ndarray, "4 others"]
+) -> Bool[np.ndarray, "*many others"]:
+    """Returns which boxes meet which of the others, of which ``inset`` took the borders (first axis: sides)."""
     x_min, y_min, x_max, y_max = boxes[..., None]
-    meeting = x_min < others[2] - EPSILON_M
-    meeting &= x_max > others[0] + EPSILON_M
-    meeting &= y_min < others[3] - EPSILON_M
-    meeting &= y_max > others[1] + EPSILON_M
+    meeting = x_min < others[2]
+    meeting &= x_max > others[0]
+    meeting &= y_min < others[3]
+    meeting &= y_max > others[1]
     return meeting
 
 

@@ -16,35 +16,40 @@ def count_overlaps(furniture: Sequence[Furniture], walls: Sequence[Solid], leave
 
     A cylinder counts as the square around it, which can only find more.
     """
-    solids = [*(solid for piece in furniture for solid in piece.solids), *leaves, *walls]
-    owner = [number for number, piece in enumerate(furniture) for _ in piece.solids]
-    things = len(furniture) + len(leaves)
-    owner += range(len(furniture), things + len(walls))
-    pairs = {
-        (owner[a], owner[b])
-        for a, b in np.argwhere(_near(solids, owner, things)).tolist()
-        if _overlap(solids[a], solids[b])
-    }
-    return len(pairs)
+    pieces = [piece.solids for piece in furniture if piece.solids]
+    things = [*pieces, *((leaf,) for leaf in leaves), *((wall,) for wall in walls)]
+    parts = bounds([solid for thing in things for solid in thing])
+    first = np.cumsum([0, *(len(thing) for thing in things)])
+    around = np.concatenate(
+        [np.minimum.reduceat(parts[:, :3], first[:-1]), np.maximum.reduceat(parts[:, 3:], first[:-1])], axis=1
+    )
+    movable = len(pieces) + len(leaves)
+    pairs = [(a, b) for a, b in np.argwhere(_near(around[:movable], around)).tolist() if a < b]
+    return sum(
+        any(
+            _overlap(things[a][m], things[b][n])
+            for m, n in np.argwhere(_near(parts[first[a] : first[a + 1]], parts[first[b] : first[b + 1]])).tolist()
+        )
+        for a, b in pairs
+    )
 
 
-def _near(solids: Sequence[Solid], owner: Sequence[int], pieces: int) -> Bool[np.ndarray, "solids solids"]:
-    """Returns the pairs (each once) of different owners, not both walls, whose bounding boxes overlap."""
-    boxes = np.array([bounds(solid) for solid in solids]).reshape(-1, 6)
-    low, high = boxes[:, :3], boxes[:, 3:]
-    near = ((low[:, None] < high[None] - _TOUCH_M) & (low[None] < high[:, None] - _TOUCH_M)).all(axis=2)
-    owners = np.array(owner)
-    return near & (owners[:, None] < owners[None]) & (owners[:, None] < pieces)
+def _near(some: Float[np.ndarray, "some 6"], others: Float[np.ndarray, "others 6"]) -> Bool[np.ndarray, "some others"]:
+    """Returns which bounding boxes overlap which others."""
+    low, high, others_low, others_high = some[:, None, :3], some[:, None, 3:], others[:, :3], others[:, 3:]
+    return np.logical_and.reduce((low < others_high - _TOUCH_M) & (others_low < high - _TOUCH_M), axis=2)
 
 
-def bounds(solid: Solid) -> tuple[float, float, float, float, float, float]:
-    """Returns the axis-aligned bounding box: x_min, y_min, z_min, x_max, y_max, z_max."""
-    half_x, half_y, half_z = solid.half_extents_m
-    if solid.yaw_rad != 0.0:
-        cos, sin = abs(np.cos(solid.yaw_rad)), abs(np.sin(solid.yaw_rad))
-        half_x, half_y = half_x * cos + half_y * sin, half_x * sin + half_y * cos
-    x, y, z = solid.center_m
-    return x - half_x, y - half_y, z - half_z, x + half_x, y + half_y, z + half_z
+def bounds(solids: Sequence[Solid]) -> Float[np.ndarray, "solids 6"]:
+    """Returns the axis-aligned bounding boxes: x_min, y_min, z_min, x_max, y_max, z_max."""
+    rows = np.array([(*solid.center_m, *solid.half_extents_m, solid.yaw_rad) for solid in solids]).reshape(-1, 7)
+    center, half, yaw = rows[:, :3], rows[:, 3:6], rows[:, 6]
+    turned = yaw.nonzero()[0]
+    if turned.size:
+        cos, sin = np.abs(np.cos(yaw[turned])), np.abs(np.sin(yaw[turned]))
+        half_x, half_y = half[turned, 0], half[turned, 1]
+        half[turned, 0], half[turned, 1] = half_x * cos + half_y * sin, half_x * sin + half_y * cos
+    return np.concatenate([center - half, center + half], axis=1)
 
 
 def _overlap(a: Solid, b: Solid) -> bool:

@@ -15,6 +15,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from specs.data.column_bytes import encode_columns
+from specs.data.episode import EpisodeResult
+from specs.data.episode_columns import EpisodeColumns
+from tasks.simulate.chunk.chunk_bytes import results_in
+from tasks.storage.jobs.voucher import MAC_LENGTH
 from tests.attacks.conftest import Owner, Writer
 from tests.integration.runs import small_document, write_document
 
@@ -75,9 +80,8 @@ class Judged:
         self.edit("pipeline-run", change)
 
     def rows(self, chunk: str) -> list[dict[str, Any]]:
-        """Returns the rows of a chunk, as either version of Simyard writes it."""
-        found = json.loads(self.writer.get(chunk))
-        return found if isinstance(found, list) else found["rows"]
+        """Returns the rows of a chunk."""
+        return [row.model_dump(mode="json") for row in results_in(self.writer.get(chunk)).rows()]
 
     def nothing_shipped(self) -> bool:
         """Returns whether no robot was asked to run anything."""
@@ -109,7 +113,21 @@ def pass_all(batch: dict[str, Any]) -> None:
     counts.update(successes=counts["episodes"], failed_jobs=0)
 
 
-def test_chunks_that_were_forged_beforehand_are_not_counted(judged: Judged) -> None:
+def as_rows(rows: list[dict[str, Any]]) -> bytes:
+    """Returns a chunk as the oldest version wrote it, which nobody vouched for."""
+    return json.dumps(rows).encode()
+
+
+def as_columns(rows: list[dict[str, Any]]) -> bytes:
+    """Returns a chunk as this version writes it, with a mark that the attacker made up."""
+    columns = encode_columns(EpisodeColumns.of([EpisodeResult.model_validate(row) for row in rows]))
+    return b'{"mac":"' + b"0" * MAC_LENGTH + b'"}\n' + columns
+
+
+@pytest.mark.parametrize("form", [as_rows, as_columns])
+def test_chunks_that_were_forged_beforehand_are_not_counted(
+    judged: Judged, form: Callable[[list[dict[str, Any]]], bytes]
+) -> None:
     """Writes chunks full of passes under the id of the next run's batch | nobody vouches for them, so they are
     simulated anew and compared, and the run ends naming the chunk and its rows."""
     run = judged.record("pipeline-run")
@@ -119,7 +137,7 @@ def test_chunks_that_were_forged_beforehand_are_not_counted(judged: Judged) -> N
     chunks = [key for key in judged.writer.keys("chunks/") if "started" not in key]
     names = [f"chunks/{batch}/{chunk.rpartition('/')[2]}" for chunk in chunks]
     for chunk, name in zip(chunks, names, strict=True):
-        judged.writer.put(name, json.dumps([passed(row) for row in judged.rows(chunk)]).encode())
+        judged.writer.put(name, form([passed(row) for row in judged.rows(chunk)]))
     told = judged.run()
     assert judged.nothing_shipped(), told
     assert names[0] in told

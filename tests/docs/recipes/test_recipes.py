@@ -86,8 +86,8 @@ def test_a_results_column_is_one_record(tree: TreeCopy):
     tree.add_before(
         "specs/data/result_columns.py",
         '    _measured("path_length_m",',
-        '    Column("half_path_m", "double", "m", "Half of it.", lambda each: each.result.path_length_m / 2, '
-        "measure=True),\n",
+        '    Column("half_path_m", "double", "m", "Half of it.", lambda each: each.results.cells["path_length_m"]'
+        '._replace(numbers=each.results.numbers("path_length_m") / 2), measure=True),\n',
     )
     made = tree.run(
         "from tasks.results.tables.tables import results_table\n"

@@ -26,8 +26,8 @@ from specs.pipeline.simulation_section import Recordings
 from tasks.housekeeping.object_kinds import kind_of_key
 from tasks.results.playback import replay_formats
 from tasks.results.tables.stored_rows import recorded_samples, stored_rows
-from tasks.simulate.batch import commit
 from tasks.simulate.batch.job import KIND, OpenBatch
+from tasks.simulate.data import pinned_worlds
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import output_key, world_key
 from tasks.storage.base.store import Store
@@ -168,7 +168,7 @@ def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
     key = world_key("hand", "pen-1")
     before = batch.store.get(key).body
     batch.store.put(key, pen(4.5, 9).model_dump_json().encode())
-    commit._world.cache_clear()
+    pinned_worlds._world.cache_clear()
     with pytest.raises(ResourceNotFound, match="world hand/pen-1 is not what it was"):
         replay_job(batch.store, f"{batch.id}/31")
     batch.store.put(key, before)

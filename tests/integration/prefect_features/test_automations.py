@@ -199,8 +199,9 @@ def test_a_batch_leaves_its_figures_in_its_record_and_on_its_page(prefect_server
     assert (figures.workers, figures.chunks, figures.simulated_s > 0.0, figures.drive_s > 0.0) == (1, 2, True, True)
     asked = {"artifacts": {"key": {"any_": ["apartment-regression--batch-metrics"]}}, "sort": "CREATED_DESC"}
     shown = httpx.post(f"{prefect_server}/artifacts/filter", json=asked, headers=said_password()).json()
-    (rows,) = [json.loads(each["data"]) for each in shown if batch.id in each["description"]]
-    assert [row["figure"] for row in rows] == [row["figure"] for row in metric_rows(figures)]
+    # The first batch of another store has the same id, and another test may have told this server of one.
+    found = [json.loads(each["data"]) for each in shown if batch.id in each["description"]]
+    assert found.count(metric_rows(figures)) == 1
 
 
 def said_password() -> dict[str, str]:

@@ -64,3 +64,15 @@ def test_another_store_gets_the_same_bytes(tmp_path: Path, monkeypatch: pytest.M
 def test_a_batch_id_that_would_leave_the_prefix_is_refused(tmp_path: Path):
     with pytest.raises(DocumentError, match="batch"):
         written(tmp_path, batch_id="../evil")
+
+
+def test_poses_have_no_dictionary_and_all_other_columns_of_failures_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("SIMYARD_BUCKETS", raising=False)
+    _, bucket = written(tmp_path)
+    group = pq.read_metadata(bucket / "nightly/simb-1/failures.parquet").row_group(0)
+    columns = [group.column(number) for number in range(group.num_columns)]
+    plain = {each.path_in_schema.partition(".")[0] for each in columns if not each.has_dictionary_page}
+    assert {name for name in plain if name != "success"} >= {
+        f"trajectory_{name}" for name in ("t_s", "x_m", "y_m", "yaw_rad")
+    }
+    assert not plain & {"world", "outcome_reason", "path_length_m", "rooms_entered"}

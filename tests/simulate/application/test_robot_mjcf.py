@@ -55,7 +55,7 @@ def test_a_robot_with_other_joints_is_refused(tmp_path: Path):
 
 
 def test_a_hull_that_mjx_cannot_collide_is_refused_by_name(tmp_path: Path):
-    cylinder = PLANAR.format(geom='<geom name="drum" type="cylinder" size="0.2 0.1" mass="1"/>')
+    cylinder = PLANAR.format(geom='<geom name="drum" type="cylinder" size="0.2 0.1" euler="20 0 0" mass="1"/>')
     with pytest.raises(
         RobotRefused, match=r"geom 'drum': MJX cannot collide a cylinder .*use a sphere.* engine: mujoco"
     ):

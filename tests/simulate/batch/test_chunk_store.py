@@ -38,15 +38,26 @@ def stranger(batch: OpenBatch) -> Voucher:
     return Voucher(b"another owner's, or none at all!", batch.id, batch.layout.plan_digest)
 
 
-def test_a_chunk_is_json_that_says_who_vouches_for_its_rows(batch: OpenBatch):
+def test_the_first_lines_of_a_chunk_are_json_that_says_who_vouches_for_what_follows(batch: OpenBatch):
     assert commit(batch.store, batch.id, 0, ROWS, batch.voucher) == ROWS
-    found = json.loads(batch.store.get(chunk_key(batch.id, 0)).body)
-    assert sorted(found) == ["mac", "rows"]
-    assert len(found["rows"]) == 4
+    vouched, said, _ = batch.store.get(chunk_key(batch.id, 0)).body.split(b"\n", 2)
+    assert [*json.loads(vouched)] == ["mac"]
+    assert json.loads(said)["rows"] == 4
+    assert json.loads(said)["columns"]["status"] == {"labels": ["Completed"], "codes": "=i1"}
     assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ROWS
 
 
-def test_a_chunk_of_an_older_version_is_shown_and_not_counted(batch: OpenBatch):
+def test_a_chunk_that_an_older_version_vouched_for_as_rows_is_counted(batch: OpenBatch):
+    rows = json.dumps([row.model_dump(mode="json") for row in ROWS], separators=(",", ":")).encode()
+    mac = batch.voucher.mac("chunk 0", rows).encode()
+    batch.store.put(chunk_key(batch.id, 0), b'{"mac":"' + mac + b'","rows":' + rows + b"}")
+    assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ROWS
+    batch.store.put(chunk_key(batch.id, 1), batch.store.get(chunk_key(batch.id, 0)).body)
+    with pytest.raises(StageFailed, match="is not what this owner's process wrote"):
+        counted_chunk(batch.store, batch.id, 1, batch.voucher)
+
+
+def test_a_chunk_of_the_oldest_version_is_shown_and_not_counted(batch: OpenBatch):
     put(batch, ROWS)
     assert committed_chunk(batch.store, batch.id, 0) == ROWS
     with pytest.raises(StageFailed, match=r"000000\.json is not what this owner's process wrote there"):

@@ -18,6 +18,7 @@ PLANAR = """<mujoco><option timestep="0.005" {option}/><worldbody><body name="b"
 <actuator><motor joint="x"/></actuator></mujoco>"""
 BALL, BOX, DRUM = 'type="sphere" size="0.2"', 'type="box" size="0.2 0.2 0.1"', 'type="cylinder" size="0.2 0.1"'
 ARM = '<body name="arm"><joint name="j"/><geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/></body>'
+HAND = '<body name="hand" pos="0.3 0 0"><joint name="k"/><geom size="0.05"/></body></body>'
 FREE = """<mujoco><worldbody><body name="b" pos="0 0 0.3"><freejoint/><geom name="hull" type="{geom}" size="0.2 0.1"/>
 <body name="arm"><joint name="j"/><geom type="capsule" size="0.05" fromto="0 0 0 0.3 0 0"/></body></body></worldbody>
 <actuator><motor joint="j"/></actuator></mujoco>"""
@@ -26,6 +27,8 @@ ROBOTS = {
     "box": PLANAR.format(option="", geom=BOX, more=""),
     "drum": PLANAR.format(option="", geom=DRUM, more=""),
     "armed ball": PLANAR.format(option="", geom=BALL, more=ARM),
+    "boxes with a limit": PLANAR.format(option="", geom=BOX, more=ARM.replace('name="j"', 'name="j" range="-1 1"')),
+    "armed ball that can hit itself": PLANAR.format(option="", geom=BALL, more=ARM.replace("</body>", HAND)),
     "implicit ball": PLANAR.format(option='integrator="implicit"', geom=BALL, more=""),
     "walker": FREE.format(geom="sphere"),
     "walking drum": FREE.format(geom="cylinder"),
@@ -42,10 +45,12 @@ def robot(folder: Path, name: str) -> Path:
     ("name", "on_cpu", "on_gpu"),
     [
         ("ball", "planar", "planar"),
-        ("box", "mujoco", "mjx"),
+        ("box", "mjx", "mjx"),
+        ("boxes with a limit", "mujoco", "mjx"),
         ("drum", "planar", "planar"),
         ("implicit ball", "mujoco", "mujoco"),
-        ("armed ball", "mujoco", "mjx"),
+        ("armed ball", "mjx", "mjx"),
+        ("armed ball that can hit itself", "mujoco", "mjx"),
         ("walker", "mujoco", "mjx"),
         ("walking drum", "mujoco", "mujoco"),
     ],
@@ -69,7 +74,7 @@ def test_the_engine_asked_for_is_taken_if_it_can(tmp_path: Path, engine: str):
         ("planar", "walker", "joint"),
         ("planar", "armed ball", "joint"),
         ("planar", "implicit ball", "option integrator implicit"),
-        ("mjx", "drum", "geom 'hull': MJX cannot collide a cylinder with boxes: use a sphere"),
+        ("mjx", "walking drum", "geom 'hull': MJX cannot collide a cylinder with boxes: use a sphere"),
         ("mjx", "implicit ball", "option integrator implicit"),
     ],
 )
@@ -83,13 +88,18 @@ def test_an_engine_that_cannot_says_what_is_in_the_way_and_the_remedy(
 def test_why_names_what_stands_in_the_way_of_a_faster_engine(tmp_path: Path):
     chosen = {
         name: choose_engine("auto", robot(tmp_path, name), "jax", "cpu").why
-        for name in ("ball", "drum", "box", "implicit ball")
+        for name in ("ball", "drum", "box", "implicit ball", "walker", "boxes with a limit")
     }
     assert chosen == {
         "ball": "the fastest of all",
         "drum": "the fastest of all",
         "box": "the fastest for this robot: planar cannot represent geom 'hull'",
-        "implicit ball": "the fastest for this robot: planar cannot represent option integrator implicit",
+        "implicit ball": "the fastest for this robot: planar cannot represent option integrator implicit, "
+        "mjx cannot represent option integrator implicit",
+        "walker": "the fastest for this robot: planar cannot represent the 1st joint (free) of body 'b', "
+        "joint 'j', mjx is slower: the floor holds it",
+        "boxes with a limit": "the fastest for this robot: planar cannot represent joint 'j', "
+        "mjx is slower: joint 'j' has a limit or friction",
     }
 
 

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.long
 
 LANES = 4
 ROBOTS = {"point": "1", "ant": "2", "humanoid": "3"}
-DRUM = "4"  # the point again, on a cylinder, which MJX collides with no box
+DRUM = "4"  # the point again, on a cylinder that leans, which MJX collides with no box
 
 
 def gymnasiums(name: str) -> Path:
@@ -41,7 +41,7 @@ def bundles(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     shutil.copytree(folder / "point", folder / "drum")
     point = gymnasiums("point").read_text()
     (folder / "drum" / "robot.xml").write_text(
-        point.replace('size="0.5" type="sphere"', 'size="0.5 0.4" type="cylinder"')
+        point.replace('size="0.5" type="sphere"', 'size="0.5 0.4" type="cylinder" euler="20 0 0"')
     )
     shipped = {DRUM * 64: folder / "drum", DELIVERY: FOLDERS[DELIVERY]}
     return {ROBOTS[name] * 64: folder / name for name in ROBOTS} | shipped

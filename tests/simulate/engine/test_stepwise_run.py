@@ -71,7 +71,7 @@ def driven(chunk: ReadyChunk, run: Run) -> Driven:
     whole: StepRecord = jax.tree.map(lambda *each: np.concatenate(each, axis=1), *records)
     end = jax.device_get(state._replace(controller=None))
     rows = [
-        lane_row(chunk.program, run, lane, place, end, [np.asarray(whole.pose)])
+        lane_row(chunk.program, run.host, lane, place, end, [np.asarray(whole.pose)])
         for place, lane in enumerate(chunk.lanes)
     ]
     return Driven(end, whole, rows)

@@ -11,6 +11,7 @@ from specs.data.episode import EpisodeRequest
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate, lane_count
 from tasks.simulate.plan.chunks import plan_chunks, program_key
 from tasks.simulate.plan.layout import Layout
+from tasks.simulate.plan.request_columns import request_columns
 from tests.factories.simulations import PUSHER, ROBOT, SCENARIO
 
 TEMPLATE = JobTemplate(
@@ -185,3 +186,11 @@ def test_what_is_not_there_is_refused(number: int):
 )
 def test_lanes_are_the_concurrency_asked_for_as_far_as_it_is_of_use(asked: int | None, episodes: int, lanes: int):
     assert lane_count(asked, episodes) == lanes
+
+
+@given(plans(), st.integers(0, 40), st.integers(0, 40))
+def test_a_stretch_of_episodes_as_columns_is_the_same_requests(plan: BatchPlan, low: int, count: int):
+    layout = Layout(plan)
+    first = min(low, layout.episodes)
+    end = min(first + count, layout.episodes)
+    assert [*request_columns(layout, first, end)] == [*layout.requests(first, end)]

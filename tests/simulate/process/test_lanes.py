@@ -16,7 +16,7 @@ from tasks.simulate.plan.chunks import Chunk, plan_chunks
 from tasks.simulate.process import simulator
 from tasks.simulate.process.confinement import confinement
 from tasks.simulate.process.lanes import ConfinedLanes
-from tests.factories.simulations import BUNDLES, DRIFT, ENDLESS, FOLDERS, pushing
+from tests.factories.simulations import BUNDLES, DRIFT, ENDLESS, FAULTY, FOLDERS, pushing
 
 LANES = 4
 HOSTILE = "b" * 64
@@ -129,6 +129,18 @@ def test_what_applications_print_is_kept(run: Run, sound: list[EpisodeResult]):
     printed: list[str] = []
     assert run([PRINTS, SOUND, SOUND, SOUND], printed=printed.append) == sound
     assert "I see something" in "".join(printed)
+
+
+@pytest.mark.long
+def test_a_chunk_ahead_that_ends_the_process_takes_no_row_from_the_chunk_before_it(pens: dict[str, World]):
+    bundles = {HOSTILE: BUNDLES / "hostile", DRIFT: FOLDERS[DRIFT], FAULTY: FOLDERS[FAULTY]}
+    (chunk,) = plan_chunks([pushing(0, world="hand/pen-0", duration_s=1.0)], LANES)
+    here, apart = (Recorder(4.0, lambda _: True) for _ in range(2))
+    alone = simulate_lanes(chunk, pens, bundles, lanes=LANES, should_stop=lambda: False, recorder=here)
+    ahead = [chunk_of([SOUND], "leaves")]
+    lanes = ConfinedLanes(bundles, LANES, "auto", should_stop=lambda: False, rate_hz=4.0, recorder=apart, ahead=ahead)
+    assert lanes.simulate(chunk, pens) == alone
+    assert [part["pose"].tobytes() for part in apart.parts()] == [part["pose"].tobytes() for part in here.parts()]
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ import pytest
 
 from specs.errors import BundleRefused
 from tasks.simulate.process import simulators
-from tasks.simulate.process.simulators import simulator
+from tasks.simulate.process.simulators import prepare_simulator, simulator
 from tasks.storage.sealed_bundle import seal
 
 
@@ -17,9 +17,11 @@ class Idle:
     """A process that does nothing."""
 
     alive = True
+    begun = 0
 
     def __init__(self, bundles: object) -> None:
         self.bundles = bundles
+        Idle.begun += 1
 
     def end(self) -> None:
         self.alive = False
@@ -49,6 +51,15 @@ def test_a_process_is_used_again_while_its_bundles_are_what_they_were(bundles: d
         pass
     with simulator(bundles) as second:
         assert second is first
+
+
+def test_a_process_that_was_begun_before_its_batch_is_the_one_that_simulates(bundles: dict[str, Path]):
+    before = Idle.begun
+    prepare_simulator(bundles)
+    assert Idle.begun == before + 1
+    prepare_simulator(bundles)
+    with simulator(bundles):
+        assert Idle.begun == before + 1
 
 
 @pytest.mark.parametrize("used_before", [False, True])

@@ -4,8 +4,10 @@ import pytest
 
 from specs.data.world import Certificate, Furniture, Solid, World
 from tasks.worlds.brief import Brief, brief_of
-from tasks.worlds.certificate.certificate import broken_guarantees, certify
+from tasks.worlds.certificate.certificate import broken_guarantees, certify, survey
 from tasks.worlds.generate import generate_world
+from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry.clearance import reaches_room
 from tests.worlds.templates import room, template
 
 BODY = template(room("A", area_m2=20.0), room("B", area_m2=20.0))
@@ -73,6 +75,23 @@ def test_the_radius_never_exceeds_half_the_narrowest_passage() -> None:
     found = world().certificate
     assert found.narrowest_passage_m == 0.9
     assert 0.3 < found.reachable_robot_radius_m <= 0.45
+
+
+@pytest.mark.parametrize("offset_m", [0.0, 0.1, 0.2, 0.35, 0.6])
+def test_the_radius_is_the_largest_that_reaches_every_room(offset_m: float) -> None:
+    made = world()
+    x, y, _ = (*made.passages[0].center_m, 0.0)
+    aside = (x + offset_m, y) if made.passages[0].along == "x" else (x, y + offset_m)
+    blocked = Furniture(
+        name="post", model_type="Ottomans", room="A", center_m=aside, yaw_rad=0.0, solids=(post(*aside, 0.05),)
+    )
+    furniture = (*made.furniture, blocked)
+    clear = survey(made.rooms, made.passages, made.walls, furniture, made.doors).opened
+    floors = [Box(*room.floor.model_dump().values()) for room in made.rooms]
+    radii = [step / 100 for step in range(1, 101)]
+    reached = [all(reaches_room(clear.reached(r), clear, floor, r) for floor in floors) for r in radii]
+    largest = max((radius for radius, found in zip(radii, reached, strict=True) if found), default=0.0)
+    assert certificate(made, post(*aside, 0.05)).reachable_robot_radius_m == pytest.approx(largest)
 
 
 def test_missed_areas_and_aspects_are_named_with_numbers() -> None:

@@ -1,10 +1,12 @@
 """Distances on the grid are never longer than they are, and hardly shorter."""
 
+import numpy as np
 import pytest
+from scipy import ndimage
 
 from specs.data.world import Solid
 from tasks.worlds.geometry.boxes import Box
-from tasks.worlds.geometry.clearance import connected_share, measure_clearance, reaches_room
+from tasks.worlds.geometry.clearance import CELL_M, RADIUS_MAX_M, connected_share, measure_clearance, reaches_room
 
 HALL = Box(-2.0, -1.0, 6.0, 1.0)
 
@@ -54,3 +56,20 @@ def test_a_start_inside_a_solid_reaches_nothing() -> None:
 def test_covered_cells_are_those_under_a_solid() -> None:
     clearance = measure_clearance(HALL, [block((0.0, 1.0), (0.0, 0.5))])
     assert clearance.covered.sum() * 0.05**2 == pytest.approx(0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_distances_are_those_of_the_exact_transform_as_far_as_a_robot_needs_them(seed: int) -> None:
+    places = np.random.default_rng(seed).uniform((-2.0, -1.0), (5.9, 0.9), (3, 2)).tolist()
+    clearance = measure_clearance(HALL, [block((x, x + 0.1), (y, y + 0.1)) for x, y in places])
+    exact = np.asarray(ndimage.distance_transform_edt(~clearance.touched))
+    most = clearance.squared.max()
+    np.testing.assert_array_equal(clearance.squared, np.minimum(np.round(exact**2), most))
+    assert CELL_M * most**0.5 > RADIUS_MAX_M + 2 * CELL_M
+
+
+def test_the_widest_radius_is_that_of_the_roomiest_cell() -> None:
+    clearance = measure_clearance(HALL, gap(1.0))
+    radius_m = clearance.widest_radius(Box(2.0, -1.0, 2.1, 1.0))
+    assert clearance.reached(radius_m).any()
+    assert not clearance.reached(radius_m + 0.01)[clearance.cells(Box(2.0, -1.0, 2.1, 1.0))].any()

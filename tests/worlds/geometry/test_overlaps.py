@@ -47,5 +47,5 @@ def test_a_pair_counts_once_however_many_primitives_meet() -> None:
 
 
 def test_a_turned_box_has_wider_bounds() -> None:
-    x_min, _, z_min, x_max, _, z_max = bounds(box(0.0, yaw=0.7853981))
+    x_min, _, z_min, x_max, _, z_max = bounds([box(0.0, yaw=0.7853981)])[0]
     assert (x_max - x_min, z_max - z_min) == (pytest.approx(2**0.5), pytest.approx(1.0))

@@ -2,21 +2,47 @@
 
 import functools
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jax.custom_batching import custom_vmap
+from jaxtyping import Bool, Float
 
 from tasks.simulate.application.contract import Joints
 from tasks.simulate.application.coordinates import coordinates_at, pose_of, velocity_of
 from tasks.simulate.application.motion import Body, Motion, Work
+from tasks.simulate.engine.mjx.apart import mended
 from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel, load_robot
-from tasks.simulate.engine.mjx.window import nearest_obstacles, with_window
+from tasks.simulate.engine.mjx.small_algebra import written_out
+from tasks.simulate.engine.mjx.window import ObstacleWindow, nearest_obstacles, with_window
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.lane.step import Mechanics
 from tasks.simulate.surroundings.hull_distance import hull_distance_m
+
+Control = Float[jax.Array, "actuators"]
+
+
+class Given(NamedTuple):
+    """What a lane's control step is driven from.
+
+    Attributes:
+        near_m: From the robot's place to the nearest obstacle, seen from above.
+    """
+
+    window: ObstacleWindow
+    near_m: Float[jax.Array, ""]
+    body: Body
+    control: Control
+
+
+class Driven(NamedTuple):
+    """What a control step's physics did to a robot."""
+
+    body: Body
+    work: Work
 
 
 def mjx_mechanics(path: Path) -> Mechanics:
@@ -41,7 +67,7 @@ def first_body(robot: RobotModel, start: Float[jax.Array, "3"]) -> Body:
     return _body(robot, joints, jnp.asarray(robot.rest_act), jnp.zeros(robot.host.nv))
 
 
-def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Float[jax.Array, "actuators"]) -> Motion:
+def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -> Motion:
     """Returns what a control step's physics does to a robot.
 
     Args:
@@ -50,30 +76,89 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Float[jax.
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    window = nearest_obstacles(inputs.boxes, inputs.cylinders, body.qpos[:2], BOX_SLOTS, CYLINDER_SLOTS)
-    model = with_window(robot, window)
+    window, near_m = nearest_obstacles(inputs.boxes, inputs.cylinders, body.qpos[:2], BOX_SLOTS, CYLINDER_SLOTS)
+    driven = _drive(robot)(Given(window, near_m, body, control))
+    clearance_m = hull_distance_m(robot.parts, window.boxes, window.cylinders, driven.body.qpos)
+    return Motion(driven.body, driven.work, clearance_m)
+
+
+def _drive(robot: RobotModel) -> custom_vmap:
+    """Returns a function that drives a lane, and many at once with less work than each by itself."""
+
+    @custom_vmap
+    def one(given: Given) -> Driven:
+        lanes = jax.tree.map(lambda array: jnp.asarray(array)[None], given)
+        return jax.tree.map(lambda array: array[0], many(lanes, 1))
+
+    def many(given: Given, lanes: int) -> Driven:
+        first, sound = jax.vmap(written_out(functools.partial(drive_alone, robot)))(given)
+        again = jax.vmap(written_out(functools.partial(drive_among, robot)))
+        return mended(first, sound, again, given, lanes)
+
+    @one.def_vmap
+    def _(lanes: int, batched: list[Given], given: Given) -> tuple[Driven, Driven]:
+        whole = jax.tree.map(
+            lambda array, split: array if split else jnp.broadcast_to(array, (lanes, *jnp.shape(array))),
+            given,
+            batched[0],
+        )
+        driven = many(whole, lanes)
+        return driven, jax.tree.map(lambda _: True, driven)
+
+    return one
+
+
+def drive_alone(robot: RobotModel, given: Given) -> tuple[Driven, Bool[jax.Array, ""]]:
+    """Returns what a control step does where there are no obstacles, and whether none can have been touched."""
+    center, free = given.body.qpos[:2], robot.free
+
+    def physics_step(
+        carry: tuple[Body, jax.Array, jax.Array], _: None
+    ) -> tuple[tuple[Body, jax.Array, jax.Array], None]:
+        before, energy_j, reach_m = carry
+        data = mjx.step(free.model, _data(free.data, before, given.control))
+        # Where its geoms were when contacts were looked for.
+        away_m = jnp.sqrt(jnp.sum((data.geom_xpos[free.geoms, :2] - center) ** 2, axis=-1)) + free.reach_m
+        energy_j += _power_w(data) * free.model.opt.timestep
+        return (_after(robot, data), energy_j, jnp.maximum(reach_m, away_m.max())), None
+
+    zero = jnp.zeros(())
+    (after, energy_j, reach_m), _ = jax.lax.scan(
+        physics_step, (given.body, zero, zero), None, length=robot.physics_steps
+    )
+    return Driven(after, Work(zero, jnp.zeros(2), energy_j)), reach_m < given.near_m
+
+
+def drive_among(robot: RobotModel, given: Given) -> Driven:
+    """Returns what a control step does among the obstacles of a window."""
+    model = with_window(robot, given.window)
     step_s = model.opt.timestep
 
     def physics_step(carry: tuple[Body, Work], _: None) -> tuple[tuple[Body, Work], None]:
         before, work = carry
-        joints = before.joints or Joints(before.qpos, before.qvel)
-        data = robot.data.replace(
-            qpos=joints.qpos, qvel=joints.qvel, act=before.act, qacc_warmstart=before.warmstart, ctrl=control
-        )
-        data = mjx.step(model, data)
+        data = mjx.step(model, _data(robot.data, before, given.control))
         push_n = _push_n(robot, data)
-        force_n = jnp.sqrt(jnp.sum(push_n**2))
-        after = _body(robot, Joints(data.qpos, data.qvel), data.act, data.qacc_warmstart)
         worked = Work(
-            work.impulse_ns + force_n * step_s,
+            work.impulse_ns + jnp.sqrt(jnp.sum(push_n**2)) * step_s,
             work.push_ns + push_n * step_s,
             work.energy_j + _power_w(data) * step_s,
         )
-        return (after, worked), None
+        return (_after(robot, data), worked), None
 
     nothing = Work(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
-    (after, work), _ = jax.lax.scan(physics_step, (body, nothing), None, length=robot.physics_steps)
-    return Motion(after, work, hull_distance_m(robot.parts, window.boxes, window.cylinders, after.qpos))
+    (after, work), _ = jax.lax.scan(physics_step, (given.body, nothing), None, length=robot.physics_steps)
+    return Driven(after, work)
+
+
+def _data(data: mjx.Data, before: Body, control: Control) -> mjx.Data:
+    joints = before.joints or Joints(before.qpos, before.qvel)
+    return data.replace(
+        qpos=joints.qpos, qvel=joints.qvel, act=before.act, qacc_warmstart=before.warmstart, ctrl=control
+    )
+
+
+def _after(robot: RobotModel, data: mjx.Data) -> Body:
+    return _body(robot, Joints(data.qpos, data.qvel), data.act, data.qacc_warmstart)
 
 
 def _body(robot: RobotModel, joints: Joints, act: jax.Array, warmstart: jax.Array) -> Body:

@@ -21,6 +21,7 @@ from tasks.simulate.application.robot_mjcf import (
 )
 from tasks.simulate.engine.mjx.mjx_import import mjx
 from tasks.simulate.engine.mjx.refusals import refuse_what_mjx_lacks
+from tasks.simulate.engine.mjx.stand_ins import with_stand_ins
 from tasks.simulate.refusal import RobotRefused
 from tasks.simulate.surroundings.hull_outline import HullPart, hull_parts
 from tasks.simulate.surroundings.obstacles import PARKING_M
@@ -32,8 +33,25 @@ CYLINDER_SLOTS = 3
 _NEWTON_ITERATIONS = 2
 _LINE_SEARCHES = 4
 _SPECK_M = 0.05
+# Beside what is touched in exact numbers: for single precision, and for the places within a step that RK4 looks at.
+_SLACK_M, _RK4_SLACK_M = 1e-4, 0.05
 # Also on a GPU, where MJX may prefer Warp: it keeps forces and contacts elsewhere, and knows no window of obstacles.
 _IMPLEMENTATION = "jax"
+
+
+@dataclass(frozen=True, eq=False)
+class FreeModel:
+    """A robot without any obstacles, on its floor if it stands on one.
+
+    Attributes:
+        geoms: Ids of those that obstacles would touch.
+        reach_m: How far from its middle each could touch one.
+    """
+
+    model: mjx.Model
+    data: mjx.Data
+    geoms: Int[np.ndarray, "geoms"]
+    reach_m: Float32[np.ndarray, "geoms"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +62,7 @@ class RobotModel:
         model: The robot with its slots parked.
         data: The state that a step starts from, but for what changes.
         host: The same model for C MuJoCo.
+        free: The robot where no obstacle is near.
         base: How it stands in the world.
         rest: Its coordinates before it is placed at a start.
         rest_act: Its actuators' activations then.
@@ -56,6 +75,7 @@ class RobotModel:
     model: mjx.Model
     data: mjx.Data
     host: mujoco.MjModel
+    free: FreeModel
     base: Base
     rest: Float32[np.ndarray, "coordinates"]
     rest_act: Float32[np.ndarray, "activations"]
@@ -87,19 +107,17 @@ def load_robot(path: Path) -> RobotModel:
     spec = read_robot_mjcf(path)
     alone = compile_robot(spec)
     base, hull = base_of(alone), hull_of(alone)
-    refuse_what_mjx_lacks(alone)
-    boxes, cylinders = _add_slots(spec)
+    refuse_what_mjx_lacks(with_stand_ins(spec))
     _tune(spec, alone, base)
+    free_host = compile_robot(spec)
+    boxes, cylinders = _add_slots(spec)
     host = compile_robot(spec)
-    try:
-        model = mjx.put_model(host, impl=_IMPLEMENTATION)
-        data = mjx.make_data(model)
-    except NotImplementedError as exc:
-        raise RobotRefused(f"robot.xml: MJX refuses: {exc}: set engine: mujoco") from exc
+    (model, data), free = _put(host), _put(free_host)
     return RobotModel(
         model=model,
         data=data,
         host=host,
+        free=FreeModel(*free, *_reach(free_host, host)),
         base=base,
         rest=rest_position(host).astype(np.float32),
         rest_act=np.array(host.key_act[0] if host.nkey else np.zeros(host.na), np.float32),
@@ -109,6 +127,31 @@ def load_robot(path: Path) -> RobotModel:
         parts=hull_parts(alone),
         physics_steps=round(CONTROL_S / host.opt.timestep),
     )
+
+
+def _put(host: mujoco.MjModel) -> tuple[mjx.Model, mjx.Data]:
+    try:
+        model = mjx.put_model(host, impl=_IMPLEMENTATION)
+        return model, mjx.make_data(model)
+    except NotImplementedError as exc:
+        raise RobotRefused(f"robot.xml: MJX refuses: {exc}: set engine: mujoco") from exc
+
+
+def _reach(
+    alone: mujoco.MjModel, among: mujoco.MjModel
+) -> tuple[Int[np.ndarray, "geoms"], Float32[np.ndarray, "geoms"]]:
+    """Returns the geoms that an obstacle could touch, and how far from its middle each of them could.
+
+    Args:
+        alone: The robot.
+        among: The same with slots, whose margins a default of the robot's file may set.
+    """
+    moving = alone.body_weldid[alone.geom_bodyid] != 0
+    geoms = np.flatnonzero(moving & ((alone.geom_contype != 0) | (alone.geom_conaffinity != 0)))
+    endless = alone.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_PLANE
+    slack_m = _RK4_SLACK_M if alone.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else _SLACK_M
+    margins_m = alone.geom_margin[geoms] + among.geom_margin.max() + slack_m
+    return geoms, np.where(endless, np.inf, alone.geom_rbound[geoms] + margins_m).astype(np.float32)
 
 
 def _add_slots(spec: mujoco.MjSpec) -> tuple[list[str], list[str]]:

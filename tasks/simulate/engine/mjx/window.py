@@ -25,8 +25,8 @@ class ObstacleWindow(NamedTuple):
 
 def nearest_obstacles(
     boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], box_count: int, cylinder_count: int
-) -> ObstacleWindow:
-    """Returns the boxes and cylinders nearest to a point, seen from above.
+) -> tuple[ObstacleWindow, Float[jax.Array, ""]]:
+    """Returns the boxes and cylinders nearest to a point, seen from above, and how near the nearest is.
 
     Args:
         boxes: Of the world, in the hull's band of heights.
@@ -38,7 +38,8 @@ def nearest_obstacles(
     to_boxes, to_cylinders = to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)
     _, box_index = jax.lax.top_k(-to_boxes, box_count)
     _, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
-    return ObstacleWindow(boxes[box_index], cylinders[cylinder_index])
+    window = ObstacleWindow(boxes[box_index], cylinders[cylinder_index])
+    return window, jnp.minimum(to_boxes.min(), to_cylinders.min())
 
 
 def with_window(robot: RobotModel, window: ObstacleWindow) -> mjx.Model:

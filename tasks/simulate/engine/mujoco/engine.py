@@ -1,19 +1,21 @@
 """The mujoco engine: C MuJoCo on the host's threads among all solids of each lane's world, for any robot.
 
 Sensors, controller and scenario are the same JAX functions as on the other engines, over all lanes at once; between the
-two halves of a control step C MuJoCo drives those lanes that are not done.
+two halves of a control step C MuJoCo drives those lanes that are not done. One call settles
+a step and decides the next one.
 """
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Float32
 
 from specs.data.world import World
 from specs.pipeline.simulation_section import EngineName
@@ -21,10 +23,14 @@ from tasks.simulate.application.contract import Joints, Observation, State
 from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.devices import device_count
+from tasks.simulate.engine.kept_program.keeper import ProgramKeeper, program_keeper
+from tasks.simulate.engine.kept_program.sealed_state import opened, sealed
+from tasks.simulate.engine.lane_transfer import LaneTransfer
 from tasks.simulate.engine.mujoco.model import HostRobot, host_robot, world_models
-from tasks.simulate.engine.mujoco.stepper import HostBody, Stepper
+from tasks.simulate.engine.mujoco.stepper import HostBody, HostWork, Stepper
 from tasks.simulate.engine.program import (
     lane_mesh,
+    lane_sharding,
     padded_lanes,
     put_lanes,
     split_over,
@@ -40,8 +46,14 @@ from tasks.simulate.lane.settle import settle
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
 from tasks.simulate.surroundings.hull_distance import hull_distance_m
-from tasks.simulate.surroundings.hull_outline import HullPart
 
+# Of a lane, as one row of numbers: what was driven, and what the host needs of it: each array more that goes from the
+# host to JAX, or back, costs a tenth of a millisecond, whatever the number of lanes.
+Row = Float[Array, "numbers"]
+# So few lanes on a device cost little more than none: what a step costs then is to hand it to one device more.
+_LANES_A_DEVICE = 32
+# Of a settled row: pose, velocity, the goal's index, the impulse, and whether the lane is done; the scan follows.
+_SETTLED = 9
 # Those parts of a controller's state that a step changed, by place: what it hands on, such as a plan, stays put.
 Changed = dict[int, Array]
 # What the controllers changed, their controls, and the scans that they saw, lanes first.
@@ -56,7 +68,11 @@ class HostProgram:
         begin: Returns the lanes' state before the first control step.
         sense: Returns what the robots sense, for controllers that are plain Python.
         decide: Returns what the controllers change of their states, their controls, and what they saw.
-        settle: Returns the lanes after a control step that was decided and driven; the state given is used up.
+        settle: Returns the lanes after a control step that was decided and driven, and what is recorded of it; the
+            state given is used up.
+        step: Returns what ``settle`` does, and what is decided then, all that the host needs of both as one array; what
+            it is given of either is used up.
+        keeper: Of the functions, for processes to come.
         host: The robot application, if it runs on the host.
     """
 
@@ -68,7 +84,11 @@ class HostProgram:
     begin: Callable[[LaneInputs, Body], LaneState]
     sense: Callable[[LaneInputs, LaneState], Observation]
     decide: Callable[[LaneInputs, LaneState], Decided]
-    settle: Callable[[LaneInputs, LaneState, Decided, Body, Work], tuple[LaneState, StepRecord]]
+    settle: Callable[[LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, jax.Array]]
+    step: Callable[
+        [LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, Decided, jax.Array]
+    ]
+    keeper: ProgramKeeper
     host: HostApplication | None
     engine: EngineName = "mujoco"
 
@@ -96,10 +116,10 @@ class HostProgram:
         controllers = None
         if self.host is not None:
             controllers = self.host.start(HostStart(lanes, self.lanes, self.actuators, self.applications.sensors))
-        return HostRun(self, put_lanes(self.mesh, inputs), stepper, controllers)
+        return HostRun(self, put_lanes(self.mesh, inputs), stepper, controllers, LaneTransfer(self.mesh))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class HostRun:
     """Episodes on C MuJoCo; see ``tasks.simulate.engine.program.Run``. It runs once."""
 
@@ -107,6 +127,8 @@ class HostRun:
     inputs: LaneInputs
     stepper: Stepper
     host: HostControllers | None
+    transfer: LaneTransfer
+    _ahead: tuple[Decided, Float[np.ndarray, "lanes actuators"]] | None = None
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
@@ -115,21 +137,43 @@ class HostRun:
     def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, or when all are done, and the records up to then."""
         records: list[StepRecord] = []
+        moving = ~self._fetched(state.done)
         while len(records) < SLICE_STEPS:
-            moving = ~np.asarray(state.done)
             if records and not moving.any():
                 break
-            decided = self._decided(state, moving)
-            body, work = self.stepper.drive(np.asarray(decided[1]), moving)
-            state, record = self.program.settle(self.inputs, state, decided, _body(body), Work(*_arrays(work)))
-            records.append(jax.tree.map(np.asarray, record))
+            decided, controls = self._decided(state, moving)
+            driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving)))
+            state, rows = self._settled(state, decided, driven)
+            moving = rows[:, _SETTLED - 1] == 0.0
+            records.append(_record(rows, controls))
         return state, stacked_records(records)
 
-    def _decided(self, state: LaneState, moving: Bool[np.ndarray, "lanes"]) -> Decided:
+    def _decided(
+        self, state: LaneState, moving: Bool[np.ndarray, "lanes"]
+    ) -> tuple[Decided, Float[np.ndarray, "lanes actuators"]]:
+        if self._ahead is not None:
+            return self._ahead
         if self.host is None:
-            return self.program.decide(self.inputs, state)
+            decided = self.program.decide(self.inputs, state)
+            return decided, self._fetched(decided[1])
         observed = jax.tree.map(np.asarray, self.program.sense(self.inputs, state))
-        return {}, jnp.asarray(self.host.controls(observed, moving)), jnp.asarray(observed.ranges_m)
+        controls = self.host.controls(observed, moving)
+        return ({}, self.transfer.put(controls), self.transfer.put(observed.ranges_m)), controls
+
+    def _settled(
+        self, state: LaneState, decided: Decided, driven: jax.Array
+    ) -> tuple[LaneState, Float32[np.ndarray, "lanes numbers"]]:
+        """Returns the lanes after a control step, and what is recorded of it; what comes next is decided as well."""
+        if self.host is not None:
+            state, settled = self.program.settle(self.inputs, state, decided, driven)
+            return state, self._fetched(settled)
+        state, after, together = self.program.step(self.inputs, state, decided, driven)
+        rows, actuators = self._fetched(together), self.program.actuators
+        self._ahead = after, rows[:, rows.shape[1] - actuators :]
+        return state, rows[:, : rows.shape[1] - actuators]
+
+    def _fetched(self, array: jax.Array) -> np.ndarray:
+        return np.concatenate(self.transfer.fetch(array))
 
 
 def host_program(
@@ -152,11 +196,12 @@ def host_program(
     Raises:
         RobotRefused: It does not load, or cannot be driven about.
     """
-    robot, mesh = host_robot(path), lane_mesh()
+    robot, mesh = host_robot(path), lane_mesh(most=-(-lanes // _LANES_A_DEVICE))
     seen = with_stand_in(applications, robot.actuators, host=host is not None)
+    keeper = program_keeper(lane_sharding(mesh), seen, "mujoco", host=host is not None)
 
-    def split(kernel: Callable[..., object], arguments: int) -> Callable[..., object]:
-        return split_over(mesh, jax.vmap(functools.partial(kernel, seen)), arguments)
+    def split(name: str, kernel: Callable[..., object], arguments: int) -> Callable[..., Any]:
+        return keeper.kept(name, split_over(mesh, jax.vmap(functools.partial(kernel, seen)), arguments))
 
     return HostProgram(
         robot=robot,
@@ -164,19 +209,22 @@ def host_program(
         lanes=padded_lanes(lanes, mesh.size),
         threads=threads or device_count(),
         mesh=mesh,
-        begin=jax.jit(split(_begin_lane, 2)),
-        sense=jax.jit(split(observe, 2)),
-        decide=jax.jit(split(_decide_lane, 2)),
-        settle=jax.jit(split(functools.partial(_settle_lane, robot.parts), 5), donate_argnums=1),
+        begin=jax.jit(split("begin", _begin_lane, 2)),
+        sense=jax.jit(split("sense", observe, 2)),
+        decide=jax.jit(split("decide", _decide_lane, 2)),
+        settle=jax.jit(split("settle", functools.partial(_settle_lane, robot), 4), donate_argnums=1),
+        step=jax.jit(split("step", functools.partial(_step_lane, robot), 4), donate_argnums=(1, 2)),
+        keeper=keeper,
         host=host,
     )
 
 
 def _begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
-    return strong_types(begin_lane(applications, inputs, body))
+    return sealed(strong_types(begin_lane(applications, inputs, body)))
 
 
 def _decide_lane(applications: Applications, inputs: LaneInputs, state: LaneState) -> Decided:
+    state = opened(applications, inputs, state)
     after, control, ranges_m = decide(applications, inputs, state)
     before = jax.tree.leaves(state.controller)
     changed = {place: leaf for place, leaf in enumerate(jax.tree.leaves(after)) if leaf is not before[place]}
@@ -184,18 +232,51 @@ def _decide_lane(applications: Applications, inputs: LaneInputs, state: LaneStat
 
 
 def _settle_lane(  # noqa: PLR0917 - as the program maps it
-    parts: tuple[HullPart, ...],
-    applications: Applications,
-    inputs: LaneInputs,
-    state: LaneState,
-    decided: Decided,
-    body: Body,
-    work: Work,
-) -> tuple[LaneState, StepRecord]:
+    robot: HostRobot, applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decided, driven: Row
+) -> tuple[LaneState, Row]:
     changed, control, ranges_m = decided
-    clearance_m = hull_distance_m(parts, inputs.boxes, inputs.cylinders, body.qpos)
-    kept = _with_changes(state.controller, changed)
-    return settle(applications, inputs, state, Decision(kept, control, ranges_m), Motion(body, work, clearance_m))
+    state = opened(applications, inputs, state)
+    body, work = _from_row(robot, driven)
+    clearance_m = hull_distance_m(robot.parts, inputs.boxes, inputs.cylinders, body.qpos)
+    decision = Decision(_with_changes(state.controller, changed), control, ranges_m)
+    after, record = settle(applications, inputs, state, decision, Motion(body, work, clearance_m))
+    numbers = (record.pose, record.velocity, record.goal_index, record.impulse_ns, after.done, record.ranges_m)
+    return sealed(after), jnp.concatenate([jnp.ravel(each).astype(jnp.float32) for each in numbers])
+
+
+def _step_lane(  # noqa: PLR0917 - as the program maps it
+    robot: HostRobot, applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decided, driven: Row
+) -> tuple[LaneState, Decided, Row]:
+    after, settled = _settle_lane(robot, applications, inputs, state, decided, driven)
+    following = _decide_lane(applications, inputs, after)
+    return after, following, jnp.concatenate([settled, following[1].astype(jnp.float32)])
+
+
+def _driven_rows(body: HostBody, work: HostWork) -> Float32[np.ndarray, "lanes numbers"]:
+    joints = body.joints or ()
+    return np.concatenate([*body[:3], *joints, work.impulse_ns[:, None], work.push_ns, work.energy_j[:, None]], axis=1)
+
+
+def _from_row(robot: HostRobot, row: Row) -> tuple[Body, Work]:
+    """Returns what a row of ``_driven_rows`` tells."""
+    model, articulated = robot.alone, robot.base.articulated
+    sizes = [3, 3, model.na, *((model.nq, model.nv) if articulated else ()), 1, 2, 1]
+    pose, velocity, act, *joints, impulse, push, energy = jnp.split(row, np.cumsum(sizes)[:-1])
+    body = Body(pose, velocity, act, jnp.zeros(0), Joints(*joints) if articulated else None)
+    return body, Work(impulse[0], push, energy[0])
+
+
+def _record(rows: Float32[np.ndarray, "lanes numbers"], controls: Float[np.ndarray, "lanes actuators"]) -> StepRecord:
+    found: Any = rows  # a record's arrays are NumPy's on the host
+    given: Any = controls
+    return StepRecord(
+        pose=found[:, :3],
+        velocity=found[:, 3:6],
+        goal_index=found[:, 6].astype(np.int32),
+        control=given,
+        ranges_m=found[:, _SETTLED:],
+        impulse_ns=found[:, 7],
+    )
 
 
 def _with_changes(before: State, changed: Changed) -> State:

@@ -42,9 +42,15 @@ class _Surroundings(NamedTuple):
 
 
 class _Robot(NamedTuple):
-    """The robot's state; its place is relative to where the control step began, so that small steps count exactly."""
+    """The robot's state; its place is relative to where the control step began, so that small steps count exactly.
+
+    Where it heads is kept with it: it would be computed again in each of the six operations that the compiler makes of
+    those that read it.
+    """
 
     moved: Planar
+    cos: Scalar
+    sin: Scalar
     rate: Planar
     activations: list[Scalar]
     acceleration: Planar
@@ -110,7 +116,14 @@ def drive_among(
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
     around = _Surroundings(origin, obstacles, bearings, list(control))
     nil = jnp.zeros_like(origin.x)
-    begin = _Robot(Planar(nil, nil, nil), Planar(*body.qvel), list(body.act), Planar(*body.warmstart))
+    begin = _Robot(
+        Planar(nil, nil, nil),
+        jnp.cos(origin.yaw),
+        jnp.sin(origin.yaw),
+        Planar(*body.qvel),
+        list(body.act),
+        Planar(*body.warmstart),
+    )
 
     def physics_step(carry: tuple[_Robot, _Spent], _: None) -> tuple[tuple[_Robot, _Spent], None]:
         return _physics_step(robot, around, *carry), None
@@ -121,13 +134,13 @@ def drive_among(
     activations = jnp.stack(end.activations) if end.activations else body.act
     after = Body(place, jnp.stack(end.rate), activations, jnp.stack(end.acceleration))
     work = Work(spent.impulse_ns, jnp.stack([spent.push_x_ns, spent.push_y_ns]), spent.energy_j)
-    return Motion(after, work, _clearance_m(robot, around, end.moved))
+    return Motion(after, work, _clearance_m(robot, around, end))
 
 
-def _clearance_m(robot: PlanarRobot, around: _Surroundings, moved: Planar) -> Scalar:
+def _clearance_m(robot: PlanarRobot, around: _Surroundings, end: _Robot) -> Scalar:
     """Returns how far the nearest disc is, seen from above, from the nearest obstacle at its heights."""
-    place = plus(around.origin, moved)
-    moving = Moving(place, jnp.cos(place.yaw), jnp.sin(place.yaw), moved)
+    moved = end.moved
+    moving = Moving(plus(around.origin, moved), end.cos, end.sin, end.rate)
     nearest = jnp.full_like(moved.x, PARKING_M)
     for disc in robot.discs:
         beside = around.obstacles if len(robot.discs) == 1 else [_kept(disc, each) for each in around.obstacles]
@@ -150,7 +163,7 @@ def _window_size(robot: PlanarRobot) -> int:
 
 def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spent: _Spent) -> tuple[_Robot, _Spent]:
     place = plus(around.origin, before.moved)
-    moving = Moving(place, jnp.cos(place.yaw), jnp.sin(place.yaw), before.rate)
+    moving = Moving(place, before.cos, before.sin, before.rate)
     pushed = push(robot, around.controls, before.activations, moving)
     mass, acting = _mass(robot, moving), _acting(robot, pushed, moving)
     contacts = _contacts(robot, around, before.moved, moving)
@@ -158,7 +171,9 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     dry = list(zip(robot.dry_frictions, targets, strict=True))
     acceleration = minimizer(mass, acting, contacts, dry, before.acceleration)
     rate = plus(before.rate, _integrated(robot, mass, pushed, acceleration), robot.step_s)
-    after = _Robot(plus(before.moved, rate, robot.step_s), rate, pushed.activations, acceleration)
+    moved = plus(before.moved, rate, robot.step_s)
+    yaw = around.origin.yaw + moved.yaw
+    after = _Robot(moved, jnp.cos(yaw), jnp.sin(yaw), rate, pushed.activations, acceleration)
     return after, _spent(robot, spent, pushed.power_w, contact_force(contacts, acceleration))
 
 

@@ -92,17 +92,23 @@ class FurnitureGroup:
         return sum(member.covers for member in self.members if member.needed)
 
     @cached_property
+    def bodies(self) -> list[Box]:
+        """The members' boxes in the group's frame."""
+        return [member.body for member in self.members]
+
+    @cached_property
     def boxes(self) -> Float[np.ndarray, "4 quarters boxes"]:
         """The members' boxes about the group's middle, then the zones', for each way that it may face."""
-        sides = np.array([*(member.body for member in self.members), *(zone.box for zone in self.zones)]).T
+        sides = np.array([*self.bodies, *(zone.box for zone in self.zones)]).T
         return sides[_SIDES.T] * _SIGNS.T[..., None]
 
     @cached_property
     def reach(self) -> tuple[Box, Box]:
         """The boxes around the members that it needs, and around all."""
-        bodies = [member.body for member in self.members]
-        needed = [body for body, member in zip(bodies, self.members, strict=True) if member.needed]
-        return bounding_box(needed), bounding_box(bodies)
+        if len(self.members) == 1:
+            return self.bodies[0], self.bodies[0]
+        needed = [body for body, member in zip(self.bodies, self.members, strict=True) if member.needed]
+        return bounding_box(needed), bounding_box(self.bodies)
 
     @cached_property
     def needed(self) -> list[int]:

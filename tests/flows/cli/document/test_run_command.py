@@ -78,7 +78,7 @@ def test_the_client_asks_for_longer_than_a_server_is_waited_for(monkeypatch: pyt
     ("document", "computes_with"),
     [
         ("worlds-only", {"mujoco", "scipy"}),
-        pytest.param("quickstart", {"jax", "mujoco", "scipy"}, marks=pytest.mark.long),
+        pytest.param("quickstart", {"mujoco", "scipy"}, marks=pytest.mark.long),
     ],
 )
 def test_a_run_prepares_what_its_document_computes_with(document: str, computes_with: set[str]):

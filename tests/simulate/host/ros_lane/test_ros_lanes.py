@@ -14,8 +14,9 @@ from tasks.simulate.application.contract import HostMap, Observation, Placement
 from tasks.simulate.host.controllers import HostBundle, HostStart
 from tasks.simulate.host.ros_application import ros_application
 from tasks.simulate.host.ros_lane.ros_lanes import LockstepMaker, RosLanes
-from tasks.simulate.lane.staging import Lane, Stage
+from tasks.simulate.lane.staging import Lane
 from tasks.simulate.sensor.sensors import read_sensors
+from tasks.simulate.surroundings.stages import Stage
 from tests.factories.simulations import delivery
 from tests.simulate.host.fake_lockstep import (
     CANCELS,
@@ -46,7 +47,7 @@ def _temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def lane(index: int, kind: str) -> Lane:
     request = delivery(index, world="hand/one").model_copy(update={"environment": {"KIND": kind, "SPEED": "0.30"}})
-    stage = Stage(touched=None, seen=None, floor=_FLOOR, rooms=None)  # pyright: ignore[reportArgumentType] - not used
+    stage = Stage(touched=None, seen=None, floor=_FLOOR, rooms=None, ways=None)  # pyright: ignore[reportArgumentType] - not used
     return Lane(request, stage, Placement(np.zeros(3), np.zeros((1, 2))), None)
 
 

@@ -9,9 +9,11 @@ from tasks.simulate.surroundings.obstacles import PARKING_M, Obstacles
 
 Points = Float64[np.ndarray, "points 2"]
 Pair = tuple[Float64[np.ndarray, "pairs"], Float64[np.ndarray, "pairs"]]
-# Solids near enough to a line to matter are looked at in pieces of this size, so that memory stays small.
-_PAIRS_TOGETHER = 2_000_000
+# Lines and solids are looked at in pieces of this size, which the processor's cache holds.
+_PAIRS_TOGETHER = 100_000
 _TOUCH_M = 1e-6
+# Lines and solids that may meet are found in single precision: nothing within hundreds of metres is left out.
+_SLACK_M = 1e-3
 
 
 class Solids(NamedTuple):
@@ -43,12 +45,20 @@ def solids_of(touched: Obstacles) -> Solids:
 
 def clearance_m(solids: Solids, points: Points) -> Float64[np.ndarray, "points"]:
     """Returns each point's distance to the nearest solid; 0 inside a box."""
-    nearest = np.full(len(points), np.inf)
-    for center, half, axis, rim in zip(*solids, strict=True):
-        x, y = _local(points, center, axis)
-        distance = np.hypot(np.maximum(np.abs(x) - half[0], 0.0), np.maximum(np.abs(y) - half[1], 0.0)) - rim
-        np.minimum(nearest, distance, out=nearest)
-    return np.maximum(nearest, 0.0)
+    if not len(solids.rim_m):
+        return np.full(len(points), np.inf)
+    step = max(1, _PAIRS_TOGETHER // len(solids.rim_m))
+    some = [_nearest_m(solids, points[first : first + step]) for first in range(0, len(points), step)]
+    return np.maximum(np.concatenate([np.empty(0), *some]), 0.0)
+
+
+def _nearest_m(solids: Solids, points: Points) -> Float64[np.ndarray, "points"]:
+    dx, dy = (points[:, axis] - solids.center_m[:, axis, None] for axis in (0, 1))
+    cos, sin = solids.axis[:, :1], solids.axis[:, 1:]
+    x, y = cos * dx + sin * dy, cos * dy - sin * dx
+    beyond_x = np.maximum(np.abs(x) - solids.half_m[:, :1], 0.0)
+    beyond_y = np.maximum(np.abs(y) - solids.half_m[:, 1:], 0.0)
+    return (np.hypot(beyond_x, beyond_y) - solids.rim_m[:, None]).min(axis=0)
 
 
 def is_free(solids: Solids, starts: Points, ends: Points, radius_m: float) -> Bool[np.ndarray, "points"]:
@@ -63,30 +73,44 @@ def is_free(solids: Solids, starts: Points, ends: Points, radius_m: float) -> Bo
         radius_m: The disc's.
     """
     free = np.ones(len(starts), bool)
-    reach = np.hypot(*solids.half_m.T) + solids.rim_m + radius_m
-    step = max(1, _PAIRS_TOGETHER // max(len(starts), 1))
-    for first in range(0, len(reach), step):
+    step = max(1, _PAIRS_TOGETHER // max(len(solids.rim_m), 1))
+    for first in range(0, len(starts), step):
         some = slice(first, first + step)
-        line, solid = _near(solids.center_m[some], reach[some], starts, ends)
-        solid += first
-        open_line = free[line]
-        line, solid = line[open_line], solid[open_line]
+        line, solid = _near(solids, starts[some], ends[some], radius_m)
+        line += first
         free[line[_blocks(solids, solid, starts[line], ends[line], radius_m)]] = False
     return free
 
 
 def _near(
-    centers: Float64[np.ndarray, "solids 2"], reach: Float64[np.ndarray, "solids"], starts: Points, ends: Points
+    solids: Solids, starts: Points, ends: Points, radius_m: float
 ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
-    """Returns the pairs (line, solid) where the circle around the solid, grown by the disc, meets the line."""
+    """Returns all pairs (line, solid) that may meet: whose extents along the line and across it overlap."""
     way = ends - starts
     length = np.maximum(np.hypot(way[:, 0], way[:, 1]), _TOUCH_M)
-    unit = way / length[:, None]
-    to_x, to_y = centers[:, 0] - starts[:, :1], centers[:, 1] - starts[:, 1:]
-    along = unit[:, :1] * to_x + unit[:, 1:] * to_y
-    across = unit[:, :1] * to_y - unit[:, 1:] * to_x
-    line, solid = np.nonzero((np.abs(across) < reach) & (along > -reach) & (along < length[:, None] + reach))
+    along = way / length[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    found = _overlap(solids, across, starts, np.full_like(length, radius_m))
+    found &= _overlap(solids, along, (starts + ends) / 2, length / 2 + radius_m)
+    line, solid = np.nonzero(found)
     return line, solid
+
+
+def _overlap(
+    solids: Solids, direction: Points, middle: Points, reach_m: Float64[np.ndarray, "lines"]
+) -> Bool[np.ndarray, "lines solids"]:
+    """Returns whether solids come within reach of a line's middle along a direction, in single precision and slack."""
+    sideways = np.stack([-solids.axis[:, 1], solids.axis[:, 0]], axis=1)
+    to, first, second = (
+        direction.astype(np.float32) @ each.T.astype(np.float32) for each in (solids.center_m, solids.axis, sideways)
+    )
+    to -= np.sum(direction * middle, axis=1, keepdims=True).astype(np.float32)
+    half = solids.half_m.astype(np.float32)
+    extent = np.abs(first, out=first) * half[:, 0]
+    extent += np.abs(second, out=second) * half[:, 1]
+    extent += (solids.rim_m + _SLACK_M).astype(np.float32)
+    extent += reach_m.astype(np.float32)[:, None]
+    return np.abs(to, out=to) < extent
 
 
 def _blocks(

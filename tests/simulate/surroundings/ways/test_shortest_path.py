@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from tasks.simulate.application.contract import Placement
 from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
-from tasks.simulate.surroundings.shortest_path import shortest_paths_m
-from tasks.simulate.surroundings.visibility import clearance_m, solids_of
+from tasks.simulate.surroundings.ways.shortest_path import Ways, shortest_paths_m
+from tasks.simulate.surroundings.ways.visibility import clearance_m, solids_of
 from tests.factories.simulations import cluttered, pen
 
 RADIUS_M = 0.2
@@ -29,7 +29,7 @@ def among(boxes: list[tuple[float, float, float, float]], posts: list[tuple[floa
 
 def length(solids: Obstacles, start: Place, *goals: Place, arrived_m: float = 0.0) -> float:
     placement = Placement(np.array([*start, 0.0]), np.array(goals))
-    return float(shortest_paths_m([solids], [placement], RADIUS_M, [arrived_m])[0])
+    return float(shortest_paths_m([Ways(solids, RADIUS_M)], [placement], [arrived_m])[0])
 
 
 FAR = [(50.0, 50.0, 0.1, 0.1)]
@@ -109,10 +109,15 @@ def test_parked_places_change_nothing():
 
 
 def test_lanes_of_many_worlds_are_measured_together_as_alone():
-    tasks = [(among(GATE), (4.0, 1.0)), (among(FAR), (4.0, 1.0)), (among(GATE), (4.0, -1.0)), (among(GATE), (4.0, 1.0))]
+    gate, far = (Ways(among(boxes), RADIUS_M) for boxes in (GATE, FAR))
+    tasks = [(gate, (4.0, 1.0)), (far, (4.0, 1.0)), (gate, (4.0, -1.0)), (gate, (4.0, 1.0))]
     placements = [Placement(np.array([0.0, 1.0, 0.0]), np.array([goal])) for _, goal in tasks]
-    together = shortest_paths_m([world for world, _ in tasks], placements, RADIUS_M, [0.0, 0.1, 0.2, 0.3])
-    alone = [length(world, (0.0, 1.0), goal, arrived_m=0.1 * k) for k, (world, goal) in enumerate(tasks)]
+    together = shortest_paths_m([world for world, _ in tasks], placements, [0.0, 0.1, 0.2, 0.3])
+    worlds = [among(boxes) for boxes in (GATE, FAR, GATE, GATE)]
+    alone = [
+        length(world, (0.0, 1.0), goal, arrived_m=0.1 * k)
+        for k, (world, (_, goal)) in enumerate(zip(worlds, tasks, strict=True))
+    ]
     assert together.tolist() == alone
 
 
@@ -122,9 +127,9 @@ def test_a_length_is_the_same_bits_whatever_other_tasks_are_measured(seed: int):
     rng = np.random.default_rng(seed)
     cells = np.stack([rng.integers(-22, 23, (40, 2)), rng.integers(-10, 15, (40, 2))], axis=-1)
     placements = [Placement(np.zeros(3), 0.1 * goals) for goals in cells]
-    world = obstacles(cluttered(seed % 4), 0.02, 0.38)
-    together = shortest_paths_m([world] * len(placements), placements, RADIUS_M, [0.3] * len(placements))
-    alone = [shortest_paths_m([world], [each], RADIUS_M, [0.3])[0] for each in placements]
+    world = Ways(obstacles(cluttered(seed % 4), 0.02, 0.38), RADIUS_M)
+    together = shortest_paths_m([world] * len(placements), placements, [0.3] * len(placements))
+    alone = [shortest_paths_m([world], [each], [0.3])[0] for each in placements]
     assert together.tolist() == alone
 
 

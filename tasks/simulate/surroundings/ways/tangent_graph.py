@@ -8,10 +8,11 @@ of J.-C. Latombe, Robot Motion Planning, 1991, chapter 4). Each arc is replaced 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Float64, Int
 from scipy.sparse import coo_array, csr_array
 
-from tasks.simulate.surroundings.visibility import Points, Solids, clearance_m, is_free
+from tasks.simulate.surroundings.ways.open_floor import OpenFloor, has_room, is_open, open_floor
+from tasks.simulate.surroundings.ways.visibility import Points, Solids
 
 # A turn by this much is one corner of the polygon.
 _TURN_RAD = np.pi / 8
@@ -26,16 +27,15 @@ class TangentGraph(NamedTuple):
     """Corners that ways bend at, and the straight ways between them.
 
     Attributes:
-        solids: What the ways keep clear of.
-        radius_m: By how much: the disc's, or a hair less, as arcs are shrunk to polygons.
+        floor: What the ways keep clear of, and by how much: the disc's radius, or a hair less, as arcs are shrunk to
+            polygons.
         corners_m: Where ways bend.
         outward: Unit vectors away from the solid at each corner.
         starts, ends: Corners that a straight way joins, each pair once.
         lengths_m: How long it is.
     """
 
-    solids: Solids
-    radius_m: float
+    floor: OpenFloor
     corners_m: Points
     outward: Points
     starts: Int[np.ndarray, "ways"]
@@ -46,17 +46,17 @@ class TangentGraph(NamedTuple):
 def tangent_graph(solids: Solids, radius_m: float) -> TangentGraph:
     """Returns the ways of a disc around solids."""
     corners, outward = _corners(solids, radius_m)
-    kept_m = radius_m * _SHRINK - _TOLERANCE_M
-    free = clearance_m(solids, corners) >= kept_m
+    floor = open_floor(solids, radius_m * _SHRINK - _TOLERANCE_M)
+    free = has_room(floor, corners)
     corners, outward = corners[free], outward[free]
     # Entry (i, j): how far corner j lies outwards of corner i.
     outwards_m = outward @ corners.T - np.sum(outward * corners, axis=1)[:, None]
     apart_m = np.hypot(*(corners[None, :, axis] - corners[:, None, axis] for axis in (0, 1)))
     touches = np.abs(outwards_m) <= _TOUCHING * apart_m
     starts, ends = np.nonzero(np.triu(touches & touches.T, 1))
-    open_ways = is_free(solids, corners[starts], corners[ends], kept_m)
+    open_ways = is_open(floor, corners[starts], corners[ends])
     starts, ends = starts[open_ways], ends[open_ways]
-    return TangentGraph(solids, kept_m, corners, outward, starts, ends, apart_m[starts, ends])
+    return TangentGraph(floor, corners, outward, starts, ends, apart_m[starts, ends])
 
 
 def ways_from(graph: TangentGraph, points: Points) -> tuple[Int[np.ndarray, "ways"], Int[np.ndarray, "ways"]]:
@@ -66,13 +66,8 @@ def ways_from(graph: TangentGraph, points: Points) -> tuple[Int[np.ndarray, "way
     outwards_m -= np.sum(graph.outward * graph.corners_m, axis=1)
     apart_m = np.hypot(*(points[:, None, axis] - graph.corners_m[None, :, axis] for axis in (0, 1)))
     point, corner = np.nonzero(np.abs(outwards_m) <= _TOUCHING * apart_m)
-    open_ways = is_free(graph.solids, points[point], graph.corners_m[corner], graph.radius_m)
+    open_ways = is_open(graph.floor, points[point], graph.corners_m[corner])
     return point[open_ways], corner[open_ways]
-
-
-def is_free_place(graph: TangentGraph, points: Points) -> Bool[np.ndarray, "points"]:
-    """Returns where the disc can stand."""
-    return clearance_m(graph.solids, points) >= graph.radius_m
 
 
 def distance_matrix(
@@ -90,7 +85,7 @@ def distance_matrix(
     corners, count = len(graph.corners_m), len(points)
     point, corner = ways_from(graph, points)
     one, other = pairs
-    straight = is_free(graph.solids, points[one], points[other], graph.radius_m)
+    straight = is_open(graph.floor, points[one], points[other])
     one, other = one[straight], other[straight]
     leave, reach = corners, corners + count
     starts = np.concatenate([graph.starts, graph.ends, leave + point, corner, leave + one])

@@ -1,0 +1,115 @@
+"""Ten robots that ``planar`` refuses, on the other two engines: which is faster, and which the rule takes.
+
+    .venv/bin/python -m benchmarks.simulation.ten_robots --robots box-base carrier --document docs/reference/engines.md
+
+Every robot swings its actuators in the worlds of ``engines.py``, with 32 rays at 20 Hz. A robot's part takes up to ten
+minutes, most of which MJX compiles; each part replaces its own rows of the table.
+"""
+
+import argparse
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from statistics import median
+
+from benchmarks.repository import ROOT
+from benchmarks.tables import markdown, with_tables
+from tasks.simulate.devices import prepare_devices
+
+prepare_devices()
+
+import jax  # noqa: E402 - it reads its settings when it is imported
+
+from benchmarks.simulation.engine_variants import PHYSICS_STEPS, WORLDS  # noqa: E402
+from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT, bench_world, explorations  # noqa: E402
+from specs.data.episode import ApplicationLaunch  # noqa: E402
+from tasks.simulate.application.robot_mjcf import compile_robot, read_robot_mjcf  # noqa: E402
+from tasks.simulate.chunk.episodes import ready_chunk  # noqa: E402
+from tasks.simulate.engine.choice import choose_engine  # noqa: E402
+from tasks.simulate.plan.chunks import SLICE_STEPS  # noqa: E402
+from tasks.simulate.refusal import RobotRefused  # noqa: E402
+
+ROBOTS = ROOT / "benchmarks/simulation/robots"
+APPLICATION = ROOT / "benchmarks/applications/swinger"
+NAMES = tuple(sorted(path.stem for path in ROBOTS.glob("*.xml")))
+LANES, ENGINES, OBSTACLES, TURNS = (64, 256, 1024), ("mujoco", "mjx"), 100, 3
+TITLE = "ten robots"
+_FOREVER_S = 1e7
+_REFUSED = "refused"
+
+
+def rates(name: str, engine: str, lanes: int) -> tuple[str, str]:
+    """Returns thousands of lane-steps a second, and seconds from the start to the end of the first slice."""
+    try:
+        choose_engine(engine, ROBOTS / f"{name}.xml", "jax", "cpu")
+    except RobotRefused:
+        return _REFUSED, "-"
+    with tempfile.TemporaryDirectory(prefix="simyard-robot-") as text:
+        folder = Path(text)
+        shutil.copytree(APPLICATION, folder, dirs_exist_ok=True)
+        shutil.copy(ROBOTS / f"{name}.xml", folder / "robot.xml")
+        actuators = compile_robot(read_robot_mjcf(folder / "robot.xml")).nu
+        launch = ApplicationLaunch(name="swinger", version="1", digest=ROBOT, package="swinger", launch_file="sway")
+        changes = {"robot": launch, "environment": {"ACTUATORS": f"x{actuators}"}}
+        requests = [each.model_copy(update=changes) for each in explorations(lanes, WORLDS, _FOREVER_S)]
+        worlds = {f"bench/{k}": bench_world(k, OBSTACLES) for k in range(WORLDS)}
+        begun = time.perf_counter()
+        run = ready_chunk(requests, worlds, FOLDERS | {ROBOT: folder}, lanes=lanes, engine=engine).run
+        if run is None:
+            raise RuntimeError(f"{name} does not start on {engine}")
+        state, _ = run.advance(run.begin())
+        jax.block_until_ready(state.body)
+        first_s, found = time.perf_counter() - begun, list[float]()
+        for _ in range(TURNS):
+            begun = time.perf_counter()
+            state, _ = run.advance(state)
+            jax.block_until_ready(state.body)
+            found.append(SLICE_STEPS * lanes * PHYSICS_STEPS / (time.perf_counter() - begun) / 1e3)
+        return f"{median(found):,.1f}", f"{first_s:.0f}"
+
+
+def rows(name: str, counts: Sequence[int]) -> Iterator[list[str]]:
+    """Yields a robot's rows, one for each number of lanes."""
+    path = ROBOTS / f"{name}.xml"
+    choice, speeds = choose_engine("auto", path, "jax", "cpu"), compile_robot(read_robot_mjcf(path)).nv
+    for lanes in counts:
+        (c_rate, _), (mjx_rate, mjx_s) = (rates(name, engine, lanes) for engine in ENGINES)
+        ratio = "-" if _REFUSED in {c_rate, mjx_rate} else f"{_number(mjx_rate) / _number(c_rate):.2f}"
+        yield [name, str(speeds), f"{lanes:,}", c_rate, mjx_rate, ratio, mjx_s, choice.engine]
+
+
+def merged(document: str, found: Sequence[Sequence[str]]) -> str:
+    """Returns a document with these rows in its table in place of those of the same robot and number of lanes."""
+    begin, end = f"<!-- {TITLE} -->", f"<!-- end of {TITLE} -->"
+    lines = document.partition(begin)[2].partition(end)[0].strip().splitlines()[2:]
+    known = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    by_name = {(row[0], row[2]): row for row in [*known, *map(list, found)]}
+    ordered = sorted(by_name.values(), key=lambda row: (row[0], _number(row[2])))
+    return with_tables(document, TITLE, markdown([HEAD, *ordered]))
+
+
+HEAD = ["robot", "degrees of freedom", "lanes", "mujoco", "mjx", "mjx x mujoco", "mjx first slice s", "auto takes"]
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", ""))
+
+
+def main() -> None:
+    """Prints the rows, and puts them into a document."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--robots", nargs="*", choices=NAMES, default=NAMES)
+    parser.add_argument("--lanes", nargs="*", type=int, default=LANES)
+    parser.add_argument("--document", type=Path, help="put the rows into its table")
+    options = parser.parse_args()
+    for name in options.robots:
+        found = list(rows(name, options.lanes))
+        print(markdown([HEAD, *found]), flush=True)
+        if options.document:
+            options.document.write_text(merged(options.document.read_text(), found))
+
+
+if __name__ == "__main__":
+    main()

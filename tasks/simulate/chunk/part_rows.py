@@ -1,0 +1,135 @@
+"""What becomes of a part of a chunk whose episodes drive in lanes that others leave: its rows, and its recording.
+
+Its episodes begin when a lane is free, each at another time. A recorder is told of them as if they had begun together.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float32, Int
+
+from specs.data.episode import CONTROL_S, EpisodeResult
+from tasks.simulate.chunk.run_rows import lane_ends, lane_row
+from tasks.simulate.engine.program import Program
+from tasks.simulate.lane.lane_state import LaneState
+from tasks.simulate.lane.recording import SampleRecorder
+from tasks.simulate.lane.result_rows import stopped_row
+from tasks.simulate.lane.samples import SliceSamples
+from tasks.simulate.lane.staging import Lane
+from tasks.simulate.plan.chunks import SLICE_STEPS
+
+Poses = Sequence[Float32[np.ndarray, "lanes steps 3"]]
+
+
+class LaneEnd(NamedTuple):
+    """How an episode ended.
+
+    Attributes:
+        place: The lane that it was in.
+        state: All lanes' states then, on the host.
+        poses: Of all lanes, since the episode began.
+    """
+
+    place: int
+    state: LaneState
+    poses: Poses
+
+
+class _Block(NamedTuple):
+    """Samples of one slice of those episodes that began together."""
+
+    positions: Int[np.ndarray, "lanes"]
+    steps: Int[np.ndarray, "lanes"]
+    samples: SliceSamples
+
+
+@dataclass(eq=False)
+class PartRows:
+    """The episodes of a chunk that have arrays of the same shapes, on their way.
+
+    Attributes:
+        program: That drives them.
+        lanes: The episodes.
+        rows: Of those that ended, by position.
+    """
+
+    program: Program
+    lanes: Sequence[Lane]
+    rows: dict[int, EpisodeResult] = field(default_factory=dict[int, EpisodeResult], init=False)
+    _ends: dict[int, LaneEnd] = field(default_factory=dict[int, LaneEnd], init=False)
+    _blocks: list[list[_Block]] = field(default_factory=list[list[_Block]], init=False)
+
+    @property
+    def ended(self) -> int:
+        """Returns how many episodes have ended."""
+        return len(self._ends)
+
+    def end(self, position: int, end: LaneEnd) -> None:
+        """Notes how an episode ended; its row is made later."""
+        self._ends[position] = end
+
+    def make_row(self, position: int) -> None:
+        """Makes the row of an episode that ended."""
+        place, state, poses = self._ends[position]
+        self.rows[position] = lane_row(self.program, None, self.lanes[position], place, state, poses)
+
+    def keep(
+        self, age: int, positions: Int[np.ndarray, "lanes"], steps: Int[np.ndarray, "lanes"], samples: SliceSamples
+    ) -> None:
+        """Keeps samples of episodes that are equally old.
+
+        Args:
+            age: How many slices they did before.
+            positions: The episodes'.
+            steps: How many control steps each has done by the slice's end.
+            samples: As a recorder wants them.
+        """
+        while len(self._blocks) <= age:
+            self._blocks.append([])
+        self._blocks[age].append(_Block(positions, steps, samples))
+
+    def all_rows(self) -> list[EpisodeResult]:
+        """Returns the rows of all episodes, in their order; those that have not ended are Canceled."""
+        for position in self._ends.keys() - self.rows.keys():
+            self.make_row(position)
+        return [self.rows.get(position) or stopped_row(lane.request) for position, lane in enumerate(self.lanes)]
+
+    def tell(self, recorder: SampleRecorder, rows: Sequence[EpisodeResult]) -> None:
+        """Tells a recorder what the episodes did, and how they ended."""
+        recorder.begin(len(self.lanes), CONTROL_S)
+        for age, blocks in enumerate(self._blocks):
+            samples, steps = _together(blocks, len(self.lanes))
+            recorder.add(samples, steps)
+            self._blocks[age] = []
+        if self._ends:
+            recorder.end(lane_ends(self.lanes, self._last_states()), rows)
+
+    def _last_states(self) -> LaneState:
+        """Returns the last states in the episodes' order; zeros for one that has not ended."""
+        trees = {position: (end.state, end.place) for position, end in self._ends.items()}
+        some = next(iter(self._ends.values())).state
+
+        def blank(leaf: Any) -> np.ndarray:  # noqa: ANN401 - of a tree
+            return np.zeros((len(self.lanes), *leaf.shape[1:]), leaf.dtype)
+
+        found = jax.tree.map(blank, some)
+        into = jax.tree.leaves(found)
+        for position, (state, place) in trees.items():
+            for leaf, source in zip(into, jax.tree.leaves(state), strict=True):
+                leaf[position] = source[place]
+        return found
+
+
+def _together(blocks: Sequence[_Block], lanes: int) -> tuple[SliceSamples, Int[np.ndarray, "lanes"]]:
+    """Returns the samples of all lanes of a slice, and their steps: below 0 for one that had ended before."""
+    steps = np.full(lanes, -1, np.int32)
+    first = blocks[0].samples
+    arrays = [np.zeros((lanes, *array.shape[1:]), array.dtype) for array in first[1:]]
+    for positions, done, samples in blocks:
+        steps[positions] = done
+        for array, found in zip(arrays, samples[1:], strict=True):
+            array[positions] = found
+    return SliceSamples(SLICE_STEPS, *arrays), steps

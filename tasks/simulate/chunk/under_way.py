@@ -1,0 +1,296 @@
+"""Chunks under way: the one that was asked for, and those that are going to be asked for, in the lanes of one process.
+
+While lanes drive, the next chunk's episodes are placed, and rows of episodes that ended are made. An episode of the
+next chunk begins as soon as a lane is free. Each chunk is answered as a whole, with the bits that it has alone
+(docs/decisions/0038-lanes-that-are-refilled.md).
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+
+from specs.data.episode import CONTROL_S, EpisodeResult
+from specs.data.world import World
+from tasks.simulate.application.call_clock import timed_call
+from tasks.simulate.chunk.application_check import check_applications
+from tasks.simulate.chunk.lane_stream import LaneStream, Waiting
+from tasks.simulate.chunk.part_rows import PartRows
+from tasks.simulate.chunk.placed_chunk import PlacedChunk, part_program, placing, program_of
+from tasks.simulate.chunk.timings import TurnWatch, remember_timing
+from tasks.simulate.engine.compiled_program import CompiledProgram
+from tasks.simulate.engine.program import Program
+from tasks.simulate.lane.recording import SampleRecorder
+from tasks.simulate.lane.result_rows import stopped_row
+from tasks.simulate.lane.samples import sample_stride
+from tasks.simulate.lane.staging import Lane, last_step
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key
+
+logger = logging.getLogger(__name__)
+_Key = tuple[object, ...]
+
+
+class LaneSetting(NamedTuple):
+    """What chunks share that are under way together.
+
+    Attributes:
+        bundles: Unpacked folders of the applications, by digest.
+        lanes: How many lanes every chunk is padded to.
+        engine: ``auto``, or the engine that must run them.
+        rate_hz: Samples a simulated second; None if nothing is recorded.
+    """
+
+    bundles: Mapping[str, Path]
+    lanes: int
+    engine: str
+    rate_hz: float | None
+
+
+@dataclass(eq=False)
+class _ChunkOnItsWay:
+    """A chunk that is placed, or is being so, and its episodes."""
+
+    chunk: Chunk
+    steps: Generator[None, None, PlacedChunk]
+    placed: bool = False
+    failed: list[EpisodeResult] = field(default_factory=list[EpisodeResult])
+    parts: list[tuple[PartRows, LaneStream]] = field(default_factory=list[tuple[PartRows, LaneStream]])
+
+    @property
+    def ended(self) -> int:
+        """Returns how many episodes have ended, or never begin."""
+        return len(self.failed) + sum(part.ended for part, _ in self.parts)
+
+
+class ChunksUnderWay:
+    """Simulates chunk after chunk of a batch, each as soon as lanes are free."""
+
+    def __init__(self) -> None:
+        """Begins without chunks."""
+        self._setting: LaneSetting | None = None
+        self._refused: LaneSetting | None = None
+        self._forget()
+
+    def forget(self) -> None:
+        """Leaves all chunks that are under way."""
+        self._setting = None
+        self._forget()
+
+    def simulated(
+        self,
+        chunk: Chunk,
+        ahead: Sequence[Chunk],
+        worlds: Mapping[str, World],
+        setting: LaneSetting,
+        *,
+        should_stop: Callable[[], bool],
+        progress: Callable[[int], None],
+        recorder: SampleRecorder | None,
+        timed_as: ProgramKey | None,
+    ) -> list[EpisodeResult] | None:
+        """Returns a chunk's rows in request order; None if it has to be simulated by itself.
+
+        Args:
+            chunk: At most as many episodes as lanes.
+            ahead: Chunks that are going to be asked for after it, in their order, as far as is known.
+            worlds: By name, at least those of all these chunks.
+            setting: What the chunks share.
+            should_stop: Asked after each slice; episodes not done by then are Canceled.
+            progress: Told as often how many of the chunk's episodes are done.
+            recorder: Given what the lanes do.
+            timed_as: Program to remember the time for.
+        """
+        if setting == self._refused or any(request.world not in worlds for request in chunk.requests):
+            return None
+        try:
+            if not _streams(program_of(chunk.requests[0], setting.bundles, setting.lanes, setting.engine)):
+                return None
+            self._expect([chunk, *ahead], worlds, setting)
+            return self._rows_of_first(should_stop, progress, recorder, timed_as)
+        except (Exception, SystemExit) as exc:  # noqa: BLE001 - who is to blame is found when it is simulated by itself
+            self._leave(exc)
+            return None
+
+    def work_ahead(self) -> bool:
+        """Drives a slice of what is going to be asked for; returns False if nothing is known of that."""
+        if not self._works:
+            return False
+        try:
+            return self._turn()
+        except (Exception, SystemExit) as exc:  # noqa: BLE001 - as above
+            self._leave(exc)
+            return False
+
+    def _leave(self, exc: BaseException) -> None:
+        """Leaves all chunks that are under way because of an exception; where memory was too little, for good."""
+        logger.debug("simulated chunk by chunk", exc_info=exc)
+        if isinstance(exc, MemoryError) or "RESOURCE_EXHAUSTED" in str(exc):
+            self._refused = self._setting
+        self.forget()
+
+    def _forget(self) -> None:
+        self._works = deque[_ChunkOnItsWay]()
+        self._streams: dict[_Key, LaneStream] = {}
+        self._rows_to_make = deque[Waiting]()
+        self._watch = TurnWatch()
+
+    def _expect(self, chunks: Sequence[Chunk], worlds: Mapping[str, World], setting: LaneSetting) -> None:
+        """Lets chunks come next, in this order; what else is under way is left."""
+        known = [work.chunk for work in self._works]
+        if setting != self._setting or known != list(chunks[: len(known)]):
+            self._forget()
+            self._setting, known = setting, []
+        for chunk in chunks[len(known) :]:
+            if any(request.world not in worlds for request in chunk.requests):
+                return
+            steps = placing(chunk.requests, worlds, setting.bundles, lanes=setting.lanes, engine=setting.engine)
+            self._works.append(_ChunkOnItsWay(chunk, steps))
+
+    def _rows_of_first(
+        self,
+        should_stop: Callable[[], bool],
+        progress: Callable[[int], None],
+        recorder: SampleRecorder | None,
+        timed_as: ProgramKey | None,
+    ) -> list[EpisodeResult]:
+        work = self._works[0]
+        while not work.placed:
+            self._place_some()
+        while (ended := work.ended) < len(work.chunk.requests):
+            if should_stop():
+                rows = self._answer(work, recorder)
+                self.forget()
+                return rows
+            self._turn()
+            if work.ended > ended:
+                progress(work.ended)
+        self._works.popleft()
+        self._begin_next()
+        rows = self._answer(work, recorder)
+        self._keep_timing(work, timed_as)
+        self._streams = {key: stream for key, stream in self._streams.items() if stream.left}
+        return rows
+
+    def _answer(self, work: _ChunkOnItsWay, recorder: SampleRecorder | None) -> list[EpisodeResult]:
+        rows = {row.index: row for row in work.failed}
+        for part, _ in work.parts:
+            found = part.all_rows()
+            if recorder is not None:
+                part.tell(recorder, found)
+            rows.update({row.index: row for row in found})
+        return [rows.get(request.index) or stopped_row(request) for request in work.chunk.requests]
+
+    def _turn(self) -> bool:
+        """Drives a slice of the lanes that hold the first chunk that is not done; does other work meanwhile."""
+        if not self._works[0].placed:
+            return self._place_some()
+        began_s = time.monotonic()
+        stream = next((each for each in self._streams.values() if each.begun), None) or self._begin_next()
+        if stream is None:
+            return self._place_some()
+        while stream.computing and self._work_beside():
+            pass
+        with timed_call("slice", "", f"a slice of {SLICE_STEPS} control steps"):
+            self._rows_to_make.extend(stream.collect())
+        self._watch.drove(time.monotonic() - began_s)
+        return True
+
+    def _begin_next(self) -> LaneStream | None:
+        """Begins a slice of the lanes that hold the first chunk that is not done; returns them."""
+        parts = (part for work in self._works for part in work.parts)
+        stream = next((stream for part, stream in parts if part.ended < len(part.lanes)), None)
+        if stream is None:
+            return None
+        while 2 * stream.left < stream.program.lanes and self._place_some():
+            pass  # lanes that rest cost as much as others
+        with timed_call("compile", "", "the first control step, which is compiled before"):
+            stream.fill()
+            stream.dispatch()
+        stream.prepare()
+        return stream
+
+    def _work_beside(self) -> bool:
+        """Does a piece of work that needs no lanes; returns False if there is none."""
+        while self._rows_to_make:
+            each = self._rows_to_make.popleft()
+            if each.position not in each.part.rows:
+                each.part.make_row(each.position)
+                return True
+        return self._place_some(beside=True)
+
+    def _place_some(self, *, beside: bool = False) -> bool:
+        """Does a piece of placing the first chunk that is not placed; returns False if all are."""
+        work = next((each for each in self._works if not each.placed), None)
+        if work is None:
+            return False
+        began_s = time.monotonic()
+        try:
+            self._step(work)
+        except (Exception, SystemExit):
+            if work is self._works[0]:
+                raise
+            logger.debug("chunk %d: not begun ahead", work.chunk.number, exc_info=True)
+            while self._works[-1] is not work:
+                self._works.pop()
+            self._works.pop()
+            return False
+        if not beside:
+            self._watch.placed(time.monotonic() - began_s)
+        return True
+
+    def _step(self, work: _ChunkOnItsWay) -> None:
+        try:
+            next(work.steps)
+        except StopIteration as end:
+            self._take(work, end.value)
+
+    def _take(self, work: _ChunkOnItsWay, found: PlacedChunk) -> None:
+        """Lets a placed chunk's episodes wait for lanes."""
+        for lanes in found.parts:
+            check_applications(found.program, lanes[0])
+        work.placed, work.failed = True, found.rows
+        work.parts = [self._part_of(found, lanes) for lanes in found.parts]
+        for part, stream in work.parts:
+            stream.add(part)
+
+    def _part_of(self, found: PlacedChunk, lanes: list[Lane]) -> tuple[PartRows, LaneStream]:
+        setting = self._setting
+        if setting is None:
+            raise RuntimeError("no chunk was asked for")
+        key = (found.program, *_forms(lanes[0]))
+        if key not in self._streams:
+            program = part_program(found, lanes, setting.bundles, lanes=setting.lanes, engine=setting.engine)
+            if not isinstance(program, CompiledProgram):
+                raise TypeError(f"{program.engine} fills no lanes")
+            stride = None if setting.rate_hz is None else sample_stride(setting.rate_hz, CONTROL_S)
+            self._streams[key] = LaneStream(program, stride)
+        stream = self._streams[key]
+        return PartRows(stream.program, lanes), stream
+
+    def _keep_timing(self, work: _ChunkOnItsWay, timed_as: ProgramKey | None) -> None:
+        """Remembers what went by since the chunk before, for plans to come."""
+        watch, self._watch = self._watch, TurnWatch()
+        program = max((stream.program for _, stream in work.parts), key=lambda each: each.lanes, default=None)
+        if program is None:
+            return
+        requests = work.chunk.requests
+        most = -(-max(map(last_step, requests)) // SLICE_STEPS) - 1
+        timing = watch.timing(program.engine, lanes=program.lanes, episodes=len(requests), most_slices=most)
+        if timing is not None:
+            remember_timing(timed_as or program_key(requests[0]), timing)
+
+
+def _streams(program: Program) -> bool:
+    return isinstance(program, CompiledProgram) and program.host is None
+
+
+def _forms(lane: Lane) -> _Key:
+    """Returns the shapes of all arrays of a lane, and the types of what may have any."""
+    arrays = (*lane.stage.touched, *lane.stage.seen, *lane.stage.floor, lane.placement.goals_m)
+    given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
+    return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)

@@ -1,0 +1,24 @@
+"""The compiled physics step computes what is dear once, not in each operation that reads it."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+
+from tasks.simulate.engine.planar.engine import drive_among, first_body
+from tasks.simulate.engine.planar.model import planar_robot
+from tests.factories.planar import write_robot
+
+LANES = 16
+
+
+def test_where_a_robot_heads_is_computed_once_a_physics_step(tmp_path: Path):
+    robot = planar_robot(write_robot(tmp_path, {}))
+
+    def driven(x: jax.Array) -> jax.Array:
+        body = first_body(robot, jnp.stack([x, x, x]))
+        return drive_among(robot, jnp.ones((7, 8)), jnp.ones((1, 5)), body, jnp.ones(3)).body.qpos
+
+    compiled = jax.jit(jax.vmap(driven)).lower(jnp.zeros(LANES)).compile().as_text() or ""
+    # Before the first step, and after each.
+    assert compiled.count(" cosine(") == compiled.count(" sine(") == 2

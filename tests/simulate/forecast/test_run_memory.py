@@ -1,0 +1,91 @@
+"""What batches took before says what the next one takes."""
+
+from pathlib import Path
+
+import pytest
+
+from tasks.simulate.forecast.run_memory import (
+    BatchTiming,
+    process_age_s,
+    recall_batches,
+    remember_batch,
+    remembered_wall_s,
+)
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tests.factories.planned_batches import template
+
+LOAD_S = 1.5
+WARM = BatchTiming(episodes=40, worlds=5, before_s=8.0, chunks_s=11.0, compile_s=1.0, after_s=6.0, audit_compile_s=1.0)
+COLD = WARM.model_copy(update={"chunks_s": 22.0, "compile_s": 12.0, "after_s": 9.0, "audit_compile_s": 4.0})
+TOOK_S = 8.0 + 11.0 + 6.0
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gives each test a cache folder of its own."""
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+
+
+def plan(seeds: int = 4, **changes: object) -> BatchPlan:
+    base = BatchPlan(
+        templates=(template(),),
+        worlds=tuple(f"w/{number}" for number in range(5)),
+        seeds=tuple(range(seeds)),
+        sweep={"MAX_SPEED": ("0.3", "0.6")},
+        lanes=16,
+        timeout_s=1.0,
+        world_digests={},
+        engine="auto",
+    )
+    return base.model_copy(update=changes)
+
+
+def told_s(known: list[BatchTiming], episodes: int = 40, of: BatchPlan | None = None) -> float:
+    span = remembered_wall_s(known, of or plan(), episodes, LOAD_S)
+    assert span
+    assert span.low < span.middle < span.high
+    return span.middle
+
+
+def test_a_batch_takes_what_it_took():
+    assert told_s([WARM]) == pytest.approx(TOOK_S)
+
+
+def test_what_was_compiled_once_is_loaded_from_then_on():
+    assert told_s([COLD]) == pytest.approx(TOOK_S, rel=0.1)
+    assert told_s([COLD, WARM]) == pytest.approx(TOOK_S)
+
+
+def test_more_episodes_take_longer_and_are_known_less():
+    assert TOOK_S + 10.0 < told_s([WARM], 200) < TOOK_S + 50.0
+    wide, narrow = (remembered_wall_s([WARM], plan(), episodes, LOAD_S) for episodes in (400, 40))
+    assert wide
+    assert narrow
+    assert wide.high / wide.low > narrow.high / narrow.low
+
+
+def test_the_run_of_most_like_size_is_asked():
+    large = WARM.model_copy(update={"episodes": 4000, "chunks_s": 900.0})
+    assert told_s([WARM, large]) == pytest.approx(TOOK_S)
+
+
+def test_more_worlds_take_longer_to_make():
+    assert told_s([WARM], of=plan(worlds=tuple(f"w/{number}" for number in range(50)))) > TOOK_S + 10.0
+
+
+def test_seeds_and_worlds_share_a_memory_that_another_audit_does_not():
+    remember_batch(plan(), WARM)
+    assert recall_batches(plan(seeds=9, worlds=("w/1",))) == [WARM]
+    assert recall_batches(plan(audit=8)) == []
+    assert remembered_wall_s([], plan(), 40, LOAD_S) is None
+
+
+def test_the_last_batches_are_kept():
+    for number in range(20):
+        remember_batch(plan(), WARM.model_copy(update={"episodes": number + 1}))
+    assert [each.episodes for each in recall_batches(plan())] == list(range(13, 21))
+
+
+def test_a_process_knows_its_age():
+    age_s = process_age_s()
+    assert age_s is None or 0.0 < age_s < 1e6

@@ -1,0 +1,56 @@
+"""Worlds as arrays are kept, and are what they would be anew."""
+
+import numpy as np
+import pytest
+
+from specs.data.world import World
+from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.surroundings import stages
+from tasks.simulate.surroundings.stages import Stage, stage_worlds
+from tests.factories.simulations import cluttered
+
+HULL, SEEN_AT_M = Hull(0.18, 0.02, 0.38), 0.2
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begins each test without a kept stage."""
+    monkeypatch.setattr(stages, "_kept", type(stages._kept)())  # pyright: ignore[reportPrivateUsage] - it lives as long as a process
+
+
+def staged(world: World, hull: Hull = HULL, seen_at_m: float = SEEN_AT_M) -> Stage:
+    return stage_worlds({"w": world}, hull, seen_at_m)["w"]
+
+
+def test_a_world_is_made_into_arrays_once():
+    world = cluttered(1)
+    one, again = staged(world), staged(world)
+    assert one.floor is again.floor
+    assert one.ways is again.ways
+
+
+def test_another_robot_or_world_of_that_name_has_arrays_of_its_own():
+    world = cluttered(1)
+    one = staged(world)
+    wide, high, other = (
+        staged(world, Hull(0.3, 0.02, 0.38)),
+        staged(world, HULL._replace(low_m=1.0, high_m=1.5)),
+        staged(cluttered(2)),
+    )
+    assert not np.array_equal(one.rooms.parts, wide.rooms.parts)
+    assert not np.array_equal(one.floor.clearance_m, high.floor.clearance_m)
+    assert not np.array_equal(one.floor.clearance_m, other.floor.clearance_m)
+
+
+def test_an_application_cannot_write_to_a_map_that_others_get():
+    with pytest.raises(ValueError, match="read-only"):
+        staged(cluttered(1)).floor.clearance_m[0, 0] = 1.0
+
+
+def test_no_more_is_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
+    worlds = {f"w-{seed}": cluttered(seed) for seed in range(3)}
+    monkeypatch.setattr(stages, "_KEPT_BYTES", 0)
+    first = stage_worlds(worlds, HULL, SEEN_AT_M)
+    assert stage_worlds(worlds, HULL, SEEN_AT_M)["w-0"].floor is first["w-0"].floor  # those of a chunk are all kept
+    staged(cluttered(9))
+    assert len(stages._kept) == 1  # pyright: ignore[reportPrivateUsage] - see above
