@@ -59,6 +59,7 @@ class Subscriptions:
         self._known: set[_Publisher] = set()
         self._pending: set[_Publisher] = set()
         self._held: list[_Held] = []
+        self._ready: list[_Held] = []
 
     def publishers_changed(self, topic: str) -> None:
         """Connects to publishers that are new."""
@@ -95,9 +96,10 @@ class Subscriptions:
         for source in self.incoming:
             source.sock.close()
         self.incoming.clear()
-        for held in self._held:
+        for held in (*self._held, *self._ready):
             held.timer.cancel()
         self._held.clear()
+        self._ready.clear()
 
     def _begin(self, publisher: _Publisher) -> None:
         if len(self.incoming) + len(self._pending) >= limits.PUBLISHERS:
@@ -144,8 +146,14 @@ class Subscriptions:
         self._held = [each for each in self._held if not any(each is other for other in ready)]
         for each in ready:
             each.timer.cancel()
-            self._wire.busy -= 1
-            each.send()
+            # rospy writes its header before it enters the connection in its list: an answer at once would come first.
+            timer = self._wire.loop.call_later(limits.LINK_S, self._answer, each)
+            self._ready.append(each._replace(timer=timer))
+
+    def _answer(self, held: _Held) -> None:
+        self._ready = [each for each in self._ready if each.send is not held.send]
+        self._wire.busy -= 1
+        held.send()
 
     def _receive(self, source: Source) -> bool:
         """Takes what has come; returns whether the connection has ended."""

@@ -4,9 +4,10 @@ import pytest
 
 from flows.batch.replay_episode import bundles
 from flows.batch.shrink import shrink_job
-from specs.data.episode import ApplicationLaunch
+from specs.data.episode import ApplicationLaunch, reason
 from specs.template.body import TemplateBody
 from tasks.applications.registry import publish_bundle
+from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.replay.failure_likeness import is_same_failure
 from tasks.simulate.replay.trials import Trial, simulate_trials
 from tasks.storage.base.keys import template_key
@@ -16,8 +17,9 @@ from tasks.worlds.generate import generate_world
 from tests.factories.batches import closed_batch, pushing_plan
 from tests.repository import ROOT
 
-# The courier with slipping wheels runs into a table there after 8.75 s.
-FLOORPLAN, SEED = 3, 18
+# The courier with slipping wheels runs into furniture there with several of these seeds. Which ones is the processor's
+# affair: its instructions round in other ways, and an episode near a table ends before it or at it.
+FLOORPLAN, SEEDS = 3, range(24)
 
 
 @pytest.mark.long
@@ -27,7 +29,7 @@ def test_without_any_single_piece_that_is_left_the_same_failure_is_gone(file_sto
     world = generate_world(template, seed=7, generation="wgj-1", floorplan_index=FLOORPLAN, interior_index=1)
     file_store.put(template_key(world.template_digest), body)
     robot = publish_bundle(file_store, "robot-application", "courier", ROOT / "applications/courier")
-    plan = pushing_plan(file_store, worlds={"wgj-1/world": world}, seeds=(SEED,), lanes=24)
+    plan = pushing_plan(file_store, worlds={"wgj-1/world": world}, seeds=tuple(SEEDS), lanes=len(SEEDS))
     launch = ApplicationLaunch(
         name="courier", version="1", digest=robot.digest, package="courier", launch_file="go_to_goal"
     )
@@ -36,7 +38,10 @@ def test_without_any_single_piece_that_is_left_the_same_failure_is_gone(file_sto
     )
     batch = closed_batch(file_store, plan.model_copy(update={"templates": (courier,)}))
 
-    found = shrink_job(file_store, f"{batch.id}/0", 400)
+    rows = committed_chunk(file_store, batch.id, 0) or []
+    collision = next(row.index for row in rows if reason(row) == "collision")
+
+    found = shrink_job(file_store, f"{batch.id}/{collision}", 400)
     assert (found.reason, found.same, found.minimal) == ("collision", True, True)
     pieces = tuple(piece.name for piece in found.small_world.furniture)
     assert 0 < len(pieces) < len(world.furniture)

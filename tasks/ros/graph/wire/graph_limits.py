@@ -52,3 +52,9 @@ CALL_S = 10.0
 
 HOLD_S = 2.0 * CALL_S
 """How long the answer to a publisher waits until the robot is connected to it: wall time."""
+
+LINK_S = 0.1
+"""What a publisher gets after its header, to enter the connection in its list: wall time, once a publisher.
+
+Nothing a node answers tells when it has done so: rospy answers `getBusInfo` only after its registration has returned.
+"""
