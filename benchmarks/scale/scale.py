@@ -1,12 +1,13 @@
 """One batch on this process, on one and two Dask workers, and on Ray: the same tables, how fast, and what it costs.
 
-    .venv/bin/python -m benchmarks.scale.scale [--part crews pinned small large] [--document docs/operate/scale.md]
+    .venv/bin/python -m benchmarks.scale.scale [--part crews pinned small large waits] [--document docs/operate/scale.md]
 
 Each run is a process of its own with a new store, and a cache that an earlier run of the same kind has filled. Workers
 are processes that are reached over TCP. The wall clock runs from the call of the flow `simulation-batch` to its end:
 plan, workers' start, episodes, tables, audit, report. What workers spend on loading, compiling and driving is
 simulation; the rest of the seconds that they had is orchestration. `pinned` gives each of one and two Dask workers a
-core of its own, as two machines of one core have; `large` is 100,000 episodes. Each part writes a table of its own.
+core of its own, as two machines of one core have; `large` is 100,000 episodes; `waits` is the batch whose waits issue 19
+found, 48,000 deliveries with 512 lanes, and what each kind of work took of it. Each part writes a table of its own.
 """
 
 import argparse
@@ -35,12 +36,22 @@ QUICKSTART = ROOT / "examples/quickstart.yaml"
 CREWS = ("", "dask:1", "dask:2", "ray:2")
 # Dask workers, each on a core of its own.
 PINNED = ("pinned:1", "pinned:2")
-SMALL, LARGE = (1_000, 10_000), (100_000,)
-PARTS = ("crews", "pinned", "small", "large")
-_SPREAD_EPISODES, _WARM_EPISODES = 10_000, 512
-# Short ones are the harder case: the less there is to simulate, the more the rest weighs.
-_DURATION_S = 5
-_WORLDS, _SETTINGS = 8, 2
+PARTS = ("crews", "pinned", "small", "large", "waits")
+_SETTINGS = 2
+
+
+class Case(NamedTuple):
+    """A batch of deliveries. Short ones are the harder case: the less there is to simulate, the more the rest weighs."""
+
+    episodes: int
+    worlds: int = 8
+    lanes: int = 256
+    duration_s: int = 5
+
+
+SMALL, LARGE = (Case(1_000), Case(10_000)), (Case(100_000),)
+_SPREAD, _WARM = Case(10_000), Case(512)
+_WAITS = Case(48_000, 16, 512, 20)
 
 
 class Run(NamedTuple):
@@ -50,7 +61,7 @@ class Run(NamedTuple):
         crew: SIMYARD_WORKERS; empty for the flow's own process.
         wall_s: Of the flow.
         spread_s: Of its episodes alone: from the first chunk's beginning to the last one's end.
-        simulated_s: That all workers together spent on loading, compiling and driving.
+        ready_s, compile_s, drive_s: That all workers together spent on making lanes ready, on compiling and on driving.
         workers: How many did something.
         own_mb: The most memory that the flow's process held.
         child_mb: The most that one of its children held, such as the process that simulates.
@@ -61,37 +72,44 @@ class Run(NamedTuple):
     episodes: int
     wall_s: float
     spread_s: float
-    simulated_s: float
+    ready_s: float
+    compile_s: float
+    drive_s: float
     workers: int
     own_mb: float
     child_mb: float
     tables: str
+
+    @property
+    def simulated_s(self) -> float:
+        """Returns the seconds that all workers together spent on loading, compiling and driving."""
+        return self.ready_s + self.compile_s + self.drive_s
 
     def orchestration(self) -> float:
         """Returns the share of the flow's wall clock in which a worker, of those that there were, did not simulate."""
         return 1.0 - self.simulated_s / (self.wall_s * self.workers)
 
 
-def section(episodes: int) -> dict[str, object]:
+def section(case: Case) -> dict[str, object]:
     """Returns the quickstart's batch with as many seeds as make so many episodes of few seconds."""
     batch = yaml.safe_load(QUICKSTART.read_text())["simulationBatch"]
-    batch["matrix"]["seeds"] = episodes // (_WORLDS * _SETTINGS)
-    batch["batchPolicy"] = {"timeoutInSeconds": 7200, "maxConcurrency": 256}
+    batch["matrix"]["seeds"] = case.episodes // (case.worlds * _SETTINGS)
+    batch["batchPolicy"] = {"timeoutInSeconds": 7200, "maxConcurrency": case.lanes}
     for job in batch["createSimulationJobRequests"]:
-        job["maxJobDurationInSeconds"] = _DURATION_S
+        job["maxJobDurationInSeconds"] = case.duration_s
     return batch
 
 
-def measured(crew: str, episodes: int, cache: Path) -> Run:
+def measured(crew: str, case: Case, cache: Path) -> Run:
     """Returns what a run in a process of its own took, the first one of its kind having filled the cache."""
     with tempfile.TemporaryDirectory(prefix="simyard-scale-") as folder:
         environment = {**os.environ, "SIMYARD_CACHE": str(cache)}
         told = Path(folder) / "run.json"
-        command = [sys.executable, "-m", "benchmarks.scale.scale", "--child", str(episodes), "--store", folder]
+        command = [sys.executable, "-m", "benchmarks.scale.scale", "--store", folder, "--child", *map(str, case)]
         with _crew(crew, environment) as workers:
             own = {**environment, "SIMYARD_WORKERS": workers}
             subprocess.run(command, env=own, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-        return Run(crew, episodes, **json.loads(told.read_text()))
+        return Run(crew, case.episodes, **json.loads(told.read_text()))
 
 
 @contextmanager
@@ -136,7 +154,7 @@ def _running(command: Sequence[str], environment: Mapping[str, str]) -> Generato
         process.wait(30)
 
 
-def run_child(episodes: int, folder: Path) -> None:
+def run_child(case: Case, folder: Path) -> None:
     """Runs a batch in this process, and leaves what it took in the folder."""
     from flows.server.prefect_server import prefect_server  # noqa: PLC0415 - Prefect takes its settings from the child's environment
 
@@ -148,12 +166,9 @@ def run_child(episodes: int, folder: Path) -> None:
         from specs.pipeline.world_sections import WorldGeneration  # noqa: PLC0415 - as above
 
         document = yaml.safe_load(QUICKSTART.read_text())
-        worlds = world_generation(
-            WorldGeneration.model_validate(document["worldGeneration"] | {"worldCount": {"floorplanCount": _WORLDS}}),
-            store_url,
-            str(QUICKSTART.parent),
-        )
-        spec = SimulationBatch.model_validate(section(episodes))
+        wanted = document["worldGeneration"] | {"worldCount": {"floorplanCount": case.worlds}}
+        worlds = world_generation(WorldGeneration.model_validate(wanted), store_url, str(QUICKSTART.parent))
+        spec = SimulationBatch.model_validate(section(case))
         start_s = time.perf_counter()
         record = simulation_batch(spec, cast("list[str]", worlds.detail["worlds"]), store_url)
         wall_s = time.perf_counter() - start_s
@@ -161,7 +176,7 @@ def run_child(episodes: int, folder: Path) -> None:
     figures = {
         "wall_s": wall_s,
         "spread_s": metrics["wall_s"],
-        "simulated_s": metrics["ready_s"] + metrics["compile_s"] + metrics["drive_s"],
+        **{name: metrics[name] for name in ("ready_s", "compile_s", "drive_s")},
         "workers": metrics["workers"],
         "own_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "child_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
@@ -218,16 +233,36 @@ def size_table(runs: Sequence[Run]) -> str:
     return markdown(rows)
 
 
+def wait_table(run: Run) -> str:
+    """Returns the table of where the time of one batch goes, beside what issue 19 aims at."""
+    rest_s = run.wall_s - run.simulated_s / run.workers
+    rows = [["what", "s", "share, %", "aim"]]
+    parts = {"driving": run.drive_s, "lanes made ready": run.ready_s, "programs": run.compile_s}
+    for name, seconds in {**{name: each / run.workers for name, each in parts.items()}, "the rest": rest_s}.items():
+        aim = "at least 70 %" if name == "driving" else ""
+        rows.append([name, f"{seconds:.1f}", f"{100 * seconds / run.wall_s:.0f}", aim])
+    rows.append(["the flow", f"{run.wall_s:.1f}", "100", "140 s"])
+    memory = (
+        f"The flow's process held {run.own_mb:.0f} MB, the one that simulates {run.child_mb:.0f} MB; the aim is 1 GB."
+    )
+    return f"{markdown(rows)}\n\n{memory}"
+
+
 def part_tables(part: str, cache: Path) -> str:
     """Returns what one part of the benchmark measures."""
     if part in {"crews", "pinned"}:
         crews = CREWS if part == "crews" else PINNED
         for crew in crews:
-            measured(crew, _WARM_EPISODES, cache)  # compiles
-        table = crew_table([measured(crew, _SPREAD_EPISODES, cache) for crew in crews])
+            measured(crew, _WARM, cache)  # compiles
+        table = crew_table([measured(crew, _SPREAD, cache) for crew in crews])
         where = "" if part == "crews" else ", each worker on a core of its own"
-        return f"{machine()} A batch of {_SPREAD_EPISODES:,} episodes{where}:\n\n{table}"
-    measured("", _WARM_EPISODES, cache)
+        return f"{machine()} A batch of {_SPREAD.episodes:,} episodes{where}:\n\n{table}"
+    if part == "waits":
+        measured("", _WAITS._replace(episodes=2 * _WAITS.lanes), cache)
+        what = f"{_WAITS.episodes:,} deliveries of at most {_WAITS.duration_s} s in {_WAITS.worlds} worlds"
+        table = wait_table(measured("", _WAITS, cache))
+        return f"{machine()} {what} with {_WAITS.lanes} lanes:\n\n{table}"
+    measured("", _WARM, cache)
     sizes = SMALL if part == "small" else LARGE
     return f"{machine()} In the flow's own process:\n\n{size_table([measured('', size, cache) for size in sizes])}"
 
@@ -237,11 +272,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--part", nargs="+", choices=PARTS, default=PARTS)
     parser.add_argument("--document", type=Path)
-    parser.add_argument("--child", type=int)
+    parser.add_argument("--child", type=int, nargs=len(Case._fields))
     parser.add_argument("--store", type=Path)
     given = parser.parse_args()
     if given.child:
-        run_child(given.child, given.store)
+        run_child(Case(*given.child), given.store)
         return
     with tempfile.TemporaryDirectory(prefix="simyard-scale-cache-") as cache:
         for part in given.part:

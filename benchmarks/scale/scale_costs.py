@@ -17,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
-from benchmarks.scale.scale import QUICKSTART, section
+from benchmarks.scale.scale import QUICKSTART, Case, section
 from flows.document.references import numbered_finder
 from flows.document.tested_batch import batch_plan
 from flows.workers.crew import Width, on_workers
@@ -116,7 +116,7 @@ def _opened(folder: Path) -> OpenBatch:
         token=_TOKEN,
         progress=lambda *_: None,
     )
-    spec = SimulationBatch.model_validate(section(2048))
+    spec = SimulationBatch.model_validate(section(Case(2048)))
     plan = batch_plan(spec, cast("list[str]", worlds.detail["worlds"]), store, numbered_finder(store, None))
     request = simulation_request(spec, store_id=store_id(store), token=_TOKEN)
     record = open_batch(store, plan, canonical_document(request), _TOKEN)
@@ -124,7 +124,7 @@ def _opened(folder: Path) -> OpenBatch:
 
 
 def _simulated(batch: OpenBatch, numbers: tuple[int, ...]) -> None:
-    location = output_location(SimulationBatch.model_validate(section(2048)))
+    location = output_location(SimulationBatch.model_validate(section(Case(2048))))
     simulate_chunks.fn(
         batch.store.url, batch.id, numbers, location=location, left_s=3600.0, spent_s=0.0, voucher=batch.voucher
     )
@@ -166,7 +166,7 @@ def _tables(batch: OpenBatch) -> tuple[float, float]:
             asked = request_columns(batch.layout, 0, 6 * lanes).take(index % (6 * lanes))
             yield replace(asked, index=index), results.renumbered(index)
 
-    location = output_location(SimulationBatch.model_validate(section(2048)))
+    location = output_location(SimulationBatch.model_validate(section(Case(2048))))
     start_s = time.perf_counter()
     write_batch_tables(batch.store, batch.id, parts(), variables=batch.plan.variables(), location=location, metadata={})
     took_s = time.perf_counter() - start_s
