@@ -1,13 +1,13 @@
 """One batch on this process, on one and two Dask workers, and on Ray: the same tables, how fast, and what it costs.
 
-    .venv/bin/python -m benchmarks.scale.scale [--part crews pinned small large waits] [--document docs/operate/scale.md]
+    .venv/bin/python -m benchmarks.scale.scale [--part waits small ...] [--document docs/operate/scale.md]
 
 Each run is a process of its own with a new store, and a cache that an earlier run of the same kind has filled. Workers
 are processes that are reached over TCP. The wall clock runs from the call of the flow `simulation-batch` to its end:
 plan, workers' start, episodes, tables, audit, report. What workers spend on loading, compiling and driving is
 simulation; the rest of the seconds that they had is orchestration. `pinned` gives each of one and two Dask workers a
-core of its own, as two machines of one core have; `large` is 100,000 episodes; `waits` is the batch whose waits issue 19
-found, 48,000 deliveries with 512 lanes, and what each kind of work took of it. Each part writes a table of its own.
+core of its own, as two machines of one core have; `large` is 100,000 episodes; `waits` is the batch whose waits issue
+19 found, 48,000 deliveries with 512 lanes, and what each kind of work took of it. Each part writes a table of its own.
 """
 
 import argparse
@@ -41,7 +41,7 @@ _SETTINGS = 2
 
 
 class Case(NamedTuple):
-    """A batch of deliveries. Short ones are the harder case: the less there is to simulate, the more the rest weighs."""
+    """A batch of deliveries. Short ones are the harder case, as there is less to simulate and the rest weighs more."""
 
     episodes: int
     worlds: int = 8
