@@ -1,4 +1,4 @@
-"""Processor time of a process and of all that it starts, looked at many times a second while it runs (Linux)."""
+"""Processor time and memory of a process and of all that it starts, looked at again and again while it runs (Linux)."""
 
 import os
 import subprocess
@@ -34,6 +34,7 @@ class Ran(NamedTuple):
         looks: One after the other, from its beginning to its end.
         spent_s: Of the processor, for all processes that were waited for, as the kernel counts them.
         lines: What it wrote to stderr.
+        held_mb: The most that one process of each kind held.
     """
 
     began_s: float
@@ -41,15 +42,19 @@ class Ran(NamedTuple):
     looks: Sequence[Look]
     spent_s: float
     lines: Sequence[str]
+    held_mb: Mapping[str, float]
 
 
-def run_watched(command: Sequence[str], environment: Mapping[str, str], folder: Path) -> Ran:
+def run_watched(
+    command: Sequence[str], environment: Mapping[str, str], folder: Path, *, look_s: float = _LOOK_S
+) -> Ran:
     """Returns what a command took, which has to succeed.
 
     Args:
         command: Program and arguments.
         environment: All of it.
         folder: Where it runs.
+        look_s: From a look at its processes to the next: of a short run many, of a long one few, as each takes time.
 
     Raises:
         CalledProcessError: It failed.
@@ -58,7 +63,7 @@ def run_watched(command: Sequence[str], environment: Mapping[str, str], folder: 
     with subprocess.Popen(
         command, env=environment, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:
-        watch = _Watch(process.pid)
+        watch = _Watch(process.pid, look_s)
         assert process.stderr is not None  # noqa: S101 - asked for
         lines = list(process.stderr)
         code = process.wait()
@@ -67,7 +72,7 @@ def run_watched(command: Sequence[str], environment: Mapping[str, str], folder: 
     if code:
         raise subprocess.CalledProcessError(code, command, stderr="".join(lines[-20:]))
     spent_s = after.children_user + after.children_system - before.children_user - before.children_system
-    return Ran(began_s, ended_s, looks, spent_s, lines)
+    return Ran(began_s, ended_s, looks, spent_s, lines, watch.held_mb)
 
 
 def spent_between(looks: Sequence[Look], begin_s: float, end_s: float) -> dict[str, float]:
@@ -93,8 +98,9 @@ def _spent_at(looks: Sequence[Look], at_s: float) -> Mapping[str, float]:
 class _Watch:
     """Looks at a process and its descendants until it is told to end."""
 
-    def __init__(self, root: int) -> None:
-        self._root, self._left = root, threading.Event()
+    def __init__(self, root: int, look_s: float) -> None:
+        self._root, self._look_s, self._left = root, look_s, threading.Event()
+        self.held_mb: dict[str, float] = {}
         self._kinds: dict[int, str] = {}
         self._spent_s: dict[int, float] = {}
         self._looks: list[Look] = []
@@ -108,7 +114,7 @@ class _Watch:
 
     def _watch(self) -> None:
         self._look()
-        while not self._left.wait(_LOOK_S):
+        while not self._left.wait(self._look_s):
             self._look()
 
     def _look(self) -> None:
@@ -117,6 +123,7 @@ class _Watch:
             if kind != "others" or pid not in self._kinds:  # one that has ended has no command line any more
                 self._kinds[pid] = kind
             self._spent_s[pid] = max(spent_s, self._spent_s.get(pid, 0.0))
+            self.held_mb[kind] = max(_held_mb(pid), self.held_mb.get(kind, 0.0))
         found: dict[str, float] = {}
         for pid, spent_s in self._spent_s.items():
             found[self._kinds[pid]] = found.get(self._kinds[pid], 0.0) + spent_s
@@ -131,6 +138,15 @@ def _kind(pid: int, root: int) -> str:
     except OSError:
         return "others"
     return next((kind for part, kind in KINDS.items() if part in line), "others")
+
+
+def _held_mb(pid: int) -> float:
+    """Returns the most memory that a process held so far; 0 if it is gone."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return 0.0
+    return next((int(line.split()[1]) / 1024 for line in status.splitlines() if line.startswith("VmHWM:")), 0.0)
 
 
 def _processes(root: int, known: Mapping[int, str]) -> Iterator[tuple[int, float]]:

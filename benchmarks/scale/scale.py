@@ -14,7 +14,6 @@ import argparse
 import hashlib
 import json
 import os
-import resource
 import socket
 import subprocess
 import sys
@@ -29,6 +28,7 @@ import pyarrow as pa
 import yaml
 
 from benchmarks.machine import machine
+from benchmarks.process_times import run_watched
 from benchmarks.repository import ROOT
 from benchmarks.tables import markdown, with_tables
 
@@ -38,6 +38,7 @@ CREWS = ("", "dask:1", "dask:2", "ray:2")
 PINNED = ("pinned:1", "pinned:2")
 PARTS = ("crews", "pinned", "small", "large", "waits")
 _SETTINGS = 2
+_LOOK_S = 1.0
 
 
 class Case(NamedTuple):
@@ -64,7 +65,7 @@ class Run(NamedTuple):
         ready_s, compile_s, drive_s: That all workers together spent on making lanes ready, on compiling and on driving.
         workers: How many did something.
         own_mb: The most memory that the flow's process held.
-        child_mb: The most that one of its children held, such as the process that simulates.
+        child_mb: The most that a process which simulates held; 0 if there was none among the flow's own.
         tables: A digest of all rows of results and failures.
     """
 
@@ -108,8 +109,14 @@ def measured(crew: str, case: Case, cache: Path) -> Run:
         command = [sys.executable, "-m", "benchmarks.scale.scale", "--store", folder, "--child", *map(str, case)]
         with _crew(crew, environment) as workers:
             own = {**environment, "SIMYARD_WORKERS": workers}
-            subprocess.run(command, env=own, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-        return Run(crew, case.episodes, **json.loads(told.read_text()))
+            held_mb = run_watched(command, own, ROOT, look_s=_LOOK_S).held_mb
+        return Run(
+            crew,
+            case.episodes,
+            own_mb=held_mb["run"],
+            child_mb=held_mb.get("simulation", 0.0),
+            **json.loads(told.read_text()),
+        )
 
 
 @contextmanager
@@ -178,8 +185,6 @@ def run_child(case: Case, folder: Path) -> None:
         "spread_s": metrics["wall_s"],
         **{name: metrics[name] for name in ("ready_s", "compile_s", "drive_s")},
         "workers": metrics["workers"],
-        "own_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "child_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
         "tables": _digest(folder / "store"),
     }
     (folder / "run.json").write_text(json.dumps(figures))
@@ -258,7 +263,7 @@ def part_tables(part: str, cache: Path) -> str:
         where = "" if part == "crews" else ", each worker on a core of its own"
         return f"{machine()} A batch of {_SPREAD.episodes:,} episodes{where}:\n\n{table}"
     if part == "waits":
-        measured("", _WAITS._replace(episodes=2 * _WAITS.lanes), cache)
+        measured("", _WAITS, cache)  # compiles
         what = f"{_WAITS.episodes:,} deliveries of at most {_WAITS.duration_s} s in {_WAITS.worlds} worlds"
         table = wait_table(measured("", _WAITS, cache))
         return f"{machine()} {what} with {_WAITS.lanes} lanes:\n\n{table}"
