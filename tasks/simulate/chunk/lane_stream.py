@@ -4,7 +4,8 @@ While a slice is computed, the host has time for other work: ``dispatch`` begins
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -12,12 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int
 
+from specs.data.episode import EpisodeResult
 from tasks.simulate.chunk.part_rows import LaneEnd, PartRows
+from tasks.simulate.chunk.placed_chunk import PlacedChunk
 from tasks.simulate.engine.compiled_program import CompiledProgram
 from tasks.simulate.engine.program import lane_sharding, put_lanes
 from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.samples import slice_samples
 from tasks.simulate.lane.staging import Lane, stack_lanes
+from tasks.simulate.plan.chunks import Chunk
 
 # What a robot is taken to drive at, to guess which episodes last: those that begin late let other lanes rest.
 _USUAL_M_S = 0.5
@@ -109,6 +113,8 @@ class LaneStream:
         """Begins a slice."""
         if self._held is None:
             raise RuntimeError("no lane was filled")
+        if self._record is not None:
+            raise RuntimeError("the slice before was not collected")
         inputs, state = self._held
         state, self._record = self.program.advance(inputs, state)
         self._held = inputs, state
@@ -118,6 +124,11 @@ class LaneStream:
         """Returns whether a slice is on its way whose end is still to come."""
         pose: Any = None if self._record is None else self._record.pose
         return pose is not None and not pose.is_ready()
+
+    @property
+    def filled(self) -> bool:
+        """Returns whether its lanes were filled once, so that its program is there."""
+        return self._held is not None
 
     @property
     def begun(self) -> bool:
@@ -195,6 +206,22 @@ class LaneStream:
         at = jax.device_put(np.array(places, np.int32), lane_sharding(self.program.mesh))
         held = refill.fill(held[0], held[1], fresh.inputs, at)
         self._held = refill.spread(*held) if first else held
+
+
+@dataclass(eq=False)
+class ChunkOnItsWay:
+    """A chunk that is placed, or is being so, and its episodes."""
+
+    chunk: Chunk
+    steps: Generator[None, None, PlacedChunk]
+    placed: bool = False
+    failed: list[EpisodeResult] = field(default_factory=list[EpisodeResult])
+    parts: list[tuple[PartRows, LaneStream]] = field(default_factory=list[tuple[PartRows, LaneStream]])
+
+    @property
+    def ended(self) -> int:
+        """Returns how many episodes have ended, or never begin."""
+        return len(self.failed) + sum(part.ended for part, _ in self.parts)
 
 
 def longest_first(lanes: Sequence[Lane]) -> list[int]:

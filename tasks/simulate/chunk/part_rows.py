@@ -54,11 +54,13 @@ class PartRows:
         program: That drives them.
         lanes: The episodes.
         rows: Of those that ended, by position.
+        kept_bytes: Of the samples that are kept.
     """
 
     program: Program
     lanes: Sequence[Lane]
     rows: dict[int, EpisodeResult] = field(default_factory=dict[int, EpisodeResult], init=False)
+    kept_bytes: int = field(default=0, init=False)
     _ends: dict[int, LaneEnd] = field(default_factory=dict[int, LaneEnd], init=False)
     _blocks: list[list[_Block]] = field(default_factory=list[list[_Block]], init=False)
 
@@ -90,6 +92,7 @@ class PartRows:
         while len(self._blocks) <= age:
             self._blocks.append([])
         self._blocks[age].append(_Block(positions, steps, samples))
+        self.kept_bytes += sum(array.nbytes for array in samples[1:])
 
     def all_rows(self) -> list[EpisodeResult]:
         """Returns the rows of all episodes, in their order; those that have not ended are Canceled."""

@@ -140,6 +140,13 @@ def _shape(lane: Lane) -> Shape:
     return (lane.stage.floor.clearance_m.shape, placement.goals_m.shape, given)
 
 
+def lane_forms(lane: Lane) -> tuple[object, ...]:
+    """Returns the shapes of all arrays of a lane, and the types of what may have any."""
+    arrays = (*lane.stage.touched, *lane.stage.seen, *lane.stage.floor, lane.placement.goals_m)
+    given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
+    return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)
+
+
 def program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
     """Returns the program for episodes like one; kept, so that chunks share one.
 

@@ -8,20 +8,17 @@ next chunk begins as soon as a lane is free. Each chunk is answered as a whole, 
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
-
-import jax
+from typing import NamedTuple, TypeGuard
 
 from specs.data.episode import CONTROL_S, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.call_clock import timed_call
 from tasks.simulate.chunk.application_check import check_applications
-from tasks.simulate.chunk.lane_stream import LaneStream, Waiting
+from tasks.simulate.chunk.lane_stream import ChunkOnItsWay, LaneStream, Waiting
 from tasks.simulate.chunk.part_rows import PartRows
-from tasks.simulate.chunk.placed_chunk import PlacedChunk, part_program, placing, program_of
+from tasks.simulate.chunk.placed_chunk import PlacedChunk, lane_forms, part_program, placing, program_of
 from tasks.simulate.chunk.timings import TurnWatch, remember_timing
 from tasks.simulate.engine.compiled_program import CompiledProgram
 from tasks.simulate.engine.program import Program
@@ -32,6 +29,8 @@ from tasks.simulate.lane.staging import Lane, last_step
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key
 
 logger = logging.getLogger(__name__)
+# Of samples, until their chunk is asked for: more are sent slice by slice, and a run keeps them in a file.
+_KEPT_BYTES = 256 << 20
 _Key = tuple[object, ...]
 
 
@@ -49,22 +48,6 @@ class LaneSetting(NamedTuple):
     lanes: int
     engine: str
     rate_hz: float | None
-
-
-@dataclass(eq=False)
-class _ChunkOnItsWay:
-    """A chunk that is placed, or is being so, and its episodes."""
-
-    chunk: Chunk
-    steps: Generator[None, None, PlacedChunk]
-    placed: bool = False
-    failed: list[EpisodeResult] = field(default_factory=list[EpisodeResult])
-    parts: list[tuple[PartRows, LaneStream]] = field(default_factory=list[tuple[PartRows, LaneStream]])
-
-    @property
-    def ended(self) -> int:
-        """Returns how many episodes have ended, or never begin."""
-        return len(self.failed) + sum(part.ended for part, _ in self.parts)
 
 
 class ChunksUnderWay:
@@ -106,9 +89,11 @@ class ChunksUnderWay:
             timed_as: Program to remember the time for.
         """
         if setting == self._refused or any(request.world not in worlds for request in chunk.requests):
+            self.forget()
             return None
         try:
-            if not _streams(program_of(chunk.requests[0], setting.bundles, setting.lanes, setting.engine)):
+            if not _is_refillable(program_of(chunk.requests[0], setting.bundles, setting.lanes, setting.engine)):
+                self.forget()
                 return None
             self._expect([chunk, *ahead], worlds, setting)
             return self._rows_of_first(should_stop, progress, recorder, timed_as)
@@ -134,7 +119,7 @@ class ChunksUnderWay:
         self.forget()
 
     def _forget(self) -> None:
-        self._works = deque[_ChunkOnItsWay]()
+        self._works = deque[ChunkOnItsWay]()
         self._streams: dict[_Key, LaneStream] = {}
         self._rows_to_make = deque[Waiting]()
         self._watch = TurnWatch()
@@ -149,7 +134,7 @@ class ChunksUnderWay:
             if any(request.world not in worlds for request in chunk.requests):
                 return
             steps = placing(chunk.requests, worlds, setting.bundles, lanes=setting.lanes, engine=setting.engine)
-            self._works.append(_ChunkOnItsWay(chunk, steps))
+            self._works.append(ChunkOnItsWay(chunk, steps))
 
     def _rows_of_first(
         self,
@@ -170,13 +155,13 @@ class ChunksUnderWay:
             if work.ended > ended:
                 progress(work.ended)
         self._works.popleft()
-        self._begin_next()
+        self._begin_next(at_once=True)
         rows = self._answer(work, recorder)
         self._keep_timing(work, timed_as)
         self._streams = {key: stream for key, stream in self._streams.items() if stream.left}
         return rows
 
-    def _answer(self, work: _ChunkOnItsWay, recorder: SampleRecorder | None) -> list[EpisodeResult]:
+    def _answer(self, work: ChunkOnItsWay, recorder: SampleRecorder | None) -> list[EpisodeResult]:
         rows = {row.index: row for row in work.failed}
         for part, _ in work.parts:
             found = part.all_rows()
@@ -190,7 +175,7 @@ class ChunksUnderWay:
         if not self._works[0].placed:
             return self._place_some()
         began_s = time.monotonic()
-        stream = next((each for each in self._streams.values() if each.begun), None) or self._begin_next()
+        stream = self._begin_next()
         if stream is None:
             return self._place_some()
         while stream.computing and self._work_beside():
@@ -198,21 +183,36 @@ class ChunksUnderWay:
         with timed_call("slice", "", f"a slice of {SLICE_STEPS} control steps"):
             self._rows_to_make.extend(stream.collect())
         self._watch.drove(time.monotonic() - began_s)
+        self._require_room()
         return True
 
-    def _begin_next(self) -> LaneStream | None:
-        """Begins a slice of the lanes that hold the first chunk that is not done; returns them."""
-        parts = (part for work in self._works for part in work.parts)
-        stream = next((stream for part, stream in parts if part.ended < len(part.lanes)), None)
-        if stream is None:
-            return None
-        while 2 * stream.left < stream.program.lanes and self._place_some():
+    def _require_room(self) -> None:
+        """Leaves chunks whose samples are too many to be kept until they are asked for."""
+        parts = [part for work in self._works for part, _ in work.parts]
+        if (kept := sum(part.kept_bytes for part in parts)) > _KEPT_BYTES:
+            raise MemoryError(f"{kept} bytes of samples: at most {_KEPT_BYTES} are kept")
+
+    def _begin_next(self, *, at_once: bool = False) -> LaneStream | None:
+        """Begins a slice of the lanes that hold the first chunk that is not done; returns them.
+
+        A slice that is on its way stays the one. At once, only lanes begin that others have driven in: to compile a
+        program, or to place a chunk, would keep rows waiting that are done.
+        """
+        stream = self._next_stream()
+        if stream is None or stream.begun or (at_once and not stream.filled):
+            return stream
+        while not at_once and 2 * stream.left < stream.program.lanes and self._place_some():
             pass  # lanes that rest cost as much as others
         with timed_call("compile", "", "the first control step, which is compiled before"):
             stream.fill()
             stream.dispatch()
         stream.prepare()
         return stream
+
+    def _next_stream(self) -> LaneStream | None:
+        begun = (stream for stream in self._streams.values() if stream.begun)
+        parts = (part for work in self._works for part in work.parts)
+        return next(begun, None) or next((stream for part, stream in parts if part.ended < len(part.lanes)), None)
 
     def _work_beside(self) -> bool:
         """Does a piece of work that needs no lanes; returns False if there is none."""
@@ -243,13 +243,13 @@ class ChunksUnderWay:
             self._watch.placed(time.monotonic() - began_s)
         return True
 
-    def _step(self, work: _ChunkOnItsWay) -> None:
+    def _step(self, work: ChunkOnItsWay) -> None:
         try:
             next(work.steps)
         except StopIteration as end:
             self._take(work, end.value)
 
-    def _take(self, work: _ChunkOnItsWay, found: PlacedChunk) -> None:
+    def _take(self, work: ChunkOnItsWay, found: PlacedChunk) -> None:
         """Lets a placed chunk's episodes wait for lanes."""
         for lanes in found.parts:
             check_applications(found.program, lanes[0])
@@ -262,17 +262,17 @@ class ChunksUnderWay:
         setting = self._setting
         if setting is None:
             raise RuntimeError("no chunk was asked for")
-        key = (found.program, *_forms(lanes[0]))
+        key = (found.program, *lane_forms(lanes[0]))
         if key not in self._streams:
             program = part_program(found, lanes, setting.bundles, lanes=setting.lanes, engine=setting.engine)
-            if not isinstance(program, CompiledProgram):
+            if not _is_refillable(program):
                 raise TypeError(f"{program.engine} fills no lanes")
             stride = None if setting.rate_hz is None else sample_stride(setting.rate_hz, CONTROL_S)
             self._streams[key] = LaneStream(program, stride)
         stream = self._streams[key]
         return PartRows(stream.program, lanes), stream
 
-    def _keep_timing(self, work: _ChunkOnItsWay, timed_as: ProgramKey | None) -> None:
+    def _keep_timing(self, work: ChunkOnItsWay, timed_as: ProgramKey | None) -> None:
         """Remembers what went by since the chunk before, for plans to come."""
         watch, self._watch = self._watch, TurnWatch()
         program = max((stream.program for _, stream in work.parts), key=lambda each: each.lanes, default=None)
@@ -285,12 +285,5 @@ class ChunksUnderWay:
             remember_timing(timed_as or program_key(requests[0]), timing)
 
 
-def _streams(program: Program) -> bool:
+def _is_refillable(program: Program) -> TypeGuard[CompiledProgram]:
     return isinstance(program, CompiledProgram) and program.host is None
-
-
-def _forms(lane: Lane) -> _Key:
-    """Returns the shapes of all arrays of a lane, and the types of what may have any."""
-    arrays = (*lane.stage.touched, *lane.stage.seen, *lane.stage.floor, lane.placement.goals_m)
-    given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
-    return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)

@@ -43,6 +43,8 @@ from tasks.simulate.process.work import (
 
 logger = logging.getLogger(__name__)
 _MOST_ENDINGS = 12
+# Applications, lanes and engine of batches for whose chunks together the memory was too little: it would be again.
+_too_large_together: set[tuple[frozenset[str], int, str]] = set()
 
 
 @dataclass
@@ -95,11 +97,14 @@ class ConfinedLanes:
 
     def _beside_others(self, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
         """Returns the rows; if the process ends, the chunks ahead may be to blame, and it is asked again without."""
+        batch = (frozenset(self.bundles), self.lanes, self.engine)
         try:
-            return self._rows(chunk, worlds, self.recorder, self.ahead)
+            return self._rows(chunk, worlds, self.recorder, () if batch in _too_large_together else self.ahead)
         except SimulatorEnded as ended:
             if ended.killed == "stop" or not ended.beside_others:
                 raise
+            if ended.out_of_memory:
+                _too_large_together.add(batch)
             logger.warning("chunk %d: %s; once more, without the chunks after it", chunk.number, ended.reason)
         recorder = self.recorder if self.recorder and self.recorder.untouched else None
         return self._rows(chunk, worlds, recorder)

@@ -9,6 +9,7 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
+from tasks.simulate.chunk import under_way as under_way_module
 from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.chunk.under_way import ChunksUnderWay
@@ -166,3 +167,28 @@ def test_a_world_that_is_missing_is_the_row_of_its_episodes(alone: Driven, pens:
     missing = [row.index for row in rows if row.failure_code == "InvalidS3Resource"]
     assert missing == [row.index for row in rows if row.index % 3 == 1]
     assert np.all([rows[k] == alone.rows[k] for k in range(LANES) if k not in missing])
+
+
+def _small_chunks(*durations_s: tuple[float, ...]) -> list[Chunk]:
+    indices, found = iter(range(99)), list[Chunk]()
+    for number, some_s in enumerate(durations_s):
+        requests = [
+            pushing(next(indices), world="hand/pen-0", seed=k, duration_s=seconds) for k, seconds in enumerate(some_s)
+        ]
+        found.append(Chunk(number=number, requests=tuple(requests)))
+    return found
+
+
+def test_a_slice_that_is_on_its_way_when_a_chunk_is_asked_for_that_is_done_counts(pens: dict[str, World]):
+    chunks, under_way = _small_chunks((3.0,), (1.0, 1.0), (7.0, 6.0)), ChunksUnderWay()
+    together = [one(chunk, pens, under_way, chunks[chunk.number + 1 :]) for chunk in chunks]
+    assert together == [one(chunk, pens, ChunksUnderWay()) for chunk in chunks]
+
+
+def test_chunks_with_more_samples_than_may_be_kept_are_simulated_one_by_one(
+    monkeypatch: pytest.MonkeyPatch, alone: Driven, pens: dict[str, World], traces: list[str]
+):
+    monkeypatch.setattr(under_way_module, "_KEPT_BYTES", 100)
+    under_way = ChunksUnderWay()
+    assert drive(pens, traces, under_way) == alone._replace(traced=[0] * len(CHUNKS))
+    assert not under_way.work_ahead()
