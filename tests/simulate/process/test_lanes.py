@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
+from tasks.simulate.process import lanes as lanes_module
 from tasks.simulate.process import simulator
 from tasks.simulate.process.confinement import confinement
 from tasks.simulate.process.lanes import ConfinedLanes
@@ -190,3 +191,25 @@ def test_an_application_that_hangs_does_not_keep_a_run_from_stopping(run: Run, m
     begun_s = time.monotonic()
     rows = run([SOUND, SLEEPS], should_stop=lambda: time.monotonic() - begun_s > 8.0)
     assert {row.status for row in rows} == {"Canceled"}
+
+
+def test_chunks_ahead_that_the_memory_was_too_little_for_are_not_begun_again(
+    monkeypatch: pytest.MonkeyPatch, bundles: dict[str, Path], pens: dict[str, World]
+):
+    asked: list[int] = []
+
+    def rows_of(_: ConfinedLanes, chunk: Chunk, *given: object) -> list[EpisodeResult]:
+        ahead = given[2] if len(given) > 2 else ()
+        asked.append(len(ahead) if isinstance(ahead, list) else 0)
+        if not asked[-1]:
+            return [failed_result(request.index, Failure("", "")) for request in chunk.requests]
+        ended = simulator.SimulatorEnded("it was ended by signal 9", None, "", status=-9)
+        ended.beside_others = True
+        raise ended
+
+    monkeypatch.setattr(lanes_module, "_too_large_together", set())
+    monkeypatch.setattr(ConfinedLanes, "_rows", rows_of)
+    for _ in range(2):  # each chunk has its own
+        lanes = ConfinedLanes(bundles, LANES, "auto", should_stop=lambda: False, ahead=[chunk_of([SOUND])])
+        assert len(lanes.simulate(chunk_of([SOUND]), pens)) == 1
+    assert asked == [1, 0, 0]
