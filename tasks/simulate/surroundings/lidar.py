@@ -35,7 +35,9 @@ def scan_ranges(
         angles: The rays' directions in the lidar's frame, radians.
         range_m: Where nothing is nearer.
     """
-    rays = jnp.asarray(np.stack([np.cos(angles), np.sin(angles)]), pose.dtype)
+    # In double precision: NumPy's sines of single ones have other last bits on processors without AVX2.
+    exact_rad = angles.astype(np.float64)
+    rays = jnp.asarray(np.stack([np.cos(exact_rad), np.sin(exact_rad)]), pose.dtype)
     return _scan_lane(seen, pose, rays, jnp.asarray(range_m, pose.dtype))
 
 

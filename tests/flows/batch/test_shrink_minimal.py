@@ -17,9 +17,9 @@ from tasks.worlds.generate import generate_world
 from tests.factories.batches import closed_batch, pushing_plan
 from tests.repository import ROOT
 
-# The courier with slipping wheels runs into furniture there with several of these seeds. Which ones is the processor's
-# affair: its instructions round in other ways, and an episode near a table ends before it or at it.
-FLOORPLAN, SEEDS = 3, range(24)
+# The courier with slipping wheels runs into furniture there with four of these seeds. Which ones it is changes with
+# any last bit of its sensors.
+FLOORPLAN, SEEDS = 3, range(48)
 
 
 @pytest.mark.long
@@ -34,7 +34,7 @@ def test_without_any_single_piece_that_is_left_the_same_failure_is_gone(file_sto
         name="courier", version="1", digest=robot.digest, package="courier", launch_file="go_to_goal"
     )
     courier = plan.templates[0].model_copy(
-        update={"robot": launch, "environment": {"ODOMETRY_SIGMA": "0.3"}, "duration_s": 10.0}
+        update={"robot": launch, "environment": {"ODOMETRY_SIGMA": "0.5"}, "duration_s": 10.0}
     )
     batch = closed_batch(file_store, plan.model_copy(update={"templates": (courier,)}))
 

@@ -1,5 +1,7 @@
 """The lidar measures what MuJoCo's own rays measure."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -36,6 +38,13 @@ SCAN_LANES = jax.jit(jax.vmap(lambda seen, pose: scan_ranges(seen, pose, ANGLES,
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
     return reference_model(FOLDERS[COURIER] / "robot.xml", WORLD)
+
+
+def test_rays_have_the_same_bits_on_processors_whose_numpy_has_other_sines():
+    consts = jax.make_jaxpr(lambda pose: scan_ranges(SEEN, pose, ANGLES, LIDAR.range_m))(jnp.zeros(3)).consts
+    (rays,) = (np.asarray(const) for const in consts if np.shape(const) == (2, LIDAR.rays))
+    exact = [[turned(float(angle)) for angle in ANGLES] for turned in (math.cos, math.sin)]
+    assert rays.tolist() == np.array(exact, np.float32).tolist()
 
 
 @pytest.mark.parametrize("world", [WORLD, cluttered(2)], ids=["pen", "apartment"])

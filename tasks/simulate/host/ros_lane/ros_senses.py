@@ -112,7 +112,8 @@ def _turned_back(
     vectors: Float[np.ndarray, "lanes 3"], yaw_rad: Float[np.ndarray, "lanes"]
 ) -> Float64[np.ndarray, "lanes 3"]:
     """Returns vectors along the world's axes in the frames of robots that head there."""
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    exact_rad = yaw_rad.astype(np.float64)  # as for the lidar's rays: docs/decisions/0042-directions-from-doubles.md
+    cos, sin = np.cos(exact_rad), np.sin(exact_rad)
     ahead = cos * vectors[:, 0] + sin * vectors[:, 1]
     left = cos * vectors[:, 1] - sin * vectors[:, 0]
     return np.stack([ahead, left, vectors[:, 2]], axis=-1)
