@@ -7,9 +7,9 @@ from tasks.simulate.audit.audit_report import AuditReport, not_run
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.process.simulator import SimulatorEnded
 from tasks.simulate.process.work import Audited
-from tests.factories.ending_simulators import ended, use_simulators
 from tests.factories.episodes import passed, request
 from tests.factories.worlds import apartment
+from tests.simulate.ending_simulators import ended, use_simulators
 
 REPORT = not_run("a test says so")
 

@@ -5,9 +5,9 @@ import pytest
 from tasks.simulate.process.work import Again
 from tasks.simulate.replay.driven_again import DrivenAgain
 from tasks.simulate.replay.replay_apart import drive_apart
-from tests.factories.ending_simulators import ended, use_simulators
 from tests.factories.episodes import passed, request
 from tests.factories.worlds import apartment
+from tests.simulate.ending_simulators import ended, use_simulators
 
 
 def driven() -> DrivenAgain:
