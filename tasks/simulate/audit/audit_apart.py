@@ -9,8 +9,8 @@ from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash, crash_code
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
-from tasks.simulate.process.simulator import SimulatorEnded
-from tasks.simulate.process.simulators import simulator
+from tasks.simulate.process.simulator import Simulator, SimulatorEnded
+from tasks.simulate.process.simulators import ask_beside_nothing
 from tasks.simulate.process.work import Answer, Audited, AuditedEpisode, AuditWork, Crashed, NoMemory, Progress
 
 
@@ -37,18 +37,18 @@ def audit_apart(
         if isinstance(answer, Progress):
             progress(answer.done)
 
-    with simulator(bundles) as process:
-        episodes = tuple(AuditedEpisode(request=each.request, row=each.row, weight=each.weight) for each in sample)
+    def question(process: Simulator) -> AuditWork:
         used = dict.fromkeys(each.request.world for each in sample)
-        work = AuditWork(
-            sample=episodes,
+        return AuditWork(
+            sample=tuple(AuditedEpisode(request=each.request, row=each.row, weight=each.weight) for each in sample),
             worlds=process.sent_worlds({name: worlds[name] for name in used}),
             bundles={digest: str(folder) for digest, folder in bundles.items()},
             lanes=lanes,
             engine=engine,
             drawn=drawn,
         )
-        last, _ = process.ask(work, on_answer=hear)
+
+    last, _ = ask_beside_nothing(bundles, question, hear)
     match last:
         case Audited() as audited:
             return AuditReport.model_validate_json(audited.report)

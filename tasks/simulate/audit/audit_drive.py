@@ -116,9 +116,9 @@ def audit(
         sample: At least one episode.
         worlds: At least those of the sample.
         bundles: Unpacked folders of the applications, by digest.
-        lanes: Of the batch's programs. The engine drives the sample in the batch's own programs, which are there
-            already, or in one of a quarter of the lanes, which whoever recounts the batch takes, too; C MuJoCo in one
-            with no more lanes than there are episodes.
+        lanes: Of a program. With those of the batch, the engine drives the sample in the batch's own programs, which
+            are there already, or in one of a quarter of the lanes, which whoever recounts the batch takes, too; C
+            MuJoCo drives it in one with no more lanes than there are episodes.
         engine: What the batch asked for.
         drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
         progress: Told how many of two drives for each episode are done, or will not be made.

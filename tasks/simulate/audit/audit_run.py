@@ -6,21 +6,23 @@ process, for want of memory, is given up: the batch would never end.
 
 import hashlib
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pydantic import JsonValue
 
 from specs.base import Spec
+from specs.data.episode import CONTROL_HZ
 from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit.audit_apart import audit_apart
 from tasks.simulate.audit.audit_report import AuditReport, not_run
-from tasks.simulate.audit.audit_sample import draw_sample
+from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.chunk_store import counted_chunk
 from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.engine.engines import ENGINES
 from tasks.simulate.process.simulator import SimulatorEnded
 from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import output_key, result_key
@@ -30,6 +32,10 @@ logger = logging.getLogger(__name__)
 AUDIT_FILE = "audit.json"
 _BEGUN_FILE = "audit-begun.json"
 _MOST_ATTEMPTS = 4
+# What a program of the audit's own lanes takes, to compile or to load: the batch's is there already
+# (docs/decisions/0034-stages-at-a-time.md), and is worth idle lanes that take less. With 256 lanes, of which 32 are
+# audited, that is so up to 248 simulated seconds of `planar`, and up to 14 of `mujoco`.
+_PROGRAM_S = 5.0
 Progress = Callable[[int], None]
 
 
@@ -97,15 +103,44 @@ def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) 
     ]
     if not sample:
         return not_run(str(next(iter(missing.values()), "no episode was driven to an end")))
-    lanes, engine = batch.plan.lanes, batch.plan.engine
+
+    def drive(lanes: int) -> AuditReport:
+        engine, drawn = batch.plan.engine, len(found)
+        return audit_apart(sample, worlds, bundles, lanes=lanes, engine=engine, drawn=drawn, progress=progress)
+
     try:
-        return audit_apart(sample, worlds, bundles, lanes=lanes, engine=engine, drawn=len(found), progress=progress)
+        return _driven_fitting(batch, sample, drive)
     except BundleCrash as crash:
         return not_run(str(crash))
     except SimulatorEnded as ended:
         return not_run(ended.reason)
     except MemoryError as exc:
         return not_run(f"out of memory: {exc}")
+
+
+def _driven_fitting(
+    batch: OpenBatch, sample: Sequence[SampledEpisode], drive: Callable[[int], AuditReport]
+) -> AuditReport:
+    """Returns the report, driven with the batch's lanes where that is quick and they fit into memory.
+
+    How many lanes there are changes no row (docs/decisions/0004-lanes-a-multiple-of-eight.md).
+    """
+    few = min(batch.plan.audit, batch.plan.lanes)
+    if few < batch.plan.lanes and _idle_s(sample, batch.plan.lanes - few) < _PROGRAM_S:
+        try:
+            return drive(batch.plan.lanes)
+        except (MemoryError, SimulatorEnded) as lack:  # its chunks may have gone on with fewer as well
+            if isinstance(lack, SimulatorEnded) and not lack.out_of_memory:
+                raise
+            logger.warning("the audit of %s goes on with %d lanes: out of memory: %s", batch.id, few, lack)
+    return drive(few)
+
+
+def _idle_s(sample: Sequence[SampledEpisode], lanes: int) -> float:
+    """Returns what lanes cost that stay idle until the sample's longest episode has ended: as much as others."""
+    engines = {each.row.engine for each in sample}
+    step_s = max((each.cost.lane_step_s for name, each in ENGINES.items() if name in engines), default=0.0)
+    return lanes * step_s * CONTROL_HZ * max(each.row.simulated_s for each in sample)
 
 
 def _begin(batch: OpenBatch) -> int:

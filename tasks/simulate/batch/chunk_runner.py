@@ -4,9 +4,8 @@ What their applications ask for besides, tags of their jobs, is done here.
 """
 
 import functools
-import itertools
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -14,7 +13,7 @@ from typing import cast
 from specs.arn import Reference
 from specs.data.episode import EpisodeResult, Failure
 from specs.data.outcome_tags import MOST_OWN_TAGS
-from specs.errors import DocumentError
+from specs.errors import DocumentError, SimyardError
 from specs.terminal_text import terminal_line
 from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, prepared_chunk
 from tasks.simulate.batch.job import OpenBatch
@@ -81,6 +80,9 @@ def coming_chunks(
 ) -> Callable[[], list[PreparedChunk]]:
     """Returns what returns the next chunks of a batch of which anything can be simulated, made ready once.
 
+    What keeps one from being made ready is told to the log, and neither it nor those after it are returned: the chunk
+    that drives meanwhile has no part in that.
+
     Args:
         batch: The batch.
         numbers: Of chunks that are going to be run, in their order.
@@ -89,10 +91,23 @@ def coming_chunks(
 
     @functools.cache
     def coming() -> list[PreparedChunk]:
-        found = (prepared_chunk(batch, number, unusable) for number in numbers)
-        return list(itertools.takewhile(lambda each: each.able.requests, found))
+        return list(_ready_early(batch, numbers, unusable))
 
     return coming
+
+
+def _ready_early(
+    batch: OpenBatch, numbers: Iterable[int], unusable: Mapping[str, Failure]
+) -> Generator[PreparedChunk, None, None]:
+    for number in numbers:
+        try:
+            found = prepared_chunk(batch, number, unusable)
+        except (SimyardError, OSError) as exc:  # if it lasts, its own run meets it, and says so
+            logger.warning("chunk %d does not begin early: %s", number, terminal_line(str(exc)))
+            return
+        if not found.able.requests:
+            return
+        yield found
 
 
 def tag_jobs(batch: OpenBatch, tags: Mapping[int, Mapping[str, str]]) -> None:

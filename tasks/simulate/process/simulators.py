@@ -1,6 +1,7 @@
 """The processes that simulate for this one: each serves one set of applications, and is kept for a while."""
 
 import atexit
+import logging
 import os
 import threading
 import time
@@ -9,9 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from specs.errors import BundleRefused
-from tasks.simulate.process.simulator import Simulator
+from tasks.simulate.process.simulator import OnAnswer, Simulator, SimulatorEnded, Told
+from tasks.simulate.process.work import AgainWork, AuditWork
 from tasks.storage.sealed_bundle import FILES_FOLDER, changed_bundle
 
+logger = logging.getLogger(__name__)
 # A batch asks again within seconds; between batches its memory is of more use to others.
 _IDLE_S = 20.0
 # One that was begun before its batch is asked when the worlds are made.
@@ -88,6 +91,40 @@ def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
             _idle.keep(key, found)
         else:
             found.end()
+
+
+def ask_beside_nothing(
+    bundles: Mapping[str, Path],
+    question: Callable[[Simulator], AuditWork | AgainWork],
+    on_answer: OnAnswer = lambda _answer, _arrays: None,
+) -> Told:
+    """Returns the last answer to a question that is about no chunk, and its arrays.
+
+    A process that ends over it may have worked on chunks ahead, which are to blame then: another one is asked once.
+
+    Args:
+        bundles: Unpacked folders of the applications, by digest.
+        question: Makes the question for a process, which has some worlds already.
+        on_answer: Given each answer before the last, of both processes.
+
+    Raises:
+        BundleRefused: A folder has been changed since it was unpacked.
+        SimulatorEnded: The process ended over the question.
+    """
+    try:
+        return _ask_one(bundles, question, on_answer)
+    except SimulatorEnded as ended:
+        if not ended.beside_others:
+            raise
+        logger.warning("%s; once more, without the chunks that it began early", ended.reason)
+    return _ask_one(bundles, question, on_answer)
+
+
+def _ask_one(
+    bundles: Mapping[str, Path], question: Callable[[Simulator], AuditWork | AgainWork], on_answer: OnAnswer
+) -> Told:
+    with simulator(bundles) as process:
+        return process.ask(question(process), on_answer=on_answer)
 
 
 def prepare_simulator(bundles: Mapping[str, Path]) -> None:

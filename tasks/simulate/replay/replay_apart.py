@@ -9,8 +9,8 @@ from specs.data.episode import EpisodeRequest, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.application.code import crash_code
 from tasks.simulate.process.sent_log import LOG_ARRAYS, log_of
-from tasks.simulate.process.simulator import SimulatorEnded
-from tasks.simulate.process.simulators import simulator
+from tasks.simulate.process.simulator import Simulator, SimulatorEnded
+from tasks.simulate.process.simulators import ask_beside_nothing
 from tasks.simulate.process.work import Again, AgainWork, Crashed, NoMemory
 from tasks.simulate.replay.driven_again import DrivenAgain, Setting
 
@@ -30,8 +30,9 @@ def drive_apart(
         MemoryError: There is not enough memory for so many lanes.
         SimulatorEnded: The process ended, but for in an application's code: such an episode has its row.
     """
-    with simulator(bundles) as process:
-        work = AgainWork(
+
+    def question(process: Simulator) -> AgainWork:
+        return AgainWork(
             request=request,
             worlds=process.sent_worlds({request.world: worlds[request.world]}),
             bundles={digest: str(folder) for digest, folder in bundles.items()},
@@ -39,12 +40,13 @@ def drive_apart(
             engine=engine,
             rate_hz=rate_hz,
         )
-        try:
-            answer, arrays = process.ask(work)
-        except SimulatorEnded as ended:
-            if ended.out_of_memory:
-                raise
-            return DrivenAgain(failed_result(request.index, Failure(crash_code(ended.code), ended.reason)))
+
+    try:
+        answer, arrays = ask_beside_nothing(bundles, question)
+    except SimulatorEnded as ended:
+        if ended.out_of_memory:
+            raise
+        return DrivenAgain(failed_result(request.index, Failure(crash_code(ended.code), ended.reason)))
     match answer:
         case Again() as again:
             return _driven(again, arrays)

@@ -13,9 +13,9 @@ from specs.field_types import OutputLocation
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit import audit_run
-from tasks.simulate.audit.audit_report import AuditReport
+from tasks.simulate.audit.audit_report import AuditReport, not_run
 from tasks.simulate.audit.audit_run import write_audit
-from tasks.simulate.audit.audit_sample import SampledEpisode
+from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.audit.audit_verdict import with_verdict
 from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import OpenBatch
@@ -28,6 +28,7 @@ from tests.factories.planned_batches import begun, mixed, plan, template
 from tests.factories.worlds import apartment
 
 PLACE = OutputLocation(s3Bucket="results", s3Prefix="nightly")
+LANES, AUDITED = 256, 32
 Calls = list[Sequence[SampledEpisode]]
 
 
@@ -51,6 +52,14 @@ def batch(file_store: Store) -> OpenBatch:
     made = begun(file_store, plan(file_store))
     for number in range(made.layout.chunks):
         run_chunk(made, number, mixed, lanes=4, left_s=9.0)
+    return made
+
+
+@pytest.fixture
+def wide(file_store: Store) -> OpenBatch:
+    """Returns a batch of many more lanes than are audited, likewise."""
+    made = begun(file_store, plan(file_store, lanes=LANES, audit=AUDITED))
+    run_chunk(made, 0, mixed, lanes=LANES, left_s=9.0)
     return made
 
 
@@ -104,6 +113,74 @@ def test_what_keeps_an_audit_from_running_is_data(
     monkeypatch.setattr(audit_run, "audit_apart", fails)
     found = report(write_audit(batch, {}, PLACE))
     assert (found.verdict, found.sentence) == ("NOT RUN", why)
+
+
+def killed() -> SimulatorEnded:
+    """Returns the end of a process as the kernel ends one for want of memory."""
+    return SimulatorEnded("the process was ended by signal 9", None, "", status=-9)
+
+
+@pytest.mark.parametrize("lack", [MemoryError("9 GB"), killed()])
+def test_lanes_that_do_not_fit_into_memory_are_tried_once_more_with_those_of_the_audit(
+    wide: OpenBatch, monkeypatch: pytest.MonkeyPatch, lack: Exception
+):
+    tried = lanes_tried(monkeypatch, lack, fitting=AUDITED)
+    assert report(write_audit(wide, {}, PLACE)).sentence == "not run: a test says so"
+    assert tried == [LANES, AUDITED]
+
+
+def test_lanes_of_the_audit_that_do_not_fit_either_are_the_last_that_are_tried(
+    wide: OpenBatch, monkeypatch: pytest.MonkeyPatch
+):
+    tried = lanes_tried(monkeypatch, MemoryError("9 GB"), fitting=0)
+    assert report(write_audit(wide, {}, PLACE)).sentence == "not run: out of memory: 9 GB"
+    assert tried == [LANES, AUDITED]
+
+
+def test_a_process_that_ended_for_another_reason_is_not_followed_by_one_with_fewer_lanes(
+    wide: OpenBatch, monkeypatch: pytest.MonkeyPatch
+):
+    tried = lanes_tried(monkeypatch, SimulatorEnded("the process ended with exit code 3", None, ""), fitting=0)
+    write_audit(wide, {}, PLACE)
+    assert tried == [LANES]
+
+
+@pytest.mark.parametrize(
+    ("engine", "simulated_s", "lanes"),
+    [
+        ("planar", 60.0, LANES),
+        ("planar", 3600.0, AUDITED),
+        ("mjx", 10.0, LANES),
+        ("mjx", 60.0, AUDITED),
+        ("mujoco", 60.0, AUDITED),
+    ],
+)
+def test_idle_lanes_that_would_take_longer_than_another_program_are_left_out(
+    wide: OpenBatch, monkeypatch: pytest.MonkeyPatch, engine: str, simulated_s: float, lanes: int
+):
+    def long(*given: object) -> list[SampledEpisode]:
+        found = draw_sample(*given)  # pyright: ignore[reportArgumentType]
+        update = {"engine": engine, "simulated_s": simulated_s}
+        return [each._replace(row=each.row.model_copy(update=update)) for each in found]
+
+    monkeypatch.setattr(audit_run, "draw_sample", long)
+    tried = lanes_tried(monkeypatch, MemoryError(), fitting=LANES)
+    write_audit(wide, {}, PLACE)
+    assert tried == [lanes]
+
+
+def lanes_tried(monkeypatch: pytest.MonkeyPatch, lack: Exception, *, fitting: int) -> list[int]:
+    """Returns with how many lanes audits are driven, of which only so many fit."""
+    tried: list[int] = []
+
+    def driven(*_: object, lanes: int, **__: object) -> AuditReport:
+        tried.append(lanes)
+        if lanes > fitting:
+            raise lack
+        return not_run("a test says so")
+
+    monkeypatch.setattr(audit_run, "audit_apart", driven)
+    return tried
 
 
 def test_a_defect_is_not_called_data(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):

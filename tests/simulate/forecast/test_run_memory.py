@@ -73,6 +73,20 @@ def test_more_worlds_take_longer_to_make():
     assert told_s([WARM], of=plan(worlds=tuple(f"w/{number}" for number in range(50)))) > TOOK_S + 10.0
 
 
+@pytest.mark.parametrize("age_s", [100.0, 3 * 3600.0])
+def test_the_age_of_a_process_that_was_there_before_its_run_is_no_time_of_the_run(age_s: float):
+    aged, unknown = (WARM.model_copy(update={"before_s": before_s}) for before_s in (age_s, None))
+    for worlds in (5, 50):
+        many = plan(worlds=tuple(f"w/{number}" for number in range(worlds)))
+        assert told_s([aged], of=many) == told_s([unknown], of=many) < TOOK_S
+
+
+def test_a_run_that_makes_many_worlds_before_its_batch_takes_as_long_again():
+    large = WARM.model_copy(update={"worlds": 1000, "before_s": 106.0})
+    many = plan(worlds=tuple(f"w/{number}" for number in range(1000)))
+    assert told_s([large], of=many) == pytest.approx(106.0 + TOOK_S - 8.0)
+
+
 def test_seeds_and_worlds_share_a_memory_that_another_audit_does_not():
     remember_batch(plan(), WARM)
     assert recall_batches(plan(seeds=9, worlds=("w/1",))) == [WARM]

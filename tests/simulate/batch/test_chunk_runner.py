@@ -1,0 +1,103 @@
+"""What a chunk does beside its rows: it makes others ready, whose errors are not its own, and tags and cancels jobs."""
+
+import errno
+from collections.abc import Callable, Mapping
+
+import pytest
+
+from specs.arn import Reference
+from specs.data.episode import EpisodeResult, Failure, unfinished_result
+from specs.errors import BundleRefused, StoreAway
+from tasks.simulate.batch import chunk_runner
+from tasks.simulate.batch.chunk_runner import coming_chunks, tag_jobs
+from tasks.simulate.batch.chunk_store import committed_chunk
+from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, prepared_chunk, run_chunk
+from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.lane.result_rows import WITHDRAWN
+from tasks.storage.base.store import Store
+from tasks.storage.tags import tags_of
+from tests.factories.planned_batches import all_pass, begun, plan
+
+FAULTS = [
+    StoreAway("the store does not answer"),
+    OSError(errno.ENOSPC, "no space left on device"),
+    BundleRefused("the archive holds a link"),
+]
+Break = Callable[[int, Exception], None]
+
+
+@pytest.fixture
+def batch(file_store: Store) -> OpenBatch:
+    """Returns a batch of three chunks."""
+    return begun(file_store, plan(file_store, seeds=tuple(range(6))))
+
+
+@pytest.fixture
+def break_chunk(monkeypatch: pytest.MonkeyPatch) -> Break:
+    """Lets the making ready of a chunk fail."""
+
+    def broken(number: int, error: Exception) -> None:
+        def prepared(batch: OpenBatch, asked: int, unusable: Mapping[str, Failure]) -> PreparedChunk:
+            if asked == number:
+                raise error
+            return prepared_chunk(batch, asked, unusable)
+
+        monkeypatch.setattr(chunk_runner, "prepared_chunk", prepared)
+
+    return broken
+
+
+@pytest.mark.parametrize("error", FAULTS)
+def test_a_chunk_that_cannot_be_made_ready_yet_is_told_to_the_log_and_fails_no_other(
+    batch: OpenBatch, break_chunk: Break, error: Exception, caplog: pytest.LogCaptureFixture
+):
+    break_chunk(1, error)
+    assert coming_chunks(batch, (1, 2), {})() == []
+    (said,) = caplog.records
+    assert (said.levelname, said.message) == ("WARNING", f"chunk 1 does not begin early: {error}")
+
+
+def test_the_chunks_before_one_that_cannot_be_made_ready_begin_early(batch: OpenBatch, break_chunk: Break):
+    break_chunk(2, FAULTS[0])
+    assert [each.asked.number for each in coming_chunks(batch, (1, 2), {})()] == [1]
+
+
+def test_a_defect_is_not_only_told_to_the_log(batch: OpenBatch, break_chunk: Break):
+    break_chunk(1, TypeError("a defect"))
+    with pytest.raises(TypeError, match="a defect"):
+        coming_chunks(batch, (1, 2), {})()
+
+
+@pytest.fixture
+def tagged(file_store: Store) -> OpenBatch:
+    return begun(file_store, plan(file_store, seeds=(1, 2)))
+
+
+def tags(tagged: OpenBatch, index: int) -> dict[str, str]:
+    return tags_of(tagged.store, Reference(kind="simulation-job", path=f"{tagged.id}/{index}"), {})
+
+
+def test_tags_of_an_application_are_its_jobs(tagged: OpenBatch):
+    tag_jobs(tagged, {1: {"found": "a wall"}})
+    tag_jobs(tagged, {1: {"found": "a door", "seen": "much"}})
+    assert (tags(tagged, 0), tags(tagged, 1)) == ({}, {"found": "a door", "seen": "much"})
+
+
+def test_tags_that_a_job_cannot_have_are_told_to_the_log_and_end_nothing(
+    tagged: OpenBatch, caplog: pytest.LogCaptureFixture
+):
+    tag_jobs(tagged, {0: {"simyard:outcome": "Passed"}, 1: {"sound": "yes"}})
+    assert (tags(tagged, 0), tags(tagged, 1)) == ({}, {"sound": "yes"})
+    assert "tags of its application" in caplog.text
+
+
+def test_a_job_that_its_application_cancels_says_so(tagged: OpenBatch):
+    def withdrawn(part: ChunkPart) -> list[EpisodeResult]:
+        first, *rest = all_pass(part)
+        canceled = unfinished_result(first.index, "Canceled", failure_code="", failure_reason=WITHDRAWN)
+        return [canceled, *rest]
+
+    run_chunk(tagged, 0, withdrawn, lanes=4, left_s=9.0)
+    rows = committed_chunk(tagged.store, tagged.id, 0)
+    assert rows is not None
+    assert (rows[0].status, rows[0].failure_code, rows[0].failure_reason) == ("Canceled", "", WITHDRAWN)
