@@ -116,7 +116,7 @@ class Service:
 
     def say(self, answer: Spec, arrays: Sequence[np.ndarray] = ()) -> None:
         """Sends an answer."""
-        send(self._connection, answer.model_dump(mode="json"), arrays)
+        send(self._connection, answer.model_dump_json(), arrays)
 
     def answer(self, work: LanesWork | AuditWork | AgainWork) -> None:
         """Answers a question, whatever happens."""
@@ -154,6 +154,7 @@ class Service:
         from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415
 
         self._under_way = self._under_way or ChunksUnderWay()
+        recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz)
         with hand_over_timings() as timings, collect_tags() as tags:
             rows = simulate_lanes(
                 work.chunk,
@@ -163,12 +164,14 @@ class Service:
                 engine=work.engine,
                 should_stop=self._should_stop,
                 progress=self._progress,
-                recorder=None if work.rate_hz is None else _Forward(self.say, work.rate_hz),
+                recorder=recorder,
                 timed_as=work.timed_as,
                 under_way=self._under_way,
                 ahead=work.ahead,
             )
-        self.say(Rows(rows=tuple(rows), timings=_remembered(timings), tags=tags))
+        told = recorder.told if recorder else {}
+        rest = tuple(row for row in rows if told.get(row.index) is not row)
+        self.say(Rows(rows=rest, timings=_remembered(timings), tags=tags))
 
     def _audit(self, work: AuditWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415
@@ -206,11 +209,16 @@ class Service:
 
 
 class _Forward:
-    """Tells a recorder in another process what lanes do."""
+    """Tells a recorder in another process what lanes do.
+
+    Attributes:
+        told: The rows that it was told, by index.
+    """
 
     def __init__(self, say: Callable[[Spec, Sequence[np.ndarray]], None], rate_hz: float) -> None:
         self._say, self.rate_hz = say, rate_hz
         self._lanes, self._stride, self._before = 0, 1, 0
+        self.told: dict[int, EpisodeResult] = {}
 
     def begin(self, lanes: int, control_s: float) -> None:
         self._lanes, self._stride, self._before = lanes, sample_stride(self.rate_hz, control_s), 0
@@ -226,6 +234,7 @@ class _Forward:
 
     def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
         self._say(RecordingEnds(rows=tuple(rows)), tuple(ends))
+        self.told |= {row.index: row for row in rows}
 
 
 def _remembered(timings: "Sequence[tuple[tuple[str, ...], object]]") -> tuple[RememberedTiming, ...]:

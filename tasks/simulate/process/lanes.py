@@ -154,7 +154,7 @@ class ConfinedLanes:
                 last, _ = process.ask(work, on_answer=hear, should_stop=self.should_stop)
             finally:
                 self.printed(process.output.take())
-        rows = _checked(chunk.requests, last)
+        rows = _checked(chunk.requests, last, hear.rows)
         if isinstance(last, Rows) and last.tags:
             known = {request.index for request in chunk.requests}
             self.tagged({index: tags for index, tags in last.tags.items() if index in known})
@@ -162,10 +162,15 @@ class ConfinedLanes:
 
 
 class _Listener:
-    """Hears what a process says while it simulates."""
+    """Hears what a process says while it simulates.
+
+    Attributes:
+        rows: Those that recordings ended with, by index.
+    """
 
     def __init__(self, progress: Callable[[int], None], recorder: Recorder | None) -> None:
         self._progress, self._recorder = progress, recorder
+        self.rows: dict[int, EpisodeResult] = {}
 
     def __call__(self, answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
         if isinstance(answer, Progress):
@@ -179,10 +184,13 @@ class _Listener:
             self._recorder.add(SliceSamples(answer.steps, *samples), steps)
         elif isinstance(answer, RecordingEnds):
             self._recorder.end(Ends(*arrays), answer.rows)
+            self.rows |= {row.index: row for row in answer.rows}
 
 
-def _checked(requests: Sequence[EpisodeRequest], last: Answer) -> list[EpisodeResult]:
-    """Returns the rows that a process answered with, if they are those of the requests.
+def _checked(
+    requests: Sequence[EpisodeRequest], last: Answer, told: Mapping[int, EpisodeResult]
+) -> list[EpisodeResult]:
+    """Returns the rows that a process answered with, if they are those of the requests; some it may have told before.
 
     Raises:
         MemoryError: It answered that there is not enough memory.
@@ -193,9 +201,10 @@ def _checked(requests: Sequence[EpisodeRequest], last: Answer) -> list[EpisodeRe
     if isinstance(last, Crashed):
         return [failed_result(request.index, Failure(last.code, last.reason)) for request in requests]
     wanted = [request.index for request in requests]
-    if not isinstance(last, Rows) or [row.index for row in last.rows] != wanted:
+    rows = {**told, **{row.index: row for row in last.rows}} if isinstance(last, Rows) else {}
+    if rows.keys() != set(wanted):
         raise SimulatorEnded("it answered with rows of other episodes", None, "", killed="limit")
-    return list(last.rows)
+    return [rows[index] for index in wanted]
 
 
 def _failed(requests: Sequence[EpisodeRequest], ended: SimulatorEnded) -> list[EpisodeResult]:

@@ -39,15 +39,21 @@ class Message(NamedTuple):
     arrays: tuple[np.ndarray, ...] = ()
 
 
-def send(connection: socket.socket, document: Document, arrays: Sequence[np.ndarray] = ()) -> None:
+def send(connection: socket.socket, document: Document | str, arrays: Sequence[np.ndarray] = ()) -> None:
     """Sends a message; returns when the kernel has it.
+
+    Args:
+        connection: To the other side.
+        document: What it says, or the JSON of that: pydantic writes it in a seventh of the time.
+        arrays: What goes with it.
 
     Raises:
         OSError: The other side is gone.
     """
     whole = [np.asarray(array, order="C") for array in arrays]
     forms = [{"dtype": array.dtype.str, "shape": list(array.shape)} for array in whole]
-    body = json.dumps({"document": dict(document), "arrays": forms}, separators=(",", ":")).encode()
+    said = document if isinstance(document, str) else json.dumps(dict(document), separators=(",", ":"))
+    body = f'{{"arrays":{json.dumps(forms)},"document":{said}}}'.encode()
     connection.sendall(_LENGTHS.pack(len(body), sum(array.nbytes for array in whole)) + body)
     for array in whole:
         if array.nbytes:

@@ -125,7 +125,7 @@ class RecordingEnds(Spec):
 
 
 class Rows(Spec):
-    """The rows that were asked for, in request order.
+    """The rows that were asked for, in request order, but for those that recordings ended with.
 
     Attributes:
         tags: What applications gave to their jobs, by the index of the episode.

@@ -37,6 +37,13 @@ def test_what_is_sent_is_received(document: dict[str, int | str], sent: list[np.
     ]
 
 
+def test_a_document_that_is_json_already_is_received_as_what_it_says(pair: Pair):
+    ours, theirs = pair
+    send(theirs, json.dumps({"a": [1.5, "é", None]}), [np.ones(2)])
+    message = receive(ours)
+    assert (message.document, len(message.arrays)) == ({"a": [1.5, "é", None]}, 1)
+
+
 def _raw(connection: socket.socket, head: bytes, rest: bytes = b"", length: int | None = None) -> None:
     connection.sendall(struct.pack("<QQ", len(head) if length is None else length, len(rest)) + head + rest)
 
