@@ -29,7 +29,7 @@ EPISODES, WORLDS, LANES, DURATION_S = 1000, 50, 256, 60.0
 OBSTACLES = 100
 PHYSICS_HZ = 200
 KINDS = ("exploring", "delivering")
-_COURIER, _DELIVERY = "c" * 64, "d" * 64
+COURIER, DELIVERY = "c" * 64, "d" * 64
 _STATUS = Path("/proc/self/status")
 _COMPILED = "/jax/core/compile/backend_compile_duration"
 
@@ -49,9 +49,9 @@ def batch_table(warm_runs: int) -> list[list[str]]:
 
 def run_batch(kind: str, folder: Path) -> None:
     """Simulates a batch in this process, from worlds that lie in a folder, and leaves its figures there."""
-    folders = FOLDERS if kind == "exploring" else _shipped()
+    folders = FOLDERS if kind == "exploring" else shipped()
     worlds = {f"bench/{k}": World.model_validate_json((folder / f"{k}.json").read_bytes()) for k in range(WORLDS)}
-    requests = explorations(EPISODES, WORLDS, DURATION_S) if kind == "exploring" else _deliveries()
+    requests = explorations(EPISODES, WORLDS, DURATION_S) if kind == "exploring" else deliveries()
     rows: list[EpisodeResult] = []
     programs, chunks = _watched(), plan_chunks(requests, LANES)
     from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415 - imports JAX, after its settings
@@ -101,32 +101,35 @@ def _cells(figures: Mapping[str, float]) -> list[str]:
 
 def _write_worlds(kind: str, folder: Path) -> None:
     for k in range(WORLDS):
-        world = bench_world(k, OBSTACLES) if kind == "exploring" else _apartment(k)
+        world = bench_world(k, OBSTACLES) if kind == "exploring" else apartment(k)
         (folder / f"{k}.json").write_text(world.model_dump_json())
 
 
-def _apartment(seed: int) -> World:
+def apartment(seed: int) -> World:
+    """Returns a generated apartment."""
     from tasks.worlds.generate import generate_world  # noqa: PLC0415 - no start-up of the process that is measured
 
     template = template_body(json.loads((ROOT / "examples/templates/two-rooms.json").read_text()))
     return generate_world(template, seed=seed, generation="bench", floorplan_index=1, interior_index=1)
 
 
-def _shipped() -> dict[str, Path]:
-    return {_COURIER: ROOT / "applications" / "courier", _DELIVERY: ROOT / "applications" / "delivery"}
+def shipped() -> dict[str, Path]:
+    """Returns the folders of the shipped applications, by digest."""
+    return {COURIER: ROOT / "applications" / "courier", DELIVERY: ROOT / "applications" / "delivery"}
 
 
-def _deliveries() -> list[EpisodeRequest]:
+def deliveries() -> list[EpisodeRequest]:
+    """Returns a thousand deliveries of the courier, in one world after the other."""
     return [
         EpisodeRequest(
             index=k,
             world=f"bench/{k % WORLDS}",
             seed=k,
             robot=ApplicationLaunch(
-                name="courier", version="1", digest=_COURIER, package="courier", launch_file="go_to_goal"
+                name="courier", version="1", digest=COURIER, package="courier", launch_file="go_to_goal"
             ),
             scenario=ApplicationLaunch(
-                name="delivery", version="1", digest=_DELIVERY, package="delivery", launch_file="rooms"
+                name="delivery", version="1", digest=DELIVERY, package="delivery", launch_file="rooms"
             ),
             environment={"MAX_SPEED": ("0.4", "0.6")[k % 2]},
             duration_s=DURATION_S,
