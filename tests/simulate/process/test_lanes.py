@@ -202,7 +202,7 @@ def test_chunks_ahead_that_the_memory_was_too_little_for_are_not_begun_again(
         ahead = given[2] if len(given) > 2 else ()
         asked.append(len(ahead) if isinstance(ahead, list) else 0)
         if not asked[-1]:
-            return [failed_result(request.index, Failure("", "")) for request in chunk.requests]
+            return [failed_result(request.index, Failure("RobotApplicationCrash", "")) for request in chunk.requests]
         ended = simulator.SimulatorEnded("it was ended by signal 9", None, "", status=-9)
         ended.beside_others = True
         raise ended
