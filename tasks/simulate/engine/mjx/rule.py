@@ -16,8 +16,9 @@ from tasks.simulate.application.robot_mjcf import base_of, compile_robot, hull_o
 from tasks.simulate.engine.mjx.refusals import refuse_what_mjx_lacks
 from tasks.simulate.engine.mjx.stand_ins import with_stand_ins
 
-# Beyond these nothing was measured yet (docs/reference/engines.md, "Ten robots"), and programs take long to compile.
-_MOST_SPEEDS, _MOST_GEOMS = 6, 4
+# A base's own three: an arm on it was eleven times slower (docs/reference/engines.md, "How fast"). More geoms that
+# collide were not faster either, and programs take long to compile.
+_MOST_SPEEDS, _MOST_GEOMS = 3, 4
 _ELEMENTS = ("tendon", "eq", "flex", "plugin", "pair", "mocap", "sensor")
 _INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT, mujoco.mjtTrn.mjTRN_SITE)
