@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from tasks.storage.store_url import open_store
 from tests.deploy.kit.robot_image import command, environment, install
 from tests.deploy.reach import open_folder
 from tests.repository import ROOT
+from tests.servers.tools import need_tool
 from tests.storage.two_accounts import GROUP, as_nobody, as_two_accounts, shared_store
 
 DOCUMENT = (ROOT / "docs/operate/robot.md").read_text()
@@ -104,8 +104,8 @@ def test_the_commands_that_share_a_folder_let_the_agents_account_report_and_no_m
     how: str, account_store: LocalStore
 ) -> None:
     (block,) = blocks(how)
-    if how == "acl" and shutil.which("setfacl") is None:
-        pytest.skip("the package acl is not installed")
+    if how == "acl":
+        need_tool("setfacl", "acl")
     block = re.sub("(?m)^(groupadd|usermod).*\n", "", block).replace("/srv/store", str(account_store.root))
     block = block.replace("chgrp -R robots ", f"chgrp -R {GROUP} ").replace("u:simyard:", "u:nobody:")
     subprocess.run(["bash", "-euc", block.replace("u:alice:", "u:root:")], check=True)

@@ -1,8 +1,10 @@
 """ROS 1's own tools take the bags: `rosbag info`, `check`, `filter` and `play`, which a node hears."""
 
+import contextlib
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 from collections.abc import Iterator
@@ -80,12 +82,18 @@ def test_play_sends_what_was_written_to_a_node_that_listens(bag: Path, environme
 def _heard(bag: Path, environment: dict[str, str]) -> list[int]:
     listen = ["rostopic", "echo", "-n", "3", "--noarr", "/odom/header/seq"]
     play = ["rosbag", "play", "--quiet", "--wait-for-subscribers", str(bag), "--topics", "/odom"]
-    with subprocess.Popen(listen, env=environment, stdout=subprocess.PIPE, text=True) as echo:
+    with (
+        subprocess.Popen(listen, env=environment, stdout=subprocess.PIPE, text=True) as echo,
+        subprocess.Popen(play, env=environment, start_new_session=True) as player,
+    ):
         try:
-            subprocess.run(play, env=environment, check=True, timeout=12)
+            assert player.wait(12) == 0
             out, _ = echo.communicate(timeout=12)
         except subprocess.TimeoutExpired:
             return []
         finally:
             echo.kill()
+            # rosbag starts a program that would outlive it, and then play to the listener of the next attempt as well.
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(player.pid, signal.SIGKILL)
     return [int(each) for each in re.findall(r"\d+", out)]

@@ -49,7 +49,7 @@ def robot(folder: Path, name: str) -> Path:
         ("boxes with a limit", "mujoco", "mjx"),
         ("drum", "planar", "planar"),
         ("implicit ball", "mujoco", "mujoco"),
-        ("armed ball", "mjx", "mjx"),
+        ("armed ball", "mujoco", "mjx"),
         ("armed ball that can hit itself", "mujoco", "mjx"),
         ("walker", "mujoco", "mjx"),
         ("walking drum", "mujoco", "mujoco"),
