@@ -11,10 +11,8 @@ import re
 import shutil
 import sys
 import tempfile
-import time
 from collections.abc import Mapping
 from pathlib import Path
-from statistics import median
 
 from benchmarks.machine import machine
 from benchmarks.tables import markdown, with_tables
@@ -22,10 +20,9 @@ from tasks.simulate.devices import prepare_devices
 
 prepare_devices()
 
-import jax  # noqa: E402 - it reads its settings when it is imported
-
+# JAX reads its settings when it is imported.
 from benchmarks.simulation.batch_engines import COURIER, apartment, deliveries, shipped  # noqa: E402
-from tasks.simulate.chunk.episodes import ready_chunk  # noqa: E402
+from benchmarks.simulation.engine_variants import SliceTimes, slice_times  # noqa: E402
 from tasks.simulate.engine.choice import choose_engine  # noqa: E402
 from tasks.simulate.surroundings.floor_map import grid_cells  # noqa: E402
 
@@ -39,8 +36,8 @@ HULLS: Mapping[str, str] = {
 HEAD = ["hull", "mujoco, ms a slice", "mjx, ms", "mjx x mujoco", "mujoco, first slice s", "mjx, first s", "auto takes"]
 
 
-def slice_s(folders: Mapping[str, Path], engine: str) -> tuple[float, float]:
-    """Returns what a slice takes, and what it takes from the start to the end of the first one."""
+def delivery_times(folders: Mapping[str, Path], engine: str) -> SliceTimes:
+    """Returns what slices of the courier's deliveries take."""
     # Of one size of map: others would be another program.
     small = [world for world in map(apartment, range(3 * WORLDS)) if grid_cells(world) == _CELLS][:WORLDS]
     worlds = {f"bench/{number}": world for number, world in enumerate(small)}
@@ -48,19 +45,7 @@ def slice_s(folders: Mapping[str, Path], engine: str) -> tuple[float, float]:
         each.model_copy(update={"world": f"bench/{number % len(worlds)}"})
         for number, each in enumerate(deliveries()[:LANES])
     ]
-    begun = time.perf_counter()
-    run = ready_chunk(requests, worlds, folders, lanes=LANES, engine=engine).run
-    if run is None:
-        raise RuntimeError(f"the courier does not start on {engine}")
-    state, _ = run.advance(run.begin())
-    jax.block_until_ready(state.body)
-    first_s, found = time.perf_counter() - begun, list[float]()
-    for _ in range(TURNS):
-        begun = time.perf_counter()
-        state, _ = run.advance(state)
-        jax.block_until_ready(state.body)
-        found.append(time.perf_counter() - begun)
-    return median(found), first_s
+    return slice_times(requests, worlds, folders, engine=engine, turns=TURNS)
 
 
 def row(hull: str) -> list[str]:
@@ -74,7 +59,7 @@ def row(hull: str) -> list[str]:
             raise ValueError(f"{robot}: one geom named hull is expected, and there are {count}")
         robot.write_text(changed)
         folders = {**shipped(), COURIER: folder}
-        (c_s, c_first_s), (mjx_s, mjx_first_s) = (slice_s(folders, engine) for engine in ("mujoco", "mjx"))
+        (c_first_s, c_s), (mjx_first_s, mjx_s) = (delivery_times(folders, engine) for engine in ("mujoco", "mjx"))
         auto = choose_engine("auto", robot, "jax", "cpu").engine
     times = [f"{c_s * 1e3:.0f}", f"{mjx_s * 1e3:.0f}", f"{c_s / mjx_s:.1f}", f"{c_first_s:.0f}", f"{mjx_first_s:.0f}"]
     return [hull, *times, auto]

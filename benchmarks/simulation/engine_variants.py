@@ -3,9 +3,12 @@
 Every variant has the same robot, the same controller, 32 rays at 20 Hz and physics at 200 Hz.
 """
 
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +19,8 @@ from mujoco.rollout import Rollout
 
 from benchmarks.applications.explorer.explorer.reactive import Lidar, control
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT_FILE, bench_world, explorations, starts
-from specs.data.episode import CONTROL_S
+from specs.data.episode import CONTROL_S, EpisodeRequest
+from specs.data.world import World
 from tasks.simulate.chunk.episodes import ready_chunk
 from tasks.simulate.engine.compiled_program import CompiledProgram, CompiledRun
 from tasks.simulate.engine.mjx.mjx_import import mjx
@@ -39,6 +43,41 @@ class Variant(Protocol):
     def run(self, control_steps: int) -> int:
         """Returns how many control steps were run, at least those asked for."""
         ...
+
+
+class SliceTimes(NamedTuple):
+    """Seconds that slices of all lanes take: the first one with all that comes before it, and the median of others."""
+
+    first_s: float
+    slice_s: float
+
+
+def slice_times(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    folders: Mapping[str, Path],
+    *,
+    engine: str,
+    turns: int,
+) -> SliceTimes:
+    """Returns what slices of episodes take, a lane for each.
+
+    Raises:
+        RuntimeError: They do not start.
+    """
+    begun = time.perf_counter()
+    chunk = ready_chunk(requests, worlds, folders, lanes=len(requests), engine=engine)
+    if chunk.run is None:
+        raise RuntimeError(f"{engine}: {chunk.rows[0].failure_reason}")
+    state, _ = chunk.run.advance(chunk.run.begin())
+    jax.block_until_ready(state.body)
+    first_s, found = time.perf_counter() - begun, list[float]()
+    for _ in range(turns):
+        begun = time.perf_counter()
+        state, _ = chunk.run.advance(state)
+        jax.block_until_ready(state.body)
+        found.append(time.perf_counter() - begun)
+    return SliceTimes(first_s, median(found))
 
 
 class Ours:

@@ -1,6 +1,6 @@
 """What `simyard plan` predicts beside what `simyard run` takes: wall seconds and memory, before and after a first run.
 
-    .venv/bin/python benchmarks/simulation/plan.py [--json FILE] [--case NAME ...]
+    .venv/bin/python -m benchmarks.simulation.plan [--json FILE] [--case NAME ...] [--document PAGE]
 
 Each case has a cache folder of its own: the first prediction is a guess from a probe, the second one rests on the first
 run. Each run is a process of its own with a new store, and its wall time is that of the whole command.
@@ -18,8 +18,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks.machine import machine
 from benchmarks.repository import ROOT
-from benchmarks.tables import markdown
+from benchmarks.tables import markdown, with_tables
 
 SIMYARD = str(Path(sys.executable).with_name("simyard"))
 # Engine, worlds, seeds, and the longest time of an episode.
@@ -88,31 +89,45 @@ def measured(file: Path, store: str, environment: Mapping[str, str]) -> Turn:
     return Turn(float(told_as) * scale, wall_s, (float(least), float(most)), took_s, usage.ru_maxrss * 1024 / 1e9)
 
 
+def both_runs(name: str) -> dict[str, Turn]:
+    """Returns the predictions before a case's first run and before its second one."""
+    turns: dict[str, Turn] = {}
+    with tempfile.TemporaryDirectory(prefix="simyard-bench-") as folder:
+        file = Path(folder) / "document.json"
+        file.write_text(document(*CASES[name]))
+        environment = {**os.environ, "SIMYARD_CACHE": f"{folder}/cache"}
+        for run in range(RUNS):
+            turns[f"{name}, run {run + 1}"] = measured(file, (Path(folder) / f"store-{run}").as_uri(), environment)
+    return turns
+
+
+def table(figures: Mapping[str, Turn]) -> str:
+    """Returns the predictions beside what came of them."""
+    rows = [("case", "wall predicted", "taken", "predicted / taken", "memory predicted", "taken")]
+    for name, turn in figures.items():
+        wall = f"{turn.told_s:.0f} s ({turn.wall_s[0]:.0f} to {turn.wall_s[1]:.0f})"
+        memory = f"{turn.memory_gb[0]:.1f} to {turn.memory_gb[1]:.1f} GB"
+        ratio, peak = f"{turn.told_s / turn.took_s:.2f}", f"{turn.peak_gb:.1f} GB"
+        rows.append((name, wall, f"{turn.took_s:.0f} s", ratio, memory, peak))
+    return markdown(rows)
+
+
 def main() -> None:
-    """Prints the table."""
+    """Prints the table, and writes it into a page."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--document", type=Path)
     parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
     options = parser.parse_args()
-    rows = [("case", "wall predicted", "taken", "ratio", "memory predicted", "taken")]
     figures: dict[str, Turn] = {}
     for name in options.case:
-        with tempfile.TemporaryDirectory(prefix="simyard-bench-") as folder:
-            file = Path(folder) / "document.json"
-            file.write_text(document(*CASES[name]))
-            environment = {**os.environ, "SIMYARD_CACHE": f"{folder}/cache"}
-            for run in range(RUNS):
-                turn = measured(file, (Path(folder) / f"store-{run}").as_uri(), environment)
-                figures[f"{name}, run {run + 1}"] = turn
-    for name, turn in figures.items():
-        wall = f"{turn.told_s:.0f} s ({turn.wall_s[0]:.0f} - {turn.wall_s[1]:.0f})"
-        memory = f"{turn.memory_gb[0]:.1f} - {turn.memory_gb[1]:.1f} GB"
-        rows.append(
-            (name, wall, f"{turn.took_s:.0f} s", f"{turn.told_s / turn.took_s:.2f}", memory, f"{turn.peak_gb:.1f} GB")
-        )
-    print(markdown(rows))
+        figures |= both_runs(name)
+    found = f"{machine()}\n\n{table(figures)}"
+    print(found)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2))
+    if options.document:
+        options.document.write_text(with_tables(options.document.read_text(), "plan", found))
 
 
 if __name__ == "__main__":

@@ -9,10 +9,8 @@ minutes, most of which MJX compiles; each part replaces its own rows of the tabl
 import argparse
 import shutil
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from statistics import median
 
 from benchmarks.repository import ROOT
 from benchmarks.tables import markdown, with_tables
@@ -20,13 +18,10 @@ from tasks.simulate.devices import prepare_devices
 
 prepare_devices()
 
-import jax  # noqa: E402 - it reads its settings when it is imported
-
-from benchmarks.simulation.engine_variants import PHYSICS_STEPS, WORLDS  # noqa: E402
+from benchmarks.simulation.engine_variants import PHYSICS_STEPS, WORLDS, slice_times  # noqa: E402 - JAX reads its settings when it is imported
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT, bench_world, explorations  # noqa: E402
 from specs.data.episode import ApplicationLaunch  # noqa: E402
 from tasks.simulate.application.robot_mjcf import compile_robot, read_robot_mjcf  # noqa: E402
-from tasks.simulate.chunk.episodes import ready_chunk  # noqa: E402
 from tasks.simulate.engine.choice import choose_engine  # noqa: E402
 from tasks.simulate.plan.chunks import SLICE_STEPS  # noqa: E402
 from tasks.simulate.refusal import RobotRefused  # noqa: E402
@@ -55,19 +50,9 @@ def rates(name: str, engine: str, lanes: int) -> tuple[str, str]:
         changes = {"robot": launch, "environment": {"ACTUATORS": f"x{actuators}"}}
         requests = [each.model_copy(update=changes) for each in explorations(lanes, WORLDS, _FOREVER_S)]
         worlds = {f"bench/{k}": bench_world(k, OBSTACLES) for k in range(WORLDS)}
-        begun = time.perf_counter()
-        run = ready_chunk(requests, worlds, FOLDERS | {ROBOT: folder}, lanes=lanes, engine=engine).run
-        if run is None:
-            raise RuntimeError(f"{name} does not start on {engine}")
-        state, _ = run.advance(run.begin())
-        jax.block_until_ready(state.body)
-        first_s, found = time.perf_counter() - begun, list[float]()
-        for _ in range(TURNS):
-            begun = time.perf_counter()
-            state, _ = run.advance(state)
-            jax.block_until_ready(state.body)
-            found.append(SLICE_STEPS * lanes * PHYSICS_STEPS / (time.perf_counter() - begun) / 1e3)
-        return f"{median(found):,.1f}", f"{first_s:.0f}"
+        bundles = FOLDERS | {ROBOT: folder}
+        first_s, slice_s = slice_times(requests, worlds, bundles, engine=engine, turns=TURNS)
+        return f"{SLICE_STEPS * lanes * PHYSICS_STEPS / slice_s / 1e3:,.1f}", f"{first_s:.0f}"
 
 
 def rows(name: str, counts: Sequence[int]) -> Iterator[list[str]]:
