@@ -111,21 +111,17 @@ class BatchMeter:
 def work_of(timings: Sequence[ChunkTiming], *, simulated_s: float, wall_s: float) -> ChunkWork:
     """Returns what a chunk took.
 
-    The first slice of control steps compiles; what it took more than the others is taken for that.
-
     Args:
         timings: Of its parts that came to their end.
         simulated_s: Of its episodes.
         wall_s: From its beginning to its being committed.
     """
-    slice_s = [each.slices_s / each.slices if each.slices else 0.0 for each in timings]
-    compile_s = sum(max(0.0, each.first_s - usual) for each, usual in zip(timings, slice_s, strict=True))
     return ChunkWork(
         chunks=1,
         wall_s=wall_s,
         ready_s=sum(each.ready_s for each in timings),
-        compile_s=compile_s,
-        drive_s=sum(each.first_s + each.slices_s for each in timings) - compile_s,
+        compile_s=sum(each.compile_s for each in timings),
+        drive_s=sum(each.slices_s for each in timings),
         simulated_s=simulated_s,
         lanes=max((each.lanes for each in timings), default=0),
     )

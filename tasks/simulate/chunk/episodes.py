@@ -232,7 +232,7 @@ def keep_timing(chunk: ReadyChunk) -> None:
         device_kind(),
         lanes=chunk.program.lanes,
         episodes=len(requests),
-        most_slices=-(-max(last_step(request) for request in requests) // SLICE_STEPS) - 1,
+        most_slices=-(-max(last_step(request) for request in requests) // SLICE_STEPS),
         host=chunk.run is not None and chunk.run.host is not None,
     )
     if timing is not None:

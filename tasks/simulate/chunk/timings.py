@@ -8,7 +8,6 @@ import hashlib
 import logging
 import resource
 import sys
-import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -19,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from specs.base import Spec
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.devices import device_kind
+from tasks.simulate.engine.compile_clock import compiled_s, running_s
 from tasks.simulate.plan.chunks import ProgramKey
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.cache_folder import cache_folder
@@ -35,11 +35,11 @@ class ChunkTiming(Spec):
     Attributes:
         lanes: Of the program, idle ones included.
         episodes: How many of them held episodes.
-        ready_s: To load applications and worlds, and to place robots.
-        first_s: For the first slice of control steps: compiling, or loading what was compiled, included.
-        slices: How many slices followed.
-        slices_s: What those took.
-        most_slices: How many would have followed if an episode had taken its full duration.
+        ready_s: To load applications and worlds, and to place robots, compiling apart.
+        compile_s: To trace and compile programs, or to load what was compiled.
+        slices: How many slices of control steps there were.
+        slices_s: What those took, compiling apart.
+        most_slices: How many there would have been if an episode had taken its full duration.
         peak_bytes: The most memory that the process held until then.
         host: Whether controllers ran on the host, which says little of programs without.
     """
@@ -49,7 +49,7 @@ class ChunkTiming(Spec):
     lanes: int
     episodes: int
     ready_s: float
-    first_s: float
+    compile_s: float
     slices: int
     slices_s: float
     most_slices: int
@@ -67,11 +67,11 @@ class ChunkWatch:
 
     def __init__(self) -> None:
         """Begins now."""
-        self._marks_s = [time.monotonic()]
+        self._marks_s, self._compiled_s = [running_s()], compiled_s()
 
     def mark(self) -> None:
         """Notes the time: when lanes are ready, then at the end of each slice."""
-        self._marks_s.append(time.monotonic())
+        self._marks_s.append(running_s())
 
     def timing(
         self, engine: EngineName, device: str, *, lanes: int, episodes: int, most_slices: int, host: bool = False
@@ -83,21 +83,21 @@ class ChunkWatch:
             device: The kind of device.
             lanes: Of the program, idle ones included.
             episodes: How many of them held episodes.
-            most_slices: How many would have followed the first if an episode had taken its full duration.
+            most_slices: How many slices there would have been if an episode had taken its full duration.
             host: Whether controllers ran on the host.
         """
         if len(self._marks_s) <= 2:
             return None
-        began_s, ready_s, first_s, *_ = self._marks_s
+        began_s, ready_s, *_, last_s = self._marks_s
         return ChunkTiming(
             engine=engine,
             device=device,
             lanes=lanes,
             episodes=episodes,
             ready_s=ready_s - began_s,
-            first_s=first_s - ready_s,
-            slices=len(self._marks_s) - 3,
-            slices_s=self._marks_s[-1] - first_s,
+            compile_s=compiled_s() - self._compiled_s,
+            slices=len(self._marks_s) - 2,
+            slices_s=last_s - ready_s,
             most_slices=most_slices,
             peak_bytes=peak_bytes(),
             host=host,
@@ -110,29 +110,29 @@ class TurnWatch:
     def __init__(self) -> None:
         """Begins at zero."""
         self._ready_s, self._slices_s = 0.0, list[float]()
+        self._compiled_s = compiled_s()
 
     def placed(self, took_s: float) -> None:
-        """Adds time in which nothing but placing was done."""
+        """Adds time in which nothing but placing was done, compiling apart."""
         self._ready_s += took_s
 
     def drove(self, took_s: float) -> None:
-        """Adds a slice, with what had to be done before it."""
+        """Adds a slice, with what had to be done before it, compiling apart."""
         self._slices_s.append(took_s)
 
     def timing(self, engine: EngineName, *, lanes: int, episodes: int, most_slices: int) -> ChunkTiming | None:
         """Returns what the chunk took; None of one that no slice was driven for. The rest as ``ChunkWatch.timing``."""
         if not self._slices_s:
             return None
-        first_s, *others_s = self._slices_s
         return ChunkTiming(
             engine=engine,
             device=device_kind(),
             lanes=lanes,
             episodes=episodes,
             ready_s=self._ready_s,
-            first_s=first_s,
-            slices=len(others_s),
-            slices_s=sum(others_s),
+            compile_s=compiled_s() - self._compiled_s,
+            slices=len(self._slices_s),
+            slices_s=sum(self._slices_s),
             most_slices=most_slices,
             peak_bytes=peak_bytes(),
         )
@@ -171,7 +171,7 @@ def remember_timing(program: ProgramKey, timing: ChunkTiming) -> None:
     if over is not None:
         over.append((program, timing))
         return
-    took_s = timing.ready_s + timing.first_s + timing.slices_s
+    took_s = timing.ready_s + timing.compile_s + timing.slices_s
     logger.debug("%d episodes on %s in %.1f s", timing.episodes, timing.engine, took_s)
     collecting = _collecting.get()
     if collecting is not None:

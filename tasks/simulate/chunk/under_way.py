@@ -6,7 +6,6 @@ next chunk begins as soon as a lane is free. Each chunk is answered as a whole, 
 """
 
 import logging
-import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from tasks.simulate.chunk.lane_stream import ChunkOnItsWay, LaneStream, Waiting
 from tasks.simulate.chunk.part_rows import PartRows
 from tasks.simulate.chunk.placed_chunk import PlacedChunk, lane_forms, part_program, placing, program_of
 from tasks.simulate.chunk.timings import TurnWatch, remember_timing
+from tasks.simulate.engine.compile_clock import running_s
 from tasks.simulate.engine.compiled_program import CompiledProgram
 from tasks.simulate.engine.program import Program
 from tasks.simulate.lane.recording import SampleRecorder
@@ -174,7 +174,7 @@ class ChunksUnderWay:
         """Drives a slice of the lanes that hold the first chunk that is not done; does other work meanwhile."""
         if not self._works[0].placed:
             return self._place_some()
-        began_s = time.monotonic()
+        began_s = running_s()
         stream = self._begin_next()
         if stream is None:
             return self._place_some()
@@ -182,7 +182,7 @@ class ChunksUnderWay:
             pass
         with timed_call("slice", "", f"a slice of {SLICE_STEPS} control steps"):
             self._rows_to_make.extend(stream.collect())
-        self._watch.drove(time.monotonic() - began_s)
+        self._watch.drove(running_s() - began_s)
         self._require_room()
         return True
 
@@ -228,7 +228,7 @@ class ChunksUnderWay:
         work = next((each for each in self._works if not each.placed), None)
         if work is None:
             return False
-        began_s = time.monotonic()
+        began_s = running_s()
         try:
             self._step(work)
         except (Exception, SystemExit):
@@ -240,7 +240,7 @@ class ChunksUnderWay:
             self._works.pop()
             return False
         if not beside:
-            self._watch.placed(time.monotonic() - began_s)
+            self._watch.placed(running_s() - began_s)
         return True
 
     def _step(self, work: ChunkOnItsWay) -> None:
@@ -279,7 +279,7 @@ class ChunksUnderWay:
         if program is None:
             return
         requests = work.chunk.requests
-        most = -(-max(map(last_step, requests)) // SLICE_STEPS) - 1
+        most = -(-max(map(last_step, requests)) // SLICE_STEPS)
         timing = watch.timing(program.engine, lanes=program.lanes, episodes=len(requests), most_slices=most)
         if timing is not None:
             remember_timing(timed_as or program_key(requests[0]), timing)

@@ -49,7 +49,7 @@ class Speed(Spec):
     Attributes:
         drive: For control steps.
         ready: To make episodes ready.
-        first: Seconds until a program's first slice is done; None if that is not known.
+        first: Seconds to compile or load a program; None if that is not known.
         share: Which part of their longest duration chunks take until their last episode ends.
         peak_bytes: The most memory that was seen for each lane count; empty if nothing is known.
     """
@@ -134,8 +134,8 @@ def memory_bytes(engine: EngineName, speed: Speed, lanes: int) -> Span:
 
 
 def _first(timings: Sequence[ChunkTiming]) -> Span:
-    """Returns what a first slice may take: within a process, only the first chunk's has to load its program."""
-    most_s = max(each.first_s for each in timings)
+    """Returns what a program may take to compile or load: within a process, only the first chunk has to."""
+    most_s = max(each.compile_s for each in timings)
     return Span(low=min(0.5 * most_s, ENGINES[timings[0].engine].cost.load_s), high=1.25 * most_s)
 
 

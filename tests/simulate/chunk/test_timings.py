@@ -5,7 +5,15 @@ from pathlib import Path
 import pytest
 
 from specs.pipeline.simulation_section import EngineName
-from tasks.simulate.chunk.timings import ChunkTiming, ChunkWatch, recall_engine_timings, recall_timings, remember_timing
+from tasks.simulate.chunk import timings
+from tasks.simulate.chunk.timings import (
+    ChunkTiming,
+    ChunkWatch,
+    TurnWatch,
+    recall_engine_timings,
+    recall_timings,
+    remember_timing,
+)
 
 PROGRAM, OTHER = ("courier", "delivery"), ("courier", "coverage")
 
@@ -23,7 +31,7 @@ def timing(engine: EngineName = "planar", ready_s: float = 1.0) -> ChunkTiming:
         lanes=16,
         episodes=12,
         ready_s=ready_s,
-        first_s=2.0,
+        compile_s=2.0,
         slices=40,
         slices_s=3.0,
         most_slices=47,
@@ -58,15 +66,39 @@ def test_a_file_of_another_version_and_a_folder_that_is_none_are_no_memory(cache
     assert recall_timings(PROGRAM) == []
 
 
-def test_a_watch_tells_readying_the_first_slice_and_the_others_apart():
+def test_a_watch_tells_readying_and_slices_apart():
     watch = ChunkWatch()
     for _ in range(5):
         watch.mark()
     taken = watch.timing("planar", "cpu", lanes=16, episodes=3, most_slices=9)
     assert taken
-    assert (taken.slices, taken.most_slices, taken.lanes, taken.episodes) == (3, 9, 16, 3)
-    assert min(taken.ready_s, taken.first_s, taken.slices_s) >= 0.0
+    assert (taken.slices, taken.most_slices, taken.lanes, taken.episodes) == (4, 9, 16, 3)
+    assert min(taken.ready_s, taken.compile_s, taken.slices_s) >= 0.0
     assert taken.peak_bytes > 1 << 20
+
+
+@pytest.mark.parametrize("when", ["ready", "first slice", "later slice"])
+def test_compiling_is_counted_once_whenever_it_is_done(when: str, monkeypatch: pytest.MonkeyPatch):
+    at_s, compiled_s = 0.0, 0.0
+
+    def passed(seconds: float, *, compiling: bool) -> None:
+        nonlocal at_s, compiled_s
+        at_s, compiled_s = at_s + seconds, compiled_s + compiling * seconds
+
+    monkeypatch.setattr(timings, "compiled_s", lambda: compiled_s)
+    monkeypatch.setattr(timings, "running_s", lambda: at_s - compiled_s)
+    watch, turns = ChunkWatch(), TurnWatch()
+    for step in ("ready", "first slice", "later slice"):
+        began_s = timings.running_s()
+        passed(1.0, compiling=False)
+        passed(16.0 * (step == when), compiling=True)
+        watch.mark()
+        (turns.placed if step == "ready" else turns.drove)(timings.running_s() - began_s)
+    alone = watch.timing("planar", "cpu", lanes=16, episodes=3, most_slices=9)
+    shared = turns.timing("planar", lanes=16, episodes=3, most_slices=9)
+    for taken in (alone, shared):
+        assert taken is not None
+        assert (taken.ready_s, taken.compile_s, taken.slices_s, taken.slices) == (1.0, 16.0, 2.0, 2)
 
 
 def test_what_was_not_driven_took_nothing():

@@ -45,7 +45,7 @@ def timing(**changes: object) -> ChunkTiming:
         lanes=16,
         episodes=16,
         ready_s=0.1,
-        first_s=2.0,
+        compile_s=2.0,
         slices=47,
         slices_s=10.0,
         most_slices=47,
