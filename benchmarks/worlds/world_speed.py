@@ -23,7 +23,11 @@ _BATCH = 20
 _WARM = 2 * _BATCH
 _MOST_WORLDS = 100_000
 # What `generate_world` calls for each stage; what is left is walls, doors, materials and the document.
-STAGES = {"plan": ("sound_plan",), "interior": ("furnish_interior",), "certificate": ("survey", "certify", "occupancy")}
+STAGES = {
+    "plan": ("sound_plan",),
+    "interior": ("furnish_interior",),
+    "certificate": ("survey_as_set", "certify", "occupancy"),
+}
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -5,7 +5,8 @@ Equal worlds are equal bytes on any machine. A reference is ``<generation>/<worl
 
 import hashlib
 import json
-import math
+from functools import lru_cache
+from json.encoder import encode_basestring
 
 from pydantic import ValidationError
 
@@ -17,6 +18,7 @@ from tasks.storage.base.encoding import create_once
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 
+_number_text = float.__repr__
 _json_text = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode
 
 
@@ -38,9 +40,9 @@ def encode_world(world: World) -> bytes:
 
 def _furniture_text(piece: Furniture) -> str:
     return (
-        f'{{"center_m":{_numbers_text(piece.center_m)},"model_type":{_json_text(piece.model_type)},'
-        f'"name":{_json_text(piece.name)},"room":{_json_text(piece.room)},"solids":{_solids_text(piece.solids)},'
-        f'"yaw_rad":{_numbers_text((piece.yaw_rad,))[1:-1]}}}'
+        f'{{"center_m":{_numbers_text(piece.center_m)},"model_type":{encode_basestring(piece.model_type)},'
+        f'"name":{encode_basestring(piece.name)},"room":{encode_basestring(piece.room)},"solids":{_solids_text(piece.solids)},'
+        f'"yaw_rad":{_finite(_number_text(piece.yaw_rad))}}}'
     )
 
 
@@ -49,17 +51,31 @@ def _solids_text(solids: tuple[Solid, ...]) -> str:
 
 
 def _solid_text(solid: Solid) -> str:
+    x, y, z = map(_number_text, solid.center_m)
     return (
-        f'{{"center_m":{_numbers_text(solid.center_m)},"color":{_numbers_text(solid.color)},'
-        f'"half_extents_m":{_numbers_text(solid.half_extents_m)},"name":{_json_text(solid.name)},'
-        f'"shape":"{solid.shape}","yaw_rad":{_numbers_text((solid.yaw_rad,))[1:-1]}}}'
+        f'{{"center_m":{_finite(f"[{x},{y},{z}]")},"color":{_shared_text(solid.color)},'
+        f'"half_extents_m":{_shared_text(solid.half_extents_m)},"name":{encode_basestring(solid.name)},'
+        f'"shape":"{solid.shape}","yaw_rad":{_finite(_number_text(solid.yaw_rad))}}}'
     )
 
 
+def _shared_text(numbers: tuple[float, ...]) -> str:
+    """Returns the text of numbers that many solids share; zeros have a sign, which the memory of texts does not see."""
+    return _numbers_text(numbers) if 0.0 in numbers else _known_text(numbers)
+
+
 def _numbers_text(numbers: tuple[float, ...]) -> str:
-    if not all(map(math.isfinite, numbers)):
-        raise ValueError(f"JSON has no words for {numbers}")
-    return f"[{','.join(map(float.__repr__, numbers))}]"
+    return _finite(f"[{','.join(map(_number_text, numbers))}]")
+
+
+_known_text = lru_cache(maxsize=8192)(_numbers_text)
+
+
+def _finite(text: str) -> str:
+    """Returns the text of numbers as it is, unless it says nan or inf."""
+    if "n" in text:
+        raise ValueError(f"JSON has no words for {text}")
+    return text
 
 
 def decode_world(body: bytes) -> World:

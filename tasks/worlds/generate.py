@@ -11,7 +11,7 @@ from functools import lru_cache
 from specs.data.world import ROBOT_RADIUS_M, Light, Passage, Rectangle, Room, Window, World
 from specs.template.body import TemplateBody, template_digest
 from tasks.worlds.brief import FULLY_OPEN, Brief, brief_of
-from tasks.worlds.certificate.certificate import Survey, broken_guarantees, certify, survey
+from tasks.worlds.certificate.certificate import Survey, broken_guarantees, certify, survey_as_set
 from tasks.worlds.floorplan.doors import build_doors, hang_doors, open_leaves
 from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
 from tasks.worlds.floorplan.scoring import WALL_M
@@ -108,7 +108,7 @@ def _draw_world(brief: Brief, draw: InteriorKey, generation: str, digest: str) -
     interior = furnish_interior(brief, plan, [*walls, *open_leaves(doors, passages)], draw)
     furniture = interior.furniture
     shut = any(door.open_percent < FULLY_OPEN for door in doors)
-    as_set = survey(rooms, passages, walls, furniture, doors).as_set if shut else interior.clearance
+    as_set = survey_as_set(rooms, walls, furniture, [door.leaf for door in doors]) if shut else interior.clearance
     surveyed = Survey(interior.clearance, as_set)
     return World(
         generator=GENERATOR,

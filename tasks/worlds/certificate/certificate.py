@@ -21,7 +21,7 @@ from tasks.worlds.geometry.clearance import (
     measure_clearance,
     reaches_room,
 )
-from tasks.worlds.geometry.overlaps import count_overlaps
+from tasks.worlds.geometry.overlaps import count_overlaps, solid_rows
 
 START_RADIUS_M = 1.0
 _RADIUS_STEP_M = 0.01
@@ -56,12 +56,25 @@ def survey(
         furniture: All furniture.
         doors: All doors, as they stand.
     """
-    fixed = [*walls, *(solid for piece in furniture for solid in piece.solids)]
-    area = bounding_box([_box(room) for room in rooms]).grown(WALL_M)
-    as_set = measure_clearance(area, [*fixed, *(door.leaf for door in doors)])
+    as_set = survey_as_set(rooms, walls, furniture, [door.leaf for door in doors])
     if all(door.open_percent == 100.0 for door in doors):
         return Survey(as_set, as_set)
-    return Survey(measure_clearance(area, [*fixed, *open_leaves(doors, passages)]), as_set)
+    return Survey(survey_as_set(rooms, walls, furniture, open_leaves(doors, passages)), as_set)
+
+
+def survey_as_set(
+    rooms: Sequence[Room], walls: Sequence[Solid], furniture: Sequence[Furniture], leaves: Sequence[Solid]
+) -> Clearance:
+    """Returns the clearance of a finished world with its doors as their leaves stand.
+
+    Args:
+        rooms: All rooms.
+        walls: All walls.
+        furniture: All furniture.
+        leaves: The leaves of all doors.
+    """
+    area = bounding_box([_box(room) for room in rooms]).grown(WALL_M)
+    return measure_clearance(area, [*walls, *(solid for piece in furniture for solid in piece.solids), *leaves])
 
 
 def certify(
@@ -147,32 +160,31 @@ def _figures(brief: Brief, clear: Clearance, rooms: Sequence[Room]) -> Iterator[
 
 def distance_to_origin(solids: Sequence[Solid]) -> float:
     """Returns the distance on the floor from (0, 0) to the nearest solid that is not above head height (metres)."""
-    low = [solid for solid in solids if solid.center_m[2] - solid.half_extents_m[2] < HEADROOM_M]
-    x, y, half_x, half_y, yaw = np.array(
-        [(*solid.center_m[:2], *solid.half_extents_m[:2], solid.yaw_rad) for solid in low]
-    ).T
+    rows = solid_rows(solids)
+    low = rows[:, 2] - rows[:, 5] < HEADROOM_M
+    x, y, _, half_x, half_y, _, yaw = rows[low].T
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead = np.maximum(np.abs(cos * x + sin * y) - half_x, 0.0)
     aside = np.maximum(np.abs(cos * y - sin * x) - half_y, 0.0)
-    round_ones = np.array([solid.shape == "cylinder" for solid in low])
+    round_ones = np.array([solid.shape == "cylinder" for solid in solids])[low]
     distances = np.where(round_ones, np.sqrt(x * x + y * y) - half_x, np.sqrt(ahead * ahead + aside * aside))
     return max(float(distances.min()), 0.0)
 
 
 def _reachable_radius(clearance: Clearance, rooms: Sequence[Room], passages: Sequence[Passage]) -> float:
-    """Returns the largest radius (whole centimetres) with which every room is reached, by bisection; 0 for none.
+    """Returns the largest radius (whole centimetres) with which every room is reached; 0 for none.
 
-    Most often the passages alone decide it, so what they let through is tried first.
+    Most often the passages alone decide it, or something a little narrower does. So what they let through is tried
+    first, then less and less, each step twice as long as the one before; what is left between two steps is halved.
     """
     floors = [_box(room) for room in rooms]
     middle = math.floor(_most_through(clearance, rooms, passages) / _RADIUS_STEP_M + EPSILON_M)
-    low, high = 0, middle + 1
+    low, high, down = 0, middle + 1, 1
     while high - low > 1:
-        radius = middle * _RADIUS_STEP_M
-        reached = clearance.reached(radius)
-        holds = all(reaches_room(reached, clearance, floor, radius) for floor in floors)
+        holds = _reaches_all(clearance, floors, middle * _RADIUS_STEP_M)
         low, high = (middle, high) if holds else (low, middle)
-        middle = (low + high) // 2
+        middle = (low + high) // 2 if low else max(middle - down, 1)
+        down *= 2
     return low * _RADIUS_STEP_M
 
 
@@ -193,6 +205,11 @@ def _most_through(clearance: Clearance, rooms: Sequence[Room], passages: Sequenc
         if room.name not in starts
     ]
     return max(min([*widest, RADIUS_MAX_M]), 0.0)
+
+
+def _reaches_all(clearance: Clearance, floors: Sequence[Box], radius_m: float) -> bool:
+    reached = clearance.reached(radius_m)
+    return all(reaches_room(reached, clearance, floor, radius_m) for floor in floors)
 
 
 def _threshold(passage: Passage) -> Box:

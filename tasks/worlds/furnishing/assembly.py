@@ -59,7 +59,6 @@ class _PlacedPrimitive(NamedTuple):
     center: tuple[float, float, float]
     half: tuple[float, float, float]
     yaw: float
-    paint: Paint
 
 
 def draw_look(rng: np.random.Generator) -> Look:
@@ -79,16 +78,17 @@ def assemble(piece: Piece, name: str, room: str, look: Look) -> Furniture:
     """
     x, y = piece.center
     parts = _turn_parts(piece.type, piece.size, look.style, piece.quarter, piece.askew_rad)
+    colors = _mix_paints(piece.type, piece.size, look)
     solids = [
         {
-            "name": f"{name}_{part.name}",
-            "shape": part.shape,
-            "center_m": (round(x + part.center[0], 6) + 0.0, round(y + part.center[1], 6) + 0.0, part.center[2]),
-            "half_extents_m": part.half,
-            "yaw_rad": part.yaw,
-            "color": _mix(part.paint, look.palette),
+            "name": f"{name}_{part_name}",
+            "shape": shape,
+            "center_m": (round(x + dx, 6) + 0.0, round(y + dy, 6) + 0.0, z),
+            "half_extents_m": half,
+            "yaw_rad": yaw,
+            "color": color,
         }
-        for part in parts
+        for (part_name, shape, (dx, dy, z), half, yaw), color in zip(parts, colors, strict=True)
     ]
     # All at once: pydantic is several times quicker with a piece of dictionaries than with solids made one by one.
     return Furniture.model_validate(
@@ -128,11 +128,17 @@ def _turn_part(part: Primitive, quarter: int, askew_rad: float) -> _PlacedPrimit
         yaw += turn
     half = (rounded(half_x), rounded(half_y), rounded(half_z))
     yaw = 0.0 if part.shape == "cylinder" else _wrap_angle(yaw)
-    return _PlacedPrimitive(part.name, part.shape, (x, y, rounded(part.center[2])), half, yaw, part.color)
+    return _PlacedPrimitive(part.name, part.shape, (x, y, rounded(part.center[2])), half, yaw)
 
 
 def _wrap_angle(yaw: float) -> float:
     return rounded(math.remainder(yaw, 4 * QUARTER_TURN_RAD))
+
+
+@lru_cache(maxsize=8192)
+def _mix_paints(kind: TypeName, size: Size, look: Look) -> tuple[Color, ...]:
+    """Returns the colours of a piece's primitives."""
+    return tuple(_mix(part.color, look.palette) for part in compose(kind, size, look.style))
 
 
 @lru_cache(maxsize=1024)

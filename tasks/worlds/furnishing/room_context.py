@@ -1,6 +1,7 @@
 """What a group is made for: a room of a type, its area, what it may hold, and the stream that draws."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from tasks.worlds.furniture.primitives import Size
 _HALL_M2 = 50.0
 
 
-@dataclass(frozen=True)
+@dataclass
 class RoomContext:
     """A room that is being furnished, as the makers of groups see it.
 
@@ -31,7 +32,7 @@ class RoomContext:
     listed: tuple[TypeName, ...] | None
     spare_m2: float
 
-    @property
+    @cached_property
     def area_m2(self) -> float:
         """The room's floor (square metres)."""
         return self.scene.floor.area

@@ -1,17 +1,16 @@
 """A room while it is being furnished: its floor, what stands there, and the lines along which things stand."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
-
-import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from tasks.worlds.floorplan.floorplan import START_CLEAR_M
 from tasks.worlds.floorplan.windows import Pane
 from tasks.worlds.furniture.furniture_type import TypeName
 from tasks.worlds.furniture.primitives import Size
-from tasks.worlds.geometry.boxes import Box, inset
+from tasks.worlds.geometry.boxes import EPSILON_M, Box
 
 _WINDOW_DEPTH_M = 0.6
 # Rooms at least this deep have lines in their middle, so far from each other at least, along which things stand back
@@ -20,11 +19,9 @@ _BAY_M = 2.7
 _SPINE_END_M = 1.2
 _SPINE_M = 4.0
 _WRONG_CORNER = 0.7
-_FAR, _SIDES = 1e9, 4
 
 
-@dataclass(frozen=True)
-class Piece:
+class Piece(NamedTuple):
     """A piece that stands in a room.
 
     Attributes:
@@ -46,7 +43,13 @@ class Piece:
 class BackLine(NamedTuple):
     """Where backs stand: facing ``quarter``, at a coordinate across, from one along to another.
 
-    ``wall`` tells walls from lines in the middle of a large room.
+    Attributes:
+        wall: Whether it is a wall, or a line in the middle of a large room.
+        axis: 0 for a line along x, 1 for one along y.
+        inward: 1 where the room lies on the line's upper side, else -1.
+        ahead: 1 where what faces that way has its left at the line's start, else -1.
+        left: How well what stands at the line's start is held there, 1 in a corner that is on its left.
+        right: The same of the line's end.
     """
 
     quarter: int
@@ -54,48 +57,50 @@ class BackLine(NamedTuple):
     start: float
     end: float
     wall: bool
+    axis: int
+    inward: float
+    ahead: float
+    left: float
+    right: float
 
 
-class LineTable(NamedTuple):
-    """Lines as columns.
+def _line(quarter: int, at: float, start: float, end: float, *, wall: bool) -> BackLine:
+    ahead = 1.0 if quarter < 2 else -1.0
+    left, right = (wall * (1.0 if side * ahead > 0 else _WRONG_CORNER) for side in (1, -1))
+    return BackLine(quarter, at, start, end, wall, quarter % 2, 1.0 if quarter in {0, 3} else -1.0, ahead, left, right)
+
+
+LineBox = tuple[float, float, float, float]
+"""A box as lines of one axis have it: its low and high side across them, and along them."""
+
+
+def _bars(boxes: Iterable[Box], axis: int) -> list[LineBox]:
+    if axis:
+        return [(x_min, x_max, y_min, y_max) for x_min, y_min, x_max, y_max in boxes]
+    return [(y_min, y_max, x_min, x_max) for x_min, y_min, x_max, y_max in boxes]
+
+
+def _inside(bars: Iterable[LineBox], by_m: float = EPSILON_M) -> list[LineBox]:
+    """Returns boxes without their borders, so that what only touches them does not meet them."""
+    return [(near + by_m, far - by_m, start + by_m, end - by_m) for near, far, start, end in bars]
+
+
+class Taken(NamedTuple):
+    """What is taken, as lines of one axis have it: pieces, then the floor that their use needs and that before ways.
 
     Attributes:
-        axis: 0 for lines along x, 1 for lines along y.
-        inward: 1 where the room lies on the line's upper side, else -1.
-        ahead: 1 where what faces that way has its left at the line's start, else -1.
-        rows: Of each line: at, start, end, inward, ahead, left and right, for what is quicker one by one.
-        left: How well what stands at the line's start is held there, 1 in a corner that is on its left.
-        right: The same of the line's end.
+        whole: With its borders.
+        inside: Without them.
+        pieces: The pieces of it, without their borders.
+        around: The floor and its border; what reaches beyond it meets what is around.
+        sills: Height of the sill, and the floor below, of each window.
     """
 
-    quarter: Int[np.ndarray, " lines"]
-    axis: Int[np.ndarray, " lines"]
-    at: Float[np.ndarray, " lines"]
-    start: Float[np.ndarray, " lines"]
-    end: Float[np.ndarray, " lines"]
-    inward: Float[np.ndarray, " lines"]
-    wall: Bool[np.ndarray, " lines"]
-    ahead: Float[np.ndarray, " lines"]
-    left: Float[np.ndarray, " lines"]
-    right: Float[np.ndarray, " lines"]
-    rows: list[tuple[float, float, float, float, float, float, float]]
-
-    def only(self, quarters: tuple[int, ...], *, walls: bool) -> "LineTable":
-        """Returns the lines that face one of these ways, without those in the middle of the room if need be."""
-        if len(quarters) == 4 and (not walls or len(self.wall) == 4):
-            return self
-        kept = np.isin(self.quarter, quarters) & (self.wall | (not walls))
-        rows = [self.rows[row] for row in kept.nonzero()[0].tolist()]
-        return LineTable._make([*(column[kept] for column in self[:-1]), rows])
-
-
-def _table(lines: Sequence[BackLine]) -> LineTable:
-    quarter, at, start, end, wall = (np.array(column) for column in zip(*lines, strict=True))
-    inward = np.where((quarter == 0) | (quarter == 3), 1.0, -1.0)
-    ahead = np.where(quarter < 2, 1.0, -1.0)
-    left, right = (wall * np.where(side * ahead > 0, 1.0, _WRONG_CORNER) for side in (1, -1))
-    rows = list(zip(*(column.tolist() for column in (at, start, end, inward, ahead, left, right)), strict=True))
-    return LineTable(quarter, quarter % 2, at, start, end, inward, wall, ahead, left, right, rows)
+    whole: list[LineBox]
+    inside: list[LineBox]
+    pieces: list[LineBox]
+    around: LineBox
+    sills: list[tuple[float, LineBox]]
 
 
 class Sill(NamedTuple):
@@ -122,7 +127,7 @@ class RoomScene:
         floor: The room's floor.
         keep_clear: Floor before passages, where nothing stands.
         way_m: Width of the ways that a robot needs.
-        table: Where backs stand.
+        lines: Where backs stand.
         sills: Its windows.
         entries: Where a robot stands that has just come in, or starts.
         holds_start: Whether the clear disc around (0, 0) reaches into it.
@@ -133,72 +138,58 @@ class RoomScene:
     floor: Box
     keep_clear: tuple[Box, ...]
     way_m: float
-    table: LineTable
+    lines: tuple[BackLine, ...]
     sills: tuple[Sill, ...] = ()
     entries: tuple[tuple[float, float], ...] = ()
     holds_start: bool = True
     groups: list[PlacedGroup] = field(default_factory=list[PlacedGroup])
     pieces: list[Piece] = field(default_factory=list[Piece])
-    _taken: Float[np.ndarray, "4 boxes"] | None = None
-    _barred: Float[np.ndarray, "4 more"] | None = None
-    _beside: list[list[tuple[float, float, float, float]]] | None = None
+    _counts: Counter[TypeName] = field(default_factory=Counter[TypeName])
+    _taken: tuple[Taken, Taken] | None = None
 
     def add(self, group: PlacedGroup) -> None:
         """Puts a group into the room."""
         self.groups.append(group)
         self.pieces += group.pieces
-        self._taken = self._barred = self._beside = None
+        self._counts.update([piece.type for piece in group.pieces])
+        self._taken = None
 
     def remove(self, number: int) -> PlacedGroup:
         """Takes a group out of the room again."""
         group = self.groups.pop(number)
         self.pieces = [piece for each in self.groups for piece in each.pieces]
-        self._taken = self._barred = self._beside = None
+        self._counts.subtract([piece.type for piece in group.pieces])
+        self._taken = None
         return group
 
     @property
-    def taken(self) -> Float[np.ndarray, "4 boxes"]:
-        """Where nothing may stand: pieces, then the floor that their use needs and the floor before passages."""
+    def taken(self) -> tuple[Taken, Taken]:
+        """Where nothing may stand, for lines along x and along y."""
         if self._taken is None:
-            zones = [zone for group in self.groups for zone in group.zones]
-            boxes = [*[piece.body for piece in self.pieces], *zones, *self.keep_clear]
-            self._taken = np.array(boxes, dtype=np.float64).reshape(-1, 4).T.copy()
+            self._taken = self._take(0), self._take(1)
         return self._taken
 
-    @property
-    def barred(self) -> Float[np.ndarray, "4 more"]:
-        """What is around the floor, then what is taken, then the floor below windows; all without their borders."""
-        if self._barred is None:
-            low_x, low_y, high_x, high_y = self.floor
-            around = ((-_FAR, -_FAR, low_x, _FAR), (-_FAR, -_FAR, _FAR, low_y))
-            around += ((high_x, -_FAR, _FAR, _FAR), (-_FAR, high_y, _FAR, _FAR))
-            sills = np.array([sill.zone for sill in self.sills], dtype=np.float64).reshape(-1, 4)
-            self._barred = inset(np.concatenate([np.array(around).T, self.taken, sills.T], axis=1))
-        return self._barred
+    def _take(self, axis: int) -> Taken:
+        zones = [zone for group in self.groups for zone in group.zones]
+        whole = _bars([*[piece.body for piece in self.pieces], *zones, *self.keep_clear], axis)
+        inside = _inside(whole)
+        return Taken(whole, inside, inside[: len(self.pieces)], *self._edges[axis])
 
-    @property
-    def bars_zones(self) -> int:
-        """How many of what is barred also bars floor that is used: what is around the floor, and pieces."""
-        return _SIDES + len(self.pieces)
-
-    @property
-    def bars_low(self) -> int:
-        """How many of what is barred bars things that are lower than window sills: all but the floor below these."""
-        return _SIDES + self.taken.shape[1]
-
-    def beside(self, lines: LineTable) -> list[list[tuple[float, float, float, float]]]:
-        """Returns what is taken as each line has it: low and high across the line, low and high along it."""
-        if self._beside is None:
-            columns = self.taken.tolist()
-            self._beside = [
-                list(zip(*(columns[side] for side in (1 - axis, 3 - axis, axis, 2 + axis)), strict=True))
-                for axis in (0, 1)
-            ]
-        return [self._beside[axis] for axis in lines.axis.tolist()]
+    @cached_property
+    def _edges(self) -> list[tuple[LineBox, list[tuple[float, LineBox]]]]:
+        """The floor, and the windows, as lines of each axis have them."""
+        heights = [sill.height for sill in self.sills]
+        return [
+            (
+                _inside(_bars([self.floor], axis), -EPSILON_M)[0],
+                list(zip(heights, _inside(_bars([sill.zone for sill in self.sills], axis)), strict=True)),
+            )
+            for axis in (0, 1)
+        ]
 
     def count(self, kind: TypeName) -> int:
         """Returns how many pieces of a type stand there."""
-        return sum(piece.type == kind for piece in self.pieces)
+        return self._counts[kind]
 
 
 def open_scene(
@@ -218,10 +209,10 @@ def open_scene(
         entries: Where a robot stands that has just come in, or starts.
     """
     way = way_width(radius_m)
-    table = _table((*_walls(floor), *_spines(floor, way)))
+    lines = (*_walls(floor), *_spines(floor, way))
     sills = tuple(_sill(floor, pane) for pane in panes)
     holds_start = floor.grown(START_CLEAR_M).meets(Box(0.0, 0.0, 1e-3, 1e-3))
-    return RoomScene(floor, keep_clear, way, table, sills, entries, holds_start=holds_start)
+    return RoomScene(floor, keep_clear, way, lines, sills, entries, holds_start=holds_start)
 
 
 def way_width(radius_m: float) -> float:
@@ -232,10 +223,10 @@ def way_width(radius_m: float) -> float:
 def _walls(floor: Box) -> tuple[BackLine, ...]:
     # The back stands at the south, east, north or west wall for 0, 1, 2 or 3 quarter turns.
     return (
-        BackLine(0, floor.y_min, floor.x_min, floor.x_max, wall=True),
-        BackLine(1, floor.x_max, floor.y_min, floor.y_max, wall=True),
-        BackLine(2, floor.y_max, floor.x_min, floor.x_max, wall=True),
-        BackLine(3, floor.x_min, floor.y_min, floor.y_max, wall=True),
+        _line(0, floor.y_min, floor.x_min, floor.x_max, wall=True),
+        _line(1, floor.x_max, floor.y_min, floor.y_max, wall=True),
+        _line(2, floor.y_max, floor.x_min, floor.x_max, wall=True),
+        _line(3, floor.x_min, floor.y_min, floor.y_max, wall=True),
     )
 
 
@@ -255,7 +246,7 @@ def _spines(floor: Box, way_m: float) -> tuple[BackLine, ...]:
         at = round(base + across * bay / bays, 2)
         starts = [round(first + margin + n * (run + margin), 2) for n in range(runs)]
         lines += [
-            BackLine(quarter, at, start, round(start + run, 2), wall=False)
+            _line(quarter, at, start, round(start + run, 2), wall=False)
             for start in starts
             for quarter in ((0, 2) if wide else (1, 3))
         ]

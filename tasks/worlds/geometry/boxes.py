@@ -3,12 +3,8 @@
 from collections.abc import Iterable
 from typing import NamedTuple
 
-import numpy as np
-from jaxtyping import Bool, Float
-
 EPSILON_M = 1e-6
 QUARTER_TURN_RAD = 1.5707963267948966
-_INWARDS = np.array([[EPSILON_M], [EPSILON_M], [-EPSILON_M], [-EPSILON_M]])
 
 
 class Box(NamedTuple):
@@ -61,23 +57,6 @@ def bounding_box(boxes: Iterable[Box]) -> Box:
     """Returns the smallest box that holds all of them."""
     low_x, low_y, high_x, high_y = zip(*boxes, strict=True)
     return Box(min(low_x), min(low_y), max(high_x), max(high_y))
-
-
-def inset(boxes: Float[np.ndarray, "4 many"]) -> Float[np.ndarray, "4 many"]:
-    """Returns boxes without their borders, so that what only touches them does not meet them."""
-    return boxes + _INWARDS
-
-
-def find_meetings(
-    boxes: Float[np.ndarray, "4 *many"], others: Float[np.ndarray, "4 others"]
-) -> Bool[np.ndarray, "*many others"]:
-    """Returns which boxes meet which of the others, of which ``inset`` took the borders (first axis: sides)."""
-    x_min, y_min, x_max, y_max = boxes[..., None]
-    meeting = x_min < others[2]
-    meeting &= x_max > others[0]
-    meeting &= y_min < others[3]
-    meeting &= y_max > others[1]
-    return meeting
 
 
 def rounded(value: float, digits: int = 6) -> float:

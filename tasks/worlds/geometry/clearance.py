@@ -7,12 +7,14 @@ grid can hide, so a radius found here is one that really passes.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Int, Int16
+from jaxtyping import Bool
 
 from specs.data.world import OccupancyMap, Solid
 from tasks.worlds.geometry.boxes import Box, rounded
+from tasks.worlds.geometry.floods import flood
 from tasks.worlds.geometry.overlaps import bounds
 
 CELL_M = 0.05
@@ -26,26 +28,22 @@ _GRID_SLACK_M = CELL_M * (2**-0.5 + 0.5)
 _REACH = int((RADIUS_MAX_M + _GRID_SLACK_M) / CELL_M) + 2
 _RADII_M = CELL_M * np.sqrt(np.arange(_REACH * _REACH + 1)) - _GRID_SLACK_M
 """How large a robot's radius may be at a cell, by the square of the cells to the nearest touched one."""
-CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
-"""Which of the cells around it a robot gets to from a cell."""
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """Distances on the grid.
+    """Where solids are on the grid, and where a robot can be between them.
 
     Attributes:
         origin: Lower left corner of the first cell (metres).
         touched: Cells that a solid in a robot's way touches.
-        squared: For each cell (x, y), the square of the cells between its middle and that of the nearest touched one;
-            as far as it matters for a robot of ``RADIUS_MAX_M``.
         covered: Cells whose centre is under or in a solid.
     """
 
     origin: tuple[float, float]
     touched: Bool[np.ndarray, "x y"]
-    squared: Int16[np.ndarray, "x y"]
     covered: Bool[np.ndarray, "x y"]
+    _known: dict[int, int] = field(default_factory=dict[int, int])
     _floods: dict[int, Bool[np.ndarray, "x y"]] = field(default_factory=dict[int, Bool[np.ndarray, "x y"]])
 
     def cells(self, box: Box) -> tuple[slice, slice]:
@@ -55,25 +53,93 @@ class Clearance:
         high_x, high_y = math.floor((box.x_max - x) / CELL_M + 0.5), math.floor((box.y_max - y) / CELL_M + 0.5)
         return slice(max(low_x, 0), max(high_x, 0)), slice(max(low_y, 0), max(high_y, 0))
 
+    def free(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
+        """Returns the cells at which a robot of that radius, at most ``RADIUS_MAX_M``, can stand."""
+        return self._unpack(self._free(_needed(radius_m)))
+
+    def widest_radius(self, box: Box) -> float:
+        """Returns the radius of the largest robot, up to ``RADIUS_MAX_M``, that can stand at some cell of a box."""
+        x, y = (
+            slice(cells.start, min(cells.stop, most))
+            for cells, most in zip(self.cells(box), self.touched.shape, strict=True)
+        )
+        if x.start >= x.stop or y.start >= y.stop:
+            return RADIUS_MAX_M
+        for around in (max(x.stop - x.start, y.stop - y.start) // 2 + 2, _REACH):
+            low_x, low_y = max(x.start - around, 0), max(y.start - around, 0)
+            window = self.touched[low_x : x.stop + around, low_y : y.stop + around]
+            inner = (x.start - low_x, x.stop - low_x, y.start - low_y, y.stop - low_y)
+            squared = _roomiest(window.tobytes(), window.shape, inner)
+            if squared < around * around:
+                return float(_RADII_M[squared])
+        return float(_RADII_M[-1])
+
     def reached(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
         """Returns the cells that a robot of that radius gets to from (0, 0)."""
         needed = _needed(radius_m)
         if needed not in self._floods:
-            self._floods[needed] = self._flood(needed)
+            free = self._free(needed)
+            self._floods[needed] = self._unpack(flood(self._start & free, free, self._row))
         return self._floods[needed]
 
-    def widest_radius(self, box: Box) -> float:
-        """Returns the radius of the largest robot, up to ``RADIUS_MAX_M``, that can stand at some cell of a box."""
-        cells = self.squared[self.cells(box)]
-        return float(_RADII_M[int(cells.max())]) if cells.size else RADIUS_MAX_M
+    @cached_property
+    def _start(self) -> int:
+        """The cell of (0, 0), where that is on the grid."""
+        x, y = (int(-low // CELL_M) for low in self.origin)
+        rows, columns = self.touched.shape
+        return 1 << x * self._row + y if 0 <= x < rows and 0 <= y < columns else 0
 
-    def _flood(self, needed: int) -> Bool[np.ndarray, "x y"]:
-        from scipy import ndimage  # noqa: PLC0415 - many runs make no worlds, and are not to wait for SciPy
+    @cached_property
+    def _row(self) -> int:
+        """How many bits a row of cells has: discs that reach beyond its ends do not reach into other rows."""
+        return (self.touched.shape[1] + _REACH) // 8 * 8 + 8
 
-        labels: Int[np.ndarray, "x y"] = np.empty(self.squared.shape, dtype=np.int32)
-        ndimage.label(self.squared >= needed, structure=CROSS, output=labels)
-        start = int(labels[int(-self.origin[0] // CELL_M), int(-self.origin[1] // CELL_M)])
-        return labels == (start or -1)
+    @cached_property
+    def _grid(self) -> tuple[int, int]:
+        """The touched cells, and all cells."""
+        return self._pack(self.touched), self._pack(np.ones_like(self.touched))
+
+    def _free(self, needed: int) -> int:
+        """Returns the cells with no touched one so near, by the square of the cells between them."""
+        if needed not in self._known:
+            touched, cells = self._grid
+            near, wide, aside = 0, touched, 0
+            for rows in range(math.isqrt(needed - 1), -1, -1):
+                reach = math.isqrt(needed - 1 - rows * rows)
+                while aside < reach:
+                    aside += 1
+                    wide |= touched << aside | touched >> aside
+                near |= wide << rows * self._row | wide >> rows * self._row
+            self._known[needed] = cells & ~near
+        return self._known[needed]
+
+    def _pack(self, grid: Bool[np.ndarray, "x y"]) -> int:
+        rows, columns = grid.shape
+        bits = np.zeros((rows, self._row), dtype=np.bool_)
+        bits[:, :columns] = grid
+        return int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
+
+    def _unpack(self, cells: int) -> Bool[np.ndarray, "x y"]:
+        rows, columns = self.touched.shape
+        packed = np.frombuffer(cells.to_bytes(rows * self._row // 8, "little"), dtype=np.uint8)
+        return np.unpackbits(packed, bitorder="little").view(np.bool_).reshape(rows, self._row)[:, :columns]
+
+
+@lru_cache(maxsize=1024)
+def _roomiest(window: bytes, shape: tuple[int, int], inner: tuple[int, int, int, int]) -> int:
+    """Returns the greatest square of cells that one of a window's inner cells has to the nearest touched one.
+
+    Interiors of a floor plan share it: nothing stands before a passage.
+
+    Args:
+        window: Which cells are touched, row by row.
+        shape: Rows, and cells in each.
+        inner: From which to which row, and from which to which cell of each.
+    """
+    touched = np.argwhere(np.frombuffer(window, dtype=np.bool_).reshape(shape))
+    x, y = np.mgrid[inner[0] : inner[1], inner[2] : inner[3]].reshape(2, -1, 1)
+    apart = (touched[:, 0] - x) ** 2 + (touched[:, 1] - y) ** 2
+    return int(apart.min(axis=1, initial=_REACH * _REACH).max(initial=0))
 
 
 def _needed(radius_m: float) -> int:
@@ -95,25 +161,7 @@ def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
         touched[x_min:x_max, y_min:y_max] = True
     for x_min, y_min, x_max, y_max in inner.tolist():
         covered[x_min:x_max, y_min:y_max] = True
-    return Clearance((x, y), touched, _squared_distances(touched), covered)
-
-
-def _squared_distances(touched: Bool[np.ndarray, "x y"]) -> Int16[np.ndarray, "x y"]:
-    """Returns the squares of the distances to the nearest touched cell, in cells, at most ``_REACH`` squared.
-
-    First along each column, then across: the least sum of two squares (Saito and Toriwaki 1994), as far as needed.
-    """
-    place = np.arange(touched.shape[1], dtype=np.int16)
-    before = np.maximum.accumulate(np.where(touched, place, np.int16(-_REACH)), axis=1)
-    after = np.minimum.accumulate(np.where(touched, place, place[-1] + np.int16(_REACH))[:, ::-1], axis=1)[:, ::-1]
-    along = np.minimum(np.minimum(place - before, after - place), np.int16(_REACH))
-    along *= along
-    squared = along.copy()
-    for across in range(1, min(_REACH, len(touched))):
-        beside = along + np.int16(across * across)
-        np.minimum(squared[across:], beside[:-across], out=squared[across:])
-        np.minimum(squared[:-across], beside[across:], out=squared[:-across])
-    return squared
+    return Clearance((x, y), touched, covered)
 
 
 def occupancy(clearance: Clearance) -> OccupancyMap:
@@ -153,5 +201,5 @@ def connected_share(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floo
         radius_m: The robot's radius.
     """
     cells = clearance.cells(floor)
-    free = clearance.squared[cells] >= _needed(radius_m)
+    free = clearance.free(radius_m)[cells]
     return float(np.count_nonzero(reached[cells])) / max(int(np.count_nonzero(free)), 1)

@@ -40,9 +40,19 @@ def _near(some: Float[np.ndarray, "some 6"], others: Float[np.ndarray, "others 6
     return np.logical_and.reduce((low < others_high - _TOUCH_M) & (others_low < high - _TOUCH_M), axis=2)
 
 
+def solid_rows(solids: Sequence[Solid]) -> Float[np.ndarray, "solids 7"]:
+    """Returns centre, half extents and yaw of each solid."""
+    numbers: list[float] = []
+    for solid in solids:
+        numbers += solid.center_m
+        numbers += solid.half_extents_m
+        numbers.append(solid.yaw_rad)
+    return np.array(numbers, dtype=np.float64).reshape(-1, 7)
+
+
 def bounds(solids: Sequence[Solid]) -> Float[np.ndarray, "solids 6"]:
     """Returns the axis-aligned bounding boxes: x_min, y_min, z_min, x_max, y_max, z_max."""
-    rows = np.array([(*solid.center_m, *solid.half_extents_m, solid.yaw_rad) for solid in solids]).reshape(-1, 7)
+    rows = solid_rows(solids)
     center, half, yaw = rows[:, :3], rows[:, 3:6], rows[:, 6]
     turned = yaw.nonzero()[0]
     if turned.size:

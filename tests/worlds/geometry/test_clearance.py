@@ -59,13 +59,24 @@ def test_covered_cells_are_those_under_a_solid() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_distances_are_those_of_the_exact_transform_as_far_as_a_robot_needs_them(seed: int) -> None:
+def test_a_robot_can_stand_where_the_exact_distance_transform_leaves_it_room(seed: int) -> None:
     places = np.random.default_rng(seed).uniform((-2.0, -1.0), (5.9, 0.9), (3, 2)).tolist()
     clearance = measure_clearance(HALL, [block((x, x + 0.1), (y, y + 0.1)) for x, y in places])
-    exact = np.asarray(ndimage.distance_transform_edt(~clearance.touched))
-    most = clearance.squared.max()
-    np.testing.assert_array_equal(clearance.squared, np.minimum(np.round(exact**2), most))
-    assert CELL_M * most**0.5 > RADIUS_MAX_M + 2 * CELL_M
+    cells = np.round(np.asarray(ndimage.distance_transform_edt(~clearance.touched)) ** 2)
+    for radius_m in (0.05, 0.12, 0.25, 0.4, 0.6, RADIUS_MAX_M):
+        # What a grid can hide: half a diagonal of a cell, and half a cell.
+        nearest = ((radius_m + CELL_M * (2**-0.5 + 0.5)) / CELL_M) ** 2
+        np.testing.assert_array_equal(clearance.free(radius_m), cells >= nearest - 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_robot_reaches_what_hangs_together_with_its_start(seed: int) -> None:
+    places = np.random.default_rng(seed).uniform((-2.0, -1.0), (5.9, 0.9), (12, 2)).tolist()
+    clearance = measure_clearance(HALL, [block((x, x + 0.1), (y, y + 0.1)) for x, y in places])
+    labels = np.zeros(clearance.touched.shape, dtype=np.int32)
+    ndimage.label(clearance.free(0.05), output=labels)
+    start = labels[int(2.0 / CELL_M), int(1.0 / CELL_M)]
+    np.testing.assert_array_equal(clearance.reached(0.05), (labels == start) & (labels > 0))
 
 
 def test_the_widest_radius_is_that_of_the_roomiest_cell() -> None:
@@ -73,3 +84,19 @@ def test_the_widest_radius_is_that_of_the_roomiest_cell() -> None:
     radius_m = clearance.widest_radius(Box(2.0, -1.0, 2.1, 1.0))
     assert clearance.reached(radius_m).any()
     assert not clearance.reached(radius_m + 0.01)[clearance.cells(Box(2.0, -1.0, 2.1, 1.0))].any()
+
+
+@pytest.mark.parametrize("x", [0.0, 0.7, 3.0])
+def test_the_widest_radius_of_a_box_sees_what_is_far_beyond_it(x: float) -> None:
+    clearance = measure_clearance(HALL, [block((x, x + 0.1), (0.9, 1.0))])
+    radius_m = clearance.widest_radius(Box(-0.05, -0.05, 0.05, 0.05))
+    assert clearance.free(radius_m)[clearance.cells(Box(-0.05, -0.05, 0.05, 0.05))].any()
+    assert radius_m >= 1.0 or not clearance.free(radius_m + 0.01)[clearance.cells(Box(-0.05, -0.05, 0.05, 0.05))].any()
+
+
+def test_a_box_beside_the_grid_holds_nobody_back() -> None:
+    assert measure_clearance(HALL, gap(1.0)).widest_radius(Box(7.0, -1.0, 8.0, 1.0)) == RADIUS_MAX_M
+
+
+def test_nothing_is_reached_from_a_start_beside_the_grid() -> None:
+    assert not measure_clearance(Box(1.0, 1.0, 3.0, 3.0), [block((1.0, 1.1), (1.0, 1.1))]).reached(0.1).any()

@@ -1,7 +1,6 @@
 """Tables with chairs pushed under them."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone
 from tasks.worlds.furnishing.room_context import RoomContext
@@ -107,11 +106,11 @@ def _chair(setting: RoomContext, table: Size, edge: tuple[float, float], quarter
 
 def _turn_chair(chair: Member) -> Member:
     x, y = chair.at
-    return replace(chair, at=(-y, x), quarter=(chair.quarter + 1) % 4)
+    return chair._replace(at=(-y, x), quarter=(chair.quarter + 1) % 4)
 
 
 def _keep_allowed(setting: RoomContext, chairs: list[Member]) -> list[Member]:
     """Returns the chairs that a list leaves; a table without any would be a poor one, so the first is needed."""
     if not setting.allows("DiningChairs"):
         return []
-    return [replace(chairs[0], needed=True), *chairs[1:]]
+    return [chairs[0]._replace(needed=True), *chairs[1:]]

@@ -6,21 +6,14 @@ The frame is that of the first member: x along its back, y to its front, its mid
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-
-import numpy as np
-from jaxtyping import Float
+from typing import NamedTuple
 
 from tasks.worlds.furniture.furniture_type import Anchor, Taste, TypeName
 from tasks.worlds.furniture.primitives import Size
 from tasks.worlds.geometry.boxes import Box, bounding_box
 
-# Where each side of a box comes from, and its sign, after 0 to 3 quarter turns counter-clockwise.
-_SIDES = np.array([[0, 1, 2, 3], [3, 0, 1, 2], [2, 3, 0, 1], [1, 2, 3, 0]])
-_SIGNS = np.array([[1.0, 1, 1, 1], [-1, 1, -1, 1], [-1, -1, -1, -1], [1, -1, 1, -1]])
 
-
-@dataclass(frozen=True)
-class Member:
+class Member(NamedTuple):
     """One piece of a group.
 
     Attributes:
@@ -58,15 +51,14 @@ class Member:
         return Box(self.at[0] - half_x, self.at[1] - half_y, self.at[0] + half_x, self.at[1] + half_y)
 
 
-@dataclass(frozen=True)
-class Zone:
+class Zone(NamedTuple):
     """Floor that is kept free of other groups for using one; ``member`` is the one that it belongs to."""
 
     box: Box
     member: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass
 class FurnitureGroup:
     """Pieces and the floor that their use needs.
 
@@ -76,6 +68,8 @@ class FurnitureGroup:
         quarters: Which ways the first member may face in the room.
         flush: Whether it touches what stands beside it, or keeps a hand's breadth away.
         walls_only: Whether it stays away from the lines in the middle of large rooms.
+        needed: Which members it cannot do without.
+        area: Floor that those cover (square metres).
     """
 
     members: tuple[Member, ...]
@@ -85,11 +79,12 @@ class FurnitureGroup:
     quarters: tuple[int, ...] = (0, 1, 2, 3)
     flush: bool = False
     walls_only: bool = False
+    needed: list[int] = field(init=False)
+    area: float = field(init=False)
 
-    @property
-    def area(self) -> float:
-        """Floor that the members it needs cover (square metres)."""
-        return sum(member.covers for member in self.members if member.needed)
+    def __post_init__(self) -> None:
+        self.needed = [number for number, member in enumerate(self.members) if member.needed]
+        self.area = sum([self.members[number].covers for number in self.needed])
 
     @cached_property
     def bodies(self) -> list[Box]:
@@ -97,23 +92,29 @@ class FurnitureGroup:
         return [member.body for member in self.members]
 
     @cached_property
-    def boxes(self) -> Float[np.ndarray, "4 quarters boxes"]:
-        """The members' boxes about the group's middle, then the zones', for each way that it may face."""
-        sides = np.array([*self.bodies, *(zone.box for zone in self.zones)]).T
-        return sides[_SIDES.T] * _SIGNS.T[..., None]
+    def reach(self) -> list[Box]:
+        """The boxes around the members that it needs, and around all where there are more than one."""
+        bodies = self.bodies
+        if len(bodies) == 1:
+            return bodies
+        return [bounding_box([bodies[number] for number in self.needed]), bounding_box(bodies)]
 
-    @cached_property
-    def reach(self) -> tuple[Box, Box]:
-        """The boxes around the members that it needs, and around all."""
-        if len(self.members) == 1:
-            return self.bodies[0], self.bodies[0]
-        needed = [body for body, member in zip(self.bodies, self.members, strict=True) if member.needed]
-        return bounding_box(needed), bounding_box(self.bodies)
+    def turned(self, quarter: int) -> list[Box]:
+        """Returns the members' boxes, then the zones', when it faces some way, in quarter turns counter-clockwise."""
+        return [turn_box(box, quarter) for box in (*self.bodies, *[zone.box for zone in self.zones])]
 
-    @cached_property
-    def needed(self) -> list[int]:
-        """Which members it cannot do without."""
-        return [number for number, member in enumerate(self.members) if member.needed]
+
+def turn_box(box: Box, quarter: int) -> Box:
+    """Returns a box turned about (0, 0) by quarter turns counter-clockwise, exactly."""
+    x_min, y_min, x_max, y_max = box
+    return Box._make(
+        (
+            (x_min, y_min, x_max, y_max),
+            (-y_max, x_min, -y_min, x_max),
+            (-x_max, -y_max, -x_min, -y_min),
+            (y_min, -x_max, y_max, -x_min),
+        )[quarter]
+    )
 
 
 def front_zone(size: Size, depth_m: float, aside_m: float = 0.0) -> Zone:

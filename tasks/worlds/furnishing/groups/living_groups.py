@@ -1,7 +1,6 @@
 """Sofas with what stands around them, armchairs, and the television across from them."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
 from tasks.worlds.furnishing.room_context import RoomContext
@@ -80,7 +79,7 @@ def _television(
 ) -> FurnitureGroup:
     """Returns a television whose group faces it at a distance of ``view``."""
     front = media[1] / 2
-    seat = replace(sofa, at=(0.0, round(front + view + sofa.size[1] / 2, 3)), quarter=2)
+    seat = sofa._replace(at=(0.0, round(front + view + sofa.size[1] / 2, 3)), quarter=2)
     members = [Member("MediaStorage", media), seat, *_sofa_companions(setting, seat)]
     x = min(media[0], sofa.size[0]) / 2
     zones = (Zone(Box(-x, front, x, front + view)),)
@@ -98,7 +97,7 @@ def _facing_sofas(setting: RoomContext, sofa: Member) -> FurnitureGroup:
     table = setting.size("CoffeeTables")
     width, depth, _ = sofa.size
     apart = table[1] + 2 * _TO_TABLE_M + depth
-    members = [sofa, replace(sofa, at=(0.0, round(apart, 3)), quarter=2)]
+    members = [sofa, sofa._replace(at=(0.0, round(apart, 3)), quarter=2)]
     if setting.allows("CoffeeTables"):
         members.append(Member("CoffeeTables", table, (0.0, round(apart / 2, 3)), needed=False))
     way = setting.scene.way_m
