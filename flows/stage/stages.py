@@ -6,6 +6,7 @@ Under Prefect each is a flow run of its own; see `flows.stage.orchestrator`.
 import logging
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import TypeVar, cast
 
@@ -32,6 +33,7 @@ from specs.data.run_report import StageName, StageReport
 from specs.errors import ResourceNotFound
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import stops_early
+from tasks.deploy.step import reserve
 from tasks.results.gate.shipped_builds import Shipment, shipment_of, version_changes
 from tasks.simulate.batch.job import KIND
 from tasks.storage.base.store import Store
@@ -213,6 +215,14 @@ def deploy(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) 
         lambda: run_step(deployment_sync, section, store.url, tested, versions, token, builds=builds)
     )
     return _ended(deployment_report(record, seconds))
+
+
+def reserve_robots(spec: PipelineSpec, store: Store) -> AbstractContextManager[None]:
+    """Returns a ``with`` block in which a demonstration's agents import what they need while the batch is judged.
+
+    They are told what to do by the roll-out alone, which there is only after the gate has passed.
+    """
+    return reserve(store, spec.deployment) if spec.deployment else nullcontext()
 
 
 def skip_deployment(spec: PipelineSpec) -> Reports:
