@@ -22,7 +22,7 @@ from flows.stage.stages import (
     generate,
     judge_batch_stage,
     prepare_simulation,
-    reserve_robots,
+    robots_in_reserve,
     simulate,
     skip_deployment,
     vouch,
@@ -96,10 +96,11 @@ def _report(
     prepare_simulation(spec, store, run)
     worlds, generation = generate(spec, store, base, run)
     require_not_canceled(store, run)
-    exported, (batch, simulated) = _export_and_simulate(spec, worlds, store, versions, run)
-    require_not_canceled(store, run)
     asked = Asked(spec, base, versions, worlds, ships)
-    with reserve_robots(spec, store):
+    with robots_in_reserve(spec, store) as begin_robots:
+        exported, (batch, simulated) = _export_and_simulate(spec, worlds, store, versions, run)
+        require_not_canceled(store, run)
+        begin_robots()
         simulated, judged, deployed = _judge_and_deploy(asked, batch, simulated, store, run)
     verdict = judged[0].status if judged else None
     return PipelineReport.model_validate(

@@ -10,7 +10,7 @@ from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment, LocalFleet
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.kit.agent_reserve import reserve_agents
+from tasks.deploy.kit.agent_reserve import agent_reserve
 from tasks.deploy.kit.local_agents import local_agents, local_names
 from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
@@ -112,16 +112,16 @@ def agents_folder(store: Store) -> Path:
     return cache_folder() / "agents" / store_id(store)
 
 
-def reserve(store: Store, section: Deployment) -> AbstractContextManager[None]:
-    """Returns a ``with`` block in which a demonstration's agents are at hand, for a roll-out that calls them up.
+def robot_reserve(store: Store, section: Deployment) -> AbstractContextManager[Callable[[], None]]:
+    """Returns a ``with`` block of what begins a demonstration's agents early, for a roll-out that calls them up.
 
     They are told nothing, and ask no store, before that.
     """
     fleet = section.fleet
     if not isinstance(fleet, LocalFleet) or not fleet.localAgents:
-        return nullcontext()
+        return nullcontext(lambda: None)
     names, signed = local_names(fleet.name, fleet.localAgents), section.trust == "signed"
-    return reserve_agents(store, names, agents_folder(store), signed=signed)
+    return agent_reserve(store, names, agents_folder(store), signed=signed)
 
 
 def _robots(

@@ -1,7 +1,7 @@
 """The processes of a demonstration's agents; some are begun in reserve, before there is anything for them to do.
 
 An agent takes half a second of the processor to import what it needs. In reserve it does that, and nothing else, while
-the run does something else, such as counting the batch again. It ends when its input ends: with the block, or with the
+the run does something else, such as auditing the batch. It ends when its input ends: with the block, or with the
 process that began it, however that ends.
 """
 
@@ -10,9 +10,10 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Lock
 
 from tasks.deploy.robot.agent import RESERVE
 from tasks.storage.base.store import Store
@@ -23,8 +24,10 @@ _waiting: dict[Path, subprocess.Popen[bytes]] = {}  # by the folders of their ro
 
 
 @contextmanager
-def reserve_agents(store: Store, names: Sequence[str], folder: Path, *, signed: bool) -> Generator[None, None, None]:
-    """Begins agents that wait to be called up; those that nobody has called up end with the ``with`` block.
+def agent_reserve(
+    store: Store, names: Sequence[str], folder: Path, *, signed: bool
+) -> Generator[Callable[[], None], None, None]:
+    """Yields what begins agents that wait to be called up, once; those that nobody has called up end with the block.
 
     Args:
         store: Where their fleet is.
@@ -32,18 +35,21 @@ def reserve_agents(store: Store, names: Sequence[str], folder: Path, *, signed: 
         folder: Holds a folder for each robot.
         signed: Whether they are going to verify what they run.
     """
-    begun: dict[Path, subprocess.Popen[bytes]] = {}
+    begun, turn = dict[Path, subprocess.Popen[bytes]](), Lock()
+    more = [] if signed else ["--unsigned"]
+
+    def begin() -> None:
+        with turn, suppress(OSError):  # a roll-out begins those that are missing, and says what hinders it
+            for root in [folder.absolute() / name for name in names] if not begun else []:
+                begun[root] = _start(root, [RESERVE, *robot_arguments(store, root), *more], subprocess.PIPE)
+                _waiting[root] = begun[root]
+
     try:
-        for root in (folder.absolute() / name for name in names):
-            more = [] if signed else ["--unsigned"]
-            begun[root] = _start(root, [RESERVE, *robot_arguments(store, root), *more], subprocess.PIPE)
-            _waiting[root] = begun[root]
-        yield
+        yield begin
     finally:
-        for root, agent in begun.items():
-            if _waiting.get(root) is agent:
-                del _waiting[root]
-                _dismiss(agent)
+        with turn:
+            for root in [root for root, agent in begun.items() if _waiting.get(root) is agent]:
+                _dismiss(_waiting.pop(root))
 
 
 def call_up(root: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:

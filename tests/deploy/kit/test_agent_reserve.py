@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.kit.agent_reserve import reserve_agents
+from tasks.deploy.kit.agent_reserve import agent_reserve
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.robot.agent import RESERVE
 from tasks.storage.base.store import Store
@@ -19,16 +19,18 @@ NAMES = ("couriers-1", "couriers-2")
 PARENT = """
 import sys, time
 from pathlib import Path
-from tasks.deploy.kit.agent_reserve import reserve_agents
+from tasks.deploy.kit.agent_reserve import agent_reserve
 from tasks.storage.store_url import open_store
-with reserve_agents(open_store(sys.argv[1]), ["couriers-1"], Path(sys.argv[2]), signed=False):
+with agent_reserve(open_store(sys.argv[1]), ["couriers-1"], Path(sys.argv[2]), signed=False) as begin:
+    begin()
     print("started", flush=True)
     time.sleep(1000)
 """
 
 
 def test_a_demonstration_takes_the_agents_that_wait_for_it(file_store: Store, tmp_path: Path):
-    with reserve_agents(file_store, NAMES, tmp_path, signed=True):
+    with agent_reserve(file_store, NAMES, tmp_path, signed=True) as begin:
+        begin()
         waiting = _begun(tmp_path)
         with local_agents(file_store, FLEET, 2, tmp_path, grace_s=0.2):
             assert _agents(tmp_path) == waiting
@@ -39,7 +41,8 @@ def test_a_demonstration_takes_the_agents_that_wait_for_it(file_store: Store, tm
 
 
 def test_they_do_nothing_and_end_where_nothing_is_deployed(file_store: Store, tmp_path: Path):
-    with reserve_agents(file_store, NAMES, tmp_path, signed=True):
+    with agent_reserve(file_store, NAMES, tmp_path, signed=True) as begin:
+        begin()
         for pid in _begun(tmp_path):
             eventually(lambda pid=pid: _waits_for_input(pid))
 
@@ -49,8 +52,18 @@ def test_they_do_nothing_and_end_where_nothing_is_deployed(file_store: Store, tm
     assert _agents(tmp_path) == []
 
 
+def test_they_begin_once(file_store: Store, tmp_path: Path):
+    with agent_reserve(file_store, NAMES, tmp_path, signed=False) as begin:
+        assert _agents(tmp_path) == []
+        begin()
+        waiting = _begun(tmp_path)
+        begin()
+        assert _agents(tmp_path) == waiting
+
+
 def test_one_that_has_died_is_replaced(file_store: Store, tmp_path: Path):
-    with reserve_agents(file_store, NAMES, tmp_path, signed=False):
+    with agent_reserve(file_store, NAMES, tmp_path, signed=False) as begin:
+        begin()
         waiting = _begun(tmp_path)
         os.kill(waiting[0], signal.SIGKILL)
         eventually(lambda: _agents(tmp_path) == waiting[1:])
@@ -72,7 +85,8 @@ def test_they_end_when_the_process_that_began_them_is_killed(file_store: Store, 
 
 def test_a_version_is_deployed_by_agents_from_the_reserve(yard: Yard):
     version = yard.publish({"run.sh": STAYS_UP})
-    with reserve_agents(yard.store, NAMES, yard.folder / "robots", signed=False):
+    with agent_reserve(yard.store, NAMES, yard.folder / "robots", signed=False) as begin:
+        begin()
         waiting = _begun(yard.folder)
         record = yard.deploy(version, "one", agents=2)
 
